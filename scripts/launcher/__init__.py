@@ -1,0 +1,1 @@
+"""What `./pidtsm` does before the command line of pidtsm_experiments runs: set up once, then start at once."""

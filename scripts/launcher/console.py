@@ -1,0 +1,13 @@
+"""Messages to the person at the terminal, and the failures that end in one."""
+
+from __future__ import annotations
+
+import sys
+
+
+class SetupError(Exception):
+    """Set-up cannot go on; the text is one sentence for the user."""
+
+
+def say(message: str, end: str = "\n") -> None:
+    print(f"pidtsm: {message}", end=end, file=sys.stderr, flush=True)
