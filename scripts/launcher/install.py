@@ -34,7 +34,7 @@ _CAUSES = (
         r"|name resolution|ProxyError|ConnectionResetError",
         "no connection to the Python package index (network, proxy?)",
     ),
-    (r"No matching distribution found for (\S+)", r"\1 does not exist for this Python and machine"),
+    (r"No matching distribution found for (\S+)", r"the package index has no \1 for this Python and machine"),
     (r"Failed\s+<<<\s+(\S+)", r"package \1 does not build"),
 )
 

@@ -95,8 +95,11 @@ def sourced_jazzy(layout: Layout) -> str | None:
 
 def wanted(layout: Layout) -> Wanted:
     ros = sourced_jazzy(layout) or WHEELS
-    lock = hashlib.sha256(layout.lock(ros).read_bytes()).hexdigest()
-    return Wanted(root=str(layout.root), ros=ros, python=base_python(), lock=lock)
+    return Wanted(root=str(layout.root), ros=ros, python=base_python(), lock=lock_digest(layout.lock(ros)))
+
+
+def lock_digest(lock: Path) -> str:
+    return hashlib.sha256(lock.read_bytes()).hexdigest()
 
 
 def workspace_digest(source: Path) -> str:
@@ -110,10 +113,11 @@ def workspace_digest(source: Path) -> str:
             name = entry.name
             if name.startswith((".", "#", "__pycache__")) or name.endswith(("~", ".pyc", ".egg-info")):
                 continue
-            digest.update(os.fsencode(os.path.relpath(entry.path, source)) + b"\0")
             if entry.is_dir():
                 visit(entry.path)
-            elif name in _BUILD_INPUTS or name.endswith(_BUILD_SUFFIXES):
+                continue
+            digest.update(os.fsencode(os.path.relpath(entry.path, source)) + b"\0")
+            if name in _BUILD_INPUTS or name.endswith(_BUILD_SUFFIXES):
                 digest.update(Path(entry.path).read_bytes())
 
     if source.is_dir():
