@@ -1,0 +1,99 @@
+"""What a run is judged by: errors, effort, settling and chattering, each per joint."""
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pidtsm_core.parameters import Array
+
+STEADY_SHARE = 0.4
+"""Share of the run, at its end, that counts as steady state."""
+
+SETTLED_SHARE = 0.02
+"""Share of the error at the start below which a joint counts as settled."""
+
+RECOVERED_ERROR = 1e-3
+"""Error below which a joint counts as recovered from an event, rad."""
+
+TORQUE_JUMP = 5.0
+"""Change from one sample to the next above which torque counts as jumping, N m."""
+
+JointMetrics: TypeAlias = dict[str, list[float | None]]
+
+
+def metrics(
+    time: ArrayLike, error: ArrayLike, effort: ArrayLike, saturated: ArrayLike, event_time: float | None = None
+) -> JointMetrics:
+    """Metrics of one run.
+
+    Args:
+        time: of the samples, s, shape (samples,), increasing.
+        error: e = q - q_d, rad, shape (samples, joints).
+        effort: applied torque, N m, shape (samples, joints).
+        saturated: not 0 where the torque is at its limit, shape (samples, joints).
+        event_time: when something happens to the arm, s on the axis of `time`.
+
+    Returns:
+        One value a joint, None where it does not exist:
+
+        * rmse: sqrt(mean(e^2)), rad, eq. (53).
+        * eci: mean |tau|, N m, eq. (54).
+        * steady_state_error: max |e| over the last 40 % of the run, rad.
+        * settling_time: from the first sample until |e| stays below 2 % of its start, before the event, s.
+        * recovery_time: from the event until |e| stays below 1e-3 rad, s; only with an event.
+        * torque_variation: mean |tau_k - tau_(k-1)|, N m.
+        * torque_jumps: number of samples at which the torque changed by more than 5 N m.
+        * saturation: share of the samples at a limit.
+
+    Raises:
+        ValueError: no samples, shapes that do not match, values that are not finite, or time that does not increase.
+    """
+    t, e, tau, limited = _checked(time, error, effort, saturated)
+    magnitude = np.abs(e)
+    since_start = t - t[0]
+    steps = np.abs(np.diff(tau, axis=0))
+    before = slice(None) if event_time is None else t < event_time
+
+    result: JointMetrics = {
+        "rmse": np.sqrt(np.mean(e**2, axis=0)).tolist(),
+        "eci": np.mean(np.abs(tau), axis=0).tolist(),
+        "steady_state_error": magnitude[since_start >= (1.0 - STEADY_SHARE) * since_start[-1]].max(axis=0).tolist(),
+        "settling_time": _per_joint(since_start[before], magnitude[before], SETTLED_SHARE * magnitude[0]),
+    }
+    if event_time is not None:
+        after = t >= event_time
+        threshold = np.full(e.shape[1], RECOVERED_ERROR)
+        result["recovery_time"] = _per_joint(t[after] - event_time, magnitude[after], threshold)
+    result["torque_variation"] = steps.mean(axis=0).tolist() if len(steps) else [None] * e.shape[1]
+    result["torque_jumps"] = np.count_nonzero(steps > TORQUE_JUMP, axis=0).tolist()
+    result["saturation"] = np.mean(limited != 0.0, axis=0).tolist()
+    return result
+
+
+def _per_joint(time: Array, magnitude: Array, threshold: Array) -> list[float | None]:
+    return [_stays_below(time, m, limit) for m, limit in zip(magnitude.T, threshold, strict=True)]
+
+
+def _stays_below(time: Array, magnitude: Array, threshold: float) -> float | None:
+    """First time from which `magnitude` is below `threshold` to the end; None where there is none."""
+    above = np.flatnonzero(magnitude >= threshold)
+    first = above[-1] + 1 if above.size else 0
+    return float(time[first]) if first < time.size else None
+
+
+def _checked(*arrays: ArrayLike) -> tuple[Array, ...]:
+    time, *tables = (np.asarray(array, dtype=np.float64) for array in arrays)
+    if time.ndim != 1 or time.size == 0:
+        raise ValueError(f"time must have shape (samples,) with at least one sample, not {time.shape}")
+    for table in tables:
+        if table.ndim != 2 or table.shape != (time.size, tables[0].shape[1]):
+            raise ValueError(
+                f"error, effort and saturated must have shape ({time.size}, joints), not "
+                + ", ".join(str(t.shape) for t in tables)
+            )
+    if not all(np.isfinite(array).all() for array in (time, *tables)):
+        raise ValueError("time, error, effort and saturated must be finite")
+    if np.any(np.diff(time) <= 0.0):
+        raise ValueError("time must increase from sample to sample")
+    return time, *tables

@@ -1,0 +1,1 @@
+"""Scenarios, launch files, recorder, runner, bag analysis, report and command line."""

@@ -1,0 +1,60 @@
+"""The metrics of a recorded run: the content of metrics.json."""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pidtsm_core.metrics import metrics
+from pidtsm_core.signals import Signal
+from pidtsm_experiments.recording import Recording, read_recording
+
+
+def analyze(bag: Path) -> dict[str, Any]:
+    """Metrics of a bag, as in metrics.json.
+
+    Raises:
+        RecordingError: the bag is not that of a finished run.
+    """
+    return summarize(read_recording(bag))
+
+
+def summarize(recording: Recording) -> dict[str, Any]:
+    """Metrics of a run, as in metrics.json, in its order; None where a value does not exist."""
+    stamps = recording.stamps_ns
+    periods = np.diff(stamps)
+    # The last sample lasts as long as the others.
+    span = int(stamps[-1] - stamps[0]) + (round(float(np.median(periods))) if periods.size else 0)
+    saturated = recording.signals[:, Signal.SATURATED]
+    p50, p99 = np.percentile(recording.compute_time, (50, 99))
+    return {
+        "scenario": recording.scenario,
+        "law": recording.law,
+        "clock": recording.clock,
+        "duration": span / 1e9,
+        "samples": len(stamps),
+        "joints": list(recording.joints),
+        **metrics(recording.time, recording.error, recording.effort, saturated, recording.event_time),
+        "adaptive_gain": recording.signals[-1, Signal.ADAPTIVE_GAIN].tolist(),
+        "lost": dict(recording.lost),
+        "timing": {
+            "rate": 1e9 / float(np.mean(periods)) if periods.size else None,
+            "period_max": int(periods.max()) / 1e9 if periods.size else None,
+            "compute_time": {"p50": float(p50), "p99": float(p99), "max": float(recording.compute_time.max())},
+        },
+    }
+
+
+def write_metrics(values: Mapping[str, Any], path: Path) -> None:
+    """Write metrics as JSON; the file is there whole or not at all.
+
+    Args:
+        values: as `summarize` returns them.
+        path: the file, metrics.json; an old one is replaced.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    temporary.replace(path)

@@ -1,0 +1,371 @@
+"""A recorded run as arrays: reads a bag and aligns its topics by header stamp."""
+
+import json
+import os
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import reduce
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from pidtsm_core.parameters import Array
+from pidtsm_core.signals import Signal
+
+METADATA_KEY = "pidtsm"
+"""Key of the recorder's JSON text in the bag's custom data."""
+
+Stamps: TypeAlias = NDArray[np.int64]
+
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+_OWN_MESSAGES = ("JointReference", "ControllerState")
+_SIGNALS = tuple(signal.name.lower() for signal in Signal)
+_BLOCK = 2048  # messages decoded at once: enough for NumPy, little enough for memory and for mixed layouts
+_STAMP = slice(4, 12)  # where a CDR message that starts with std_msgs/Header has its stamp
+
+
+class RecordingError(ValueError):
+    """A bag cannot be read, or is not of a run; the message says why and what to do."""
+
+
+@dataclass(frozen=True)
+class _Topic:
+    """A topic to look for, whatever namespace it has.
+
+    Attributes:
+        name: as in `Recording.lost`; its last part must be that of the topic.
+        msgtype: its type.
+        fields: one array a joint that are read.
+        scalar: a float64 that is read and is the last field of the message, empty where there is none.
+        required: without it there is no recording.
+    """
+
+    name: str
+    msgtype: str
+    fields: tuple[str, ...] = ()
+    scalar: str = ""
+    required: bool = True
+
+
+_TRUTH = _Topic("simulator/ground_truth", _JOINT_STATE, ("position", "velocity", "effort"))
+_REFERENCE = _Topic("reference", "pidtsm_msgs/msg/JointReference", ("position", "velocity", "acceleration"))
+_STATE = _Topic("controller/state", "pidtsm_msgs/msg/ControllerState", _SIGNALS, "compute_time")
+# Nothing is taken from these two but whether they are complete.
+_SENSORS = _Topic("joint_states", _JOINT_STATE, required=False)
+_COMMANDS = _Topic("joint_commands", _JOINT_STATE, required=False)
+_TOPICS = (_TRUTH, _REFERENCE, _STATE, _SENSORS, _COMMANDS)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a bag says about a run; row k of every array belongs to time[k].
+
+    Attributes:
+        joints: names, in the order of the ground truth.
+        time: from the first stamp of the ground truth, s, shape (samples,).
+        stamps_ns: header stamps, ns, shape (samples,), increasing.
+        position, velocity: true q (rad), q' (rad/s), shape (samples, joints).
+        effort: torque applied from time[k] on, N m, shape (samples, joints).
+        reference: q_d, q_d', q_d'', shape (samples, 3, joints), rad, rad/s, rad/s^2.
+        signals: what the controller computed, shape (samples, len(Signal), joints), order of `Signal`.
+        compute_time: from taking the joint state to the finished command, s, shape (samples,).
+        scenario, law, clock: names, None where the bag does not say.
+        event_time: when something happened to the arm, s on the axis of `time`, None without an event.
+        lost: number of stamps of the ground truth without a partner, by recorded topic.
+    """
+
+    joints: tuple[str, ...]
+    time: Array
+    stamps_ns: Stamps
+    position: Array
+    velocity: Array
+    effort: Array
+    reference: Array
+    signals: Array
+    compute_time: Array
+    scenario: str | None
+    law: str | None
+    clock: str | None
+    event_time: float | None
+    lost: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def error(self) -> Array:
+        """True e = q - q_d, rad, shape (samples, joints), eq. (7)."""
+        return self.position - self.reference[:, 0]
+
+
+def typestore() -> Typestore:
+    """Types of ROS 2 Jazzy and of pidtsm_msgs.
+
+    Raises:
+        RecordingError: the .msg files of pidtsm_msgs are neither installed nor beside this package.
+    """
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name in _OWN_MESSAGES:
+        store.register(get_types_from_msg(_definition(name), f"pidtsm_msgs/msg/{name}"))
+    return store
+
+
+def _definition(name: str) -> str:
+    shares = [Path(p, "share") for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
+    for root in (*shares, Path(__file__).resolve().parents[2]):
+        file = root / "pidtsm_msgs" / "msg" / f"{name}.msg"
+        if file.is_file():
+            return file.read_text(encoding="utf-8")
+    raise RecordingError(f"{name}.msg of pidtsm_msgs is not found: source the workspace")
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a run from a bag.
+
+    Messages belong together when their header stamps are equal. A sample is a stamp at which there are ground
+    truth, reference and controller state; joints are matched by name.
+
+    Args:
+        path: rosbag2 folder (MCAP or SQLite), or one .mcap or .db3 file.
+
+    Raises:
+        RecordingError: not a finished bag, no messages, a topic or joint missing, nothing with equal stamps, or
+            values that are not finite.
+    """
+    with closing(_open(path)) as reader:
+        found = _find_topics(reader.connections, path)
+        joints, columns = _read_topics(reader, found, path)
+    truth = columns[_TRUTH].stamps
+    needed = [topic for topic in columns if topic.required]
+    stamps = reduce(np.intersect1d, (columns[topic].stamps for topic in needed))
+    if stamps.size == 0:
+        raise RecordingError(
+            f"{path}: no stamp is in all of {', '.join(t.name for t in needed)}; each must carry the stamp of the "
+            "joint state that it belongs to"
+        )
+    at = {topic: np.searchsorted(columns[topic].stamps, stamps) for topic in needed}
+    motion = columns[_TRUTH].values[at[_TRUTH]]
+    return Recording(
+        joints=joints,
+        time=(stamps - truth[0]) / 1e9,
+        stamps_ns=stamps,
+        position=motion[:, 0],
+        velocity=motion[:, 1],
+        effort=motion[:, 2],
+        reference=columns[_REFERENCE].values[at[_REFERENCE]],
+        signals=columns[_STATE].values[at[_STATE]],
+        compute_time=columns[_STATE].scalars[at[_STATE]],
+        **_metadata(path),
+        lost={
+            topic.name: int(np.setdiff1d(truth, column.stamps, assume_unique=True).size)
+            for topic, column in columns.items()
+            if topic is not _TRUTH
+        },
+    )
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """One topic as arrays, sorted by stamp, each stamp once.
+
+    Attributes:
+        stamps: ns, shape (messages,).
+        values: shape (messages, fields, joints), order of the topic's fields.
+        scalars: shape (messages,).
+    """
+
+    stamps: Stamps
+    values: Array
+    scalars: Array
+
+
+def _open(path: Path) -> AnyReader:
+    if not path.exists():
+        raise RecordingError(f"{path} does not exist")
+    if path.is_dir() and not (path / "metadata.yaml").exists():
+        if not [*path.glob("*.mcap"), *path.glob("*.db3")]:
+            raise RecordingError(f"{path} is not a bag: it has no metadata.yaml and no .mcap or .db3 file")
+        raise RecordingError(
+            f"{path} has no metadata.yaml: its recorder was stopped before it could finish the bag. Save what there "
+            "is of an MCAP file with `mcap recover FILE.mcap -o SAVED.mcap` and read SAVED.mcap"
+        )
+    try:
+        reader = AnyReader([path], default_typestore=typestore())
+        reader.open()
+    except RecordingError:
+        raise
+    except Exception as error:  # rosbags meets broken files with many exceptions, its own and Python's
+        raise RecordingError(
+            f"{path} cannot be read as a bag: {error}. An MCAP file that was cut off can be saved with `mcap recover`"
+        ) from error
+    if reader.message_count == 0:
+        reader.close()
+        raise RecordingError(f"{path} has no messages: was anything running, on the same ROS_DOMAIN_ID, when recorded?")
+    return reader
+
+
+def _find_topics(connections: Sequence[Connection], path: Path) -> dict[_Topic, list[Connection]]:
+    """Connections of each topic, by type and last part of the name."""
+    found: dict[_Topic, list[Connection]] = {}
+    for topic in _TOPICS:
+        last = topic.name.rpartition("/")[2]
+        matches = [c for c in connections if c.msgtype == topic.msgtype and c.topic.rpartition("/")[2] == last]
+        names = sorted({c.topic for c in matches})
+        if topic.required and len(names) > 1:
+            raise RecordingError(f"{path} has more than one {topic.name}: {', '.join(names)}; record one robot a bag")
+        if matches:
+            found[topic] = matches
+    lacking = [f"{topic.name} ({topic.msgtype})" for topic in _TOPICS if topic.required and topic not in found]
+    if lacking:
+        has = sorted({f"{c.topic} ({c.msgtype})" for c in connections})
+        raise RecordingError(f"{path} lacks {', '.join(lacking)}; it has {', '.join(has)}")
+    return found
+
+
+def _messages(reader: AnyReader, connections: Sequence[Connection], path: Path) -> Iterator[tuple[str, bytes]]:
+    """Topic and payload of every message of `connections`."""
+    try:
+        for connection, _, payload in reader.messages(connections):
+            yield connection.topic, payload
+    except Exception as error:  # as in _open
+        raise RecordingError(f"{path} is damaged: {error}. `mcap recover` saves the rest of an MCAP file") from error
+
+
+def _read_topics(
+    reader: AnyReader, found: Mapping[_Topic, list[Connection]], path: Path
+) -> tuple[tuple[str, ...], dict[_Topic, _Columns]]:
+    """Joints of the ground truth, and every topic."""
+    first = next(_messages(reader, found[_TRUTH], path), None)
+    joints = tuple(_parse(reader, first[1], _TRUTH).name) if first else ()
+    topic_of = {connection.topic: topic for topic, connections in found.items() for connection in connections}
+    pending: dict[_Topic, list[bytes]] = {topic: [] for topic in found}
+    blocks: dict[_Topic, list[_Columns]] = {topic: [] for topic in found}
+
+    def decode(topic: _Topic) -> None:
+        blocks[topic].append(_decode(pending[topic], topic, joints, reader))
+        pending[topic] = []
+
+    for name, payload in _messages(reader, [c for some in found.values() for c in some], path):
+        topic = topic_of[name]
+        pending[topic].append(payload)
+        if len(pending[topic]) == _BLOCK:
+            decode(topic)
+    for topic in found:
+        decode(topic)
+        if topic.required and not any(block.stamps.size for block in blocks[topic]):
+            raise RecordingError(f"{path} has no messages on {found[topic][0].topic}")
+    return joints, {topic: _joined(some) for topic, some in blocks.items()}
+
+
+def _joined(blocks: Sequence[_Columns]) -> _Columns:
+    stamps, first = np.unique(np.concatenate([block.stamps for block in blocks]), return_index=True)
+    return _Columns(
+        stamps,
+        np.concatenate([block.values for block in blocks])[first],
+        np.concatenate([block.scalars for block in blocks])[first],
+    )
+
+
+def _parse(reader: AnyReader, payload: bytes, topic: _Topic) -> Any:
+    try:
+        return reader.deserialize(payload, topic.msgtype)
+    except Exception as error:  # as in _open
+        raise RecordingError(f"{topic.name} has a message that cannot be read: {error}") from error
+
+
+def _decode(payloads: Sequence[bytes], topic: _Topic, joints: Sequence[str], reader: AnyReader) -> _Columns:
+    """Decode messages of one topic.
+
+    Objects would take most of the time of reading a bag. But the payloads of a topic nearly always differ in
+    nothing but their numbers, so that what rosbags says about one tells where the numbers stand in all.
+    """
+    header = np.frombuffer(b"".join(payload[_STAMP] for payload in payloads), dtype=[("sec", "<i4"), ("ns", "<u4")])
+    columns = _Columns(
+        stamps=header["sec"] * np.int64(1_000_000_000) + header["ns"],
+        values=np.empty((len(payloads), len(topic.fields), len(joints))),
+        scalars=np.empty(len(payloads)),
+    )
+    if not topic.fields:
+        return columns
+    lengths = np.array([len(payload) for payload in payloads])
+    pending = np.arange(len(payloads))
+    while pending.size:
+        first = payloads[pending[0]]
+        layout, places = _layout(first, topic, joints, reader)
+        rows = pending[lengths[pending] == len(first)]
+        table = np.frombuffer(b"".join([payloads[row] for row in rows]), np.uint8).reshape(rows.size, len(first))
+        alike = (table[:, layout] == table[0, layout]).all(axis=1)
+        rows = rows[alike]
+        numbers = table[alike].take(places, axis=1).view("<f8")
+        size = len(topic.fields) * len(joints)
+        columns.values[rows] = numbers[:, :size].reshape(rows.size, len(topic.fields), len(joints))
+        columns.scalars[rows] = numbers[:, size] if topic.scalar else 0.0
+        pending = np.setdiff1d(pending, rows, assume_unique=True)
+    for values in (columns.values, columns.scalars):
+        finite = np.isfinite(values).reshape(len(payloads), -1).all(axis=1)
+        if not finite.all():
+            stamp = columns.stamps[np.argmin(finite)]
+            raise RecordingError(f"{topic.name} has values that are not finite, first at stamp {stamp} ns")
+    return columns
+
+
+def _layout(
+    payload: bytes, topic: _Topic, joints: Sequence[str], reader: AnyReader
+) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
+    """Where the numbers of a message are.
+
+    Returns:
+        Which bytes say how the message is built (all but the stamp and the numbers), shape (len(payload),), and
+        the places of the bytes of the numbers that are read, in the order fields x joints, scalar.
+    """
+    message = _parse(reader, payload, topic)
+    names = list(message.name)
+    missing = [joint for joint in joints if joint not in names]
+    if missing or not joints:
+        raise RecordingError(f"{topic.name} lacks {', '.join(missing) or 'joint names'}; it has {names}")
+    layout = np.ones(len(payload), dtype=np.bool_)
+    layout[_STAMP] = False
+    place: dict[str, int] = {}
+    for name, value in vars(message).items():
+        if isinstance(value, np.ndarray) and value.size:
+            # rosbags gives arrays as views of the payload without its first bytes: their addresses tell their places.
+            if not isinstance(value.base, bytes):
+                raise RecordingError(f"{topic.name} is not little-endian CDR")
+            body = np.frombuffer(value.base, np.uint8)
+            place[name] = len(payload) - body.size + value.ctypes.data - body.ctypes.data
+            layout[place[name] : place[name] + value.nbytes] = False
+    for name in topic.fields:
+        size = np.size(getattr(message, name, ()))
+        if size != len(names):
+            raise RecordingError(f"{topic.name} has {size} values of {name} for {len(names)} joints")
+    starts = [place[name] + 8 * names.index(joint) for name in topic.fields for joint in joints]
+    if topic.scalar:
+        starts.append(len(payload) - 8)
+        layout[-8:] = False
+        if struct.pack("<d", getattr(message, topic.scalar, 0.0)) != payload[-8:]:
+            raise RecordingError(f"{topic.name} does not end with {topic.scalar}: recorded with another pidtsm_msgs")
+    return layout, np.add.outer(starts, np.arange(8)).ravel()
+
+
+def _metadata(path: Path) -> dict[str, Any]:
+    """What the recorder says about the run; None where it says nothing."""
+    folder = path if path.is_dir() else path.parent
+    custom: Mapping[str, str] = {}
+    if (folder / "metadata.yaml").exists():
+        with Reader(folder) as reader:
+            custom = reader.storage.metadata.custom or {}
+    try:
+        said = json.loads(custom.get(METADATA_KEY, "{}"))
+        event_time = said.get("event_time")
+        return {
+            **{key: said.get(key) for key in ("scenario", "law", "clock")},
+            "event_time": None if event_time is None else float(event_time),
+        }
+    except (AttributeError, TypeError, ValueError) as error:
+        raise RecordingError(f"{folder}: custom data {METADATA_KEY} is not what the recorder writes: {error}") from None
