@@ -1,0 +1,1 @@
+"""The controller and the trajectory as ROS 2 nodes."""

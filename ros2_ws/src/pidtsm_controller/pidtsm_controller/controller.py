@@ -1,0 +1,145 @@
+"""Controller node: joint states and references in, effort commands out."""
+
+import sys
+import time
+from collections.abc import Mapping
+
+import numpy as np
+from sensor_msgs.msg import JointState
+
+from pidtsm_core.controller import Controller, controller_schema
+from pidtsm_core.estimators import ESTIMATORS
+from pidtsm_core.parameters import Parameter, ParameterError, Value
+from pidtsm_core.references import extrapolate
+from pidtsm_core.robots import robot_joints
+from pidtsm_core.signals import Signal
+from pidtsm_core.timing import seconds
+from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.joints import JointOrder, MessageError, joint_field
+from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.process import run
+from pidtsm_ros.stamps import nanoseconds, set_stamp
+
+_MATCH = Parameter(
+    "reference.match",
+    "latest",
+    "latest: the newest reference, continued to the stamp of the joint state; "
+    "stamp: wait for the reference with the stamp of the joint state (lockstep)",
+    choices=("latest", "stamp"),
+    fixed=True,
+)
+
+
+def node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    """Parameters of the controller node."""
+    return (*controller_schema(settings), _MATCH)
+
+
+class ControllerNode(ManagedNode):
+    """Answers every joint state with an effort command of the same stamp."""
+
+    def __init__(self) -> None:
+        super().__init__("controller", node_schema, robot_joints)
+
+    def check(self, settings: Mapping[str, object]) -> dict[str, Value]:
+        values = super().check(settings)
+        estimator = ESTIMATORS[str(values["estimator.name"])]
+        if estimator.needs_truth:
+            raise ParameterError(
+                f"estimator.name: {estimator.name} needs the true derivatives, which no sensor delivers; "
+                "it works in a rollout only"
+            )
+        return values
+
+    def configure(self) -> None:
+        joints = list(self.values["joints"])  # type: ignore[arg-type]
+        self._controller = Controller(self.values)
+        self._order = JointOrder(joints)
+        self._reference_order = JointOrder(joints)
+        self._position = np.zeros(len(joints))
+        self._reference = np.zeros((3, len(joints)))
+        self._desired = np.zeros((3, len(joints)))
+        self._by_stamp = self.values["reference.match"] == "stamp"
+        # Compile before the loop.
+        extrapolate(self._reference, 0.0, self._desired)
+        self._controller.step(self._position, self._desired, 0.0)
+
+        self._command = JointState(name=joints)
+        self._command.effort, self._effort = joint_field(len(joints))
+        self._state = ControllerState(name=joints)
+        self._state_rows = []
+        for signal in Signal:
+            values, row = joint_field(len(joints))
+            setattr(self._state, signal.name.lower(), values)
+            self._state_rows.append(row)
+
+        self._commands = self.advertise(JointState, "joint_commands")
+        self._states = self.advertise(ControllerState, "~/state")
+        self.listen(JointState, "joint_states", self._on_joint_state)
+        self.listen(JointReference, "reference", self._on_reference)
+
+    def activate(self) -> None:
+        self._controller.reset()
+        self._last_stamp = -1
+        self._waiting_stamp = -1
+        self._reference_stamp = -1
+
+    def parameters_changed(self) -> None:
+        self._controller.set_parameters(self.values)
+
+    def poll(self) -> float:
+        if self.active and self._waiting_stamp >= 0:
+            self._answer()
+            return 0.005
+        return super().poll()
+
+    def _on_reference(self, reference: JointReference) -> None:
+        for row, field in enumerate(("position", "velocity", "acceleration")):
+            self._reference_order.read(reference.name, getattr(reference, field), field, self._desired[row])
+        self._reference[:] = self._desired
+        self._reference_stamp = nanoseconds(reference.header.stamp)
+        if self._waiting_stamp >= 0:
+            self._answer()
+
+    def _on_joint_state(self, state: JointState) -> None:
+        self._taken = time.perf_counter()
+        stamp = nanoseconds(state.header.stamp)
+        if stamp == self._last_stamp:
+            raise MessageError("two joint states have the same stamp")
+        self._order.read(state.name, state.position, "position", self._position)
+        self._waiting_stamp = stamp
+        self._answer()
+
+    def _answer(self) -> None:
+        """Answer the joint state that waits, once there is a reference for it and somebody to hear the answer."""
+        stamp = self._waiting_stamp
+        if self._reference_stamp < 0 or (self._by_stamp and self._reference_stamp != stamp):
+            return
+        first = self._last_stamp < 0
+        if first and self._commands.get_subscription_count() == 0:
+            return
+        if stamp < self._last_stamp:
+            self.get_logger().warning("time went back: starting afresh")
+            self._controller.reset()
+            first = True
+        extrapolate(self._reference, seconds(stamp - self._reference_stamp), self._desired)
+        dt = 0.0 if first else seconds(stamp - self._last_stamp)
+        self._last_stamp = stamp
+        self._waiting_stamp = -1
+        signals = self._controller.step(self._position, self._desired, dt)
+
+        self._effort[:] = signals[Signal.EFFORT]
+        set_stamp(self._command.header.stamp, stamp)
+        compute_time = time.perf_counter() - self._taken
+        self._commands.publish(self._command)
+
+        for row, values in zip(self._state_rows, signals, strict=True):
+            row[:] = values
+        self._state.header.stamp = self._command.header.stamp
+        self._state.compute_time = compute_time
+        self._states.publish(self._state)
+
+
+def main() -> None:
+    """Entry point of ``ros2 run pidtsm_controller controller``."""
+    sys.exit(run(ControllerNode))

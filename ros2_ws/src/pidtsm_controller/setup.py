@@ -1,0 +1,30 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "pidtsm_controller"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={NAME: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/config", glob("config/*.yaml")),
+    ],
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
+    entry_points={
+        "console_scripts": [
+            "controller = pidtsm_controller.controller:main",
+            "trajectory = pidtsm_controller.trajectory:main",
+        ],
+    },
+    zip_safe=True,
+    maintainer="pidtsm maintainers",
+    maintainer_email="maintainers@pidtsm.example",
+    description="Robust joint-space effort controller for robot arms, and its reference, as ROS 2 nodes.",
+    license="Apache-2.0",
+)

@@ -1,0 +1,29 @@
+"""Disturbances: torques beside the motors'. One disturbance a file; `DISTURBANCES` is the registry."""
+
+from numba import literal_unroll
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.disturbances.article import ARTICLE
+from pidtsm_core.disturbances.base import Disturbance
+from pidtsm_core.disturbances.none import NONE
+from pidtsm_core.family import Family
+from pidtsm_core.parameters import Array
+
+__all__ = ["DISTURBANCES", "Disturbance", "add_disturbance"]
+
+DISTURBANCES: Family[Disturbance] = Family(
+    NONE,
+    ARTICLE,
+)
+
+_ADD = tuple(disturbance.add for disturbance in DISTURBANCES.members)
+
+
+@njit
+def add_disturbance(number: int, q: Array, dq: Array, effort: Array) -> None:
+    """Add F_d to effort: see `Disturbance.add`; `number` is the disturbance's place in `DISTURBANCES`."""
+    i = 0
+    for function in literal_unroll(_ADD):
+        if i == number:
+            function(q, dq, effort)
+        i += 1

@@ -1,0 +1,29 @@
+"""Estimators: measured position to q, q', q''. One estimator a file; `ESTIMATORS` is the registry."""
+
+from numba import literal_unroll
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.estimators.base import Estimator
+from pidtsm_core.estimators.exact import EXACT
+from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
+from pidtsm_core.family import Family
+from pidtsm_core.parameters import Array
+
+__all__ = ["ESTIMATORS", "Estimator", "estimate"]
+
+ESTIMATORS: Family[Estimator] = Family(
+    FILTERED_DIFFERENCE,
+    EXACT,
+)
+
+_ESTIMATE = tuple(estimator.estimate for estimator in ESTIMATORS.members)
+
+
+@njit
+def estimate(number: int, q: Array, truth: Array, dt: float, p: Array, x: Array, estimates: Array) -> None:
+    """Write q, q', q'': see `Estimator.estimate`; `number` is the estimator's place in `ESTIMATORS`."""
+    i = 0
+    for function in literal_unroll(_ESTIMATE):
+        if i == number:
+            function(q, truth, dt, p, x, estimates)
+        i += 1

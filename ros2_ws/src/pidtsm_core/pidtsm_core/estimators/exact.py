@@ -1,0 +1,23 @@
+"""The simulation's own derivatives: what the article assumes, and no sensor delivers."""
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.estimators.base import Estimator
+from pidtsm_core.parameters import Array
+
+
+@njit
+def estimate(q: Array, truth: Array, dt: float, p: Array, x: Array, estimates: Array) -> None:
+    """q'' at a sample is the one under the torque held before it, 0 at the start."""
+    for j in range(q.size):
+        estimates[0, j] = q[j]
+        estimates[1, j] = truth[0, j]
+        estimates[2, j] = truth[1, j]
+
+
+EXACT = Estimator(
+    name="exact",
+    summary="true q' and q'', in a rollout only",
+    parameters=(),
+    estimate=estimate,
+    needs_truth=True,
+)

@@ -1,0 +1,50 @@
+"""Filtered difference of the measured position, the article's Remark 4."""
+
+import math
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.estimators.base import Estimator
+from pidtsm_core.parameters import Array, Parameter
+
+# State x: last q, last q' estimate, last q'' estimate, 1 once there was a first sample.
+
+
+@njit
+def estimate(q: Array, truth: Array, dt: float, p: Array, x: Array, estimates: Array) -> None:
+    """First-order low-pass filters, discretised exactly, of the differences of q and of the q' so found.
+
+    The estimates start from rest: q' and q'' are 0 at the first sample.
+    """
+    for j in range(q.size):
+        if x[j, 3] == 1.0:
+            forget = math.exp(-p[j, 0] * dt)
+            dq = forget * x[j, 1] + (1.0 - forget) * (q[j] - x[j, 0]) / dt
+            forget = math.exp(-p[j, 1] * dt)
+            x[j, 2] = forget * x[j, 2] + (1.0 - forget) * (dq - x[j, 1]) / dt
+            x[j, 1] = dq
+        x[j, 0] = q[j]
+        x[j, 3] = 1.0
+        estimates[0, j] = q[j]
+        estimates[1, j] = x[j, 1]
+        estimates[2, j] = x[j, 2]
+
+
+FILTERED_DIFFERENCE = Estimator(
+    name="filtered_difference",
+    summary="low-pass filtered differences of the measured position, Remark 4",
+    parameters=(
+        Parameter(
+            "velocity_cutoff", 5000.0, "cutoff of the q' filter", "rad/s", minimum=0.0, exclusive=True, per_joint=True
+        ),
+        Parameter(
+            "acceleration_cutoff",
+            1000.0,
+            "cutoff of the q'' filter",
+            "rad/s",
+            minimum=0.0,
+            exclusive=True,
+            per_joint=True,
+        ),
+    ),
+    estimate=estimate,
+)

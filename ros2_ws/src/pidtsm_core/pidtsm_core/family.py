@@ -1,0 +1,58 @@
+"""What the members of a family (surfaces, reaching laws, estimators ...) have in common."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from pidtsm_core.parameters import Array, Parameter, Value, joint_array
+
+SLOTS = 8
+"""Numbers a joint that a member may have as parameters, and again as state."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """One member of a family: its name, what it is, its parameters and the compiled function that does it.
+
+    Attributes:
+        name: how users choose it.
+        summary: one sentence with its source.
+        parameters: at most `SLOTS`; their order is the order in which the compiled function reads them.
+    """
+
+    name: str
+    summary: str
+    parameters: tuple[Parameter, ...]
+
+    def pack(self, values: Mapping[str, Value], group: str, joints: int) -> Array:
+        """Parameter values as the compiled function reads them, shape (joints, SLOTS), order of `parameters`."""
+        packed = np.zeros((joints, SLOTS))
+        for column, parameter in enumerate(self.parameters):
+            packed[:, column] = joint_array(values[f"{group}.{parameter.name}"], joints)
+        return packed
+
+
+class _Named(Protocol):
+    @property
+    def name(self) -> str: ...
+
+
+_Member = TypeVar("_Member", bound=_Named)
+
+
+class Family(Generic[_Member]):
+    """Members by name, and by the number under which compiled code knows them (their place in the registry)."""
+
+    def __init__(self, *members: _Member) -> None:
+        self.members = members
+        self.names: tuple[str, ...] = tuple(m.name for m in members)
+        if len(set(self.names)) != len(self.names):
+            raise ValueError(f"two members of a family share a name: {self.names}")
+
+    def __getitem__(self, name: str) -> _Member:
+        return self.members[self.names.index(name)]
+
+    def number(self, name: str) -> int:
+        return self.names.index(name)

@@ -1,0 +1,53 @@
+"""Control laws: errors to acceleration. One law a file; `LAWS` is the registry."""
+
+from numba import literal_unroll
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.family import Family
+from pidtsm_core.laws.base import STATE_SLOTS, Law, Numbers
+from pidtsm_core.laws.piddtsm import PIDDTSM
+from pidtsm_core.laws.sliding_mode import SLIDING_MODE
+from pidtsm_core.parameters import Array
+
+__all__ = ["LAWS", "STATE_SLOTS", "Law", "Numbers", "advance", "command", "kernel_number"]
+
+LAWS: Family[Law] = Family(
+    PIDDTSM,
+    SLIDING_MODE,
+)
+
+# Laws composed of the same kind of parts share their compiled functions.
+_KERNELS = tuple(dict.fromkeys((law.command, law.advance) for law in LAWS.members))
+_COMMAND = tuple(command for command, _ in _KERNELS)
+_ADVANCE = tuple(advance for _, advance in _KERNELS)
+
+
+def kernel_number(law: Law) -> int:
+    """Place of the law's compiled functions among the distinct ones."""
+    return _KERNELS.index((law.command, law.advance))
+
+
+@njit
+def command(
+    kernel: int, e: float, de: float, dde: float, ddq_d: float, numbers: Numbers, p: Array, x: Array
+) -> tuple[float, float, float, float, float, float]:
+    """(a_cmd, a_eq, s, sigma, gain, tau_sw) of one joint: see `Law.command`."""
+    result = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    i = 0
+    for function in literal_unroll(_COMMAND):
+        if i == kernel:
+            result = function(e, de, dde, ddq_d, numbers, p, x)
+        i += 1
+    return result
+
+
+@njit
+def advance(
+    kernel: int, e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool
+) -> None:
+    """Move the state of one joint over dt: see `Law.advance`."""
+    i = 0
+    for function in literal_unroll(_ADVANCE):
+        if i == kernel:
+            function(e, s, sigma, numbers, p, x, dt, frozen)
+        i += 1

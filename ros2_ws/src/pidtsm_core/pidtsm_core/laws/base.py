@@ -1,0 +1,42 @@
+"""What a control law provides."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pidtsm_core.family import SLOTS
+from pidtsm_core.parameters import Array, Parameter, Value
+
+STATE_SLOTS = 2 + SLOTS
+"""Numbers a joint that a law may have as state."""
+
+Numbers = NDArray[np.int64]
+Command = Callable[[float, float, float, float, Numbers, Array, Array], tuple[float, float, float, float, float, float]]
+Advance = Callable[[float, float, float, Numbers, Array, Array, float, bool], None]
+
+
+@dataclass(frozen=True)
+class Law:
+    """A control law of one joint: errors to a commanded acceleration (the robot model turns that into torque).
+
+    Attributes:
+        name: how users choose it.
+        summary: one sentence with its source.
+        parameters: of the group ``law``, given the settings (some laws let the user choose their parts).
+        numbers: places of its parts in their registries, shape (3,), as the compiled functions read them.
+        pack: parameter values as the compiled functions read them, shape (joints, parameters).
+        command: compiled ``(e, de, dde, ddq_d, numbers, p, x) -> (a_cmd, a_eq, s, sigma, gain, tau_sw)``;
+            errors in rad, rad/s, rad/s^2, x of shape (STATE_SLOTS,), zero at the start.
+        advance: compiled ``(e, s, sigma, numbers, p, x, dt, frozen)``: moves x over dt with these values held;
+            `frozen` is true while the torque saturates and nothing must wind up.
+    """
+
+    name: str
+    summary: str
+    parameters: Callable[[Mapping[str, object]], tuple[Parameter, ...]]
+    numbers: Callable[[Mapping[str, Value]], Numbers]
+    pack: Callable[[Mapping[str, Value], int], Array]
+    command: Command
+    advance: Advance

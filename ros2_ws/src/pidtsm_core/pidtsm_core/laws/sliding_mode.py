@@ -1,0 +1,149 @@
+"""Sliding-mode laws as surface x manifold x reaching law.
+
+With s' = g e'' + h (see `surfaces`) and a reaching law that gives tau_sw, the commanded acceleration is
+
+    manifold none:   sigma = s                             a_cmd = q_d'' + (-h + tau_sw) / g
+    manifold pid:    sigma = Kp s + Ki int s + Kd s'       a_cmd = q_d'' + (-h - (Kp s + Ki int s - tau_sw) / Kd) / g
+
+which is eqs. (10), (15), (16), (20), (21) of the article solved for q''.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.family import SLOTS
+from pidtsm_core.laws.base import Law, Numbers
+from pidtsm_core.parameters import Array, Parameter, Value, chosen, joint_array, prefixed
+from pidtsm_core.reaching import REACHING_LAWS, advance_reaching, switch
+from pidtsm_core.surfaces import SURFACES, evaluate_surface
+
+MANIFOLDS = ("none", "pid")
+_PID = MANIFOLDS.index("pid")
+
+# Columns of the packed parameters: surface, then manifold, then reaching law.
+_MANIFOLD = SLOTS
+_REACHING = SLOTS + 3
+# State x: int s, int e, then the reaching law's.
+_REACHING_STATE = 2
+
+ACCELERATION_BOUND = 1e9
+"""rad/s^2; keeps a singular law (1/g unbounded) finite, far above what any torque limit lets through."""
+
+_MANIFOLD_PARAMETERS = (
+    Parameter("kp", 2.0, "gain Kp of s in sigma, eq. (10)", "1/s", minimum=0.0, per_joint=True),
+    Parameter("ki", 1.0, "gain Ki of the integral of s in sigma, eq. (10)", "1/s^2", minimum=0.0, per_joint=True),
+    Parameter("kd", 0.5, "gain Kd of s' in sigma, eq. (10)", minimum=0.0, exclusive=True, per_joint=True),
+)
+ANTI_WINDUP = Parameter(
+    "anti_windup",
+    "conditional",
+    "conditional: integrals and adaptation stand still while any joint's torque saturates; none: as in the article",
+    choices=("conditional", "none"),
+)
+_SURFACE = Parameter("surface", "dual_terminal", "sliding surface", choices=SURFACES.names, fixed=True)
+_MANIFOLD_CHOICE = Parameter("manifold", "pid", "sigma = s, or PID of s, eq. (10)", choices=MANIFOLDS, fixed=True)
+_REACHING_CHOICE = Parameter(
+    "reaching", "adaptive_continuous", "reaching law", choices=REACHING_LAWS.names, fixed=True
+)
+
+
+@njit
+def _finite(acceleration: float) -> float:
+    """The acceleration within its bound; 0 for nan (0 times infinity, at a singularity)."""
+    if math.isnan(acceleration):
+        return 0.0
+    return min(max(acceleration, -ACCELERATION_BOUND), ACCELERATION_BOUND)
+
+
+@njit
+def command(
+    e: float, de: float, dde: float, ddq_d: float, numbers: Numbers, p: Array, x: Array
+) -> tuple[float, float, float, float, float, float]:
+    """See `Law.command`."""
+    s, g, h = evaluate_surface(numbers[0], e, de, x[1], p[:SLOTS])
+    if numbers[1] == _PID:
+        kp, ki, kd = p[_MANIFOLD], p[_MANIFOLD + 1], p[_MANIFOLD + 2]
+        proportional_integral = kp * s + ki * x[0]
+        sigma = proportional_integral + kd * (g * dde + h)
+        tau_sw, gain = switch(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:])
+        a_eq = ddq_d + (-h - proportional_integral / kd) / g
+        a_cmd = ddq_d + (-h - (proportional_integral - tau_sw) / kd) / g
+    else:
+        sigma = s
+        tau_sw, gain = switch(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:])
+        a_eq = ddq_d - h / g
+        a_cmd = ddq_d + (-h + tau_sw) / g
+    return _finite(a_cmd), _finite(a_eq), s, sigma, gain, tau_sw
+
+
+@njit
+def advance(
+    e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool
+) -> None:
+    """See `Law.advance`; explicit Euler."""
+    if not frozen:
+        x[0] += dt * s
+        x[1] += dt * e
+    advance_reaching(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt, frozen)
+
+
+def compose(
+    name: str,
+    summary: str,
+    surface: str | None = None,
+    manifold: str | None = None,
+    reaching: str | None = None,
+    defaults: Mapping[str, Value] | None = None,
+) -> Law:
+    """A law from parts by name; a part left out becomes a parameter of the law.
+
+    Args:
+        surface, manifold, reaching: names in `SURFACES`, `MANIFOLDS`, `REACHING_LAWS`.
+        defaults: values that differ from the parts' own defaults.
+    """
+    fixed = {"law.surface": surface, "law.manifold": manifold, "law.reaching": reaching}
+    choices = tuple(
+        choice
+        for choice, part in zip((_SURFACE, _MANIFOLD_CHOICE, _REACHING_CHOICE), fixed.values(), strict=True)
+        if part is None
+    )
+
+    def parts(settings: Mapping[str, object]) -> tuple[str, str, str]:
+        return (
+            surface or chosen(settings, *prefixed("law", [_SURFACE])),
+            manifold or chosen(settings, *prefixed("law", [_MANIFOLD_CHOICE])),
+            reaching or chosen(settings, *prefixed("law", [_REACHING_CHOICE])),
+        )
+
+    def parameters(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+        surface_name, manifold_name, reaching_name = parts(settings)
+        members = SURFACES[surface_name].parameters
+        members += _MANIFOLD_PARAMETERS if manifold_name == "pid" else ()
+        members += REACHING_LAWS[reaching_name].parameters
+        own = defaults or {}
+        return (*choices, *(replace(p, default=own.get(p.name, p.default)) for p in members), ANTI_WINDUP)
+
+    def numbers(values: Mapping[str, Value]) -> Numbers:
+        surface_name, manifold_name, reaching_name = parts(values)
+        return np.array(
+            [SURFACES.number(surface_name), MANIFOLDS.index(manifold_name), REACHING_LAWS.number(reaching_name)]
+        )
+
+    def pack(values: Mapping[str, Value], joints: int) -> Array:
+        surface_name, manifold_name, reaching_name = parts(values)
+        packed = np.zeros((joints, _REACHING + SLOTS))
+        packed[:, :SLOTS] = SURFACES[surface_name].pack(values, "law", joints)
+        if manifold_name == "pid":
+            for column, parameter in enumerate(_MANIFOLD_PARAMETERS, start=_MANIFOLD):
+                packed[:, column] = joint_array(values[f"law.{parameter.name}"], joints)
+        packed[:, _REACHING:] = REACHING_LAWS[reaching_name].pack(values, "law", joints)
+        return packed
+
+    return Law(name, summary, parameters, numbers, pack, command, advance)
+
+
+SLIDING_MODE = compose("sliding_mode", "any surface, manifold and reaching law, chosen by parameter")

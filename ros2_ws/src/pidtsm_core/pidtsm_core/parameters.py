@@ -1,0 +1,175 @@
+"""The one description of every parameter: default, unit, range and meaning.
+
+Nodes declare their ROS parameters from it, the rollout checks its settings with it, the command line parses
+``--set`` through it. A parameter group (a law, a surface, a robot ...) is a tuple of `Parameter`; which groups
+apply may depend on values (`law.name` decides the gains), so a schema is a function of the settings.
+"""
+
+import difflib
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Scalar: TypeAlias = bool | int | float | str
+Value: TypeAlias = Scalar | Sequence[Scalar]
+Array: TypeAlias = NDArray[np.float64]
+
+
+class ParameterError(ValueError):
+    """A parameter is unknown, or its value has the wrong type, length or range; the message says which and why."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter.
+
+    Attributes:
+        name: full dotted name, such as ``law.k1``.
+        default: its type (float, int, bool, str, or tuple of str) is the type of the parameter;
+            where `per_joint` is set also a tuple of floats.
+        description: one sentence.
+        unit: SI unit, empty where there is none.
+        minimum, maximum: inclusive range of a number; None is unbounded.
+        exclusive: the ends of the range themselves are not allowed.
+        choices: allowed values of a string.
+        per_joint: one number for all joints, or a sequence of one number a joint.
+        fixed: can only be set before the node is configured, not while it runs.
+    """
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    exclusive: bool = False
+    choices: tuple[str, ...] = ()
+    per_joint: bool = False
+    fixed: bool = False
+
+    def range_text(self) -> str:
+        """The allowed values in words, empty where everything is allowed."""
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        low = "" if self.minimum is None else f"{'>' if self.exclusive else '>='} {self.minimum:g}"
+        high = "" if self.maximum is None else f"{'<' if self.exclusive else '<='} {self.maximum:g}"
+        return " and ".join(part for part in (low, high) if part)
+
+    def check(self, value: object, joints: int) -> Value:
+        """Return `value` in the type of the parameter.
+
+        Args:
+            value: what the user gave; an int is taken for a float, a sequence of length `joints` where
+                `per_joint` is set (a sequence of length one counts as its only element).
+            joints: number of joints of the robot.
+
+        Raises:
+            ParameterError: wrong type, length or range, or a number that is not finite.
+        """
+        if isinstance(self.default, tuple) and not self.per_joint:
+            return self._check_texts(value)
+        if isinstance(value, (list, tuple, np.ndarray)) or hasattr(value, "tolist"):
+            return self._check_sequence(list(value), joints)  # type: ignore[call-overload]
+        return self._check_scalar(value)
+
+    def _check_texts(self, value: object) -> Value:
+        if not isinstance(value, (list, tuple)) or not value or not all(isinstance(v, str) and v for v in value):
+            raise self._error(value, "must be a non-empty list of names")
+        if len(set(value)) != len(value):
+            raise self._error(value, "must not name anything twice")
+        return tuple(value)
+
+    def _check_sequence(self, value: list[object], joints: int) -> Value:
+        if not self.per_joint:
+            raise self._error(value, "must be a single value")
+        checked = [self._check_scalar(v) for v in value]
+        if len(checked) == 1:
+            return checked[0]
+        if len(checked) != joints:
+            raise self._error(value, f"must be one number, or one for each of the {joints} joints")
+        return tuple(checked)
+
+    def _check_scalar(self, value: object) -> Scalar:
+        if isinstance(self.default, bool):
+            if not isinstance(value, (bool, np.bool_)):
+                raise self._error(value, "must be true or false")
+            return bool(value)
+        if isinstance(self.default, str):
+            if not isinstance(value, str):
+                raise self._error(value, "must be a text")
+            if self.choices and value not in self.choices:
+                raise self._error(value, f"must be {self.range_text()}{_did_you_mean(value, self.choices)}")
+            return value
+        if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+            raise self._error(value, "must be a number")
+        if isinstance(self.default, int) and int(value) != value:
+            raise self._error(value, "must be a whole number")
+        if not math.isfinite(value):
+            raise self._error(value, "must be finite")
+        if not self._in_range(float(value)):
+            raise self._error(value, f"must be {self.range_text()}")
+        return int(value) if isinstance(self.default, int) else float(value)
+
+    def _in_range(self, value: float) -> bool:
+        low, high = self.minimum, self.maximum
+        if self.exclusive:
+            return (low is None or value > low) and (high is None or value < high)
+        return (low is None or value >= low) and (high is None or value <= high)
+
+    def _error(self, value: object, reason: str) -> ParameterError:
+        unit = f" ({self.unit})" if self.unit else ""
+        return ParameterError(f"{self.name}{unit}: {value!r} {reason}")
+
+
+Schema: TypeAlias = Callable[[Mapping[str, object]], Sequence[Parameter]]
+
+
+def prefixed(group: str, parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
+    """The same parameters with ``group.`` before each name."""
+    return tuple(replace(p, name=f"{group}.{p.name}") for p in parameters)
+
+
+def chosen(settings: Mapping[str, object], parameter: Parameter) -> str:
+    """Value of a text parameter that decides which others exist (its default where not given).
+
+    Raises:
+        ParameterError: not one of its choices.
+    """
+    return str(parameter.check(settings.get(parameter.name, parameter.default), 1))
+
+
+def resolve(schema: Schema, settings: Mapping[str, object], joints: int) -> dict[str, Value]:
+    """Check settings against a schema and fill in the defaults.
+
+    Returns:
+        Every parameter of the schema by its full name.
+
+    Raises:
+        ParameterError: an unknown name, or a value that its parameter refuses.
+    """
+    parameters = {p.name: p for p in schema(settings)}
+    for name in settings:
+        if name not in parameters:
+            raise ParameterError(unknown_parameter(name, parameters))
+    return {name: p.check(settings.get(name, p.default), joints) for name, p in parameters.items()}
+
+
+def unknown_parameter(name: str, known: Iterable[str]) -> str:
+    """One sentence for a parameter that does not exist."""
+    known = sorted(known)
+    hint = _did_you_mean(name, known)
+    return f"unknown parameter {name}{hint or '; known are ' + ', '.join(known)}"
+
+
+def joint_array(value: Value, joints: int) -> Array:
+    """One float a joint, shape (joints,), from a number or a sequence."""
+    return np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (joints,)))
+
+
+def _did_you_mean(word: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.7)
+    return f"; did you mean {close[0]}?" if close else ""

@@ -1,0 +1,142 @@
+"""The simulated arm: rigid dynamics, disturbance, torque limits and payload, integrated by RK4."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
+from pidtsm_core.parameters import Array, Parameter, Value, joint_array
+from pidtsm_core.robots import ROBOTS, attach, forward_dynamics, robot_schema
+
+
+def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    """Parameters of the simulated arm; ``robot.name`` decides which there are."""
+    robot_parameters = robot_schema(settings)
+    robot = ROBOTS[str(settings.get("robot.name", ROBOTS.names[0]))]
+    return (
+        *robot_parameters,
+        Parameter("rate", 1000, "samples a second", "Hz", minimum=1, maximum=100_000, fixed=True),
+        Parameter("initial_position", robot.initial_position, "joint positions at the start", "rad", per_joint=True),
+        Parameter(
+            "disturbance.name",
+            "article",
+            "torque beside the motors'",
+            choices=DISTURBANCES.names,
+            fixed=True,
+        ),
+        Parameter("payload.mass", 0.0, "mass picked up at payload.time (Case 2: 0.5)", "kg", minimum=0.0),
+        Parameter("payload.time", 0.0, "when the payload is picked up, from the start", "s", minimum=0.0),
+    )
+
+
+class PlantConfig(NamedTuple):
+    """What a step reads; the numbers are places in the registries."""
+
+    robot: int
+    model: Array  # shape (model parameters,)
+    loaded_model: Array  # the same with the payload
+    payload_time: float  # s
+    disturbance: int
+    effort_limit: Array  # shape (joints,), N m
+
+
+class PlantState(NamedTuple):
+    """What a step changes."""
+
+    position: Array  # q, shape (joints,), rad
+    derivatives: Array  # q', q'', shape (2, joints); q'' under the torque held before the sample, 0 at the start
+    effort: Array  # the torque applied over the last step, within the limits, shape (joints,), N m
+    work: Array  # scratch, shape (7, joints)
+
+
+@njit
+def _acceleration(config: PlantConfig, model: Array, q: Array, dq: Array, effort: Array, net: Array, ddq: Array) -> None:
+    """ddq of eq. (5); `net` is scratch for the torque with the disturbance."""
+    net[:] = effort
+    add_disturbance(config.disturbance, q, dq, net)
+    forward_dynamics(config.robot, q, dq, net, model, ddq)
+
+
+@njit
+def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: float) -> None:
+    """Integrate from t to t + dt (s) with the limited `effort` held: classical Runge-Kutta of fourth order.
+
+    The payload, which counts as picked up from payload_time on, is that of the start of the step.
+    """
+    joints = effort.size
+    model = config.loaded_model if t >= config.payload_time else config.model
+    q, dq, held = state.position, state.derivatives[0], state.effort
+    net, stage_q, stage_dq, k1, k2, k3, k4 = (
+        state.work[0],
+        state.work[1],
+        state.work[2],
+        state.work[3],
+        state.work[4],
+        state.work[5],
+        state.work[6],
+    )
+    for j in range(joints):
+        limit = config.effort_limit[j]
+        held[j] = min(max(effort[j], -limit), limit)
+
+    half = 0.5 * dt
+    _acceleration(config, model, q, dq, held, net, k1)
+    for j in range(joints):
+        stage_q[j] = q[j] + half * dq[j]
+        stage_dq[j] = dq[j] + half * k1[j]
+    _acceleration(config, model, stage_q, stage_dq, held, net, k2)
+    for j in range(joints):
+        stage_q[j] = q[j] + half * (dq[j] + half * k1[j])
+        stage_dq[j] = dq[j] + half * k2[j]
+    _acceleration(config, model, stage_q, stage_dq, held, net, k3)
+    for j in range(joints):
+        stage_q[j] = q[j] + dt * (dq[j] + half * k2[j])
+        stage_dq[j] = dq[j] + dt * k3[j]
+    _acceleration(config, model, stage_q, stage_dq, held, net, k4)
+    for j in range(joints):
+        # The weights of RK4 on q, with the velocities of its stages written out.
+        q[j] += dt * (dq[j] + dt * (k1[j] + k2[j] + k3[j]) / 6.0)
+        dq[j] += dt * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j]) / 6.0
+    _acceleration(config, model, q, dq, held, net, state.derivatives[1])
+
+
+class Plant:
+    """A simulated arm, built from checked parameters.
+
+    Attributes:
+        joints: number of joints.
+        config, state: what `step` takes.
+    """
+
+    def __init__(self, values: Mapping[str, Value]) -> None:
+        """Args: values: every parameter of `plant_schema`, as `resolve` returns them."""
+        self.joints = len(ROBOTS[str(values["robot.name"])].joints)
+        self.set_parameters(values)
+        self.state = PlantState(
+            position=joint_array(values["initial_position"], self.joints),
+            derivatives=np.zeros((2, self.joints)),
+            effort=np.zeros(self.joints),
+            work=np.zeros((7, self.joints)),
+        )
+
+    def set_parameters(self, values: Mapping[str, Value]) -> None:
+        """Use other parameters from the next step on; the state stays."""
+        robot = ROBOTS[str(values["robot.name"])]
+        number = ROBOTS.number(robot.name)
+        model = robot.pack_model(values)
+        loaded = np.empty_like(model)
+        attach(number, model, float(values["payload.mass"]), loaded)  # type: ignore[arg-type]
+        self.config = PlantConfig(
+            robot=number,
+            model=model,
+            loaded_model=loaded,
+            payload_time=float(values["payload.time"]),  # type: ignore[arg-type]
+            disturbance=DISTURBANCES.number(str(values["disturbance.name"])),
+            effort_limit=joint_array(values["limits.effort"], self.joints),
+        )
+
+    def step(self, effort: Array, t: float, dt: float) -> None:
+        """Hold `effort` (shape (joints,), N m, finite) from t to t + dt (s)."""
+        step(self.config, self.state, effort, t, dt)

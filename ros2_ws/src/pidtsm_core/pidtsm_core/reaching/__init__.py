@@ -1,0 +1,40 @@
+"""Reaching laws: sigma to the switching term. One reaching law a file; `REACHING_LAWS` is the registry."""
+
+from numba import literal_unroll
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.family import Family
+from pidtsm_core.parameters import Array
+from pidtsm_core.reaching.adaptive_continuous import ADAPTIVE_CONTINUOUS
+from pidtsm_core.reaching.base import ReachingLaw
+
+__all__ = ["REACHING_LAWS", "ReachingLaw", "advance_reaching", "switch"]
+
+REACHING_LAWS: Family[ReachingLaw] = Family(
+    ADAPTIVE_CONTINUOUS,
+)
+
+_SWITCH = tuple(law.switch for law in REACHING_LAWS.members)
+_ADVANCE = tuple(law.advance for law in REACHING_LAWS.members)
+
+
+@njit
+def switch(number: int, sigma: float, p: Array, x: Array) -> tuple[float, float]:
+    """(tau_sw, gain): see `ReachingLaw.switch`; `number` is the law's place in `REACHING_LAWS`."""
+    result = (0.0, 0.0)
+    i = 0
+    for function in literal_unroll(_SWITCH):
+        if i == number:
+            result = function(sigma, p, x)
+        i += 1
+    return result
+
+
+@njit
+def advance_reaching(number: int, sigma: float, p: Array, x: Array, dt: float, frozen: bool) -> None:
+    """Move x over dt: see `ReachingLaw.advance`; `number` is the law's place in `REACHING_LAWS`."""
+    i = 0
+    for function in literal_unroll(_ADVANCE):
+        if i == number:
+            function(sigma, p, x, dt, frozen)
+        i += 1

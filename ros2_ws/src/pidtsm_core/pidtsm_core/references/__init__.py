@@ -1,0 +1,77 @@
+"""References: time to q_d, q_d', q_d''. One reference a file; `REFERENCES` is the registry."""
+
+from collections.abc import Mapping
+
+from numba import literal_unroll
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.family import Family
+from pidtsm_core.parameters import Array, Parameter, Value, chosen, prefixed
+from pidtsm_core.references.article import ARTICLE
+from pidtsm_core.references.base import Reference
+
+__all__ = ["REFERENCES", "Reference", "ReferenceMotion", "evaluate_reference", "extrapolate", "reference_joints", "reference_schema"]
+
+REFERENCES: Family[Reference] = Family(
+    ARTICLE,
+)
+
+_NAME = Parameter("reference.name", "article", "desired motion", choices=REFERENCES.names, fixed=True)
+
+
+def reference_joints(settings: Mapping[str, object]) -> int:
+    """Number of joints of the reference that ``reference.name`` chooses."""
+    return REFERENCES[chosen(settings, _NAME)].joints
+
+
+def reference_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    """Parameters of the trajectory; ``reference.name`` decides which there are."""
+    reference = REFERENCES[chosen(settings, _NAME)]
+    names = tuple(f"joint{j + 1}" for j in range(reference.joints))
+    return (
+        Parameter("joints", names, "names of the joints, in the order of the reference", fixed=True),
+        _NAME,
+        *prefixed("reference", reference.parameters),
+    )
+
+
+_EVALUATE = tuple(reference.evaluate for reference in REFERENCES.members)
+
+
+@njit
+def evaluate_reference(number: int, t: float, p: Array, desired: Array) -> None:
+    """Write q_d, q_d', q_d'': see `Reference.evaluate`; `number` is the reference's place in `REFERENCES`."""
+    i = 0
+    for function in literal_unroll(_EVALUATE):
+        if i == number:
+            function(t, p, desired)
+        i += 1
+
+
+@njit
+def extrapolate(desired: Array, dt: float, later: Array) -> None:
+    """Continue q_d, q_d', q_d'' (shape (3, joints)) over dt seconds with constant q_d'', into `later`."""
+    for j in range(desired.shape[1]):
+        later[0, j] = desired[0, j] + dt * (desired[1, j] + 0.5 * dt * desired[2, j])
+        later[1, j] = desired[1, j] + dt * desired[2, j]
+        later[2, j] = desired[2, j]
+
+
+class ReferenceMotion:
+    """A desired motion, built from checked parameters.
+
+    Attributes:
+        joints: number of joints.
+        number, parameters: what `evaluate_reference` takes.
+    """
+
+    def __init__(self, values: Mapping[str, Value]) -> None:
+        """Args: values: every parameter of `reference_schema`, as `resolve` returns them."""
+        reference = REFERENCES[str(values["reference.name"])]
+        self.joints = reference.joints
+        self.number = REFERENCES.number(reference.name)
+        self.parameters = reference.pack(values, "reference", 1)[0]
+
+    def evaluate(self, t: float, desired: Array) -> None:
+        """Write q_d, q_d', q_d'' at t (s) to desired, shape (3, joints), rad, rad/s, rad/s^2."""
+        evaluate_reference(self.number, t, self.parameters, desired)

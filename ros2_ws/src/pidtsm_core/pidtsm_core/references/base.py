@@ -1,0 +1,21 @@
+"""What a reference provides."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pidtsm_core.family import Member
+from pidtsm_core.parameters import Array
+
+
+@dataclass(frozen=True)
+class Reference(Member):
+    """A desired motion with its exact derivatives.
+
+    Attributes:
+        joints: number of joints it is made for.
+        evaluate: compiled ``(t, p, desired)``: t in s from the start; writes q_d (rad), q_d' (rad/s), q_d''
+            (rad/s^2) to desired, shape (3, joints).
+    """
+
+    joints: int
+    evaluate: Callable[[float, Array, Array], None]

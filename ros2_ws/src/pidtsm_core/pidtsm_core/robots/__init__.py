@@ -1,0 +1,77 @@
+"""Robot models: acceleration to torque and back. One robot a file; `ROBOTS` is the registry."""
+
+from collections.abc import Mapping
+
+from numba import literal_unroll
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.family import Family
+from pidtsm_core.parameters import Array, Parameter, chosen, prefixed
+from pidtsm_core.robots.base import Robot
+from pidtsm_core.robots.two_link import TWO_LINK
+
+__all__ = ["ROBOTS", "Robot", "attach", "forward_dynamics", "inverse_dynamics", "robot_joints", "robot_schema"]
+
+ROBOTS: Family[Robot] = Family(
+    TWO_LINK,
+)
+
+ROBOT_NAME = Parameter("robot.name", "two_link", "robot model", choices=ROBOTS.names, fixed=True)
+
+def robot_joints(settings: Mapping[str, object]) -> int:
+    """Number of joints of the robot that ``robot.name`` chooses."""
+    return len(ROBOTS[chosen(settings, ROBOT_NAME)].joints)
+
+
+def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    """Parameters of the group ``robot``, and what depends on the robot: ``joints`` and ``limits.effort``."""
+    robot = ROBOTS[chosen(settings, ROBOT_NAME)]
+    return (
+        Parameter("joints", robot.joints, "names of the joints, in the order of the robot model", fixed=True),
+        ROBOT_NAME,
+        *prefixed("robot", robot.parameters),
+        Parameter(
+            "limits.effort",
+            robot.effort_limit,
+            "largest torque, either way (Remark 8)",
+            "N m",
+            minimum=0.0,
+            exclusive=True,
+            per_joint=True,
+        ),
+    )
+
+
+_INVERSE = tuple(robot.inverse_dynamics for robot in ROBOTS.members)
+_FORWARD = tuple(robot.forward_dynamics for robot in ROBOTS.members)
+_ATTACH = tuple(robot.attach for robot in ROBOTS.members)
+
+
+@njit
+def inverse_dynamics(number: int, q: Array, dq: Array, ddq: Array, p: Array, effort: Array) -> None:
+    """effort (N m) that gives ddq: see `Robot.inverse_dynamics`; `number` is the robot's place in `ROBOTS`."""
+    i = 0
+    for function in literal_unroll(_INVERSE):
+        if i == number:
+            function(q, dq, ddq, p, effort)
+        i += 1
+
+
+@njit
+def forward_dynamics(number: int, q: Array, dq: Array, effort: Array, p: Array, ddq: Array) -> None:
+    """ddq (rad/s^2) under effort: see `Robot.forward_dynamics`; `number` is the robot's place in `ROBOTS`."""
+    i = 0
+    for function in literal_unroll(_FORWARD):
+        if i == number:
+            function(q, dq, effort, p, ddq)
+        i += 1
+
+
+@njit
+def attach(number: int, p: Array, mass: float, loaded: Array) -> None:
+    """Parameters with a payload: see `Robot.attach`; `number` is the robot's place in `ROBOTS`."""
+    i = 0
+    for function in literal_unroll(_ATTACH):
+        if i == number:
+            function(p, mass, loaded)
+        i += 1

@@ -1,0 +1,45 @@
+"""What a robot model provides."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pidtsm_core.family import Member
+from pidtsm_core.parameters import Array, Value
+
+Dynamics = Callable[[Array, Array, Array, Array, Array], None]
+
+
+@dataclass(frozen=True)
+class Robot(Member):
+    """A rigid manipulator, eq. (1): H(q) q'' + C(q, q') q' + G(q) = effort.
+
+    Attributes:
+        joints: default names of its joints; their number is the number of joints.
+        effort_limit: default torque limits, N m, one a joint.
+        initial_position: default start, rad, one a joint.
+        inverse_dynamics: compiled ``(q, dq, ddq, p, effort)``; writes effort in N m, shape (joints,).
+        forward_dynamics: compiled ``(q, dq, effort, p, ddq)``; writes ddq in rad/s^2, shape (joints,).
+        energy: compiled ``(q, dq, p)``; kinetic plus potential energy in J.
+        attach: compiled ``(p, mass, loaded)``; writes the parameters with `mass` kg more at the last link's end.
+    """
+
+    joints: tuple[str, ...]
+    effort_limit: tuple[float, ...]
+    initial_position: tuple[float, ...]
+    inverse_dynamics: Dynamics
+    forward_dynamics: Dynamics
+    energy: Callable[[Array, Array, Array], float]
+    attach: Callable[[Array, float, Array], None]
+
+    def pack_model(self, values: Mapping[str, Value], group: str = "robot") -> Array:
+        """Model parameters as the compiled functions read them, shape (parameters,), in their order.
+
+        A parameter with choices is packed as the place of the choice.
+        """
+        packed = []
+        for parameter in self.parameters:
+            value = values[f"{group}.{parameter.name}"]
+            packed.append(float(parameter.choices.index(str(value))) if parameter.choices else float(value))  # type: ignore[arg-type]
+        return np.array(packed)

@@ -1,0 +1,103 @@
+"""The planar two-link arm of the article, eqs. (48)-(50), after Feng, Yu and Man (2002)."""
+
+import math
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.parameters import Array, Parameter
+from pidtsm_core.robots.base import Robot
+
+# Order of the packed parameters: m1, m2, r1, r2, j1, j2, g, coriolis (0 paper, 1 lagrange).
+_M2 = 1
+_LAGRANGE = 1.0
+
+
+@njit
+def _terms(q: Array, dq: Array, p: Array) -> tuple[float, float, float, float, float]:
+    """H11, H12, H22 (kg m^2) of (48), and both elements of C q' + G (N m) of (49), (50).
+
+    (49) swaps q1' and q2' in the velocity-squared terms against Lagrange's equations of this arm; `lagrange`
+    is the form for which H' - 2C is skew-symmetric.
+    """
+    m1, m2, r1, r2, j1, j2, g, coriolis = p
+    p1 = (m1 + m2) * r1 * r1 + m2 * r2 * r2 + j1
+    p2 = m2 * r1 * r2
+    p3 = m2 * r2 * r2
+    p4 = p3 + j2
+    p5 = (m1 + m2) * r1 * g
+    p6 = m2 * r2 * g
+
+    c2 = math.cos(q[1])
+    c12 = math.cos(q[0] + q[1])
+    h = p2 * math.sin(q[1])
+    if coriolis == _LAGRANGE:
+        coriolis1 = -h * (2.0 * dq[0] + dq[1]) * dq[1]
+        coriolis2 = h * dq[0] * dq[0]
+    else:
+        coriolis1 = -h * (dq[0] + 2.0 * dq[1]) * dq[0]
+        coriolis2 = h * dq[1] * dq[1]
+    bias1 = coriolis1 + p5 * math.cos(q[0]) + p6 * c12
+    bias2 = coriolis2 + p6 * c12
+    return p1 + 2.0 * p2 * c2, p3 + p2 * c2, p4, bias1, bias2
+
+
+@njit
+def inverse_dynamics(q: Array, dq: Array, ddq: Array, p: Array, effort: Array) -> None:
+    """effort = H ddq + C dq + G."""
+    h11, h12, h22, bias1, bias2 = _terms(q, dq, p)
+    effort[0] = h11 * ddq[0] + h12 * ddq[1] + bias1
+    effort[1] = h12 * ddq[0] + h22 * ddq[1] + bias2
+
+
+@njit
+def forward_dynamics(q: Array, dq: Array, effort: Array, p: Array, ddq: Array) -> None:
+    """ddq = H^-1 (effort - C dq - G), by Cramer's rule."""
+    h11, h12, h22, bias1, bias2 = _terms(q, dq, p)
+    net1 = effort[0] - bias1
+    net2 = effort[1] - bias2
+    determinant = h11 * h22 - h12 * h12
+    ddq[0] = (h22 * net1 - h12 * net2) / determinant
+    ddq[1] = (h11 * net2 - h12 * net1) / determinant
+
+
+@njit
+def energy(q: Array, dq: Array, p: Array) -> float:
+    """0.5 dq' H dq + V(q) with dV/dq = G, in J."""
+    h11, h12, h22, _, _ = _terms(q, dq, p)
+    m1, m2, r1, r2, _, _, g, _ = p
+    kinetic = 0.5 * (h11 * dq[0] * dq[0] + 2.0 * h12 * dq[0] * dq[1] + h22 * dq[1] * dq[1])
+    return kinetic + (m1 + m2) * r1 * g * math.sin(q[0]) + m2 * r2 * g * math.sin(q[0] + q[1])
+
+
+@njit
+def attach(p: Array, mass: float, loaded: Array) -> None:
+    """The payload adds to m2, as in the article's Case 2."""
+    loaded[:] = p
+    loaded[_M2] += mass
+
+
+TWO_LINK = Robot(
+    name="two_link",
+    summary="planar two-link arm of the article, eqs. (48)-(50)",
+    parameters=(
+        Parameter("m1", 0.5, "mass of the first link", "kg", minimum=0.0),
+        Parameter("m2", 1.5, "mass of the second link", "kg", minimum=0.0),
+        Parameter("r1", 1.0, "length of the first link", "m", minimum=0.0, exclusive=True),
+        Parameter("r2", 0.85, "length of the second link", "m", minimum=0.0, exclusive=True),
+        Parameter("j1", 5.0, "rotor inertia of the first joint", "kg m^2", minimum=0.0, exclusive=True),
+        Parameter("j2", 5.0, "rotor inertia of the second joint", "kg m^2", minimum=0.0, exclusive=True),
+        Parameter("g", 9.8, "gravity", "m/s^2"),
+        Parameter(
+            "coriolis",
+            "paper",
+            "Coriolis matrix: (49) as the article prints it, or the one of Lagrange's equations",
+            choices=("paper", "lagrange"),
+        ),
+    ),
+    joints=("joint1", "joint2"),
+    effort_limit=(100.0, 50.0),
+    initial_position=(0.0, -0.1),
+    inverse_dynamics=inverse_dynamics,
+    forward_dynamics=forward_dynamics,
+    energy=energy,
+    attach=attach,
+)

@@ -1,0 +1,140 @@
+"""The closed loop without ROS: the same compiled functions as the nodes, in one compiled loop."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.controller import Controller, ControllerConfig, ControllerState, controller_schema, tick
+from pidtsm_core.parameters import Array, ParameterError, resolve
+from pidtsm_core.plant import Plant, PlantConfig, PlantState, plant_schema, step
+from pidtsm_core.references import ReferenceMotion, evaluate_reference, reference_schema
+from pidtsm_core.robots import robot_joints
+from pidtsm_core.signals import Signal
+from pidtsm_core.timing import period_nanoseconds, seconds
+
+SCHEMAS = {"controller": controller_schema, "simulator": plant_schema, "trajectory": reference_schema}
+"""Parameters of each node as far as the core knows them."""
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """What a closed loop did; row k of every array belongs to time[k].
+
+    Attributes:
+        joints: names.
+        time: s, shape (samples,).
+        position, velocity: true q (rad), q' (rad/s), shape (samples, joints).
+        effort: torque applied from time[k] on, N m, shape (samples, joints).
+        reference: q_d, q_d', q_d'', shape (samples, 3, joints).
+        signals: what the controller computed, shape (samples, len(Signal), joints), order of `Signal`.
+    """
+
+    joints: tuple[str, ...]
+    time: Array
+    position: Array
+    velocity: Array
+    effort: Array
+    reference: Array
+    signals: Array
+
+
+@njit
+def _simulate(
+    controller: ControllerConfig,
+    memory: ControllerState,
+    plant: PlantConfig,
+    arm: PlantState,
+    reference: int,
+    reference_parameters: Array,
+    period: int,
+    position: Array,
+    velocity: Array,
+    effort: Array,
+    desired: Array,
+    signals: Array,
+) -> int:
+    """Run the loop; returns the number of samples done before a value stopped being finite."""
+    dt = seconds(period)
+    for k in range(position.shape[0]):
+        t = seconds(k * period)
+        evaluate_reference(reference, t, reference_parameters, desired[k])
+        position[k] = arm.position
+        velocity[k] = arm.derivatives[0]
+        tick(controller, memory, arm.position, arm.derivatives, desired[k], dt if k > 0 else 0.0)
+        signals[k] = memory.signals
+        for j in range(position.shape[1]):
+            if not np.isfinite(memory.signals[Signal.EFFORT, j]):
+                return k
+        step(plant, arm, memory.signals[Signal.EFFORT], t, dt)
+        effort[k] = arm.effort
+    return position.shape[0]
+
+
+class DivergedError(RuntimeError):
+    """A value of the loop stopped being finite; the message says when."""
+
+
+def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollout:
+    """Simulate the closed loop.
+
+    Args:
+        settings: parameters that differ from their defaults, by node (``controller``, ``simulator``,
+            ``trajectory``) and full name, such as ``{"controller": {"law.k1": 3.0}}``.
+        duration: s.
+
+    Raises:
+        ParameterError: a setting that a schema refuses, or parts made for different numbers of joints.
+        DivergedError: the loop left the finite numbers.
+    """
+    for node in settings:
+        if node not in SCHEMAS:
+            raise ParameterError(f"unknown node {node}; known are {', '.join(SCHEMAS)}")
+    joints = robot_joints(settings.get("simulator", {}))
+    values = {}
+    for node, schema in SCHEMAS.items():
+        try:
+            values[node] = resolve(schema, settings.get(node, {}), joints)
+        except ParameterError as error:
+            raise ParameterError(f"{node}.{error}") from None
+    controller = Controller(values["controller"])
+    plant = Plant(values["simulator"])
+    motion = ReferenceMotion(values["trajectory"])
+    if not controller.joints == plant.joints == motion.joints:
+        raise ParameterError(
+            f"controller, simulator and trajectory are made for {controller.joints}, {plant.joints} and "
+            f"{motion.joints} joints"
+        )
+    period = period_nanoseconds(int(values["simulator"]["rate"]))  # type: ignore[arg-type]
+    samples = round(duration * 1e9 / period)
+    if samples < 1:
+        raise ParameterError(f"duration: {duration} s is shorter than one sample")
+
+    result = Rollout(
+        joints=tuple(values["simulator"]["joints"]),  # type: ignore[arg-type]
+        time=seconds(np.arange(samples) * period),
+        position=np.empty((samples, joints)),
+        velocity=np.empty((samples, joints)),
+        effort=np.empty((samples, joints)),
+        reference=np.empty((samples, 3, joints)),
+        signals=np.empty((samples, len(Signal), joints)),
+    )
+    done = _simulate(
+        controller.config,
+        controller.state,
+        plant.config,
+        plant.state,
+        motion.number,
+        motion.parameters,
+        period,
+        result.position,
+        result.velocity,
+        result.effort,
+        result.reference,
+        result.signals,
+    )
+    if done < samples:
+        raise DivergedError(f"the loop is not finite any more after {seconds(done * period):g} s")
+    return result

@@ -1,0 +1,29 @@
+"""Sliding surfaces: errors to s, g and h. One surface a file; `SURFACES` is the registry."""
+
+from numba import literal_unroll
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.family import Family
+from pidtsm_core.parameters import Array
+from pidtsm_core.surfaces.base import Surface
+from pidtsm_core.surfaces.dual_terminal import DUAL_TERMINAL
+
+__all__ = ["SURFACES", "Surface", "evaluate_surface"]
+
+SURFACES: Family[Surface] = Family(
+    DUAL_TERMINAL,
+)
+
+_EVALUATE = tuple(surface.evaluate for surface in SURFACES.members)
+
+
+@njit
+def evaluate_surface(number: int, e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
+    """(s, g, h) of one joint: see `Surface.evaluate`; `number` is the surface's place in `SURFACES`."""
+    result = (0.0, 0.0, 0.0)
+    i = 0
+    for function in literal_unroll(_EVALUATE):
+        if i == number:
+            result = function(e, de, integral, p)
+        i += 1
+    return result

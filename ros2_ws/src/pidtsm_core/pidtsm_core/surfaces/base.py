@@ -1,0 +1,21 @@
+"""What a sliding surface provides."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pidtsm_core.family import Member
+from pidtsm_core.parameters import Array
+
+
+@dataclass(frozen=True)
+class Surface(Member):
+    """A sliding surface s(e, e', integral of e) of one joint whose derivative is affine in e'': s' = g e'' + h.
+
+    Attributes:
+        evaluate: compiled ``(e, de, integral, p) -> (s, g, h)``: e in rad, de in rad/s, integral in rad s,
+            p of shape (SLOTS,) in the order of `parameters`.
+    """
+
+    evaluate: Callable[[float, float, float, Array], tuple[float, float, float]]
+
+

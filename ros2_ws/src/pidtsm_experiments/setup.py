@@ -1,0 +1,29 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "pidtsm_experiments"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={NAME: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/scenarios", glob("scenarios/*.yaml")),
+    ],
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
+    entry_points={
+        "console_scripts": [
+            "recorder = pidtsm_experiments.recorder:main",
+        ],
+    },
+    zip_safe=True,
+    maintainer="pidtsm maintainers",
+    maintainer_email="maintainers@pidtsm.example",
+    description="Scenarios, recorder, runner, bag analysis, report and command line of pidtsm.",
+    license="Apache-2.0",
+)

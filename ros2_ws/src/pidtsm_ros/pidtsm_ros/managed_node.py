@@ -1,0 +1,221 @@
+"""Base of the nodes: a lifecycle node whose ROS parameters come from a schema of `pidtsm_core`."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.duration import Duration
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+
+from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, resolve
+from pidtsm_ros.joints import MessageError
+from pidtsm_ros.qos import PUBLISHER, READER
+
+AUTOSTART = Parameter("autostart", True, "configure and activate on start, without a lifecycle manager", fixed=True)
+
+_REASONS_LOGGED = 100
+_FLUSH_TIME = Duration(seconds=2)
+_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+
+def descriptor(parameter: Parameter) -> ParameterDescriptor:
+    """What ``ros2 param describe`` shows of a parameter."""
+    unit = f" [{parameter.unit}]" if parameter.unit else ""
+    constraints = [parameter.range_text()]
+    if parameter.per_joint:
+        constraints.append("one number for all joints, or one a joint")
+    if parameter.fixed:
+        constraints.append("set at the start only")
+    described = ParameterDescriptor(
+        name=parameter.name,
+        description=parameter.description + unit,
+        additional_constraints="; ".join(c for c in constraints if c),
+        read_only=parameter.fixed,
+        # Lets a number stand for all joints, and a whole number for a float; the schema checks the rest.
+        dynamic_typing=isinstance(parameter.default, (float, tuple)),
+    )
+    low, high = parameter.minimum, parameter.maximum
+    if low is None and high is None:
+        return described
+    if isinstance(parameter.default, int):
+        top = 2**62 if high is None else int(high)
+        described.integer_range = [IntegerRange(from_value=int(low or 0), to_value=top, step=0)]
+    else:
+        described.floating_point_range = [
+            FloatingPointRange(
+                from_value=-math.inf if low is None else low, to_value=math.inf if high is None else high, step=0.0
+            )
+        ]
+    return described
+
+
+class ManagedNode(LifecycleNode):
+    """A lifecycle node with checked parameters.
+
+    Subclasses override `configure` (parameters, memory, compilation), `activate` and `deactivate` (the loop),
+    `poll` (work that is due) and `parameters_changed`.
+
+    Attributes:
+        values: every parameter by name, checked.
+        active: the lifecycle state is active.
+        finished: set by a node that has done what it was started for; its process then ends.
+        failed: set together with `finished` where that ended badly.
+        rejected: number of messages that could not be used.
+    """
+
+    def __init__(self, name: str, schema: Schema, joints: Callable[[Mapping[str, object]], int]) -> None:
+        """Declare the parameters of `schema`.
+
+        Args:
+            schema: the node's own parameters, given the settings.
+            joints: number of joints, given the settings.
+
+        Raises:
+            ParameterError: a parameter given at the start is unknown or has a bad value.
+        """
+        super().__init__(name)
+        self._schema: Schema = lambda settings: (AUTOSTART, *schema(settings))
+        self._joints = joints
+        self.finished = False
+        self.failed = False
+        self.active = False
+        self.rejected = 0
+        self._reasons: set[str] = set()
+        self._own_publishers: list[Publisher] = []
+        self._own_subscriptions: list[Subscription] = []
+        # rclpy has no public way to see what was given for parameters nobody declares; they would be lost silently.
+        given = {name: p.value for name, p in self._parameter_overrides.items() if not name.startswith(_OF_ROS)}
+        self.values = self.check(given)
+        for parameter in self._schema(given):
+            self.declare_parameter(
+                parameter.name, _ros_value(self.values[parameter.name]), descriptor(parameter), ignore_override=True
+            )
+        self.add_on_set_parameters_callback(self._on_set_parameters)
+        self.add_post_set_parameters_callback(self._after_set_parameters)
+
+    def check(self, settings: Mapping[str, Any]) -> dict[str, Value]:
+        """All values of the schema for these settings.
+
+        Raises:
+            ParameterError: an unknown name, or a refused value. Subclasses add what their parts refuse.
+        """
+        joints = self._joints(settings)
+        values = resolve(self._schema, settings, joints)
+        names = values["joints"]
+        if not isinstance(names, tuple) or len(names) != joints:
+            raise ParameterError(f"joints: {names!r} must name {joints} joints")
+        return values
+
+    # What subclasses do.
+
+    def configure(self) -> None:
+        """Make everything that the loop needs, from `values`."""
+
+    def activate(self) -> None:
+        """Begin the loop."""
+
+    def deactivate(self) -> None:
+        """End the loop."""
+
+    def parameters_changed(self) -> None:
+        """Take over changed `values` while configured."""
+
+    def poll(self) -> float:
+        """Do what is due; returns the time until something is due again, in s."""
+        return 0.1
+
+    # Lifecycle.
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        return self._transition(self.configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        result = self._transition(self.activate)
+        self.active = result == TransitionCallbackReturn.SUCCESS
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.active = False
+        return self._transition(self.deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        for publisher in self._own_publishers:
+            self.destroy_publisher(publisher)
+        for subscription in self._own_subscriptions:
+            self.destroy_subscription(subscription)
+        self._own_publishers.clear()
+        self._own_subscriptions.clear()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        if self.active:
+            self.on_deactivate(state)
+        return self.on_cleanup(state)
+
+    def _transition(self, work: Callable[[], None]) -> TransitionCallbackReturn:
+        try:
+            work()
+        except Exception as error:
+            # rclpy swallows what a transition raises.
+            self.get_logger().error(f"{work.__name__} failed: {error}")
+            return TransitionCallbackReturn.FAILURE
+        return TransitionCallbackReturn.SUCCESS
+
+    # Topics.
+
+    def advertise(self, message_type: type, topic: str) -> Publisher:
+        """A publisher that lives until the node is cleaned up."""
+        publisher = self.create_publisher(message_type, topic, PUBLISHER)
+        self._own_publishers.append(publisher)
+        return publisher
+
+    def listen(self, message_type: type, topic: str, callback: Callable[[Any], None]) -> Subscription:
+        """A subscription, until the node is cleaned up, that reports what `callback` rejects with MessageError."""
+
+        def checked(message: Any) -> None:
+            if not self.active:
+                return
+            try:
+                callback(message)
+            except MessageError as error:
+                self.reject(f"{topic}: {error}")
+
+        subscription = self.create_subscription(message_type, topic, checked, READER)
+        self._own_subscriptions.append(subscription)
+        return subscription
+
+    def reject(self, reason: str) -> None:
+        """Count a message that cannot be used; the log gets every cause once."""
+        self.rejected += 1
+        if reason not in self._reasons and len(self._reasons) < _REASONS_LOGGED:
+            self._reasons.add(reason)
+            self.get_logger().error(f"rejected {reason}")
+
+    def flush(self) -> None:
+        """Wait, for a moment, until every reader has what was published."""
+        for publisher in self._own_publishers:
+            publisher.wait_for_all_acked(_FLUSH_TIME)
+
+    # Parameters while the node runs.
+
+    def _settings(self, changes: Sequence[RosParameter]) -> dict[str, Any]:
+        return {**self.values, **{p.name: p.value for p in changes if p.name in self.values}}
+
+    def _on_set_parameters(self, changes: Sequence[RosParameter]) -> SetParametersResult:
+        try:
+            self.check(self._settings(changes))
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _after_set_parameters(self, changes: Sequence[RosParameter]) -> None:
+        self.values = self.check(self._settings(changes))
+        self.parameters_changed()
+
+
+def _ros_value(value: Value) -> Any:
+    return list(value) if isinstance(value, tuple) else value

@@ -1,0 +1,21 @@
+from setuptools import find_packages, setup
+
+NAME = "pidtsm_ros"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={NAME: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
+    zip_safe=True,
+    maintainer="pidtsm maintainers",
+    maintainer_email="maintainers@pidtsm.example",
+    description="What the nodes of pidtsm share: parameters, joint order, quality of service, life cycle, main loop.",
+    license="Apache-2.0",
+)

@@ -1,0 +1,29 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "two_link_sim"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={NAME: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/config", glob("config/*.yaml")),
+    ],
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
+    entry_points={
+        "console_scripts": [
+            "simulator = two_link_sim.simulator:main",
+        ],
+    },
+    zip_safe=True,
+    maintainer="pidtsm maintainers",
+    maintainer_email="maintainers@pidtsm.example",
+    description="Simulated two-link arm as a ROS 2 node.",
+    license="Apache-2.0",
+)
