@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,7 +23,11 @@ sys.path.insert(0, str(ROOT / "scripts"))
 from launcher import install, state, variables  # noqa: E402
 
 REAL_PYTHON = state.base_python()
-STUB_CLI = "import os, sys\nprint('cli', sys.argv[1:], os.environ.get('MARK', '-'))\nsys.exit(int(os.environ.get('CODE', 0)))\n"
+STUB_CLI = """
+import os, sys
+print('cli', sys.argv[1:], os.environ.get('MARK', '-'))
+sys.exit(int(os.environ.get('CODE', 0)))
+"""
 
 
 class Checkout:
@@ -116,7 +121,7 @@ def checkout(tmp_path: Path) -> Checkout:
     return Checkout(tmp_path)
 
 
-# --- what a machine lacks: one sentence, exit code 1, nothing created --------------------------------------------------
+# --- what a machine lacks: one sentence, exit code 1, nothing created -----------------------------------------------
 
 
 def _no_compiler(checkout: Checkout) -> None:
@@ -208,7 +213,7 @@ def test_a_named_python_is_the_only_candidate(checkout: Checkout) -> None:
     assert "python-of-mine is not one" in err
 
 
-# --- a finished set-up -------------------------------------------------------------------------------------------------
+# --- a finished set-up ----------------------------------------------------------------------------------------------
 
 
 def test_a_ready_checkout_starts_the_command_line_and_nothing_else(checkout: Checkout) -> None:
@@ -262,7 +267,7 @@ def test_the_second_of_two_waits_and_then_uses_what_the_first_made(checkout: Che
     assert (second.returncode, out, err) == (0, "cli ['demo'] marked\n", "")
 
 
-# --- interrupted, failed -----------------------------------------------------------------------------------------------
+# --- interrupted, failed --------------------------------------------------------------------------------------------
 
 
 def test_ctrl_c_ends_with_one_line_and_the_next_call_repairs(checkout: Checkout) -> None:
@@ -349,7 +354,7 @@ def test_an_unknown_failure_has_no_cause() -> None:
     assert install.find_cause("Traceback: something new") == ""
 
 
-# --- what makes a set-up stale -----------------------------------------------------------------------------------------
+# --- what makes a set-up stale --------------------------------------------------------------------------------------
 
 
 def test_a_changed_lock_updates_the_environment(checkout: Checkout) -> None:
@@ -366,7 +371,7 @@ def test_a_changed_lock_updates_the_environment(checkout: Checkout) -> None:
         ({"version": state.SETUP_VERSION + 1}, "set-up itself"),
     ],
 )
-def test_another_kind_of_environment_is_made_anew(checkout: Checkout, change: dict[str, str], reason: str) -> None:
+def test_another_kind_of_environment_is_made_anew(checkout: Checkout, change: dict[str, Any], reason: str) -> None:
     checkout.make_ready()
     work = checkout.missing(checkout.wanted()._replace(**change))
     assert work is not None
@@ -424,7 +429,7 @@ def test_the_content_of_a_module_needs_no_build_and_that_of_a_message_does(check
     assert checkout.missing() == state.Work(build=True, reason="the workspace has changed")
 
 
-# --- where ROS 2 comes from, what reaches the environment --------------------------------------------------------------
+# --- where ROS 2 comes from, what reaches the environment -----------------------------------------------------------
 
 
 def _fake_rclpy(folder: Path, suffix: str) -> str:
@@ -514,7 +519,7 @@ def test_the_wheels_cmake_files_get_the_paths_of_this_machine(tmp_path: Path) ->
     assert file.read_text() == f'"/usr/include/python3.12;{tmp_path}/lib/x" {tmp_path}'
 
 
-# --- the shell ---------------------------------------------------------------------------------------------------------
+# --- the shell ------------------------------------------------------------------------------------------------------
 
 
 def test_the_shell_returns_the_code_of_its_command(checkout: Checkout) -> None:
