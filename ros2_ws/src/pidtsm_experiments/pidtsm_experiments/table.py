@@ -1,0 +1,69 @@
+"""The metrics of a run as a table on the terminal."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+_ROWS = (
+    ("rmse", "RMSE", "rad"),
+    ("eci", "ECI, mean |torque|", "N m"),
+    ("steady_state_error", "steady-state error", "rad"),
+    ("settling_time", "settling time", "s"),
+    ("recovery_time", "recovery time", "s"),
+    ("torque_variation", "torque variation", "N m"),
+    ("torque_jumps", "torque jumps", ""),
+    ("saturation", "saturated", "%"),
+    ("adaptive_gain", "adaptive gain, last", ""),
+)
+_FACTOR = {"saturation": 100.0}
+
+
+def metrics_table(metrics: Mapping[str, Any]) -> Table:
+    """One column a joint.
+
+    Args:
+        metrics: as in metrics.json.
+    """
+    said = [str(metrics[key]) for key in ("scenario", "law", "clock") if metrics[key] is not None]
+    run = f"{_number(metrics['duration'])} s, {metrics['samples']} samples"
+    table = Table(title=": ".join(filter(None, (", ".join(said), run))), box=box.SIMPLE_HEAD, title_style="bold")
+    table.caption, table.caption_justify = _caption(metrics), "left"
+    table.add_column("metric")
+    table.add_column("unit")
+    for joint in metrics["joints"]:
+        table.add_column(joint, justify="right")
+    for key, label, unit in _ROWS:
+        if key in metrics:
+            table.add_row(label, unit, *(_number(value, _FACTOR.get(key, 1.0)) for value in metrics[key]))
+    return table
+
+
+def print_metrics(metrics: Mapping[str, Any], console: Console | None = None) -> None:
+    """Print the table; without a terminal it is plain text.
+
+    Args:
+        metrics: as in metrics.json.
+        console: where to, standard output by default.
+    """
+    (console or Console()).print(metrics_table(metrics))
+
+
+def _caption(metrics: Mapping[str, Any]) -> str:
+    timing = metrics["timing"]
+    tick = " / ".join(_number(timing["compute_time"][key], 1e6) for key in ("p50", "p99", "max"))
+    lost = [f"{topic} {count}" for topic, count in metrics["lost"].items() if count]
+    return (
+        f"{_number(timing['rate'])} Hz, longest period {_number(timing['period_max'], 1e3)} ms\n"
+        f"compute time {tick} us (p50 / p99 / max)\n"
+        f"stamps without a partner: {', '.join(lost) or 'none'}"
+    )
+
+
+def _number(value: float | None, factor: float = 1.0) -> str:
+    """Four significant digits, enough to compare runs; a dash for what does not exist."""
+    if value is None:
+        return "-"
+    return str(value) if isinstance(value, int) and factor == 1.0 else f"{value * factor:.4g}"
