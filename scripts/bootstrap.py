@@ -71,6 +71,6 @@ if __name__ == "__main__":
     except KeyboardInterrupt as stop:
         say("interrupted; the next call repairs it")
         sys.exit(128 + (stop.args[0] if stop.args else signal.SIGINT))
-    except SetupError as error:
+    except (SetupError, OSError) as error:
         say(str(error))
         sys.exit(1)

@@ -29,6 +29,8 @@ _COMPILERS = {
 
 def check_machine(ros: str, root: Path, *, create: bool) -> None:
     """Everything that building the workspace needs; with `create` also what a new environment needs."""
+    if not os.access(root, os.W_OK):
+        raise SetupError(f"{root} has to be set up, and this user cannot write there.")
     if create:
         _check_platform(ros)
         _check_venv()

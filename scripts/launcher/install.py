@@ -20,7 +20,7 @@ from launcher import state
 from launcher.checks import check_machine
 from launcher.console import SetupError, say
 from launcher.state import WHEELS, Layout, Wanted, Work
-from launcher.variables import clean, with_home
+from launcher.variables import clean
 
 _LOG_LINES_SHOWN = 30
 
@@ -46,7 +46,7 @@ class Installer:
         self.layout = layout
         self.want = want
         self._lock = lock
-        self._env = with_home(_tool_variables(layout, want.ros), layout)
+        self._env = _tool_variables(layout, want.ros)
 
     def do(self, work: Work) -> None:
         if work.create:

@@ -70,9 +70,7 @@ def with_home(env: dict[str, str], layout: Layout) -> dict[str, str]:
     home = env.get("HOME", "")
     if home and os.access(home, os.W_OK | os.X_OK):
         return env
-    place = layout.venv if os.access(layout.venv, os.W_OK) else Path(tempfile.gettempdir()) / f"pidtsm-{os.getuid()}"
-    place = place / "home"
-    place.mkdir(parents=True, exist_ok=True)
+    place = _private_folder(layout)
     if not home:
         env["HOME"] = str(place)
     defaults = {
@@ -84,6 +82,17 @@ def with_home(env: dict[str, str], layout: Layout) -> dict[str, str]:
     for name, value in defaults.items():
         env.setdefault(name, str(value))
     return env
+
+
+def _private_folder(layout: Layout) -> Path:
+    """A folder of this user's that can be written to, inside the environment if possible."""
+    if os.access(layout.venv, os.W_OK):
+        place = layout.venv / "home"
+        place.mkdir(exist_ok=True)
+        return place
+    place = Path(tempfile.gettempdir()) / f"pidtsm-{os.getuid()}"
+    place.mkdir(mode=0o700, exist_ok=True)
+    return place if place.stat().st_uid == os.getuid() else Path(tempfile.mkdtemp(prefix="pidtsm-"))
 
 
 def _entries(value: str | None) -> list[str]:
