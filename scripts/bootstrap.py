@@ -46,6 +46,7 @@ def ready_state(layout: state.Layout) -> dict[str, Any]:
 
 
 def main(arguments: list[str]) -> NoReturn:
+    """Become the command that `arguments` ask for, in an environment that is ready for it."""
     layout = state.Layout(Path(__file__).resolve().parent.parent)
     command = command_for(arguments, str(layout.python))
     reached = ready_state(layout)
@@ -53,7 +54,7 @@ def main(arguments: list[str]) -> NoReturn:
     if Path(command[0]).name == "bash" and command[1] == "-i":
         command = [command[0], "--rcfile", variables.bash_start_file(env, reached), "-i"]
     try:
-        os.execvpe(command[0], command, env)
+        os.execvpe(command[0], command, env)  # noqa: S606 (the user's own shell, or our Python)
     except OSError as error:
         raise SetupError(f"cannot start {command[0]}: {error.strerror}.") from error
 

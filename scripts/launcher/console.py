@@ -10,4 +10,5 @@ class SetupError(Exception):
 
 
 def say(message: str, end: str = "\n") -> None:
+    """Tell the user, on standard error: standard output belongs to the command."""
     print(f"pidtsm: {message}", end=end, file=sys.stderr, flush=True)

@@ -76,7 +76,7 @@ class Work(NamedTuple):
 def base_python() -> str:
     """This interpreter, or the one it was made from if it belongs to a virtual environment."""
     base = getattr(sys, "_base_executable", "")
-    return os.path.realpath(base if os.path.exists(base) else sys.executable)
+    return os.path.realpath(base if base and Path(base).exists() else sys.executable)
 
 
 def sourced_jazzy(layout: Layout) -> str | None:
@@ -94,11 +94,13 @@ def sourced_jazzy(layout: Layout) -> str | None:
 
 
 def wanted(layout: Layout) -> Wanted:
+    """The environment that this interpreter, this shell and this checkout's lock file ask for."""
     ros = sourced_jazzy(layout) or WHEELS
     return Wanted(root=str(layout.root), ros=ros, python=base_python(), lock=lock_digest(layout.lock(ros)))
 
 
 def lock_digest(lock: Path) -> str:
+    """What a lock file is recognized by."""
     return hashlib.sha256(lock.read_bytes()).hexdigest()
 
 
@@ -141,7 +143,7 @@ def write(layout: Layout, environment: Wanted, **built: Any) -> None:
         json.dump({"environment": environment._asdict(), **built}, file, indent=1)
         file.flush()
         os.fsync(file.fileno())
-    os.replace(draft, layout.state)
+    draft.replace(layout.state)
 
 
 def missing(layout: Layout, want: Wanted, state: dict[str, Any]) -> Work | None:
