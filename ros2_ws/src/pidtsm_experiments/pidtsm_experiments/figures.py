@@ -37,7 +37,13 @@ STYLE: Any = {
     "svg.fonttype": "none",  # text as text: small, and searchable
     "svg.hashsalt": "pidtsm",  # the same run gives the same file
 }
-MARK: dict[str, Any] = {"color": "#D55E00", "markersize": 7, "markeredgewidth": 1, "clip_on": False, "in_layout": False}
+MARK: dict[str, Any] = {
+    "color": "#D55E00",
+    "linewidth": 4.0,
+    "solid_capstyle": "butt",
+    "clip_on": False,
+    "in_layout": False,
+}
 # Units of s, sigma and Y, which depend on the surface and the manifold of the law.
 _UNITS = {
     "piddtsm": ("rad/s", "rad/s$^2$", "rad/s$^3$"),
@@ -46,7 +52,7 @@ _UNITS = {
 }
 _ANY_UNIT = ("SI unit", "SI unit", "SI unit")
 _WIDTH = 7.0  # inch
-_COLUMNS = 600  # parts of the time axis of which a line keeps the extremes
+_COLUMNS = 500  # parts of the time axis of which a line keeps the extremes
 _START = 1.0  # what of a run shows its start, s
 
 
@@ -90,7 +96,7 @@ def error(recording: Recording) -> Figure:
         _line(table[1, 0], *_envelope(recording.time, np.abs(recording.error[:, j])), j, joint)
     table[0, 0].set_ylabel("$e = q - q_d$ (rad)")
     table[1, 0].set_ylabel("$|e|$, envelope (rad)")
-    table[1, 0].set_yscale("log", nonpositive="mask")
+    _logarithmic(table[1, 0])
     return _finished(figure, table, recording)
 
 
@@ -118,7 +124,7 @@ def sliding_variables(recording: Recording) -> Figure:
             values = recording.signals[:, signal, j]
             _line(size, *_envelope(recording.time, np.abs(values)), j, joint)
             _line(signed, recording.time[start], values[start], j, joint)
-        size.set_yscale("log", nonpositive="mask")
+        _logarithmic(size)
         size.set_ylabel(f"$|{name}|$, envelope ({unit})")
         signed.set_ylabel(f"${name}$ ({unit})")
     return _finished(figure, table, recording)
@@ -184,10 +190,17 @@ def _line(ax: Axes, time: Array, values: Array, number: int, label: str) -> None
 
 
 def _mark(ax: Axes, time: Array, where: NDArray[np.bool_], label: str) -> None:
-    """Mark times at the top of the panel; a mark is wide enough to be seen even if it is one sample."""
+    """Mark times above the panel; a mark is wide enough to be seen even if it is one sample."""
     begins = _parts(time)
-    marked = time[begins[np.logical_or.reduceat(where, begins)]]
-    ax.plot(marked, np.ones(marked.size), "|", transform=ax.get_xaxis_transform(), **MARK, label=label)
+    ends = np.append(time[begins[1:]], time[-1])
+    height = np.where(np.logical_or.reduceat(where, begins), 1.02, np.nan)
+    spans = np.column_stack((time[begins], ends)).ravel()
+    ax.plot(spans, np.repeat(height, 2), transform=ax.get_xaxis_transform(), label=label, **MARK)
+
+
+def _logarithmic(ax: Axes) -> None:
+    if any(np.any(np.asarray(line.get_ydata()) > 0.0) for line in ax.lines):
+        ax.set_yscale("log", nonpositive="mask")
 
 
 def _parts(time: Array) -> NDArray[np.intp]:

@@ -138,16 +138,22 @@ def read_recording(path: Path) -> Recording:
         RecordingError: not a finished bag, no messages, a topic or joint missing, nothing with equal stamps, or
             values that are not finite.
     """
+    try:
+        return _read(path)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error.__cause__
+
+
+def _read(path: Path) -> Recording:
     with closing(_open(path)) as reader:
-        found = _find_topics(reader.connections, path)
-        joints, columns = _read_topics(reader, found, path)
+        joints, columns = _read_topics(reader, _find_topics(reader.connections))
     truth = columns[_TRUTH].stamps
     needed = [topic for topic in columns if topic.required]
     stamps = reduce(np.intersect1d, (columns[topic].stamps for topic in needed))
     if stamps.size == 0:
         raise RecordingError(
-            f"{path}: no stamp is in all of {', '.join(t.name for t in needed)}; each must carry the stamp of the "
-            "joint state that it belongs to"
+            f"no stamp is in all of {', '.join(t.name for t in needed)}; each must carry the stamp of the joint state "
+            "that it belongs to"
         )
     at = {topic: np.searchsorted(columns[topic].stamps, stamps) for topic in needed}
     motion = columns[_TRUTH].values[at[_TRUTH]]
@@ -187,13 +193,13 @@ class _Columns:
 
 def _open(path: Path) -> AnyReader:
     if not path.exists():
-        raise RecordingError(f"{path} does not exist")
+        raise RecordingError("there is no such file or folder")
     if path.is_dir() and not (path / "metadata.yaml").exists():
         if not [*path.glob("*.mcap"), *path.glob("*.db3")]:
-            raise RecordingError(f"{path} is not a bag: it has no metadata.yaml and no .mcap or .db3 file")
+            raise RecordingError("not a bag: no metadata.yaml, and no .mcap or .db3 file")
         raise RecordingError(
-            f"{path} has no metadata.yaml: its recorder was stopped before it could finish the bag. Save what there "
-            "is of an MCAP file with `mcap recover FILE.mcap -o SAVED.mcap` and read SAVED.mcap"
+            "no metadata.yaml: the recorder was stopped before it could finish the bag. Save what there is of an MCAP "
+            "file with `mcap recover FILE.mcap -o SAVED.mcap` and read SAVED.mcap"
         )
     try:
         reader = AnyReader([path], default_typestore=typestore())
@@ -201,16 +207,18 @@ def _open(path: Path) -> AnyReader:
     except RecordingError:
         raise
     except Exception as error:  # rosbags meets broken files with many exceptions, its own and Python's
-        raise RecordingError(
-            f"{path} cannot be read as a bag: {error}. An MCAP file that was cut off can be saved with `mcap recover`"
-        ) from error
+        raise _damaged("not a whole bag", error) from error
     if reader.message_count == 0:
         reader.close()
-        raise RecordingError(f"{path} has no messages: was anything running, on the same ROS_DOMAIN_ID, when recorded?")
+        raise RecordingError("no messages: was anything running, with the same ROS_DOMAIN_ID, when it was recorded?")
     return reader
 
 
-def _find_topics(connections: Sequence[Connection], path: Path) -> dict[_Topic, list[Connection]]:
+def _damaged(what: str, error: Exception) -> RecordingError:
+    return RecordingError(f"{what}: {error} (`mcap recover FILE.mcap -o SAVED.mcap` saves the rest of an MCAP file)")
+
+
+def _find_topics(connections: Sequence[Connection]) -> dict[_Topic, list[Connection]]:
     """Connections of each topic, by type and last part of the name."""
     found: dict[_Topic, list[Connection]] = {}
     for topic in _TOPICS:
@@ -218,31 +226,34 @@ def _find_topics(connections: Sequence[Connection], path: Path) -> dict[_Topic, 
         matches = [c for c in connections if c.msgtype == topic.msgtype and c.topic.rpartition("/")[2] == last]
         names = sorted({c.topic for c in matches})
         if topic.required and len(names) > 1:
-            raise RecordingError(f"{path} has more than one {topic.name}: {', '.join(names)}; record one robot a bag")
+            raise RecordingError(f"more than one {topic.name}: {', '.join(names)}; record one robot a bag")
         if matches:
             found[topic] = matches
     lacking = [f"{topic.name} ({topic.msgtype})" for topic in _TOPICS if topic.required and topic not in found]
     if lacking:
         has = sorted({f"{c.topic} ({c.msgtype})" for c in connections})
-        raise RecordingError(f"{path} lacks {', '.join(lacking)}; it has {', '.join(has)}")
+        raise RecordingError(f"the bag lacks {', '.join(lacking)}; it has {', '.join(has)}")
+    for topic, matches in found.items():
+        if topic.required and not any(connection.msgcount for connection in matches):
+            raise RecordingError(f"no messages on {matches[0].topic}: was its node running?")
     return found
 
 
-def _messages(reader: AnyReader, connections: Sequence[Connection], path: Path) -> Iterator[tuple[str, bytes]]:
+def _messages(reader: AnyReader, connections: Sequence[Connection]) -> Iterator[tuple[str, bytes]]:
     """Topic and payload of every message of `connections`."""
     try:
         for connection, _, payload in reader.messages(connections):
             yield connection.topic, payload
     except Exception as error:  # as in _open
-        raise RecordingError(f"{path} is damaged: {error}. `mcap recover` saves the rest of an MCAP file") from error
+        raise _damaged("the messages cannot be read", error) from error
 
 
 def _read_topics(
-    reader: AnyReader, found: Mapping[_Topic, list[Connection]], path: Path
+    reader: AnyReader, found: Mapping[_Topic, list[Connection]]
 ) -> tuple[tuple[str, ...], dict[_Topic, _Columns]]:
     """Joints of the ground truth, and every topic."""
-    first = next(_messages(reader, found[_TRUTH], path), None)
-    joints = tuple(_parse(reader, first[1], _TRUTH).name) if first else ()
+    _, first = next(_messages(reader, found[_TRUTH]), ("", b""))
+    joints = tuple(_parse(reader, first, _TRUTH).name)
     topic_of = {connection.topic: topic for topic, connections in found.items() for connection in connections}
     pending: dict[_Topic, list[bytes]] = {topic: [] for topic in found}
     blocks: dict[_Topic, list[_Columns]] = {topic: [] for topic in found}
@@ -251,15 +262,13 @@ def _read_topics(
         blocks[topic].append(_decode(pending[topic], topic, joints, reader))
         pending[topic] = []
 
-    for name, payload in _messages(reader, [c for some in found.values() for c in some], path):
+    for name, payload in _messages(reader, [c for some in found.values() for c in some]):
         topic = topic_of[name]
         pending[topic].append(payload)
         if len(pending[topic]) == _BLOCK:
             decode(topic)
     for topic in found:
         decode(topic)
-        if topic.required and not any(block.stamps.size for block in blocks[topic]):
-            raise RecordingError(f"{path} has no messages on {found[topic][0].topic}")
     return joints, {topic: _joined(some) for topic, some in blocks.items()}
 
 
@@ -276,7 +285,7 @@ def _parse(reader: AnyReader, payload: bytes, topic: _Topic) -> Any:
     try:
         return reader.deserialize(payload, topic.msgtype)
     except Exception as error:  # as in _open
-        raise RecordingError(f"{topic.name} has a message that cannot be read: {error}") from error
+        raise _damaged(f"a message of {topic.name} cannot be read", error) from error
 
 
 def _decode(payloads: Sequence[bytes], topic: _Topic, joints: Sequence[str], reader: AnyReader) -> _Columns:
@@ -291,7 +300,7 @@ def _decode(payloads: Sequence[bytes], topic: _Topic, joints: Sequence[str], rea
         values=np.empty((len(payloads), len(topic.fields), len(joints))),
         scalars=np.empty(len(payloads)),
     )
-    if not topic.fields:
+    if not topic.fields or not payloads:
         return columns
     lengths = np.array([len(payload) for payload in payloads])
     pending = np.arange(len(payloads))
@@ -368,4 +377,4 @@ def _metadata(path: Path) -> dict[str, Any]:
             "event_time": None if event_time is None else float(event_time),
         }
     except (AttributeError, TypeError, ValueError) as error:
-        raise RecordingError(f"{folder}: custom data {METADATA_KEY} is not what the recorder writes: {error}") from None
+        raise RecordingError(f"custom data {METADATA_KEY} is not what the recorder writes: {error}") from None

@@ -5,6 +5,7 @@ from typing import Any
 
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 _ROWS = (
@@ -29,12 +30,13 @@ def metrics_table(metrics: Mapping[str, Any]) -> Table:
     """
     said = [str(metrics[key]) for key in ("scenario", "law", "clock") if metrics[key] is not None]
     run = f"{_number(metrics['duration'])} s, {metrics['samples']} samples"
-    table = Table(title=": ".join(filter(None, (", ".join(said), run))), box=box.SIMPLE_HEAD, title_style="bold")
+    title = ": ".join(filter(None, (", ".join(said), run)))
+    table = Table(title=escape(title), title_style="bold", box=box.SIMPLE_HEAD)
     table.caption, table.caption_justify = _caption(metrics), "left"
     table.add_column("metric")
     table.add_column("unit")
     for joint in metrics["joints"]:
-        table.add_column(joint, justify="right")
+        table.add_column(escape(joint), justify="right")
     for key, label, unit in _ROWS:
         if key in metrics:
             table.add_row(label, unit, *(_number(value, _FACTOR.get(key, 1.0)) for value in metrics[key]))

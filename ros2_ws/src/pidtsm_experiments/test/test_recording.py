@@ -1,0 +1,351 @@
+"""Bags are read whole, by stamp and joint name, and a bag that cannot be read says why."""
+
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from pidtsm_core.rollout import Rollout
+from pidtsm_experiments.recording import Recording, RecordingError, read_recording, typestore
+
+REQUIRED = ("simulator/ground_truth", "reference", "controller/state")
+TOPICS = (*REQUIRED, "joint_states", "joint_commands")
+
+
+def first(run: Rollout, samples: int) -> Rollout:
+    """The first samples of a run."""
+    arrays = {f.name: getattr(run, f.name)[:samples] for f in fields(run) if f.name != "joints"}
+    return replace(run, **arrays)
+
+
+def permuted(message: Any) -> Any:
+    """The same message with its joints the other way round."""
+    arrays = {name: value[::-1].copy() for name, value in vars(message).items() if isinstance(value, np.ndarray)}
+    return replace(message, name=message.name[::-1], **arrays)
+
+
+def assert_is(recording: Recording, run: Rollout) -> None:
+    """Bit for bit."""
+    assert recording.joints == run.joints
+    for name in ("time", "position", "velocity", "effort", "reference", "signals"):
+        np.testing.assert_array_equal(getattr(recording, name), getattr(run, name), err_msg=name)
+
+
+@pytest.mark.parametrize("plugin", StoragePlugin)
+def test_a_bag_gives_back_the_run(tmp_path: Path, run: Rollout, write_bag: Any, plugin: StoragePlugin) -> None:
+    recording = read_recording(write_bag(tmp_path / "bag", run, plugin=plugin))
+    assert_is(recording, run)
+    np.testing.assert_array_equal(recording.compute_time, 2e-5)
+    np.testing.assert_array_equal(recording.error, run.position - run.reference[:, 0])
+    assert (recording.scenario, recording.law, recording.clock) == ("case1", "piddtsm", "lockstep")
+    assert recording.event_time is None
+    assert recording.lost == dict.fromkeys(TOPICS[1:], 0)
+
+
+@pytest.mark.parametrize(("plugin", "suffix"), [(StoragePlugin.MCAP, "mcap"), (StoragePlugin.SQLITE3, "db3")])
+def test_the_file_inside_a_bag_is_enough(
+    tmp_path: Path, run: Rollout, write_bag: Any, plugin: StoragePlugin, suffix: str
+) -> None:
+    (file,) = write_bag(tmp_path / "bag", run, plugin=plugin).glob(f"*.{suffix}")
+    recording = read_recording(file)
+    assert_is(recording, run)
+    assert recording.scenario == "case1"
+    alone = read_recording(file.rename(tmp_path / file.name))
+    assert_is(alone, run)
+    assert alone.scenario is None
+
+
+def test_topics_are_found_in_any_namespace(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    assert_is(read_recording(write_bag(tmp_path / "bag", run, namespace="/lab/arm_7")), run)
+
+
+def test_time_counts_from_the_first_ground_truth(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    start = 1_700_000_000_123_456_789
+    recording = read_recording(
+        write_bag(
+            tmp_path / "bag",
+            run,
+            start=start,
+            edit=lambda topic, k, message: None if topic == "reference" and k < 3 else message,
+        )
+    )
+    assert_is(recording, replace(run, **{f: getattr(run, f)[3:] for f in vars(run) if f != "joints"}))
+    assert recording.stamps_ns[0] == start + 3_000_000
+
+
+@pytest.mark.parametrize(
+    "when",
+    [
+        pytest.param(lambda topic, k: topic != "simulator/ground_truth", id="every message"),
+        pytest.param(lambda topic, k: topic != "simulator/ground_truth" and k % 2, id="every second message"),
+        pytest.param(lambda topic, k: k > 0, id="all but the first"),
+    ],
+)
+def test_joints_are_matched_by_name(
+    tmp_path: Path, run: Rollout, write_bag: Any, when: Callable[[str, int], bool]
+) -> None:
+    path = write_bag(
+        tmp_path / "bag", run, edit=lambda topic, k, message: permuted(message) if when(topic, k) else message
+    )
+    assert_is(read_recording(path), run)
+
+
+def test_messages_may_be_built_differently(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    """Frames of other lengths move the numbers, others joints add some."""
+
+    def edit(topic: str, k: int, message: Any) -> Any:
+        message = replace(message, header=replace(message.header, frame_id="x" * (k % 11)))
+        if k % 3 or topic == "simulator/ground_truth":
+            return message
+        arrays = {n: np.append(9.0, v) for n, v in vars(message).items() if isinstance(v, np.ndarray) and v.size}
+        return replace(message, name=["gripper", *message.name], **arrays)
+
+    assert_is(read_recording(write_bag(tmp_path / "bag", run, edit=edit)), run)
+
+
+def test_lost_counts_the_stamps_of_the_ground_truth_without_a_partner(
+    tmp_path: Path, run: Rollout, write_bag: Any
+) -> None:
+    dropped = {"reference": range(0, 5), "controller/state": range(4, 10), "joint_commands": range(100, 103)}
+    recording = read_recording(
+        write_bag(tmp_path / "bag", run, edit=lambda topic, k, m: None if k in dropped.get(topic, ()) else m)
+    )
+    assert recording.lost == {"reference": 5, "controller/state": 6, "joint_states": 0, "joint_commands": 3}
+    np.testing.assert_array_equal(recording.time, run.time[10:])
+
+
+def test_a_message_sent_twice_counts_once(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    def edit(topic: str, k: int, message: Any) -> Any:
+        if (topic, k) != ("reference", 5):
+            return message
+        return replace(message, header=replace(message.header, stamp=replace(message.header.stamp, nanosec=4_000_000)))
+
+    recording = read_recording(write_bag(tmp_path / "bag", run, edit=edit))
+    assert recording.lost["reference"] == 1
+    np.testing.assert_array_equal(recording.reference[4], run.reference[4])
+
+
+def test_only_what_is_needed_must_be_there(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    recording = read_recording(write_bag(tmp_path / "bag", run, lacking=("joint_states", "joint_commands")))
+    assert_is(recording, run)
+    assert set(recording.lost) == {"reference", "controller/state"}
+
+
+def test_foreign_bags_say_nothing_of_the_run(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    recording = read_recording(write_bag(tmp_path / "bag", run, metadata=None))
+    assert (recording.scenario, recording.law, recording.clock, recording.event_time) == (None,) * 4
+
+
+def test_the_event_comes_from_the_recorder(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    recording = read_recording(write_bag(tmp_path / "bag", run, metadata={"event_time": 1, "unknown": "ignored"}))
+    assert recording.event_time == 1.0
+    assert recording.scenario is None
+
+
+def test_bags_without_message_definitions_are_read(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    """As ROS 2 Humble writes them."""
+    path = write_bag(tmp_path / "bag", run, plugin=StoragePlugin.SQLITE3)
+    (file,) = path.glob("*.db3")
+    database = sqlite3.connect(file)
+    with database:
+        database.execute("DELETE FROM message_definitions")
+    database.close()
+    assert_is(read_recording(path), run)
+
+
+@settings(max_examples=20, deadline=None)
+@given(lost=st.fixed_dictionaries({topic: st.sets(st.integers(0, 9)) for topic in TOPICS}))
+def test_samples_are_the_stamps_that_have_everything(run: Rollout, write_bag: Any, lost: dict[str, set[int]]) -> None:
+    short = first(run, 10)
+    kept = {topic: set(range(10)) - lost[topic] for topic in TOPICS}
+    truth = kept["simulator/ground_truth"]
+    complete = sorted(set.intersection(*(kept[topic] for topic in REQUIRED)))
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_bag(Path(folder, "bag"), short, edit=lambda topic, k, m: None if k in lost[topic] else m)
+        if not complete:
+            with pytest.raises(RecordingError):
+                read_recording(path)
+            return
+        recording = read_recording(path)
+    np.testing.assert_array_equal(recording.effort, short.effort[complete])
+    assert recording.lost == {topic: len(truth - kept[topic]) for topic in TOPICS if topic != "simulator/ground_truth"}
+
+
+# Bags that cannot be read: how each is made from a good one, and what the message must say.
+
+
+def killed(bag: Path) -> Path:
+    """No metadata.yaml, and the MCAP file ends where the recorder was."""
+    (bag / "metadata.yaml").unlink()
+    cut_file(bag)
+    return bag
+
+
+def cut_file(bag: Path) -> Path:
+    (file,) = bag.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    return file
+
+
+def cut(bag: Path) -> Path:
+    cut_file(bag)
+    return bag
+
+
+def emptied(bag: Path) -> Path:
+    cut_file(bag).write_bytes(b"")
+    return bag
+
+
+def damaged(bag: Path) -> Path:
+    """Zeros over the middle of the messages."""
+    (file,) = bag.glob("*.mcap")
+    content = bytearray(file.read_bytes())
+    content[20_000:400_000] = bytes(380_000)
+    file.write_bytes(content)
+    return bag
+
+
+def without_file(bag: Path) -> Path:
+    (file,) = bag.glob("*.mcap")
+    file.unlink()
+    return bag
+
+
+def bad_yaml(bag: Path) -> Path:
+    (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
+    return bag
+
+
+def gone(bag: Path) -> Path:
+    shutil.rmtree(bag)
+    return bag
+
+
+def only_a_folder(bag: Path) -> Path:
+    gone(bag).mkdir()
+    return bag
+
+
+def only_a_text(bag: Path) -> Path:
+    gone(bag).write_text("hello")
+    return bag
+
+
+@pytest.mark.parametrize(
+    ("breaking", "said"),
+    [
+        (gone, "no such file"),
+        (only_a_folder, "not a bag"),
+        (only_a_text, "not a whole bag"),
+        (killed, r"recorder was stopped before .*mcap recover"),
+        (cut, "mcap recover"),
+        (cut_file, "mcap recover"),
+        (emptied, "not a whole bag.*empty"),
+        (damaged, "mcap recover"),
+        (without_file, "missing"),
+        (bad_yaml, "YAML"),
+    ],
+)
+def test_broken_files_say_what_is_wrong(
+    tmp_path: Path, run: Rollout, write_bag: Any, breaking: Callable[[Path], Path], said: str
+) -> None:
+    path = breaking(write_bag(tmp_path / "bag", run))
+    with pytest.raises(RecordingError, match=said) as caught:
+        read_recording(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_bag_without_messages_says_so(tmp_path: Path) -> None:
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        writer.add_connection("/reference", "pidtsm_msgs/msg/JointReference", typestore=typestore())
+    with pytest.raises(RecordingError, match="no messages: was anything running"):
+        read_recording(tmp_path / "bag")
+
+
+@pytest.mark.parametrize("topic", REQUIRED)
+def test_a_topic_that_lacks_is_named_with_those_that_are_there(
+    tmp_path: Path, run: Rollout, write_bag: Any, topic: str
+) -> None:
+    path = write_bag(tmp_path / "bag", run, lacking=(topic,))
+    with pytest.raises(RecordingError, match=rf"lacks {topic} \(.*; it has .*/joint_states \(sensor_msgs"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize("topic", REQUIRED)
+def test_a_topic_without_messages_is_named(tmp_path: Path, run: Rollout, write_bag: Any, topic: str) -> None:
+    path = write_bag(tmp_path / "bag", run, edit=lambda name, k, message: None if name == topic else message)
+    with pytest.raises(RecordingError, match=f"no messages on /{topic}"):
+        read_recording(path)
+
+
+def test_two_robots_in_a_bag_are_refused(tmp_path: Path, run: Rollout) -> None:
+    store = typestore()
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic in ("/a/ground_truth", "/b/ground_truth"):
+            connection = writer.add_connection(topic, "sensor_msgs/msg/JointState", typestore=store)
+            writer.write(connection, 0, b"\x00\x01\x00\x00")
+    with pytest.raises(RecordingError, match="/a/ground_truth, /b/ground_truth"):
+        read_recording(tmp_path / "bag")
+
+
+def with_values(topic: str, **values: Any) -> Callable[[str, int, Any], Any]:
+    """Edit sample 7 of a topic."""
+    return lambda name, k, message: replace(message, **values) if (name, k) == (topic, 7) else message
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (with_values("reference", position=np.array([0.0, np.nan])), "reference .*not finite.* 7000000 ns"),
+        (with_values("controller/state", effort=np.array([np.inf, 0.0])), "controller/state .*not finite"),
+        (with_values("controller/state", compute_time=np.nan), "controller/state .*not finite"),
+        (with_values("controller/state", name=["joint1", "elbow"]), "controller/state lacks joint2"),
+        (with_values("simulator/ground_truth", effort=np.empty(0)), "ground_truth has 0 values of effort for 2"),
+        (with_values("reference", velocity=np.zeros(3)), "reference has 3 values of velocity for 2"),
+    ],
+)
+def test_a_bad_message_is_named(tmp_path: Path, run: Rollout, write_bag: Any, edit: Any, said: str) -> None:
+    path = write_bag(tmp_path / "bag", run, edit=edit)
+    with pytest.raises(RecordingError, match=said):
+        read_recording(path)
+
+
+def test_a_payload_that_is_no_message_is_named(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    store = typestore()
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic, kind in [
+            ("/ground_truth", "sensor_msgs/msg/JointState"),
+            ("/reference", "pidtsm_msgs/msg/JointReference"),
+            ("/controller/state", "pidtsm_msgs/msg/ControllerState"),
+        ]:
+            writer.write(writer.add_connection(topic, kind, typestore=store), 0, b"\x00\x01\x00\x00short")
+    with pytest.raises(RecordingError, match="a message of simulator/ground_truth cannot be read"):
+        read_recording(tmp_path / "bag")
+
+
+def test_stamps_that_never_meet_are_reported(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    def edit(topic: str, k: int, message: Any) -> Any:
+        stamp = message.header.stamp
+        late = replace(message.header, stamp=replace(stamp, nanosec=stamp.nanosec + 1))
+        return replace(message, header=late) if topic == "reference" else message
+
+    path = write_bag(tmp_path / "bag", run, edit=edit)
+    with pytest.raises(RecordingError, match="no stamp is in all of simulator/ground_truth, reference"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"event_time": "soon"}'])
+def test_bad_metadata_is_reported(tmp_path: Path, run: Rollout, write_bag: Any, text: str) -> None:
+    path = write_bag(tmp_path / "bag", run, metadata=text)
+    with pytest.raises(RecordingError, match="custom data"):
+        read_recording(path)

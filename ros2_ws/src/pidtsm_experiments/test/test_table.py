@@ -1,0 +1,62 @@
+"""The table is readable without a terminal and says what does not exist."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from pidtsm_core.rollout import Rollout
+from pidtsm_experiments.analysis import analyze
+from pidtsm_experiments.table import print_metrics
+
+
+@pytest.fixture
+def values(tmp_path: Path, run: Rollout, write_bag: Any) -> dict[str, Any]:
+    return analyze(write_bag(tmp_path / "bag", run))
+
+
+def printed(values: dict[str, Any]) -> list[str]:
+    text = io.StringIO()
+    print_metrics(values, Console(file=text))
+    assert "\x1b" not in text.getvalue()
+    return text.getvalue().splitlines()
+
+
+def row(lines: list[str], label: str) -> list[str]:
+    (line,) = (line for line in lines if line.strip().startswith(label))
+    return line.strip().removeprefix(label).split()
+
+
+def test_there_is_a_column_a_joint_with_units(values: dict[str, Any]) -> None:
+    lines = printed({**values, "rmse": [0.0379512, 1.234e-5]})
+    assert lines[0].strip() == "case1, piddtsm, lockstep: 2 s, 2000 samples"
+    assert row(lines, "metric") == ["unit", "joint1", "joint2"]
+    assert row(lines, "RMSE") == ["rad", "0.03795", "1.234e-05"]
+    assert row(lines, "torque jumps") == [str(count) for count in values["torque_jumps"]]
+
+
+def test_saturation_is_in_percent(values: dict[str, Any]) -> None:
+    assert row(printed({**values, "saturation": [0.0125, 0.0]}), "saturated") == ["%", "1.25", "0"]
+
+
+def test_what_does_not_exist_is_a_dash(values: dict[str, Any]) -> None:
+    lines = printed({**values, "settling_time": [None, 2.5], "scenario": None, "law": None, "clock": None})
+    assert row(lines, "settling time") == ["s", "-", "2.5"]
+    assert lines[0].strip() == "2 s, 2000 samples"
+
+
+def test_recovery_time_only_with_an_event(values: dict[str, Any]) -> None:
+    assert not any("recovery" in line for line in printed(values))
+    assert row(printed({**values, "recovery_time": [0.25, None]}), "recovery time") == ["s", "0.25", "-"]
+
+
+def test_lost_stamps_are_said(values: dict[str, Any]) -> None:
+    assert printed(values)[-1].strip() == "stamps without a partner: none"
+    lost = {**values["lost"], "reference": 3}
+    assert printed({**values, "lost": lost})[-1].strip() == "stamps without a partner: reference 3"
+
+
+def test_joint_names_are_not_markup(values: dict[str, Any]) -> None:
+    assert row(printed({**values, "joints": ["[bold]", "b"]}), "metric") == ["unit", "[bold]", "b"]
