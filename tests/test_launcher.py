@@ -282,6 +282,7 @@ def test_ctrl_c_ends_with_one_line_and_the_next_call_repairs(checkout: Checkout)
             "PIP_INDEX_URL": f"http://127.0.0.1:{port}/simple",
             "PIP_CONFIG_FILE": os.devnull,
             "PIP_RETRIES": "1",
+            "PIP_DEFAULT_TIMEOUT": "600",
         }
         first = checkout.start("demo")
         connection, _ = index.accept()  # pip waits for an answer that never comes
