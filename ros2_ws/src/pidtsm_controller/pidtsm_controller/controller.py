@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from pidtsm_core.controller import Controller, controller_schema
+from pidtsm_core.controller import Controller
 from pidtsm_core.estimators import ESTIMATORS
-from pidtsm_core.parameters import Parameter, ParameterError, Value
+from pidtsm_core.node_parameters import controller_node_schema
+from pidtsm_core.parameters import ParameterError, Value, names
 from pidtsm_core.references import extrapolate
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.signals import Signal
@@ -20,26 +21,12 @@ from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run
 from pidtsm_ros.stamps import nanoseconds, set_stamp
 
-_MATCH = Parameter(
-    "reference.match",
-    "latest",
-    "latest: the newest reference, continued to the stamp of the joint state; "
-    "stamp: wait for the reference with the stamp of the joint state (lockstep)",
-    choices=("latest", "stamp"),
-    fixed=True,
-)
-
-
-def node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Parameters of the controller node."""
-    return (*controller_schema(settings), _MATCH)
-
 
 class ControllerNode(ManagedNode):
     """Answers every joint state with an effort command of the same stamp."""
 
     def __init__(self) -> None:
-        super().__init__("controller", node_schema, robot_joints)
+        super().__init__("controller", controller_node_schema, robot_joints)
 
     def check(self, settings: Mapping[str, object]) -> dict[str, Value]:
         values = super().check(settings)
@@ -52,7 +39,7 @@ class ControllerNode(ManagedNode):
         return values
 
     def configure(self) -> None:
-        joints = list(self.values["joints"])  # type: ignore[arg-type]
+        joints = list(names(self.values["joints"]))
         self._controller = Controller(self.values)
         self._order = JointOrder(joints)
         self._reference_order = JointOrder(joints)
@@ -65,13 +52,9 @@ class ControllerNode(ManagedNode):
         self._controller.step(self._position, self._desired, 0.0)
 
         self._command = JointState(name=joints)
-        self._command.effort, self._effort = joint_field(len(joints))
+        self._effort = joint_field(self._command, "effort", len(joints))
         self._state = ControllerState(name=joints)
-        self._state_rows = []
-        for signal in Signal:
-            values, row = joint_field(len(joints))
-            setattr(self._state, signal.name.lower(), values)
-            self._state_rows.append(row)
+        self._state_rows = [joint_field(self._state, signal.name.lower(), len(joints)) for signal in Signal]
 
         self._commands = self.advertise(JointState, "joint_commands")
         self._states = self.advertise(ControllerState, "~/state")
@@ -102,7 +85,6 @@ class ControllerNode(ManagedNode):
             self._answer()
 
     def _on_joint_state(self, state: JointState) -> None:
-        self._taken = time.perf_counter()
         stamp = nanoseconds(state.header.stamp)
         if stamp == self._last_stamp:
             raise MessageError("two joint states have the same stamp")
@@ -122,6 +104,7 @@ class ControllerNode(ManagedNode):
             self.get_logger().warning("time went back: starting afresh")
             self._controller.reset()
             first = True
+        began = time.perf_counter()
         extrapolate(self._reference, seconds(stamp - self._reference_stamp), self._desired)
         dt = 0.0 if first else seconds(stamp - self._last_stamp)
         self._last_stamp = stamp
@@ -130,7 +113,7 @@ class ControllerNode(ManagedNode):
 
         self._effort[:] = signals[Signal.EFFORT]
         set_stamp(self._command.header.stamp, stamp)
-        compute_time = time.perf_counter() - self._taken
+        compute_time = time.perf_counter() - began
         self._commands.publish(self._command)
 
         for row, values in zip(self._state_rows, signals, strict=True):

@@ -1,12 +1,13 @@
 """Trajectory node: publishes the reference for every joint state."""
 
 import sys
-from collections.abc import Mapping
 
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from pidtsm_core.references import ReferenceMotion, reference_joints, reference_schema
+from pidtsm_core.node_parameters import trajectory_node_schema
+from pidtsm_core.parameters import names
+from pidtsm_core.references import ReferenceMotion, reference_joints
 from pidtsm_core.timing import seconds
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.joints import joint_field
@@ -22,21 +23,18 @@ class Trajectory(ManagedNode):
     """
 
     def __init__(self) -> None:
-        super().__init__("trajectory", reference_schema, reference_joints)
+        super().__init__("trajectory", trajectory_node_schema, reference_joints)
 
     def configure(self) -> None:
-        joints = list(self.values["joints"])  # type: ignore[arg-type]
+        joints = list(names(self.values["joints"]))
         self._motion = ReferenceMotion(self.values)
         self._desired = np.zeros((3, len(joints)))
         # Compile before the loop.
         self._motion.evaluate(0.0, self._desired)
 
         self._reference = JointReference(name=joints)
-        self._rows = []
-        for field in ("position", "velocity", "acceleration"):
-            values, row = joint_field(len(joints))
-            setattr(self._reference, field, values)
-            self._rows.append(row)
+        fields = ("position", "velocity", "acceleration")
+        self._rows = [joint_field(self._reference, field, len(joints)) for field in fields]
 
         self._references = self.advertise(JointReference, "reference")
         self.listen(JointState, "joint_states", self._on_joint_state)

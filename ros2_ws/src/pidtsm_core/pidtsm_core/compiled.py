@@ -29,7 +29,7 @@ warnings.simplefilter("ignore", numba.NumbaExperimentalFeatureWarning)
 def _writable_root() -> Path:
     """Folder that holds the caches: NUMBA_CACHE_DIR, the user's cache folder, or a temporary one."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
-    user = Path(os.environ.get("XDG_CACHE_HOME") or Path(os.path.expanduser("~")) / ".cache") / "pidtsm" / "numba"
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "pidtsm" / "numba"
     fallback = Path(tempfile.gettempdir()) / f"pidtsm-numba-{os.getuid()}"
     for root in (Path(chosen) if chosen else user, fallback):
         try:

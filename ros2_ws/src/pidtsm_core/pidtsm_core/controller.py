@@ -1,6 +1,6 @@
 """The controller: estimator, law, robot model and torque limits as one compiled tick."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -59,6 +59,8 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
     """One control period: writes every signal, the commanded effort among them, to ``state.signals``.
 
     Args:
+        config: what the tick reads.
+        state: what it changes.
         q: measured positions, shape (joints,), rad.
         truth: true q', q'' for an estimator that `needs_truth`, shape (2, joints), else ignored.
         desired: q_d, q_d', q_d'', shape (3, joints), rad, rad/s, rad/s^2.
@@ -106,9 +108,7 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
     q_hat, dq_hat = y[Signal.POSITION], y[Signal.VELOCITY]
     inverse_dynamics(config.robot, q_hat, dq_hat, y[Signal.ACCELERATION_COMMAND], config.model, equivalent)
     y[Signal.ACCELERATION_COMMAND] = y[Signal.EFFORT]
-    inverse_dynamics(
-        config.robot, q_hat, dq_hat, y[Signal.ACCELERATION_COMMAND], config.model, y[Signal.EFFORT]
-    )
+    inverse_dynamics(config.robot, q_hat, dq_hat, y[Signal.ACCELERATION_COMMAND], config.model, y[Signal.EFFORT])
     for j in range(joints):
         limit = config.effort_limit[j]
         effort = y[Signal.EFFORT, j]

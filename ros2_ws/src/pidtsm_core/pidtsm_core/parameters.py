@@ -165,6 +165,18 @@ def unknown_parameter(name: str, known: Iterable[str]) -> str:
     return f"unknown parameter {name}{hint or '; known are ' + ', '.join(known)}"
 
 
+def number(value: Value) -> float:
+    """The checked value of a parameter that is a number."""
+    assert isinstance(value, (int, float))
+    return float(value)
+
+
+def names(value: Value) -> tuple[str, ...]:
+    """The checked value of a parameter that is a list of names."""
+    assert isinstance(value, tuple)
+    return value
+
+
 def joint_array(value: Value, joints: int) -> Array:
     """One float a joint, shape (joints,), from a number or a sequence."""
     return np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (joints,)))

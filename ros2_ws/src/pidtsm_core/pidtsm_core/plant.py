@@ -7,7 +7,7 @@ import numpy as np
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
-from pidtsm_core.parameters import Array, Parameter, Value, joint_array
+from pidtsm_core.parameters import Array, Parameter, Value, joint_array, number
 from pidtsm_core.robots import ROBOTS, attach, forward_dynamics, robot_schema
 
 
@@ -52,7 +52,9 @@ class PlantState(NamedTuple):
 
 
 @njit
-def _acceleration(config: PlantConfig, model: Array, q: Array, dq: Array, effort: Array, net: Array, ddq: Array) -> None:
+def _acceleration(
+    config: PlantConfig, model: Array, q: Array, dq: Array, effort: Array, net: Array, ddq: Array
+) -> None:
     """ddq of eq. (5); `net` is scratch for the torque with the disturbance."""
     net[:] = effort
     add_disturbance(config.disturbance, q, dq, net)
@@ -124,15 +126,15 @@ class Plant:
     def set_parameters(self, values: Mapping[str, Value]) -> None:
         """Use other parameters from the next step on; the state stays."""
         robot = ROBOTS[str(values["robot.name"])]
-        number = ROBOTS.number(robot.name)
+        place = ROBOTS.number(robot.name)
         model = robot.pack_model(values)
         loaded = np.empty_like(model)
-        attach(number, model, float(values["payload.mass"]), loaded)  # type: ignore[arg-type]
+        attach(place, model, number(values["payload.mass"]), loaded)
         self.config = PlantConfig(
-            robot=number,
+            robot=place,
             model=model,
             loaded_model=loaded,
-            payload_time=float(values["payload.time"]),  # type: ignore[arg-type]
+            payload_time=number(values["payload.time"]),
             disturbance=DISTURBANCES.number(str(values["disturbance.name"])),
             effort_limit=joint_array(values["limits.effort"], self.joints),
         )

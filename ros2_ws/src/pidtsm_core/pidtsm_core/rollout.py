@@ -8,7 +8,7 @@ import numpy as np
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.controller import Controller, ControllerConfig, ControllerState, controller_schema, tick
-from pidtsm_core.parameters import Array, ParameterError, resolve
+from pidtsm_core.parameters import Array, ParameterError, names, number, resolve
 from pidtsm_core.plant import Plant, PlantConfig, PlantState, plant_schema, step
 from pidtsm_core.references import ReferenceMotion, evaluate_reference, reference_schema
 from pidtsm_core.robots import robot_joints
@@ -107,14 +107,14 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
             f"controller, simulator and trajectory are made for {controller.joints}, {plant.joints} and "
             f"{motion.joints} joints"
         )
-    period = period_nanoseconds(int(values["simulator"]["rate"]))  # type: ignore[arg-type]
+    period = period_nanoseconds(int(number(values["simulator"]["rate"])))
     samples = round(duration * 1e9 / period)
     if samples < 1:
         raise ParameterError(f"duration: {duration} s is shorter than one sample")
 
     result = Rollout(
-        joints=tuple(values["simulator"]["joints"]),  # type: ignore[arg-type]
-        time=seconds(np.arange(samples) * period),
+        joints=names(values["simulator"]["joints"]),
+        time=np.array([seconds(k * period) for k in range(samples)]),
         position=np.empty((samples, joints)),
         velocity=np.empty((samples, joints)),
         effort=np.empty((samples, joints)),

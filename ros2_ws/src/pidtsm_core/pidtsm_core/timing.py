@@ -1,12 +1,8 @@
 """Time as integer nanoseconds, and its one conversion to seconds (nodes and rollout must agree to the last bit)."""
 
-from typing import TypeVar
-
 from pidtsm_core.compiled import njit
 
 NANOSECONDS = 1_000_000_000
-
-_T = TypeVar("_T")
 
 
 def period_nanoseconds(rate: int) -> int:
@@ -15,6 +11,6 @@ def period_nanoseconds(rate: int) -> int:
 
 
 @njit
-def seconds(nanoseconds: _T) -> float:
+def seconds(nanoseconds: int) -> float:
     """Nanoseconds as s; one correctly rounded division."""
-    return nanoseconds / 1e9  # type: ignore[no-any-return, operator]
+    return nanoseconds / 1e9

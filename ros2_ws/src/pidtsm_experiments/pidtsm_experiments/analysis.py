@@ -29,7 +29,8 @@ def summarize(recording: Recording) -> dict[str, Any]:
     # The last sample lasts as long as the others.
     span = int(stamps[-1] - stamps[0]) + (round(float(np.median(periods))) if periods.size else 0)
     saturated = recording.signals[:, Signal.SATURATED]
-    p50, p99 = np.percentile(recording.compute_time, (50, 99))
+    computed = recording.compute_time
+    p50, p99, longest = np.percentile(computed, (50, 99, 100)).tolist() if computed.size else (None, None, None)
     return {
         "scenario": recording.scenario,
         "law": recording.law,
@@ -43,7 +44,7 @@ def summarize(recording: Recording) -> dict[str, Any]:
         "timing": {
             "rate": 1e9 / float(np.mean(periods)) if periods.size else None,
             "period_max": int(periods.max()) / 1e9 if periods.size else None,
-            "compute_time": {"p50": float(p50), "p99": float(p99), "max": float(recording.compute_time.max())},
+            "compute_time": {"p50": p50, "p99": p99, "max": longest},
         },
     }
 

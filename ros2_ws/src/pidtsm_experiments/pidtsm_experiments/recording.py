@@ -77,7 +77,7 @@ class Recording:
         effort: torque applied from time[k] on, N m, shape (samples, joints).
         reference: q_d, q_d', q_d'', shape (samples, 3, joints), rad, rad/s, rad/s^2.
         signals: what the controller computed, shape (samples, len(Signal), joints), order of `Signal`.
-        compute_time: from taking the joint state to the finished command, s, shape (samples,).
+        compute_time: of the controller for a command, s, shape (samples,), or (0,) where nobody measured it.
         scenario, law, clock: names, None where the bag does not say.
         event_time: when something happened to the arm, s on the axis of `time`, None without an event.
         lost: number of stamps of the ground truth without a partner, by recorded topic.

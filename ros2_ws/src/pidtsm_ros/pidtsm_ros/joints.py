@@ -3,6 +3,7 @@
 import math
 from array import array
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +65,8 @@ class JointOrder:
             target[j] = values[place]
 
 
-def joint_field(joints: int) -> "tuple[array[float], Array]":
-    """An array for a message field, and a view to fill it through, both shape (joints,), sharing their memory."""
-    values = array("d", bytes(8 * joints))
-    return values, np.frombuffer(values)
+def joint_field(message: Any, field: str, joints: int) -> Array:
+    """Give a float64[] field of a message one zero a joint; returns a view to fill it through, shape (joints,)."""
+    setattr(message, field, array("d", bytes(8 * joints)))
+    # The message may have copied the array: the view must be that of its own.
+    return np.frombuffer(getattr(message, field))

@@ -15,8 +15,6 @@ from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, res
 from pidtsm_ros.joints import MessageError
 from pidtsm_ros.qos import PUBLISHER, READER
 
-AUTOSTART = Parameter("autostart", True, "configure and activate on start, without a lifecycle manager", fixed=True)
-
 _REASONS_LOGGED = 100
 _FLUSH_TIME = Duration(seconds=2)
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -71,15 +69,16 @@ class ManagedNode(LifecycleNode):
         """Declare the parameters of `schema`.
 
         Args:
-            schema: the node's own parameters, given the settings.
+            name: name of the node.
+            schema: every parameter of the node, given the settings.
             joints: number of joints, given the settings.
 
         Raises:
             ParameterError: a parameter given at the start is unknown or has a bad value.
         """
         super().__init__(name)
-        self._schema: Schema = lambda settings: (AUTOSTART, *schema(settings))
-        self._joints = joints
+        self._schema = schema
+        self._joint_count = joints
         self.finished = False
         self.failed = False
         self.active = False
@@ -103,7 +102,7 @@ class ManagedNode(LifecycleNode):
         Raises:
             ParameterError: an unknown name, or a refused value. Subclasses add what their parts refuse.
         """
-        joints = self._joints(settings)
+        joints = self._joint_count(settings)
         values = resolve(self._schema, settings, joints)
         names = values["joints"]
         if not isinstance(names, tuple) or len(names) != joints:

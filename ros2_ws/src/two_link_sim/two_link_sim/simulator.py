@@ -2,13 +2,13 @@
 
 import sys
 import time
-from collections.abc import Mapping
 
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from pidtsm_core.parameters import Parameter
-from pidtsm_core.plant import Plant, plant_schema
+from pidtsm_core.node_parameters import simulator_node_schema
+from pidtsm_core.parameters import names, number
+from pidtsm_core.plant import Plant
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.timing import period_nanoseconds, seconds
 from pidtsm_ros.joints import JointOrder, MessageError, joint_field
@@ -16,39 +16,12 @@ from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run
 from pidtsm_ros.stamps import nanoseconds, set_stamp
 
-_SIMULATOR_PARAMETERS = (
-    Parameter(
-        "clock",
-        "realtime",
-        "realtime: samples at the wall clock's rate, stamped with the system time; "
-        "lockstep: every sample waits for its command, stamped from 0, with /clock",
-        choices=("realtime", "lockstep"),
-        fixed=True,
-    ),
-    Parameter("duration", 0.0, "end after this time; 0 runs for ever", "s", minimum=0.0, fixed=True),
-    Parameter(
-        "start.subscribers",
-        2,
-        "subscribers of joint_states to wait for before the first sample (controller, trajectory); 0 starts at once",
-        minimum=0,
-        fixed=True,
-    ),
-    Parameter(
-        "lockstep.timeout", 5.0, "longest wall time to wait for a command", "s", minimum=0.0, exclusive=True, fixed=True
-    ),
-)
-
 _POLL = 0.02
 """s between two looks at who is connected."""
 _PATIENCE = 2.0
 """s of waiting for others before the log says so."""
 _LATEST_CATCH_UP = 5
 """Periods that realtime may be late before it gives up catching up."""
-
-
-def simulator_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Parameters of the simulator node."""
-    return (*plant_schema(settings), *_SIMULATOR_PARAMETERS)
 
 
 class Simulator(ManagedNode):
@@ -59,26 +32,26 @@ class Simulator(ManagedNode):
     """
 
     def __init__(self) -> None:
-        super().__init__("simulator", simulator_schema, robot_joints)
+        super().__init__("simulator", simulator_node_schema, robot_joints)
 
     def configure(self) -> None:
         values = self.values
-        self._joints_of_arm = list(values["joints"])  # type: ignore[arg-type]
+        self._joints_of_arm = list(names(values["joints"]))
         self._order = JointOrder(self._joints_of_arm)
-        self._period = period_nanoseconds(int(values["rate"]))  # type: ignore[arg-type]
+        self._period = period_nanoseconds(int(number(values["rate"])))
         self._dt = seconds(self._period)
-        self._samples = round(float(values["duration"]) * 1e9 / self._period)  # type: ignore[arg-type]
+        self._samples = round(number(values["duration"]) * 1e9 / self._period)
         self._lockstep = values["clock"] == "lockstep"
         # Compile before the loop.
         Plant(values).step(Plant(values).state.effort, 0.0, self._dt)
 
         joints = len(self._joints_of_arm)
         self._measured = JointState(name=self._joints_of_arm)
-        self._measured.position, self._measured_position = joint_field(joints)
+        self._measured_position = joint_field(self._measured, "position", joints)
         self._truth = JointState(name=self._joints_of_arm)
-        self._truth.position, self._true_position = joint_field(joints)
-        self._truth.velocity, self._true_velocity = joint_field(joints)
-        self._truth.effort, self._applied_effort = joint_field(joints)
+        self._true_position = joint_field(self._truth, "position", joints)
+        self._true_velocity = joint_field(self._truth, "velocity", joints)
+        self._applied_effort = joint_field(self._truth, "effort", joints)
         self._clock_message = Clock()
 
         self._joint_states = self.advertise(JointState, "joint_states")
@@ -116,7 +89,7 @@ class Simulator(ManagedNode):
     # Start.
 
     def _others_ready(self) -> bool:
-        wanted = int(self.values["start.subscribers"])  # type: ignore[call-overload]
+        wanted = number(self.values["start.subscribers"])
         listening = self._joint_states.get_subscription_count()
         commanded = self._commands.get_publisher_count()
         # In lockstep nothing goes on without a command.
@@ -125,12 +98,13 @@ class Simulator(ManagedNode):
         if not self._told and time.monotonic() - self._waiting_since > _PATIENCE:
             self._told = True
             self.get_logger().info(
-                f"waiting: joint_states has {listening} of {wanted} subscribers, joint_commands {commanded} publishers"
+                f"waiting: {listening} of {wanted:g} subscribers of joint_states, {commanded} publishers of joint_commands"
             )
         return False
 
     def _start(self) -> None:
         self._first_stamp = 0 if self._lockstep else time.time_ns()
+        self._began = time.monotonic()
         self._deadline = time.monotonic_ns()
         self._publish_sample(0)
 
@@ -166,7 +140,8 @@ class Simulator(ManagedNode):
             self._publish_sample(self._sample + 1)
         self._ground_truth.publish(self._truth)
         if done:
-            self.get_logger().info(f"done: {self._samples} samples")
+            took = time.monotonic() - self._began
+            self.get_logger().info(f"done: {self._samples} samples in {took:.1f} s")
             self.finished = True
             self.active = False
 
@@ -199,11 +174,13 @@ class Simulator(ManagedNode):
 
     def _check_silence(self) -> None:
         """Lockstep: a command that does not come ends the run, with the name of who is silent."""
-        timeout = float(self.values["lockstep.timeout"])  # type: ignore[arg-type]
+        timeout = number(self.values["lockstep.timeout"])
         if time.monotonic() - self._sent <= timeout:
             return
-        writers = [f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in self.get_publishers_info_by_topic(
-            self._commands.topic_name)]
+        writers = [
+            f"{i.node_namespace.rstrip('/')}/{i.node_name}"
+            for i in self.get_publishers_info_by_topic(self._commands.topic_name)
+        ]
         who = f"{', '.join(writers)} is silent" if writers else "no node publishes joint_commands any more"
         self.get_logger().fatal(
             f"no command for t = {seconds(self._sample * self._period):g} s within {timeout:g} s: {who}"

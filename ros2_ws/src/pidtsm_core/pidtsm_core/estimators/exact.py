@@ -7,7 +7,7 @@ from pidtsm_core.parameters import Array
 
 @njit
 def estimate(q: Array, truth: Array, dt: float, p: Array, x: Array, estimates: Array) -> None:
-    """q'' at a sample is the one under the torque held before it, 0 at the start."""
+    """Q'' at a sample is the one under the torque held before it, 0 at the start."""
     for j in range(q.size):
         estimates[0, j] = q[j]
         estimates[1, j] = truth[0, j]

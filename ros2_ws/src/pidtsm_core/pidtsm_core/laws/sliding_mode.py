@@ -46,9 +46,7 @@ ANTI_WINDUP = Parameter(
 )
 _SURFACE = Parameter("surface", "dual_terminal", "sliding surface", choices=SURFACES.names, fixed=True)
 _MANIFOLD_CHOICE = Parameter("manifold", "pid", "sigma = s, or PID of s, eq. (10)", choices=MANIFOLDS, fixed=True)
-_REACHING_CHOICE = Parameter(
-    "reaching", "adaptive_continuous", "reaching law", choices=REACHING_LAWS.names, fixed=True
-)
+_REACHING_CHOICE = Parameter("reaching", "adaptive_continuous", "reaching law", choices=REACHING_LAWS.names, fixed=True)
 
 
 @njit
@@ -81,9 +79,7 @@ def command(
 
 
 @njit
-def advance(
-    e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool
-) -> None:
+def advance(e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool) -> None:
     """See `Law.advance`; explicit Euler."""
     if not frozen:
         x[0] += dt * s
@@ -102,7 +98,11 @@ def compose(
     """A law from parts by name; a part left out becomes a parameter of the law.
 
     Args:
-        surface, manifold, reaching: names in `SURFACES`, `MANIFOLDS`, `REACHING_LAWS`.
+        name: how users choose the law.
+        summary: one sentence with its source.
+        surface: name in `SURFACES`.
+        manifold: name in `MANIFOLDS`.
+        reaching: name in `REACHING_LAWS`.
         defaults: values that differ from the parts' own defaults.
     """
     fixed = {"law.surface": surface, "law.manifold": manifold, "law.reaching": reaching}

@@ -10,7 +10,15 @@ from pidtsm_core.parameters import Array, Parameter, Value, chosen, prefixed
 from pidtsm_core.references.article import ARTICLE
 from pidtsm_core.references.base import Reference
 
-__all__ = ["REFERENCES", "Reference", "ReferenceMotion", "evaluate_reference", "extrapolate", "reference_joints", "reference_schema"]
+__all__ = [
+    "REFERENCES",
+    "Reference",
+    "ReferenceMotion",
+    "evaluate_reference",
+    "extrapolate",
+    "reference_joints",
+    "reference_schema",
+]
 
 REFERENCES: Family[Reference] = Family(
     ARTICLE,

@@ -18,6 +18,7 @@ ROBOTS: Family[Robot] = Family(
 
 ROBOT_NAME = Parameter("robot.name", "two_link", "robot model", choices=ROBOTS.names, fixed=True)
 
+
 def robot_joints(settings: Mapping[str, object]) -> int:
     """Number of joints of the robot that ``robot.name`` chooses."""
     return len(ROBOTS[chosen(settings, ROBOT_NAME)].joints)
@@ -49,7 +50,7 @@ _ATTACH = tuple(robot.attach for robot in ROBOTS.members)
 
 @njit
 def inverse_dynamics(number: int, q: Array, dq: Array, ddq: Array, p: Array, effort: Array) -> None:
-    """effort (N m) that gives ddq: see `Robot.inverse_dynamics`; `number` is the robot's place in `ROBOTS`."""
+    """Effort (N m) that gives ddq: see `Robot.inverse_dynamics`; `number` is the robot's place in `ROBOTS`."""
     i = 0
     for function in literal_unroll(_INVERSE):
         if i == number:

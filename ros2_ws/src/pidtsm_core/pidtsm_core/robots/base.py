@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pidtsm_core.family import Member
-from pidtsm_core.parameters import Array, Value
+from pidtsm_core.parameters import Array, Value, number
 
 Dynamics = Callable[[Array, Array, Array, Array, Array], None]
 
@@ -41,5 +41,5 @@ class Robot(Member):
         packed = []
         for parameter in self.parameters:
             value = values[f"{group}.{parameter.name}"]
-            packed.append(float(parameter.choices.index(str(value))) if parameter.choices else float(value))  # type: ignore[arg-type]
+            packed.append(float(parameter.choices.index(str(value))) if parameter.choices else number(value))
         return np.array(packed)

@@ -17,5 +17,3 @@ class Surface(Member):
     """
 
     evaluate: Callable[[float, float, float, Array], tuple[float, float, float]]
-
-

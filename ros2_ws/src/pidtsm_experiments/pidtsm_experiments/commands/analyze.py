@@ -1,0 +1,23 @@
+"""``./pidtsm analyze``: metrics of a recorded bag."""
+
+import argparse
+from pathlib import Path
+
+from pidtsm_experiments.analysis import analyze
+from pidtsm_experiments.commands.options import show_metrics
+from pidtsm_experiments.errors import UsageError
+from pidtsm_experiments.recording import RecordingError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a rosbag2 bag, such as results/demo/bag")
+    parser.add_argument("--json", action="store_true", help="print the metrics as one JSON object, and nothing else")
+
+
+def execute(options: argparse.Namespace) -> int:
+    try:
+        metrics = analyze(options.bag)
+    except RecordingError as error:
+        raise UsageError(str(error)) from None
+    show_metrics(metrics, options.json)
+    return 0

@@ -1,0 +1,64 @@
+"""Options that several commands share."""
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console
+
+from pidtsm_core.laws import LAWS
+from pidtsm_experiments.experiment import Experiment, make_experiment, scenario_names
+from pidtsm_experiments.table import print_metrics
+
+CONSOLE = Console(stderr=True)
+"""For progress and messages; results go to standard output."""
+
+
+def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
+    """What says which experiment is meant."""
+    parser.add_argument(
+        "--scenario",
+        default="case1",
+        metavar="NAME|FILE",
+        help=f"one of {', '.join(scenario_names())}, or a scenario file (default: case1)",
+    )
+    parser.add_argument(
+        "--law", default="piddtsm", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: piddtsm)"
+    )
+    parser.add_argument("--duration", type=seconds, metavar="S", help="seconds, instead of the scenario's")
+    parser.add_argument("--params", metavar="FILE", help="ROS parameter file with values for any of the nodes")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NODE.PARAM=VALUE",
+        help="one parameter, such as controller.law.upsilon=0.01; may be given again",
+    )
+
+
+def experiment_of(options: argparse.Namespace) -> Experiment:
+    """The experiment that the options describe."""
+    return make_experiment(options.scenario, options.law, options.duration, options.params, options.set)
+
+
+def seconds(text: str) -> float:
+    """A positive, finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number of seconds")
+    return value
+
+
+def show_metrics(metrics: Mapping[str, Any], as_json: bool) -> None:
+    """Print metrics on standard output, as a table or as one JSON object."""
+    if as_json:
+        print(json.dumps(metrics, allow_nan=False))
+        sys.stdout.flush()
+    else:
+        print_metrics(metrics)

@@ -1,0 +1,65 @@
+"""``./pidtsm run``: an experiment over the real nodes."""
+
+import argparse
+from pathlib import Path
+
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from pidtsm_experiments.analysis import summarize, write_metrics
+from pidtsm_experiments.commands.options import CONSOLE, add_experiment_arguments, experiment_of, show_metrics
+from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.experiment import Experiment
+from pidtsm_experiments.figures import write_figures
+from pidtsm_experiments.recording import RecordingError, read_recording
+from pidtsm_experiments.results import result_folder
+from pidtsm_experiments.runner import run
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_experiment_arguments(parser)
+    parser.add_argument(
+        "--clock",
+        choices=("lockstep", "realtime"),
+        default="lockstep",
+        help="lockstep: deterministic, as fast as possible; realtime: at the wall clock's pace (default: lockstep)",
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default: results/SCENARIO-LAW)")
+
+
+def execute(options: argparse.Namespace) -> int:
+    experiment = experiment_of(options)
+    out = options.out or Path("results", f"{experiment.scenario}-{experiment.law}")
+    run_and_report(experiment, options.clock, out)
+    return 0
+
+
+def run_and_report(experiment: Experiment, clock: str, out: Path) -> None:
+    """Run, analyse, draw, and say where everything is."""
+    with (
+        result_folder(out) as folder,
+        Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TaskProgressColumn(),
+            TimeElapsedColumn(),
+            console=CONSOLE,
+            transient=True,
+        ) as bar,
+    ):
+        title = f"{experiment.scenario}, {experiment.law}, {clock}"
+        task = bar.add_task(f"{title}: starting the nodes", total=experiment.duration)
+
+        def show(time: float) -> None:
+            bar.update(task, completed=time, description=title)
+
+        bag = run(experiment, clock, folder, show)
+        bar.update(task, completed=experiment.duration, description=f"{title}: analysing")
+        try:
+            recording = read_recording(bag)
+        except RecordingError as error:
+            raise RunError(str(error)) from None
+        metrics = summarize(recording)
+        write_metrics(metrics, folder / "metrics.json")
+        write_figures(recording, folder / "figures")
+    show_metrics(metrics, as_json=False)
+    CONSOLE.print(f"{out}: bag/ metrics.json figures/ params/ log/", highlight=False)

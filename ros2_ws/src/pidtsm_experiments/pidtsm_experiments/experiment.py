@@ -1,0 +1,207 @@
+"""What is to be run: a scenario, a law, and the parameters of every node that follow from them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from ament_index_python.packages import get_package_share_directory
+
+from pidtsm_core.laws import LAWS
+from pidtsm_core.parameters import ParameterError, Schema, Value, resolve
+from pidtsm_core.references import reference_joints
+from pidtsm_core.robots import robot_joints
+from pidtsm_experiments.errors import UsageError
+
+Settings = dict[str, dict[str, Any]]
+"""Parameters by node and full name."""
+
+NODES = ("simulator", "controller", "trajectory")
+_SCENARIO_KEYS = ("description", "duration", *NODES)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A run to be made.
+
+    Attributes:
+        scenario: name or file name of the scenario.
+        law: name of the control law.
+        duration: s.
+        settings: parameters that differ from the defaults, by node.
+    """
+
+    scenario: str
+    law: str
+    duration: float
+    settings: Settings
+
+    @property
+    def event_time(self) -> float | None:
+        """When the plant changes under way (s), for the metrics; None where it does not."""
+        simulator = self.settings["simulator"]
+        if not simulator.get("payload.mass", 0.0):
+            return None
+        time = float(simulator.get("payload.time", 0.0))
+        return time if 0.0 < time < self.duration else None
+
+    def resolved(self, schemas: Mapping[str, Schema]) -> dict[str, dict[str, Value]]:
+        """Every parameter of every node, checked.
+
+        Raises:
+            UsageError: an unknown parameter or a refused value; the message names node and parameter.
+        """
+        counts = {"simulator": robot_joints, "controller": robot_joints, "trajectory": reference_joints}
+        resolved = {}
+        for node in NODES:
+            settings = self.settings[node]
+            try:
+                resolved[node] = resolve(schemas[node], settings, counts[node](settings))
+            except ParameterError as error:
+                raise UsageError(f"{node}: {error}") from None
+        return resolved
+
+
+def scenario_names() -> list[str]:
+    """Names of the scenarios that come with the package."""
+    return sorted(file.stem for file in _scenario_folder().glob("*.yaml"))
+
+
+def make_experiment(
+    scenario: str,
+    law: str,
+    duration: float | None = None,
+    params: str | None = None,
+    overrides: Sequence[str] = (),
+) -> Experiment:
+    """Put an experiment together; later parts win: parameter file, scenario, law, overrides.
+
+    Args:
+        scenario: a name of `scenario_names`, or the path of a scenario file.
+        law: a name in `LAWS`.
+        duration: s, instead of the scenario's.
+        params: path of a ROS parameter file, or None.
+        overrides: texts ``NODE.PARAMETER=VALUE``.
+
+    Raises:
+        UsageError: anything unknown or malformed; the message names file, key and what is allowed.
+    """
+    if law not in LAWS.names:
+        raise UsageError(f"unknown law {law}; known are {', '.join(LAWS.names)}")
+    file = _scenario_file(scenario)
+    content = _load_scenario(file)
+    settings: Settings = {node: {} for node in NODES}
+    if params is not None:
+        _merge(settings, load_ros_parameters(Path(params)))
+    _merge(settings, {node: flatten(content.get(node) or {}, f"{file}: {node}") for node in NODES})
+    settings["controller"]["law.name"] = law
+    for override in overrides:
+        node, name, value = _parse_override(override)
+        settings[node][name] = value
+    seconds = _positive(content.get("duration"), f"{file}: duration") if duration is None else duration
+    return Experiment(file.stem, str(settings["controller"]["law.name"]), seconds, settings)
+
+
+def load_ros_parameters(file: Path) -> Settings:
+    """Parameters by node from a ROS parameter file (``NODE: ros__parameters: ...``).
+
+    Raises:
+        UsageError: not readable, or not of that form.
+    """
+    content = _load_mapping(file)
+    settings: Settings = {}
+    for key, value in content.items():
+        node = str(key).lstrip("/")
+        if node not in NODES:
+            raise UsageError(f"{file}: unknown node {key}; known are {', '.join(NODES)}")
+        if not isinstance(value, dict) or set(value) != {"ros__parameters"}:
+            raise UsageError(f"{file}: {key} must hold ros__parameters and nothing else")
+        settings[node] = flatten(value["ros__parameters"] or {}, f"{file}: {key}")
+    return settings
+
+
+def write_ros_parameters(file: Path, node: str, values: Mapping[str, Value]) -> None:
+    """Write a ROS parameter file of one node, parameters nested by the dots of their names."""
+    tree: dict[str, Any] = {}
+    for name, value in values.items():
+        *groups, leaf = name.split(".")
+        branch = tree
+        for group in groups:
+            branch = branch.setdefault(group, {})
+        branch[leaf] = list(value) if isinstance(value, tuple) else value
+    file.write_text(yaml.safe_dump({node: {"ros__parameters": tree}}, sort_keys=False), encoding="utf-8")
+
+
+def flatten(tree: object, where: str) -> dict[str, Any]:
+    """Nested groups as full names with dots.
+
+    Raises:
+        UsageError: `tree` is not a mapping with texts as keys.
+    """
+    if not isinstance(tree, dict):
+        raise UsageError(f"{where} must be a group of parameters, not {tree!r}")
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        if not isinstance(key, str):
+            raise UsageError(f"{where}: {key!r} is not the name of a parameter")
+        if isinstance(value, dict):
+            flat.update({f"{key}.{name}": v for name, v in flatten(value, f"{where}.{key}").items()})
+        else:
+            flat[key] = value
+    return flat
+
+
+def _merge(settings: Settings, more: Settings) -> None:
+    for node, parameters in more.items():
+        settings[node].update(parameters)
+
+
+def _scenario_folder() -> Path:
+    return Path(get_package_share_directory("pidtsm_experiments"), "scenarios")
+
+
+def _scenario_file(scenario: str) -> Path:
+    by_name = _scenario_folder() / f"{scenario}.yaml"
+    if by_name.is_file():
+        return by_name
+    if Path(scenario).is_file():
+        return Path(scenario)
+    raise UsageError(f"no scenario {scenario}: neither a file nor one of {', '.join(scenario_names())}")
+
+
+def _load_scenario(file: Path) -> dict[str, Any]:
+    content = _load_mapping(file)
+    for key in content:
+        if key not in _SCENARIO_KEYS:
+            raise UsageError(f"{file}: unknown key {key}; allowed are {', '.join(_SCENARIO_KEYS)}")
+    return content
+
+
+def _load_mapping(file: Path) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"{file}: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise UsageError(f"{file} is not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(content, dict):
+        raise UsageError(f"{file} must hold keys and values")
+    return content
+
+
+def _parse_override(text: str) -> tuple[str, str, Any]:
+    path, equals, value = text.partition("=")
+    node, dot, name = path.partition(".")
+    if not equals or not dot or not name or node not in NODES:
+        raise UsageError(f"--set {text}: must be NODE.PARAMETER=VALUE with NODE one of {', '.join(NODES)}")
+    try:
+        return node, name, yaml.safe_load(value)
+    except yaml.YAMLError:
+        raise UsageError(f"--set {text}: {value!r} is not a value") from None
+
+
+def _positive(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < float("inf"):
+        raise UsageError(f"{where}: {value!r} must be a positive number of seconds")
+    return float(value)

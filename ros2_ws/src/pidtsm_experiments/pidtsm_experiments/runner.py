@@ -1,0 +1,215 @@
+"""Runs an experiment over real nodes: starts the processes, watches them, ends them."""
+
+import ctypes
+import json
+import os
+import selectors
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+
+from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.parameters import Value, number
+from pidtsm_experiments.domain import own_domain
+from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.experiment import Experiment, write_ros_parameters
+
+EXECUTABLES = {
+    "simulator": ("two_link_sim", "simulator"),
+    "controller": ("pidtsm_controller", "controller"),
+    "trajectory": ("pidtsm_controller", "trajectory"),
+    "recorder": ("pidtsm_experiments", "recorder"),
+}
+"""Package and executable of each process."""
+
+_FIRST_SAMPLE_WITHIN = 180.0  # s; the very first run compiles
+_NEXT_SAMPLE_WITHIN = 20.0  # s
+_END_WITHIN = 10.0  # s from SIGINT to the end of a process
+_TAIL_LINES = 15
+_SUBSCRIBERS = 3  # of joint_states: controller, trajectory, recorder
+_PR_SET_PDEATHSIG = 1
+
+Progress = Callable[[float], None]
+"""Called with the simulated time recorded so far, s."""
+
+
+def _end_with_parent() -> None:
+    """Let the process end when the runner does, however that happens."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+class Process:
+    """One node's process, its output in a log file."""
+
+    def __init__(self, name: str, arguments: Sequence[str], environment: dict[str, str], log: Path) -> None:
+        package, executable = EXECUTABLES[name]
+        try:
+            path = Path(get_package_prefix(package), "lib", package, executable)
+        except PackageNotFoundError:
+            raise RunError(f"package {package} is not installed; source the workspace") from None
+        self.name = name
+        self.log = log
+        with log.open("wb") as output:
+            self.process = subprocess.Popen(
+                [str(path), "--ros-args", *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE if name == "recorder" else output,
+                stderr=output,
+                env=environment,
+                start_new_session=True,
+                preexec_fn=_end_with_parent,
+            )
+
+    def interrupt(self) -> None:
+        """Ask the process to end."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+
+    def wait(self) -> int:
+        """Exit code, after SIGKILL if the process does not end in time."""
+        try:
+            return self.process.wait(_END_WITHIN)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
+
+    def tail(self) -> str:
+        """The last lines of its output."""
+        lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
+        return "\n".join(f"    {line}" for line in lines[-_TAIL_LINES:]) or "    (it said nothing)"
+
+
+class Processes:
+    """All processes of a run; leaving the block ends them."""
+
+    def __init__(self) -> None:
+        self.running: dict[str, Process] = {}
+
+    def __enter__(self) -> "Processes":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # An impatient second Ctrl-C must not leave processes behind.
+        previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            self.end(*self.running)
+        finally:
+            signal.signal(signal.SIGINT, previous)
+
+    def start(self, process: Process) -> None:
+        self.running[process.name] = process
+
+    def end(self, *names: str) -> None:
+        """Interrupt these, and wait for them; a process that ended badly is an error only if it was not killed."""
+        for name in names:
+            self.running[name].interrupt()
+        for name in names:
+            self.running.pop(name).wait()
+
+    def check(self) -> None:
+        """Raise for a process that ended although it should run."""
+        for name, process in self.running.items():
+            code = process.process.poll()
+            if code is None or (name == "simulator" and code == 0):
+                continue
+            how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+            raise RunError(f"{name} {how}; its last lines:\n{process.tail()}")
+
+
+def run(experiment: Experiment, clock: str, out: Path, progress: Progress) -> Path:
+    """Run an experiment and record it.
+
+    Args:
+        experiment: what to run.
+        clock: ``lockstep`` or ``realtime``.
+        out: an existing folder; ``bag/``, ``params/`` and ``log/`` are made in it.
+        progress: called as the run goes on.
+
+    Returns:
+        Path of the bag.
+
+    Raises:
+        UsageError: a parameter that a node would refuse.
+        RunError: a process died or fell silent; the message names it and shows its last lines.
+    """
+    parameters = _node_parameters(experiment, clock)
+    bag = out / "bag"
+    for folder in ("params", "log"):
+        (out / folder).mkdir()
+    with ExitStack() as stack:
+        domain = stack.enter_context(own_domain())
+        environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "ROS_LOG_DIR": str(out / "log" / "ros"),
+            "PYTHONUNBUFFERED": "1",
+        }
+        environment.pop("ROS_STATIC_PEERS", None)
+        processes = stack.enter_context(Processes())
+        metadata = {
+            "scenario": experiment.scenario,
+            "law": experiment.law,
+            "clock": clock,
+            "event_time": experiment.event_time,
+        }
+        arguments = {"recorder": ["-p", f"output:={bag}", "-p", f"metadata:={_quoted(json.dumps(metadata))}"]}
+        for node, values in parameters.items():
+            file = out / "params" / f"{node}.yaml"
+            write_ros_parameters(file, node, values)
+            arguments[node] = ["--params-file", str(file)]
+        for name, words in arguments.items():
+            processes.start(Process(name, words, environment, out / "log" / f"{name}.log"))
+        rate = number(parameters["simulator"]["rate"])
+        _watch(processes, lambda samples: progress(samples / rate))
+        processes.end("simulator", "controller", "trajectory")
+        processes.end("recorder")
+    return bag
+
+
+def _quoted(text: str) -> str:
+    """A text as a YAML string, as the command line of ROS wants it."""
+    return "'" + text.replace("'", "''") + "'"
+
+
+def _node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, Value]]:
+    settings = experiment.settings
+    settings["simulator"].update({"clock": clock, "duration": experiment.duration})
+    settings["simulator"].setdefault("start.subscribers", _SUBSCRIBERS)
+    settings["controller"].setdefault("reference.match", "stamp" if clock == "lockstep" else "latest")
+    return experiment.resolved(NODE_SCHEMAS)
+
+
+def _watch(processes: Processes, progress: Callable[[int], None]) -> None:
+    """Return when the simulator has done what it should; raise when anything else ends, or nothing goes on."""
+    recorder = processes.running["recorder"].process
+    simulator = processes.running["simulator"].process
+    assert recorder.stdout is not None
+    samples, since, text = 0, time.monotonic(), b""
+    with selectors.DefaultSelector() as selector:
+        selector.register(recorder.stdout, selectors.EVENT_READ)
+        while True:
+            if selector.select(timeout=0.1):
+                text = (text + os.read(recorder.stdout.fileno(), 65536))[-200:]
+                *_, last = text.decode().rpartition("\n")[0].rsplit("\n", 1)
+                recorded = int(last.split()[1]) if last.startswith("recorded ") else samples
+                if recorded > samples:
+                    samples, since = recorded, time.monotonic()
+                    progress(samples)
+            processes.check()
+            if simulator.poll() == 0:
+                return
+            if time.monotonic() - since > (_NEXT_SAMPLE_WITHIN if samples else _FIRST_SAMPLE_WITHIN):
+                raise RunError(f"nothing was recorded for {time.monotonic() - since:.0f} s; {_last_words(processes)}")
+
+
+def _last_words(processes: Processes) -> str:
+    return "the processes' last lines:\n" + "\n".join(f"  {p.name}:\n{p.tail()}" for p in processes.running.values())
