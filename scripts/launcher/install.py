@@ -261,7 +261,7 @@ def _forget_removed_packages(layout: Layout) -> None:
 
 def _end(child: subprocess.Popen[bytes]) -> None:
     """End a step with everything it started."""
-    for number in (signal.SIGTERM, signal.SIGKILL):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):  # pip tidies up on the first
         try:
             os.killpg(child.pid, number)
             child.wait(timeout=5)
