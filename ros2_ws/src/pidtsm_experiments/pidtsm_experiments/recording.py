@@ -147,29 +147,28 @@ def read_recording(path: Path) -> Recording:
 def _read(path: Path) -> Recording:
     with closing(_open(path)) as reader:
         joints, columns = _read_topics(reader, _find_topics(reader.connections))
-    truth = columns[_TRUTH].stamps
-    needed = [topic for topic in columns if topic.required]
-    stamps = reduce(np.intersect1d, (columns[topic].stamps for topic in needed))
+    moments = columns[_TRUTH].stamps
+    needed = {topic: columns[topic] for topic in (_TRUTH, _REFERENCE, _STATE)}
+    stamps = reduce(np.intersect1d, (column.stamps for column in needed.values()))
     if stamps.size == 0:
         raise RecordingError(
             f"no stamp is in all of {', '.join(t.name for t in needed)}; each must carry the stamp of the joint state "
             "that it belongs to"
         )
-    at = {topic: np.searchsorted(columns[topic].stamps, stamps) for topic in needed}
-    motion = columns[_TRUTH].values[at[_TRUTH]]
+    truth, reference, state = (_rows(column, np.searchsorted(column.stamps, stamps)) for column in needed.values())
     return Recording(
         joints=joints,
-        time=(stamps - truth[0]) / 1e9,
+        time=(stamps - moments[0]) / 1e9,
         stamps_ns=stamps,
-        position=motion[:, 0],
-        velocity=motion[:, 1],
-        effort=motion[:, 2],
-        reference=columns[_REFERENCE].values[at[_REFERENCE]],
-        signals=columns[_STATE].values[at[_STATE]],
-        compute_time=columns[_STATE].scalars[at[_STATE]],
+        position=truth.values[:, 0],
+        velocity=truth.values[:, 1],
+        effort=truth.values[:, 2],
+        reference=reference.values,
+        signals=state.values,
+        compute_time=state.scalars,
         **_metadata(path),
         lost={
-            topic.name: int(np.setdiff1d(truth, column.stamps, assume_unique=True).size)
+            topic.name: int(np.setdiff1d(moments, column.stamps, assume_unique=True).size)
             for topic, column in columns.items()
             if topic is not _TRUTH
         },
@@ -269,16 +268,21 @@ def _read_topics(
             decode(topic)
     for topic in found:
         decode(topic)
-    return joints, {topic: _joined(some) for topic, some in blocks.items()}
+    # What is joined goes at once, so that a long bag is in memory once and not twice.
+    return joints, {topic: _joined(blocks.pop(topic)) for topic in found}
 
 
 def _joined(blocks: Sequence[_Columns]) -> _Columns:
-    stamps, first = np.unique(np.concatenate([block.stamps for block in blocks]), return_index=True)
-    return _Columns(
-        stamps,
-        np.concatenate([block.values for block in blocks])[first],
-        np.concatenate([block.scalars for block in blocks])[first],
+    stamps, values, scalars = (
+        np.concatenate([getattr(block, name) for block in blocks]) for name in ("stamps", "values", "scalars")
     )
+    return _rows(_Columns(stamps, values, scalars), np.unique(stamps, return_index=True)[1])
+
+
+def _rows(columns: _Columns, rows: NDArray[np.intp]) -> _Columns:
+    if np.array_equal(rows, np.arange(columns.stamps.size)):
+        return columns
+    return _Columns(columns.stamps[rows], columns.values[rows], columns.scalars[rows])
 
 
 def _parse(reader: AnyReader, payload: bytes, topic: _Topic) -> Any:

@@ -32,7 +32,6 @@ def metrics_table(metrics: Mapping[str, Any]) -> Table:
     run = f"{_number(metrics['duration'])} s, {metrics['samples']} samples"
     title = ": ".join(filter(None, (", ".join(said), run)))
     table = Table(title=escape(title), title_style="bold", box=box.SIMPLE_HEAD)
-    table.caption, table.caption_justify = _caption(metrics), "left"
     table.add_column("metric")
     table.add_column("unit")
     for joint in metrics["joints"]:
@@ -44,24 +43,24 @@ def metrics_table(metrics: Mapping[str, Any]) -> Table:
 
 
 def print_metrics(metrics: Mapping[str, Any], console: Console | None = None) -> None:
-    """Print the table; without a terminal it is plain text.
+    """Print the table, the timing and what was lost; without a terminal it is plain text.
 
     Args:
         metrics: as in metrics.json.
         console: where to, standard output by default.
     """
-    (console or Console()).print(metrics_table(metrics))
-
-
-def _caption(metrics: Mapping[str, Any]) -> str:
+    console = console or Console()
+    console.print(metrics_table(metrics))
     timing = metrics["timing"]
     tick = " / ".join(_number(timing["compute_time"][key], 1e6) for key in ("p50", "p99", "max"))
-    lost = [f"{topic} {count}" for topic, count in metrics["lost"].items() if count]
-    return (
-        f"{_number(timing['rate'])} Hz, longest period {_number(timing['period_max'], 1e3)} ms\n"
-        f"compute time {tick} us (p50 / p99 / max)\n"
-        f"stamps without a partner: {', '.join(lost) or 'none'}"
+    console.print(
+        f"{_number(timing['rate'])} Hz, longest period {_number(timing['period_max'], 1e3)} ms, "
+        f"compute time {tick} us (p50 / p99 / max)",
+        highlight=False,
     )
+    if lost := [f"{topic} {count}" for topic, count in metrics["lost"].items() if count]:
+        text = f"incomplete: stamps of the ground truth that lack {', '.join(lost)}"
+        console.print(text, style="bold red", highlight=False)
 
 
 def _number(value: float | None, factor: float = 1.0) -> str:

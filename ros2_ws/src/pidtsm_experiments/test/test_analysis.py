@@ -72,6 +72,11 @@ def test_one_sample_has_no_rate(tmp_path: Path, run: Rollout, write_bag: Any) ->
     json.dumps(values, allow_nan=False)
 
 
+def test_a_run_without_nodes_has_no_compute_time(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    recording = replace(read_recording(write_bag(tmp_path / "bag", run)), compute_time=np.empty(0))
+    assert summarize(recording)["timing"]["compute_time"] == {"p50": None, "p99": None, "max": None}
+
+
 def test_metrics_are_written_whole_or_not_at_all(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
     values = analyze(write_bag(tmp_path / "bag", run))
     path = tmp_path / "metrics.json"

@@ -115,7 +115,7 @@ def test_messages_may_be_built_differently(tmp_path: Path, run: Rollout, write_b
 def test_lost_counts_the_stamps_of_the_ground_truth_without_a_partner(
     tmp_path: Path, run: Rollout, write_bag: Any
 ) -> None:
-    dropped = {"reference": range(0, 5), "controller/state": range(4, 10), "joint_commands": range(100, 103)}
+    dropped = {"reference": range(5), "controller/state": range(4, 10), "joint_commands": range(100, 103)}
     recording = read_recording(
         write_bag(tmp_path / "bag", run, edit=lambda topic, k, m: None if k in dropped.get(topic, ()) else m)
     )

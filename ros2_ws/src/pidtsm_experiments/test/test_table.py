@@ -53,9 +53,14 @@ def test_recovery_time_only_with_an_event(values: dict[str, Any]) -> None:
 
 
 def test_lost_stamps_are_said(values: dict[str, Any]) -> None:
-    assert printed(values)[-1].strip() == "stamps without a partner: none"
+    assert "incomplete" not in "".join(printed(values))
     lost = {**values["lost"], "reference": 3}
-    assert printed({**values, "lost": lost})[-1].strip() == "stamps without a partner: reference 3"
+    assert printed({**values, "lost": lost})[-1] == "incomplete: stamps of the ground truth that lack reference 3"
+
+
+def test_a_run_without_nodes_has_no_compute_time(values: dict[str, Any]) -> None:
+    timing = {**values["timing"], "compute_time": {"p50": None, "p99": None, "max": None}}
+    assert "compute time - / - / - us" in printed({**values, "timing": timing})[-1]
 
 
 def test_joint_names_are_not_markup(values: dict[str, Any]) -> None:
