@@ -21,7 +21,7 @@ class JointOrder:
     def __init__(self, joints: Sequence[str]) -> None:
         """Args: joints: own joint names, in one's own order."""
         self.joints = list(joints)
-        self._last_names: list[str] = []
+        self._last_names: list[str] | None = None
         self._order: NDArray[np.intp] = np.empty(0, dtype=np.intp)
 
     def match(self, names: Sequence[str]) -> NDArray[np.intp]:

@@ -1,0 +1,89 @@
+"""The filtered difference on motions whose estimates can be worked out."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
+from pidtsm_core.parameters import Array
+
+DT = 0.001
+
+
+def run(times: Array, positions: Array, velocity_cutoff: float, acceleration_cutoff: float) -> tuple[Array, Array]:
+    """q' and q'' after each sample of one joint."""
+    p = np.zeros((1, 8))
+    p[0, :2] = velocity_cutoff, acceleration_cutoff
+    x, truth, estimates = np.zeros((1, 8)), np.zeros((2, 1)), np.zeros((3, 1))
+    found = []
+    for k, q in enumerate(positions):
+        dt = float(times[k] - times[k - 1]) if k else 0.0
+        FILTERED_DIFFERENCE.estimate(np.array([q]), truth, dt, p, x, estimates)
+        assert estimates[0, 0] == q
+        found.append(estimates[1:, 0].copy())
+    return np.array(found)[:, 0], np.array(found)[:, 1]
+
+
+def lag(cutoff: float) -> float:
+    """s by which a first-order filter of the last difference is late: half a sample and the filter, about 1/cutoff."""
+    return DT / 2 / math.tanh(cutoff * DT / 2)
+
+
+def test_the_lag_is_about_one_over_the_cutoff() -> None:
+    assert lag(50.0) == pytest.approx(1 / 50.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("cutoffs", [(50.0, 500.0), (500.0, 500.0), (5000.0, 1000.0)])
+def test_a_ramp_is_found_exactly_once_settled(cutoffs: tuple[float, float]) -> None:
+    times = np.arange(2000) * DT
+    dq, ddq = run(times, 0.3 + 2.0 * times, *cutoffs)
+    assert dq[-1] == pytest.approx(2.0, rel=1e-10)
+    assert ddq[-1] == pytest.approx(0.0, abs=1e-8)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 2**32 - 1))
+def test_a_ramp_is_found_exactly_at_irregular_times(seed: int) -> None:
+    times = np.cumsum(np.random.default_rng(seed).uniform(0.0002, 0.004, 400))
+    dq, ddq = run(times, -1.5 * times, 500.0, 500.0)
+    assert dq[-1] == pytest.approx(-1.5, rel=1e-9)
+    assert ddq[-1] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("cutoffs", [(50.0, 500.0), (500.0, 100.0), (5000.0, 1000.0)])
+def test_a_parabola_is_followed_with_the_lag_of_the_filter(cutoffs: tuple[float, float]) -> None:
+    acceleration = 3.0
+    times = np.arange(2000) * DT
+    dq, ddq = run(times, 0.5 * acceleration * times**2, *cutoffs)
+    assert ddq[-1] == pytest.approx(acceleration, rel=1e-6)
+    bias = acceleration * times[-1] - dq[-1]
+    assert bias == pytest.approx(acceleration * lag(cutoffs[0]), rel=1e-6)
+
+
+@pytest.mark.parametrize("cutoffs", [(200.0, 500.0), (500.0, 500.0), (5000.0, 1000.0)])
+def test_a_sine_is_followed_within_its_lag(cutoffs: tuple[float, float]) -> None:
+    omega, size = 5.0, 0.4
+    times = np.arange(3000) * DT
+    dq, ddq = run(times, size * np.sin(omega * times), *cutoffs)
+    late = times - lag(cutoffs[0])
+    later = late - lag(cutoffs[1])
+    settled = times > 1.0
+    # The delay explains all but the second order of omega times the lag.
+    slack = (omega * (lag(cutoffs[0]) + lag(cutoffs[1]))) ** 2
+    np.testing.assert_allclose(
+        dq[settled], size * omega * np.cos(omega * late)[settled], atol=slack * size * omega
+    )
+    np.testing.assert_allclose(
+        ddq[settled], -size * omega**2 * np.sin(omega * later)[settled], atol=slack * size * omega**2
+    )
+
+
+def test_the_filter_is_discretised_exactly() -> None:
+    # After a step of the difference to 1, a filter with cutoff c stands at 1 - exp(-c t), whatever the sampling.
+    for dt in (0.001, 0.01):
+        times = np.arange(0.0, 0.1005, dt)
+        dq, _ = run(times, times, 30.0, 30.0)
+        np.testing.assert_allclose(dq, 1.0 - np.exp(-30.0 * times), rtol=1e-9, atol=1e-12)

@@ -1,0 +1,80 @@
+"""The article's reaching law against the solution of eqs. (25), (27), (30) for a held sigma."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pidtsm_core.parameters import Array
+from pidtsm_core.reaching.adaptive_continuous import ADAPTIVE_CONTINUOUS
+
+K, KAPPA, XI, UPSILON = 2.0, 0.1, 0.3, 0.2
+P = np.array([K, KAPPA, XI, UPSILON, 0.0, 0.0, 0.0, 0.0])
+
+
+def hold(sigma: float, time: float, steps: int, x: Array | None = None, frozen: bool = False) -> tuple[float, float]:
+    x = np.zeros(8) if x is None else x
+    for _ in range(steps):
+        ADAPTIVE_CONTINUOUS.advance(sigma, P, x, time / steps, frozen)
+    return ADAPTIVE_CONTINUOUS.switch(sigma, P, x)
+
+
+def solution(sigma: float, t: float) -> tuple[float, float]:
+    """tau_sw and Y of (25), (27) from zero: Y grows as a ramp, which a first-order filter follows with its lag."""
+    slope = abs(sigma) / KAPPA if abs(sigma) > UPSILON else 0.0
+    faded = 1.0 - math.exp(-K * t)
+    size = XI * faded / K + slope * (t / K - faded / K**2)
+    return -math.copysign(size, sigma), slope * t
+
+
+@pytest.mark.parametrize("sigma", [1.5, -1.5, 0.1, -0.1])
+def test_a_held_sigma_gives_the_closed_form_to_first_order(sigma: float) -> None:
+    tau_sw, gain = solution(sigma, 1.0)
+    errors = []
+    for steps in (1000, 2000, 4000):
+        got_tau, got_gain = hold(sigma, 1.0, steps)
+        assert got_gain == pytest.approx(gain, rel=1e-10)
+        errors.append(abs(got_tau - tau_sw))
+    assert errors[-1] < 1e-3 * abs(tau_sw)
+    # Explicit Euler: half the step, half the error.
+    assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.05)
+    assert errors[1] / errors[2] == pytest.approx(2.0, abs=0.05)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(st.floats(-5.0, 5.0), min_size=1, max_size=50))
+def test_the_gain_never_decreases_and_rests_in_the_dead_zone(sigmas: list[float]) -> None:
+    x = np.zeros(8)
+    gain = 0.0
+    for sigma in sigmas:
+        _, after = hold(sigma, 0.001, 1, x)
+        assert after == (gain if abs(sigma) <= UPSILON else pytest.approx(gain + 0.001 * abs(sigma) / KAPPA))
+        assert after >= gain
+        gain = after
+
+
+@pytest.mark.parametrize("sigma", [UPSILON, -UPSILON, 0.0])
+def test_the_border_belongs_to_the_dead_zone(sigma: float) -> None:
+    assert hold(sigma, 0.1, 10)[1] == 0.0
+    assert hold(math.nextafter(UPSILON, 1.0), 0.1, 10)[1] > 0.0
+
+
+def test_while_frozen_the_filter_goes_on_with_the_gain_it_has() -> None:
+    x = np.zeros(8)
+    x[1] = 4.0
+    tau_sw, gain = hold(1.0, 20.0, 20_000, x, frozen=True)
+    assert gain == 4.0
+    assert tau_sw == pytest.approx(-(4.0 + XI) / K, rel=1e-6)
+
+
+def test_the_switching_term_is_continuous_in_sigma() -> None:
+    x = np.zeros(8)
+    hold(1.0, 0.1, 100, x)
+    assert ADAPTIVE_CONTINUOUS.switch(1.0, P, x) == ADAPTIVE_CONTINUOUS.switch(-1.0, P, x)
+
+
+def test_the_defaults_are_those_of_table_1() -> None:
+    defaults = {p.name: p.default for p in ADAPTIVE_CONTINUOUS.parameters}
+    assert (defaults["k"], defaults["kappa"]) == (1.0, 0.01)

@@ -1,0 +1,177 @@
+"""What every robot model promises."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pidtsm_core.parameters import Array, Value, resolve
+from pidtsm_core.plant import Plant, plant_schema
+from pidtsm_core.robots import ROBOTS, Robot, attach, forward_dynamics, inverse_dynamics, robot_schema
+
+PROPERTY = settings(deadline=None, max_examples=50)
+EACH = pytest.mark.parametrize("robot", ROBOTS.members, ids=lambda r: r.name)
+SEEDS = st.integers(min_value=0, max_value=2**32 - 1)
+
+
+def options(robot: Robot, coriolis: str | None = None) -> dict[str, object]:
+    """Settings that choose the robot, and its form of the Coriolis matrix where it has more than one."""
+    chosen: dict[str, object] = {"robot.name": robot.name}
+    if coriolis and any(p.name == "coriolis" for p in robot.parameters):
+        chosen["robot.coriolis"] = coriolis
+    return chosen
+
+
+def model(robot: Robot, coriolis: str | None = None) -> Array:
+    return robot.pack_model(resolve(robot_schema, options(robot, coriolis), len(robot.joints)))
+
+
+def forms(robot: Robot) -> list[str | None]:
+    return next((list(p.choices) for p in robot.parameters if p.name == "coriolis"), [None])
+
+
+def torque(robot: Robot, q: Array, dq: Array, ddq: Array, p: Array) -> Array:
+    effort = np.full(q.size, np.nan)
+    inverse_dynamics(ROBOTS.number(robot.name), q, dq, ddq, p, effort)
+    return effort
+
+
+def acceleration(robot: Robot, q: Array, dq: Array, effort: Array, p: Array) -> Array:
+    ddq = np.full(q.size, np.nan)
+    forward_dynamics(ROBOTS.number(robot.name), q, dq, effort, p, ddq)
+    return ddq
+
+
+def inertia(robot: Robot, q: Array, dq: Array, p: Array) -> Array:
+    """H(q), column by column from inverse dynamics."""
+    bias = torque(robot, q, dq, np.zeros(q.size), p)
+    return np.column_stack([torque(robot, q, dq, unit, p) - bias for unit in np.eye(q.size)])
+
+
+def random_state(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
+    random = np.random.default_rng(seed)
+    n = len(robot.joints)
+    return random.uniform(-4, 4, n), random.uniform(-5, 5, n), random.uniform(-50, 50, n)
+
+
+@EACH
+@PROPERTY
+@given(seed=SEEDS)
+def test_forward_dynamics_is_the_inverse_of_inverse_dynamics(robot: Robot, seed: int) -> None:
+    q, dq, ddq = random_state(robot, seed)
+    for form in forms(robot):
+        p = model(robot, form)
+        effort = torque(robot, q, dq, ddq, p)
+        back = acceleration(robot, q, dq, effort, p)
+        np.testing.assert_allclose(back, ddq, rtol=0, atol=1e-12 * max(np.abs(ddq).max(), np.abs(effort).max()))
+
+
+@EACH
+@PROPERTY
+@given(seed=SEEDS)
+def test_torque_is_affine_in_acceleration_with_a_symmetric_positive_definite_inertia(robot: Robot, seed: int) -> None:
+    q, dq, ddq = random_state(robot, seed)
+    for form in forms(robot):
+        p = model(robot, form)
+        h = inertia(robot, q, dq, p)
+        np.testing.assert_allclose(h, h.T, atol=1e-11 * np.abs(h).max())
+        assert np.linalg.eigvalsh(0.5 * (h + h.T)).min() > 0.0
+        np.testing.assert_allclose(h, inertia(robot, q, np.zeros(q.size), p), atol=1e-10 * np.abs(h).max())
+        expected = h @ ddq + torque(robot, q, dq, np.zeros(q.size), p)
+        np.testing.assert_allclose(torque(robot, q, dq, ddq, p), expected, atol=1e-10 * np.abs(expected).max())
+
+
+def gradient(function: object, at: Array, step: float = 1e-5) -> Array:
+    """Central differences of a function of a vector."""
+    shifts = step * np.eye(at.size)
+    return np.array([(function(at + d) - function(at - d)) / (2 * step) for d in shifts])  # type: ignore[operator]
+
+
+@EACH
+@PROPERTY
+@given(seed=SEEDS)
+def test_gravity_is_the_gradient_of_the_energy_at_rest(robot: Robot, seed: int) -> None:
+    q, _, _ = random_state(robot, seed)
+    rest = np.zeros(q.size)
+    p = model(robot)
+    gravity = torque(robot, q, rest, rest, p)
+    np.testing.assert_allclose(gradient(lambda x: robot.energy(x, rest, p), q), gravity, atol=1e-6)
+
+
+@EACH
+@PROPERTY
+@given(seed=SEEDS)
+def test_kinetic_energy_is_that_of_the_inertia(robot: Robot, seed: int) -> None:
+    q, dq, _ = random_state(robot, seed)
+    p = model(robot)
+    kinetic = robot.energy(q, dq, p) - robot.energy(q, np.zeros(q.size), p)
+    assert kinetic == pytest.approx(0.5 * dq @ inertia(robot, q, dq, p) @ dq, rel=1e-9)
+
+
+@EACH
+@PROPERTY
+@given(seed=SEEDS)
+def test_energy_changes_by_the_power_of_the_torque(robot: Robot, seed: int) -> None:
+    q, dq, effort = random_state(robot, seed)
+    p = model(robot, "lagrange")
+    ddq = acceleration(robot, q, dq, effort, p)
+    rate = gradient(lambda x: robot.energy(x, dq, p), q) @ dq + gradient(lambda v: robot.energy(q, v, p), dq) @ ddq
+    assert rate == pytest.approx(dq @ effort, rel=1e-6, abs=1e-4)
+
+
+def free_motion(robot: Robot, coriolis: str | None) -> tuple[float, float]:
+    """Largest change of the energy over 10 s without torque or disturbance, and the energy's scale, J."""
+    chosen = {**options(robot, coriolis), "disturbance.name": "none"}
+    plant = Plant(resolve(plant_schema, chosen, len(robot.joints)))
+    p = plant.config.model
+    effort = np.zeros(plant.joints)
+    q, dq = plant.state.position, plant.state.derivatives[0]
+    start = robot.energy(q, dq, p)
+    worst = scale = 0.0
+    for k in range(10_000):
+        plant.step(effort, k * 0.001, 0.001)
+        if k % 20 == 19:
+            now = robot.energy(q, dq, p)
+            worst = max(worst, abs(now - start))
+            scale = max(scale, now - robot.energy(q, 0.0 * dq, p))
+    return worst, scale
+
+
+@EACH
+def test_energy_is_conserved_without_torque(robot: Robot) -> None:
+    worst, scale = free_motion(robot, "lagrange")
+    assert scale > 0.1, "the arm should fall"
+    assert worst < 1e-8 * scale
+
+
+@pytest.mark.parametrize("robot", [r for r in ROBOTS.members if "paper" in forms(r)], ids=lambda r: r.name)
+def test_the_printed_coriolis_matrix_does_not_conserve_energy(robot: Robot) -> None:
+    worst, scale = free_motion(robot, "paper")
+    assert worst > 1e-3 * scale
+
+
+@EACH
+@PROPERTY
+@given(seed=SEEDS, mass=st.floats(0.01, 10.0), more=st.floats(0.01, 10.0))
+def test_a_payload_adds_inertia_and_weight(robot: Robot, seed: int, mass: float, more: float) -> None:
+    q, dq, _ = random_state(robot, seed)
+    number = ROBOTS.number(robot.name)
+    p = model(robot)
+    kept = p.copy()
+    same, loaded, twice, both = (np.full_like(p, np.nan) for _ in range(4))
+    attach(number, p, 0.0, same)
+    np.testing.assert_array_equal(same, p)
+    attach(number, p, mass, loaded)
+    np.testing.assert_array_equal(p, kept)
+    attach(number, loaded, more, twice)
+    attach(number, p, mass + more, both)
+    np.testing.assert_allclose(twice, both, rtol=1e-12)
+    added = inertia(robot, q, dq, loaded) - inertia(robot, q, dq, p)
+    assert np.linalg.eigvalsh(0.5 * (added + added.T)).min() > -1e-9
+    assert np.trace(added) > 0.0
+
+
+@EACH
+def test_the_defaults_fit_the_joints(robot: Robot) -> None:
+    assert len(robot.effort_limit) == len(robot.initial_position) == len(set(robot.joints))
+    assert min(robot.effort_limit) > 0.0

@@ -1,0 +1,46 @@
+"""The dual terminal surface against eqs. (11), (13), (29), by hand."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pidtsm_core.surfaces.dual_terminal import DUAL_TERMINAL
+
+K1, K2, ALPHA, U_S = 3.0, 0.5, 0.5, 5.0
+P = np.array([K1, K2, ALPHA, U_S, 0.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_values_by_hand(sign: float) -> None:
+    # e = 0.25, e' = 2: e^[0.5] = 0.5, e^3 = 0.015625, u_f = 2 / 0.5 = 4, 3 e^2 e' = 0.375.
+    s, g, h = DUAL_TERMINAL.evaluate(sign * 0.25, sign * 2.0, 0.0, P)
+    assert s == pytest.approx(sign * (2.0 + 3.0 * 0.515625 + 0.125), rel=1e-15)
+    assert g == 1.0
+    assert h == pytest.approx(sign * (3.0 * (0.5 * 4.0 + 0.375) + 1.0), rel=1e-15)
+
+
+@pytest.mark.parametrize("e", [0.0, -0.0])
+@pytest.mark.parametrize("de", [2.0, -2.0, 1e-300, -1e-300, 0.0, -0.0])
+def test_without_error_u_f_is_its_limit_in_the_direction_of_the_velocity(e: float, de: float) -> None:
+    u_f = 0.0 if de == 0.0 else math.copysign(U_S, de)
+    s, _, h = DUAL_TERMINAL.evaluate(e, de, 0.0, P)
+    assert s == de
+    assert h == K1 * ALPHA * u_f + K2 * de
+
+
+@settings(deadline=None, max_examples=100)
+@given(e=st.floats(-10.0, 10.0), de=st.floats(-100.0, 100.0))
+def test_u_f_is_limited_and_untouched_below_the_limit(e: float, de: float) -> None:
+    _, _, h = DUAL_TERMINAL.evaluate(e, de, 0.0, P)
+    u_f = (h - K2 * de - K1 * 3.0 * e * e * de) / (K1 * ALPHA)
+    # |e|^(alpha-1) e' of (13), where it is a number; rounding of the cubic term in h.
+    wanted = de / math.sqrt(abs(e)) if e != 0.0 else math.copysign(math.inf, de) * (de != 0.0 or math.nan)
+    wanted = 0.0 if de == 0.0 else min(max(wanted, -U_S), U_S)
+    assert u_f == pytest.approx(wanted, rel=1e-12, abs=1e-14 * (1.0 + 3.0 * e * e * abs(de)))
+
+
+def test_the_defaults_are_those_of_table_1() -> None:
+    assert {p.name: p.default for p in DUAL_TERMINAL.parameters} == {"k1": 3.0, "k2": 0.5, "alpha": 7 / 9, "u_s": 5.0}

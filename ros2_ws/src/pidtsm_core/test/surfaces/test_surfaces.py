@@ -1,0 +1,72 @@
+"""What every sliding surface promises."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pidtsm_core.parameters import Array
+from pidtsm_core.surfaces import SURFACES, Surface, evaluate_surface
+
+PROPERTY = settings(deadline=None, max_examples=100)
+EACH = pytest.mark.parametrize("surface", SURFACES.members, ids=lambda s: s.name)
+AWAY_FROM_ZERO = st.floats(0.1, 2.0) | st.floats(-2.0, -0.1)
+ANYTHING = st.floats(-1e6, 1e6) | st.sampled_from([0.0, -0.0, 5e-324, -5e-324, 1e-200, -1e-200, 1e-16, 1e6, -1e6])
+
+
+def packed(surface: Surface, **changes: float) -> Array:
+    values = {f"law.{p.name}": changes.get(p.name, p.default) for p in surface.parameters}
+    return surface.pack(values, "law", 1)[0]
+
+
+def evaluate(surface: Surface, e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
+    return evaluate_surface(SURFACES.number(surface.name), e, de, integral, p)
+
+
+@EACH
+@PROPERTY
+@given(e=AWAY_FROM_ZERO, de=AWAY_FROM_ZERO, dde=st.floats(-10.0, 10.0), integral=st.floats(-2.0, 2.0))
+def test_g_and_h_give_the_derivative_of_s(surface: Surface, e: float, de: float, dde: float, integral: float) -> None:
+    p = packed(surface, u_s=1e9)  # A limited derivative is not the derivative.
+
+    def s_at(t: float) -> float:
+        return evaluate(
+            surface,
+            e + t * (de + t * dde / 2),
+            de + t * dde,
+            integral + t * (e + t * (de / 2 + t * dde / 6)),
+            p,
+        )[0]
+
+    step = 1e-5
+    _, g, h = evaluate(surface, e, de, integral, p)
+    scale = abs(g * dde) + abs(h) + 1.0
+    assert (s_at(step) - s_at(-step)) / (2 * step) == pytest.approx(g * dde + h, abs=1e-6 * scale)
+
+
+@EACH
+@PROPERTY
+@given(e=ANYTHING, de=ANYTHING, integral=ANYTHING)
+def test_opposite_errors_give_opposite_values(surface: Surface, e: float, de: float, integral: float) -> None:
+    p = packed(surface)
+    s, g, h = evaluate(surface, e, de, integral, p)
+    assert evaluate(surface, -e, -de, -integral, p) == (-s, g, -h)
+
+
+@EACH
+@PROPERTY
+@given(e=ANYTHING, de=ANYTHING, integral=ANYTHING)
+def test_values_are_finite_and_g_is_not_negative(surface: Surface, e: float, de: float, integral: float) -> None:
+    s, g, h = evaluate(surface, e, de, integral, packed(surface))
+    assert math.isfinite(s)
+    assert math.isfinite(g)
+    assert math.isfinite(h)
+    assert g >= 0.0
+
+
+@EACH
+def test_no_error_is_on_the_surface(surface: Surface) -> None:
+    s, _, h = evaluate(surface, 0.0, 0.0, 0.0, packed(surface))
+    assert s == 0.0
+    assert h == 0.0

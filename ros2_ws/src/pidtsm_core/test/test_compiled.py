@@ -1,0 +1,82 @@
+"""The cache of compiled functions: never stale, and no obstacle where it cannot be written."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import pidtsm_core
+
+CACHE = "import pidtsm_core.compiled, numba; print(numba.config.CACHE_DIR)"
+COMPILE = "from pidtsm_core.timing import seconds; import numba; print(seconds(1500000000), numba.config.CACHE_DIR)"
+
+
+def run(code: str, package_parent: Path, **changes: str) -> str:
+    """Standard output of a Python that imports the package from that folder."""
+    kept = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "PYTHONPATH")}
+    environment = {**kept, "PYTHONPATH": str(package_parent), "PYTHONDONTWRITEBYTECODE": "1", **changes}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """A folder with a copy of the package."""
+    target = tmp_path / "copy"
+    shutil.copytree(Path(pidtsm_core.__file__).parent, target / "pidtsm_core", ignore=shutil.ignore_patterns("__pycache__"))
+    return target
+
+
+def test_an_edit_to_any_source_file_gives_another_cache_folder(copy: Path, tmp_path: Path) -> None:
+    home = {"HOME": str(tmp_path / "home")}
+    before = run(CACHE, copy, **home)
+    assert run(CACHE, copy, **home) == before
+    assert Path(before).is_relative_to(tmp_path / "home")
+    with (copy / "pidtsm_core" / "robots" / "two_link.py").open("a") as file:
+        file.write("\n# Another line.\n")
+    edited = run(CACHE, copy, **home)
+    assert edited != before
+    (copy / "pidtsm_core" / "surfaces" / "new.py").write_text("")
+    assert run(CACHE, copy, **home) not in (before, edited)
+
+
+@pytest.mark.parametrize("variable", ["HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"])
+def test_a_folder_that_cannot_be_written_does_not_matter(copy: Path, tmp_path: Path, variable: str) -> None:
+    # A path below a file cannot be made by anybody, root included.
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    printed = run(COMPILE, copy, **{"HOME": str(tmp_path), variable: str(blocked / "below"), "TMPDIR": str(tmp_path)})
+    value, folder = printed.split(maxsplit=1)
+    assert value == "1.5"
+    assert Path(folder).is_dir()
+
+
+def test_compiled_functions_are_kept_in_the_cache(copy: Path, tmp_path: Path) -> None:
+    _, folder = run(COMPILE, copy, HOME=str(tmp_path), NUMBA_CACHE_DIR=str(tmp_path / "cache")).split(maxsplit=1)
+    assert Path(folder).parent == tmp_path / "cache"
+    assert list(Path(folder).rglob("*seconds*.nbc"))
+
+
+def test_only_own_old_caches_are_removed(copy: Path, tmp_path: Path) -> None:
+    root = tmp_path / "cache"
+    foreign = [root / f"project_{i}" for i in range(12)]
+    for folder in foreign:
+        folder.mkdir(parents=True)
+        (folder / "precious").write_text("")
+    run(CACHE, copy, HOME=str(tmp_path), NUMBA_CACHE_DIR=str(root))
+    assert [f.name for f in foreign if not f.exists()] == []
+
+
+def test_old_caches_do_not_pile_up(copy: Path, tmp_path: Path) -> None:
+    home = tmp_path / "home"
+    folders = set()
+    for i in range(9):
+        (copy / "pidtsm_core" / "extra.py").write_text(f"N = {i}\n")
+        folders.add(run(CACHE, copy, HOME=str(home)))
+    assert len(folders) == 9
+    left = [f for f in folders if Path(f).exists()]
+    assert 1 <= len(left) < 9

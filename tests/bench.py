@@ -1,0 +1,62 @@
+"""A test bench: real nodes in processes of their own, and a ROS node inside the test that talks to them."""
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+
+from pidtsm_experiments.runner import Process, Processes
+
+DEADLINE = 60.0
+"""s; only a failing test waits that long. The first nodes on a machine compile."""
+
+
+class Bench:
+    """A ROS domain of its own with real node processes, and a node of the test's."""
+
+    def __init__(self, folder: Path, domain: int, processes: Processes) -> None:
+        self.folder = folder
+        self.environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_LOG_DIR": str(folder / "ros")}
+        self.processes = processes
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = Node("stranger", context=self.context)
+        self.executor = EventsExecutor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def start(self, name: str, *parameters: str) -> Process:
+        """Start one of our nodes with parameters ``name:=value``."""
+        arguments = [word for parameter in parameters for word in ("-p", parameter)]
+        process = Process(name, arguments, self.environment, self.folder / f"{name}.log")
+        self.processes.start(process)
+        return process
+
+    def spin_until(self, condition: Callable[[], Any], what: str) -> None:
+        """Spin the test's node until the condition holds."""
+        end = time.monotonic() + DEADLINE
+        while not condition():
+            if time.monotonic() > end:
+                logs = "\n".join(f"{p.name}:\n{p.tail()}" for p in self.processes.running.values())
+                pytest.fail(f"not within {DEADLINE:g} s: {what}\n{logs}")
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def call(self, service_type: Any, name: str, request: Any) -> Any:
+        """Call a service and return its response."""
+        client = self.node.create_client(service_type, name)
+        self.spin_until(client.service_is_ready, f"service {name}")
+        future = client.call_async(request)
+        self.spin_until(future.done, f"response of {name}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def close(self) -> None:
+        self.executor.remove_node(self.node)
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
