@@ -27,7 +27,9 @@ def run(code: str, package_parent: Path, **changes: str) -> str:
 def copy(tmp_path: Path) -> Path:
     """A folder with a copy of the package."""
     target = tmp_path / "copy"
-    shutil.copytree(Path(pidtsm_core.__file__).parent, target / "pidtsm_core", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        Path(pidtsm_core.__file__).parent, target / "pidtsm_core", ignore=shutil.ignore_patterns("__pycache__")
+    )
     return target
 
 

@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 from pidtsm_core.timing import period_nanoseconds, seconds
 
 
-@pytest.mark.parametrize(("rate", "period"), [(1, 1_000_000_000), (1000, 1_000_000), (3, 333_333_333), (100_000, 10_000)])
+@pytest.mark.parametrize(
+    ("rate", "period"), [(1, 1_000_000_000), (1000, 1_000_000), (3, 333_333_333), (100_000, 10_000)]
+)
 def test_period_of_a_rate(rate: int, period: int) -> None:
     assert period_nanoseconds(rate) == period
 

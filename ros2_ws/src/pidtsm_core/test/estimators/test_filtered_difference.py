@@ -73,9 +73,7 @@ def test_a_sine_is_followed_within_its_lag(cutoffs: tuple[float, float]) -> None
     settled = times > 1.0
     # The delay explains all but the second order of omega times the lag.
     slack = (omega * (lag(cutoffs[0]) + lag(cutoffs[1]))) ** 2
-    np.testing.assert_allclose(
-        dq[settled], size * omega * np.cos(omega * late)[settled], atol=slack * size * omega
-    )
+    np.testing.assert_allclose(dq[settled], size * omega * np.cos(omega * late)[settled], atol=slack * size * omega)
     np.testing.assert_allclose(
         ddq[settled], -size * omega**2 * np.sin(omega * later)[settled], atol=slack * size * omega**2
     )

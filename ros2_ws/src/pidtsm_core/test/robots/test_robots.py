@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.parameters import Array, Value, resolve
+from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.plant import Plant, plant_schema
 from pidtsm_core.robots import ROBOTS, Robot, attach, forward_dynamics, inverse_dynamics, robot_schema
 
