@@ -2,15 +2,13 @@
 
 import sys
 import time
-from collections.abc import Mapping
 
 import numpy as np
 from sensor_msgs.msg import JointState
 
 from pidtsm_core.controller import Controller
-from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.node_parameters import controller_node_schema
-from pidtsm_core.parameters import ParameterError, Value, names
+from pidtsm_core.parameters import names
 from pidtsm_core.references import extrapolate
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.signals import Signal
@@ -27,16 +25,6 @@ class ControllerNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("controller", controller_node_schema, robot_joints)
-
-    def check(self, settings: Mapping[str, object]) -> dict[str, Value]:
-        values = super().check(settings)
-        estimator = ESTIMATORS[str(values["estimator.name"])]
-        if estimator.needs_truth:
-            raise ParameterError(
-                f"estimator.name: {estimator.name} needs the true derivatives, which no sensor delivers; "
-                "it works in a rollout only"
-            )
-        return values
 
     def configure(self) -> None:
         joints = list(names(self.values["joints"]))

@@ -13,7 +13,7 @@ from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.joints import joint_field
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run
-from pidtsm_ros.stamps import nanoseconds, set_stamp
+from pidtsm_ros.stamps import serialized_nanoseconds, set_stamp
 
 
 class Trajectory(ManagedNode):
@@ -37,7 +37,7 @@ class Trajectory(ManagedNode):
         self._rows = [joint_field(self._reference, field, len(joints)) for field in fields]
 
         self._references = self.advertise(JointReference, "reference")
-        self.listen(JointState, "joint_states", self._on_joint_state)
+        self.listen(JointState, "joint_states", self._on_joint_state, raw=True)
 
     def activate(self) -> None:
         self._start = -1
@@ -53,8 +53,9 @@ class Trajectory(ManagedNode):
             return 0.005
         return super().poll()
 
-    def _on_joint_state(self, state: JointState) -> None:
-        stamp = nanoseconds(state.header.stamp)
+    def _on_joint_state(self, state: bytes) -> None:
+        # Only the time matters here, at a fraction of the cost of the whole message.
+        stamp = serialized_nanoseconds(state)
         if self._start < 0 or stamp < self._last:
             self._start = stamp
         self._last = stamp

@@ -5,8 +5,9 @@ They stand here, without ROS, so that whoever starts nodes can check and complet
 
 from collections.abc import Mapping
 
-from pidtsm_core.controller import controller_schema
-from pidtsm_core.parameters import Parameter, Schema
+from pidtsm_core.controller import ESTIMATOR_NAME, controller_schema
+from pidtsm_core.estimators import ESTIMATORS
+from pidtsm_core.parameters import Parameter, ParameterError, Schema, chosen
 from pidtsm_core.plant import plant_schema
 from pidtsm_core.references import reference_schema
 
@@ -54,7 +55,17 @@ def simulator_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ..
 
 
 def controller_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Every parameter of the controller node."""
+    """Every parameter of the controller node.
+
+    Raises:
+        ParameterError: an estimator that works in a rollout only.
+    """
+    estimator = ESTIMATORS[chosen(settings, ESTIMATOR_NAME)]
+    if estimator.needs_truth:
+        raise ParameterError(
+            f"{ESTIMATOR_NAME.name}: {estimator.name} needs the true derivatives, which no sensor delivers; "
+            "it works in a rollout only"
+        )
     return (*controller_schema(settings), *_CONTROLLER)
 
 

@@ -20,6 +20,7 @@ from sensor_msgs.msg import JointState
 
 from pidtsm_experiments.recording import typestore
 from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.process import spin_for
 from pidtsm_ros.qos import RECORDER
 
 TOPICS = {
@@ -34,6 +35,7 @@ BARRIER = "joint_states"
 """Subscribed to last, once every other topic has a publisher: a simulator that waits for its subscribers
 (``start.subscribers``) then starts when nothing can be missed any more."""
 
+_BATCH = 0.02  # s
 _STATUS_PERIOD = 0.2  # s between two lines on standard output
 _PATIENCE = 10.0  # s of waiting for publishers before the log says so
 _SILENCE = 0.3  # s without a message after which everything sent has arrived
@@ -98,7 +100,9 @@ def _spin(recorder: Recorder, stopping: Callable[[], bool]) -> None:
     executor.add_node(recorder)
     next_status, patience = 0.0, time.monotonic() + _PATIENCE
     while not (stopping() and time.monotonic() - recorder.last > _SILENCE):
-        executor.spin_once(timeout_sec=0.1 if recorder.connected else 0.01)
+        # Waking for batches costs a fraction of waking for every message; the queues hold far more than a batch.
+        time.sleep(_BATCH)
+        spin_for(executor, 0.0)
         recorder.connect()
         now = time.monotonic()
         if now >= patience and recorder.missing():

@@ -9,6 +9,7 @@ import subprocess
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 
@@ -18,7 +19,7 @@ from pidtsm_core.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import Value, number
 from pidtsm_experiments.domain import own_domain
 from pidtsm_experiments.errors import RunError
-from pidtsm_experiments.experiment import Experiment, write_ros_parameters
+from pidtsm_experiments.experiment import Experiment, Settings, write_ros_parameters
 
 EXECUTABLES = {
     "simulator": ("two_link_sim", "simulator"),
@@ -140,7 +141,7 @@ def run(experiment: Experiment, clock: str, out: Path, progress: Progress) -> Pa
         UsageError: a parameter that a node would refuse.
         RunError: a process died or fell silent; the message names it and shows its last lines.
     """
-    parameters = _node_parameters(experiment, clock)
+    parameters = node_parameters(experiment, clock)
     bag = out / "bag"
     for folder in ("params", "log"):
         (out / folder).mkdir()
@@ -180,12 +181,18 @@ def _quoted(text: str) -> str:
     return "'" + text.replace("'", "''") + "'"
 
 
-def _node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, Value]]:
-    settings = experiment.settings
-    settings["simulator"].update({"clock": clock, "duration": experiment.duration})
-    settings["simulator"].setdefault("start.subscribers", _SUBSCRIBERS)
-    settings["controller"].setdefault("reference.match", "stamp" if clock == "lockstep" else "latest")
-    return experiment.resolved(NODE_SCHEMAS)
+def node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, Value]]:
+    """Every parameter of every node, by node, for a run with this clock.
+
+    Raises:
+        UsageError: a parameter that a node would refuse.
+    """
+    of_the_run: Settings = {
+        "simulator": {"clock": clock, "duration": experiment.duration, "start.subscribers": _SUBSCRIBERS},
+        "controller": {"reference.match": "stamp" if clock == "lockstep" else "latest"},
+    }
+    settings = {node: {**of_the_run.get(node, {}), **given} for node, given in experiment.settings.items()}
+    return replace(experiment, settings=settings).resolved(NODE_SCHEMAS)
 
 
 def _watch(processes: Processes, progress: Callable[[int], None]) -> None:

@@ -100,7 +100,7 @@ class ManagedNode(LifecycleNode):
         """All values of the schema for these settings.
 
         Raises:
-            ParameterError: an unknown name, or a refused value. Subclasses add what their parts refuse.
+            ParameterError: an unknown name, or a refused value.
         """
         joints = self._joint_count(settings)
         values = resolve(self._schema, settings, joints)
@@ -172,8 +172,13 @@ class ManagedNode(LifecycleNode):
         self._own_publishers.append(publisher)
         return publisher
 
-    def listen(self, message_type: type, topic: str, callback: Callable[[Any], None]) -> Subscription:
-        """A subscription, until the node is cleaned up, that reports what `callback` rejects with MessageError."""
+    def listen(
+        self, message_type: type, topic: str, callback: Callable[[Any], None], raw: bool = False
+    ) -> Subscription:
+        """A subscription, until the node is cleaned up, that reports what `callback` rejects with MessageError.
+
+        With `raw` the callback gets the serialized message.
+        """
 
         def checked(message: Any) -> None:
             if not self.active:
@@ -183,7 +188,7 @@ class ManagedNode(LifecycleNode):
             except MessageError as error:
                 self.reject(f"{topic}: {error}")
 
-        subscription = self.create_subscription(message_type, topic, checked, READER)
+        subscription = self.create_subscription(message_type, topic, checked, READER, raw=raw)
         self._own_subscriptions.append(subscription)
         return subscription
 

@@ -1,20 +1,26 @@
 """The main loop of a node's process."""
 
+import gc
 import signal
 import sys
 from collections.abc import Callable, Sequence
 from types import FrameType
 
 import rclpy
+from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 from pidtsm_core.parameters import ParameterError
 from pidtsm_ros.managed_node import ManagedNode
 
 _LONGEST_WAIT = 0.1
 """s; Python runs signal handlers only between two waits of the executor."""
+
+
+_NEVER: Future = Future()
 
 
 class _Stop:
@@ -27,6 +33,15 @@ class _Stop:
 
     def _request(self, number: int, frame: FrameType | None) -> None:
         self.requested = True
+
+
+def spin_for(executor: Executor, duration: float) -> None:
+    """Execute what is ready, and what becomes ready within `duration` s.
+
+    The events executor's ``spin_once`` handles one event and costs more than most of them; its ``spin`` never
+    looks at signals. Waiting for a future that never comes does what is needed.
+    """
+    executor.spin_until_future_complete(_NEVER, timeout_sec=duration)
 
 
 def run(make_node: Callable[[], ManagedNode], args: Sequence[str] | None = None) -> int:
@@ -64,8 +79,11 @@ def _spin(node: ManagedNode, stop: _Stop) -> int:
     try:
         if node.values["autostart"] and not _start(node):
             return 1
+        # What is there by now stays: the collector need not walk it again in the loop.
+        gc.collect()
+        gc.freeze()
         while not (stop.requested or node.finished):
-            executor.spin_once(timeout_sec=min(node.poll(), _LONGEST_WAIT))
+            spin_for(executor, min(node.poll(), _LONGEST_WAIT))
         node.flush()
         if node.active:
             node.trigger_deactivate()

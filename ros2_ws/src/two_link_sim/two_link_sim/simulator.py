@@ -98,7 +98,8 @@ class Simulator(ManagedNode):
         if not self._told and time.monotonic() - self._waiting_since > _PATIENCE:
             self._told = True
             self.get_logger().info(
-                f"waiting: {listening} of {wanted:g} subscribers of joint_states, {commanded} publishers of joint_commands"
+                f"waiting: joint_states has {listening} of {wanted:g} subscribers, "
+                f"joint_commands {commanded} publishers"
             )
         return False
 

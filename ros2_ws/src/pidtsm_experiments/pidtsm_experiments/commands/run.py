@@ -1,6 +1,8 @@
 """``./pidtsm run``: an experiment over the real nodes."""
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
@@ -12,7 +14,7 @@ from pidtsm_experiments.experiment import Experiment
 from pidtsm_experiments.figures import write_figures
 from pidtsm_experiments.recording import RecordingError, read_recording
 from pidtsm_experiments.results import result_folder
-from pidtsm_experiments.runner import run
+from pidtsm_experiments.runner import node_parameters, run
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,18 +37,9 @@ def execute(options: argparse.Namespace) -> int:
 
 def run_and_report(experiment: Experiment, clock: str, out: Path) -> None:
     """Run, analyse, draw, and say where everything is."""
-    with (
-        result_folder(out) as folder,
-        Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TaskProgressColumn(),
-            TimeElapsedColumn(),
-            console=CONSOLE,
-            transient=True,
-        ) as bar,
-    ):
-        title = f"{experiment.scenario}, {experiment.law}, {clock}"
+    node_parameters(experiment, clock)  # Refuses bad parameters before anything is begun.
+    title = f"{experiment.scenario}, {experiment.law}, {clock}"
+    with result_folder(out) as folder, _progress() as bar:
         task = bar.add_task(f"{title}: starting the nodes", total=experiment.duration)
 
         def show(time: float) -> None:
@@ -63,3 +56,10 @@ def run_and_report(experiment: Experiment, clock: str, out: Path) -> None:
         write_figures(recording, folder / "figures")
     show_metrics(metrics, as_json=False)
     CONSOLE.print(f"{out}: bag/ metrics.json figures/ params/ log/", highlight=False)
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=CONSOLE, transient=True) as bar:
+        yield bar

@@ -1,0 +1,176 @@
+"""The command line as a user meets it: results, errors in one line, exit codes, Ctrl-C, dying nodes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+DEADLINE = 120.0
+
+
+def start(*words: str, cwd: Path) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [sys.executable, "-m", "pidtsm_experiments.cli", *words],
+        cwd=cwd,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def call(*words: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
+    process = start(*words, cwd=cwd)
+    out, err = process.communicate(timeout=DEADLINE)
+    return subprocess.CompletedProcess(words, process.returncode, out, err)
+
+
+def wait_for(path: Path, process: "subprocess.Popen[str]") -> None:
+    end = time.monotonic() + DEADLINE
+    while not path.exists():
+        assert time.monotonic() < end, f"{path} did not appear"
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.02)
+
+
+def name_of(pid: int) -> str:
+    words = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
+    return next((word.rpartition("/")[2] for word in words if "/lib/" in word and "python" not in word), str(pid))
+
+
+def nodes_of(runner: "subprocess.Popen[str]", folder: Path) -> dict[str, int]:
+    """The four processes of a run by name, once all are there."""
+    for name in ("recorder", "simulator", "controller", "trajectory"):
+        wait_for(folder / "log" / f"{name}.log", runner)
+    end = time.monotonic() + DEADLINE
+    while True:
+        pids = Path(f"/proc/{runner.pid}/task/{runner.pid}/children").read_text().split()
+        nodes = {name_of(int(pid)): int(pid) for pid in pids}
+        if len(nodes) == 4:
+            return nodes
+        assert time.monotonic() < end, nodes
+        time.sleep(0.02)
+
+
+BAD_USAGE = [
+    ([], "usage"),
+    (["fly"], "invalid choice: 'fly'"),
+    (["run", "--law", "pidtsm"], "unknown law pidtsm; known are piddtsm"),
+    (["run", "--scenario", "case9"], "no scenario case9: neither a file nor one of case1, case2"),
+    (["run", "--duration", "-1"], "'-1' is not a positive number of seconds"),
+    (["run", "--clock", "sundial"], "invalid choice: 'sundial'"),
+    (["run", "--set", "controller.law.kk=1"], "controller: unknown parameter law.kk; did you mean law.k?"),
+    (["run", "--set", "controller.law.k1=-1"], "controller: law.k1: -1 must be >= 0"),
+    (["run", "--set", "law.k1=1"], "must be NODE.PARAMETER=VALUE"),
+    (["run", "--set", "controller.law.k1=[1"], "is not a value"),
+    (["run", "--params", "nowhere.yaml"], "nowhere.yaml: No such file or directory"),
+    (["run", "--out", "occupied"], "holds other files (thesis.tex)"),
+    (["rollout", "--set", "controller.estimator.velocity_cutoff=0"], "velocity_cutoff (rad/s): 0 must be > 0"),
+    (["analyze", "nowhere"], "nowhere"),
+    (["analyze", "occupied"], "occupied"),
+]
+
+
+@pytest.mark.parametrize(("words", "cause"), BAD_USAGE, ids=[" ".join(words) for words, _ in BAD_USAGE])
+def test_bad_usage_is_one_clear_error(words: list[str], cause: str, tmp_path: Path) -> None:
+    (tmp_path / "occupied").mkdir()
+    (tmp_path / "occupied" / "thesis.tex").write_text("years of work")
+    result = call(*words, cwd=tmp_path)
+    assert result.returncode == 2
+    assert cause in (result.stderr or result.stdout)
+    assert "Traceback" not in result.stderr
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["occupied", "thesis.tex"], "nothing is half done"
+
+
+SCENARIO = """\
+description: a lighter arm
+duration: 0.2
+simulator:
+  robot:
+    m2: 1.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        (("duration: 0.2", "duration: soon"), "mine.yaml: duration: 'soon' must be a positive number of seconds"),
+        (("simulator:", "plant:"), "mine.yaml: unknown key plant; allowed are description, duration, simulator"),
+        (("m2: 1.0", "m3: 1.0"), "simulator: unknown parameter robot.m3; did you mean robot.m"),
+        (("m2: 1.0", "m2: heavy"), "simulator: robot.m2 (kg): 'heavy' must be a number"),
+        (("description", "[description"), "mine.yaml is not YAML"),
+    ],
+)
+def test_mistake_in_a_scenario_file_is_named(change: tuple[str, str], cause: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(SCENARIO)
+    assert call("rollout", "--scenario", "mine.yaml", cwd=tmp_path).returncode == 0
+    (tmp_path / "mine.yaml").write_text(SCENARIO.replace(*change))
+    result = call("rollout", "--scenario", "mine.yaml", cwd=tmp_path)
+    assert result.returncode == 2
+    assert cause in result.stderr
+
+
+def test_run_leaves_a_complete_result_and_analyze_repeats_it(tmp_path: Path) -> None:
+    result = call("run", "--scenario", "case2", "--duration", "0.5", "--out", "mine", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "RMSE" in result.stdout
+    folder = tmp_path / "mine"
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert (metrics["scenario"], metrics["law"], metrics["clock"]) == ("case2", "piddtsm", "lockstep")
+    assert {p.name for p in (folder / "params").iterdir()} == {"simulator.yaml", "controller.yaml", "trajectory.yaml"}
+    figures = {p.name for p in (folder / "figures").iterdir()}
+    for name in ("tracking", "error", "torque", "sliding_variables", "adaptive_gain"):
+        assert {f"{name}.png", f"{name}.svg"} <= figures
+    again = call("analyze", "mine/bag", "--json", cwd=tmp_path)
+    assert again.returncode == 0
+    assert json.loads(again.stdout) == metrics
+    assert [p.name for p in tmp_path.iterdir()] == ["mine"]
+
+
+def test_rollout_prints_one_json_object(tmp_path: Path) -> None:
+    result = call("rollout", "--duration", "0.1", "--set", "controller.estimator.name=exact", "--json", cwd=tmp_path)
+    assert result.returncode == 0
+    metrics = json.loads(result.stdout)
+    assert metrics["samples"] == 100
+    assert metrics["settling_time"] == [None, None]
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_ends_everything(number: signal.Signals, tmp_path: Path) -> None:
+    process = start("run", "--out", "mine", cwd=tmp_path)
+    nodes = nodes_of(process, tmp_path / "mine.unfinished").values()
+    process.send_signal(number)
+    _, err = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 130
+    assert err.splitlines()[-1] == "pidtsm: interrupted"
+    assert "Traceback" not in err
+    assert not any(Path(f"/proc/{pid}").exists() for pid in nodes)
+
+
+@pytest.mark.parametrize("victim", ["controller", "recorder"])
+def test_a_dying_node_is_named(victim: str, tmp_path: Path) -> None:
+    process = start("run", "--out", "mine", cwd=tmp_path)
+    nodes = nodes_of(process, tmp_path / "mine.unfinished")
+    os.kill(nodes[victim], signal.SIGKILL)
+    _, err = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 1
+    assert f"{victim} was killed by signal 9; its last lines:" in err
+    assert not any(Path(f"/proc/{pid}").exists() for pid in nodes.values())
+    assert not (tmp_path / "mine").exists()
+    assert (tmp_path / "mine.failed" / "log" / f"{victim}.log").exists()
+
+
+def test_nodes_end_with_a_killed_runner(tmp_path: Path) -> None:
+    process = start("run", "--out", "mine", cwd=tmp_path)
+    nodes = nodes_of(process, tmp_path / "mine.unfinished").values()
+    process.kill()
+    process.communicate()
+    end = time.monotonic() + DEADLINE
+    while any(Path(f"/proc/{pid}").exists() for pid in nodes):
+        assert time.monotonic() < end, "nodes outlive the runner"
+        time.sleep(0.05)
