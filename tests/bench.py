@@ -33,9 +33,7 @@ class Bench:
     def start(self, name: str, *parameters: str) -> Process:
         """Start one of our nodes with parameters ``name:=value``."""
         arguments = [word for parameter in parameters for word in ("-p", parameter)]
-        process = Process(name, arguments, self.environment, self.folder / f"{name}.log")
-        self.processes.start(process)
-        return process
+        return self.processes.start(name, arguments, self.environment, self.folder / f"{name}.log")
 
     def spin_until(self, condition: Callable[[], Any], what: str) -> None:
         """Spin the test's node until the condition holds."""

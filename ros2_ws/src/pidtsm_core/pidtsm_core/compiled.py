@@ -27,16 +27,16 @@ warnings.simplefilter("ignore", numba.NumbaExperimentalFeatureWarning)
 
 
 def _writable_root() -> Path:
-    """Folder that holds the caches: NUMBA_CACHE_DIR, the user's cache folder, or a temporary one."""
-    chosen = os.environ.get("NUMBA_CACHE_DIR")
-    user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "pidtsm" / "numba"
-    fallback = Path(tempfile.gettempdir()) / f"pidtsm-numba-{os.getuid()}"
-    for root in (Path(chosen) if chosen else user, fallback):
+    """Folder of our own for the caches: below NUMBA_CACHE_DIR, the user's cache folder, or a temporary one."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
+    fallback = Path(tempfile.gettempdir(), f"pidtsm-{os.getuid()}")
+    for root in (Path(chosen, "pidtsm-numba"), fallback):
         try:
-            root.mkdir(parents=True, exist_ok=True)
+            root.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError:
             continue
-        if os.access(root, os.W_OK | os.X_OK):
+        # The cache holds code: it must be ours.
+        if os.access(root, os.W_OK | os.X_OK) and root.stat().st_uid == os.getuid():
             return root
     return Path(tempfile.mkdtemp(prefix="pidtsm-numba-"))
 
@@ -51,13 +51,19 @@ def _source_digest() -> str:
     return digest.hexdigest()[:16]
 
 
+def _age(folder: Path) -> float:
+    try:
+        return -folder.stat().st_mtime
+    except OSError:  # Another process tidies up too.
+        return 0.0
+
+
 def _use_own_cache() -> None:
     root = _writable_root()
     folder = root / _source_digest()
     if not folder.exists():
         folder.mkdir(exist_ok=True)
-        old = sorted((f for f in root.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime, reverse=True)
-        for stale in old[_KEPT_CACHES:]:
+        for stale in sorted(root.iterdir(), key=_age)[_KEPT_CACHES:]:
             shutil.rmtree(stale, ignore_errors=True)
     numba.config.CACHE_DIR = str(folder)
 

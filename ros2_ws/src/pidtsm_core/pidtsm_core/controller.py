@@ -1,5 +1,6 @@
 """The controller: estimator, law, robot model and torque limits as one compiled tick."""
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -66,6 +67,7 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
         desired: q_d, q_d', q_d'', shape (3, joints), rad, rad/s, rad/s^2.
         dt: time since the last tick, s; 0 at the first.
 
+    Absurd positions that overflow give no torque, never one that is not finite.
     The states of the law first move over dt with the values of the last tick, eqs. (10), (25), (27); so an
     irregular period integrates what was really held over it.
     """
@@ -112,8 +114,12 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
     for j in range(joints):
         limit = config.effort_limit[j]
         effort = y[Signal.EFFORT, j]
-        y[Signal.EFFORT, j] = min(max(effort, -limit), limit)
-        y[Signal.SATURATED, j] = 1.0 if abs(effort) >= limit else 0.0
+        if math.isfinite(effort):
+            y[Signal.EFFORT, j] = min(max(effort, -limit), limit)
+            y[Signal.SATURATED, j] = 1.0 if abs(effort) >= limit else 0.0
+        else:
+            y[Signal.EFFORT, j] = 0.0
+            y[Signal.SATURATED, j] = 1.0
 
 
 class Controller:

@@ -36,7 +36,7 @@ class Parameter:
         minimum, maximum: inclusive range of a number; None is unbounded.
         exclusive: the ends of the range themselves are not allowed.
         choices: allowed values of a string.
-        per_joint: one number for all joints, or a sequence of one number a joint.
+        per_joint: one number for all joints, or a sequence of one number a joint; one name a joint.
         fixed: can only be set before the node is configured, not while it runs.
     """
 
@@ -70,17 +70,19 @@ class Parameter:
         Raises:
             ParameterError: wrong type, length or range, or a number that is not finite.
         """
-        if isinstance(self.default, tuple) and not self.per_joint:
-            return self._check_texts(value)
-        if isinstance(value, (list, tuple, np.ndarray)) or hasattr(value, "tolist"):
+        if isinstance(self.default, tuple) and isinstance(self.default[0], str):
+            return self._check_texts(value, joints)
+        if np.ndim(value) > 0:  # type: ignore[arg-type]
             return self._check_sequence(list(value), joints)  # type: ignore[call-overload]
         return self._check_scalar(value)
 
-    def _check_texts(self, value: object) -> Value:
+    def _check_texts(self, value: object, joints: int) -> Value:
         if not isinstance(value, (list, tuple)) or not value or not all(isinstance(v, str) and v for v in value):
             raise self._error(value, "must be a non-empty list of names")
         if len(set(value)) != len(value):
             raise self._error(value, "must not name anything twice")
+        if self.per_joint and len(value) != joints:
+            raise self._error(value, f"must name {joints} joints")
         return tuple(value)
 
     def _check_sequence(self, value: list[object], joints: int) -> Value:
@@ -106,10 +108,10 @@ class Parameter:
             return value
         if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
             raise self._error(value, "must be a number")
-        if isinstance(self.default, int) and int(value) != value:
-            raise self._error(value, "must be a whole number")
         if not math.isfinite(value):
             raise self._error(value, "must be finite")
+        if isinstance(self.default, int) and int(value) != value:
+            raise self._error(value, "must be a whole number")
         if not self._in_range(float(value)):
             raise self._error(value, f"must be {self.range_text()}")
         return int(value) if isinstance(self.default, int) else float(value)

@@ -7,7 +7,7 @@ import numpy as np
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
-from pidtsm_core.parameters import Array, Parameter, Value, joint_array, number
+from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, joint_array, number
 from pidtsm_core.robots import ROBOTS, attach, forward_dynamics, robot_schema
 
 
@@ -113,8 +113,20 @@ class Plant:
     """
 
     def __init__(self, values: Mapping[str, Value]) -> None:
-        """Args: values: every parameter of `plant_schema`, as `resolve` returns them."""
+        """Build it.
+
+        Args:
+            values: every parameter of `plant_schema`, as `resolve` returns them.
+
+        Raises:
+            ParameterError: a disturbance made for another number of joints.
+        """
         self.joints = len(ROBOTS[str(values["robot.name"])].joints)
+        disturbance = DISTURBANCES[str(values["disturbance.name"])]
+        if disturbance.joints not in (0, self.joints):
+            raise ParameterError(
+                f"disturbance.name: {disturbance.name} is made for {disturbance.joints} joints, not {self.joints}"
+            )
         self.set_parameters(values)
         self.state = PlantState(
             position=joint_array(values["initial_position"], self.joints),

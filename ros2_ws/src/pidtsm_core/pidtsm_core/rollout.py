@@ -1,5 +1,6 @@
 """The closed loop without ROS: the same compiled functions as the nodes, in one compiled loop."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -8,15 +9,16 @@ import numpy as np
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.controller import Controller, ControllerConfig, ControllerState, controller_schema, tick
-from pidtsm_core.parameters import Array, ParameterError, names, number, resolve
+from pidtsm_core.parameters import Array, ParameterError, Schema, Value, names, number, resolve
 from pidtsm_core.plant import Plant, PlantConfig, PlantState, plant_schema, step
-from pidtsm_core.references import ReferenceMotion, evaluate_reference, reference_schema
+from pidtsm_core.references import ReferenceMotion, evaluate_reference, reference_joints, reference_schema
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.signals import Signal
 from pidtsm_core.timing import period_nanoseconds, seconds
 
 SCHEMAS = {"controller": controller_schema, "simulator": plant_schema, "trajectory": reference_schema}
 """Parameters of each node as far as the core knows them."""
+_JOINTS = {"controller": robot_joints, "simulator": robot_joints, "trajectory": reference_joints}
 
 
 @dataclass(frozen=True)
@@ -59,18 +61,43 @@ def _simulate(
     """Run the loop; returns the number of samples done before a value stopped being finite."""
     dt = seconds(period)
     for k in range(position.shape[0]):
+        for j in range(position.shape[1]):
+            if not math.isfinite(arm.position[j]):
+                return k
         t = seconds(k * period)
         evaluate_reference(reference, t, reference_parameters, desired[k])
         position[k] = arm.position
         velocity[k] = arm.derivatives[0]
         tick(controller, memory, arm.position, arm.derivatives, desired[k], dt if k > 0 else 0.0)
         signals[k] = memory.signals
-        for j in range(position.shape[1]):
-            if not np.isfinite(memory.signals[Signal.EFFORT, j]):
-                return k
         step(plant, arm, memory.signals[Signal.EFFORT], t, dt)
         effort[k] = arm.effort
     return position.shape[0]
+
+
+def resolve_nodes(
+    schemas: Mapping[str, Schema], settings: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Value]]:
+    """Every parameter of every node, checked; see `resolve`.
+
+    Args:
+        schemas: by node, for the nodes ``controller``, ``simulator`` and ``trajectory``.
+        settings: parameters that differ from their defaults, by node.
+
+    Raises:
+        ParameterError: an unknown node or parameter, or a refused value; the message begins with the node.
+    """
+    for node in settings:
+        if node not in schemas:
+            raise ParameterError(f"unknown node {node}; known are {', '.join(schemas)}")
+    values = {}
+    for node, schema in schemas.items():
+        given = settings.get(node, {})
+        try:
+            values[node] = resolve(schema, given, _JOINTS[node](given))
+        except ParameterError as error:
+            raise ParameterError(f"{node}: {error}") from None
+    return values
 
 
 class DivergedError(RuntimeError):
@@ -89,16 +116,7 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
         ParameterError: a setting that a schema refuses, or parts made for different numbers of joints.
         DivergedError: the loop left the finite numbers.
     """
-    for node in settings:
-        if node not in SCHEMAS:
-            raise ParameterError(f"unknown node {node}; known are {', '.join(SCHEMAS)}")
-    joints = robot_joints(settings.get("simulator", {}))
-    values = {}
-    for node, schema in SCHEMAS.items():
-        try:
-            values[node] = resolve(schema, settings.get(node, {}), joints)
-        except ParameterError as error:
-            raise ParameterError(f"{node}.{error}") from None
+    values = resolve_nodes(SCHEMAS, settings)
     controller = Controller(values["controller"])
     plant = Plant(values["simulator"])
     motion = ReferenceMotion(values["trajectory"])
@@ -108,9 +126,10 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
             f"{motion.joints} joints"
         )
     period = period_nanoseconds(int(number(values["simulator"]["rate"])))
+    if not duration * 1e9 / period >= 0.5 or duration == math.inf:
+        raise ParameterError(f"duration: {duration} s is not a time of at least one sample")
     samples = round(duration * 1e9 / period)
-    if samples < 1:
-        raise ParameterError(f"duration: {duration} s is shorter than one sample")
+    joints = plant.joints
 
     result = Rollout(
         joints=names(values["simulator"]["joints"]),

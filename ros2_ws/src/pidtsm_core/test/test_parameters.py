@@ -203,8 +203,12 @@ def test_joint_array_has_one_writable_float_a_joint(value: object) -> None:
 
 def _variants(schema: Schema, given_settings: dict[str, object], seen: set[str]) -> Iterator[dict[str, object]]:
     """The settings themselves, and with every choice of every parameter that they bring in."""
+    try:
+        parameters = schema(given_settings)
+    except ParameterError:
+        return  # A node refuses what works in a rollout only.
     yield given_settings
-    fresh = [p for p in schema(given_settings) if p.name not in seen]
+    fresh = [p for p in parameters if p.name not in seen]
     seen = seen | {p.name for p in fresh}
     for parameter in fresh:
         for choice in parameter.choices:

@@ -9,9 +9,8 @@ import yaml
 from ament_index_python.packages import get_package_share_directory
 
 from pidtsm_core.laws import LAWS
-from pidtsm_core.parameters import ParameterError, Schema, Value, resolve
-from pidtsm_core.references import reference_joints
-from pidtsm_core.robots import robot_joints
+from pidtsm_core.parameters import ParameterError, Schema, Value
+from pidtsm_core.rollout import resolve_nodes
 from pidtsm_experiments.errors import UsageError
 
 Settings = dict[str, dict[str, Any]]
@@ -52,15 +51,10 @@ class Experiment:
         Raises:
             UsageError: an unknown parameter or a refused value; the message names node and parameter.
         """
-        counts = {"simulator": robot_joints, "controller": robot_joints, "trajectory": reference_joints}
-        resolved = {}
-        for node in NODES:
-            settings = self.settings[node]
-            try:
-                resolved[node] = resolve(schemas[node], settings, counts[node](settings))
-            except ParameterError as error:
-                raise UsageError(f"{node}: {error}") from None
-        return resolved
+        try:
+            return resolve_nodes(schemas, self.settings)
+        except ParameterError as error:
+            raise UsageError(str(error)) from None
 
 
 def scenario_names() -> list[str]:

@@ -35,14 +35,16 @@ _END_WITHIN = 10.0  # s from SIGINT to the end of a process
 _TAIL_LINES = 15
 _SUBSCRIBERS = 3  # of joint_states: controller, trajectory, recorder
 _PR_SET_PDEATHSIG = 1
+_ENDING = {signal.SIGINT, signal.SIGTERM}
 
 Progress = Callable[[float], None]
 """Called with the simulated time recorded so far, s."""
 
 
-def _end_with_parent() -> None:
-    """Let the process end when the runner does, however that happens."""
+def _in_child() -> None:
+    """Let the process end when the runner does, however that happens, and hear the signals again."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
 
 
 class Process:
@@ -64,7 +66,7 @@ class Process:
                 stderr=output,
                 env=environment,
                 start_new_session=True,
-                preexec_fn=_end_with_parent,
+                preexec_fn=_in_child,
             )
 
     def interrupt(self) -> None:
@@ -105,8 +107,15 @@ class Processes:
         finally:
             signal.signal(signal.SIGINT, previous)
 
-    def start(self, process: Process) -> None:
-        self.running[process.name] = process
+    def start(self, name: str, arguments: Sequence[str], environment: dict[str, str], log: Path) -> Process:
+        """Start a node; see `Process`."""
+        # A Ctrl-C between the start of a process and its entry here would lose it.
+        signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+        try:
+            self.running[name] = process = Process(name, arguments, environment, log)
+        finally:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+        return process
 
     def end(self, *names: str) -> None:
         """Interrupt these, and wait for them; a process that ended badly is an error only if it was not killed."""
@@ -168,7 +177,7 @@ def run(experiment: Experiment, clock: str, out: Path, progress: Progress) -> Pa
             write_ros_parameters(file, node, values)
             arguments[node] = ["--params-file", str(file)]
         for name, words in arguments.items():
-            processes.start(Process(name, words, environment, out / "log" / f"{name}.log"))
+            processes.start(name, words, environment, out / "log" / f"{name}.log")
         rate = number(parameters["simulator"]["rate"])
         _watch(processes, lambda samples: progress(samples / rate))
         processes.end("simulator", "controller", "trajectory")

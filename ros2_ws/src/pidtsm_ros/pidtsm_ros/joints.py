@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from pidtsm_core.parameters import Array
 
+_ABSURD = 1e6
+"""No angle, rate or torque of an arm is that large, in any SI unit."""
+
 
 class MessageError(ValueError):
     """A message cannot be used; the text names the cause."""
@@ -53,14 +56,15 @@ class JointOrder:
         """Copy `values` into `target`, shape (joints,), in one's own order.
 
         Raises:
-            MessageError: names that do not match, an array of another length, or a value that is not finite.
+            MessageError: names that do not match, an array of another length, or a value that is not finite, or absurd.
         """
         order = self.match(names)
         if len(values) != len(self.joints):
             raise MessageError(f"{field} has {len(values)} values for {len(self.joints)} joints")
-        # The sum is finite only if every term is (and if none is absurd).
-        if not math.isfinite(sum(values)):
-            raise MessageError(f"{field} is not finite: {list(values)}")
+        for value in values:
+            if not -_ABSURD < value < _ABSURD:
+                reason = "is absurd" if math.isfinite(value) else "is not finite"
+                raise MessageError(f"{field} {reason}: {list(values)}")
         for j, place in enumerate(order):
             target[j] = values[place]
 

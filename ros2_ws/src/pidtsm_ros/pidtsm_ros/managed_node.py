@@ -24,7 +24,7 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
     """What ``ros2 param describe`` shows of a parameter."""
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     constraints = [parameter.range_text()]
-    if parameter.per_joint:
+    if parameter.per_joint and not isinstance(parameter.default, tuple):
         constraints.append("one number for all joints, or one a joint")
     if parameter.fixed:
         constraints.append("set at the start only")
@@ -102,12 +102,7 @@ class ManagedNode(LifecycleNode):
         Raises:
             ParameterError: an unknown name, or a refused value.
         """
-        joints = self._joint_count(settings)
-        values = resolve(self._schema, settings, joints)
-        names = values["joints"]
-        if not isinstance(names, tuple) or len(names) != joints:
-            raise ParameterError(f"joints: {names!r} must name {joints} joints")
-        return values
+        return resolve(self._schema, settings, self._joint_count(settings))
 
     # What subclasses do.
 

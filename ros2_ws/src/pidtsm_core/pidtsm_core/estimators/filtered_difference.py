@@ -16,7 +16,7 @@ def estimate(q: Array, truth: Array, dt: float, p: Array, x: Array, estimates: A
     The estimates start from rest: q' and q'' are 0 at the first sample.
     """
     for j in range(q.size):
-        if x[j, 3] == 1.0:
+        if x[j, 3] == 1.0 and dt > 0.0:
             forget = math.exp(-p[j, 0] * dt)
             dq = forget * x[j, 1] + (1.0 - forget) * (q[j] - x[j, 0]) / dt
             forget = math.exp(-p[j, 1] * dt)

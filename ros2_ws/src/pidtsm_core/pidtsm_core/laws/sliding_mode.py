@@ -41,7 +41,7 @@ _MANIFOLD_PARAMETERS = (
 ANTI_WINDUP = Parameter(
     "anti_windup",
     "conditional",
-    "conditional: integrals and adaptation stand still while any joint's torque saturates; none: as in the article",
+    "conditional: a joint's integrals and adaptation stand still while its torque saturates; none: as in the article",
     choices=("conditional", "none"),
 )
 _SURFACE = Parameter("surface", "dual_terminal", "sliding surface", choices=SURFACES.names, fixed=True)

@@ -32,7 +32,9 @@ ADAPTIVE_CONTINUOUS = ReachingLaw(
     summary="low-pass filtered switching with adaptive gain, eqs. (25)-(27), (30)",
     parameters=(
         Parameter("k", 1.0, "pole of the reaching law, eq. (25)", "1/s", minimum=0.0, per_joint=True),
-        Parameter("kappa", 0.01, "inverse adaptation rate, eq. (27)", "s", minimum=0.0, exclusive=True, per_joint=True),
+        Parameter(
+            "kappa", 0.01, "inverse adaptation rate, eq. (27)", "s^2", minimum=0.0, exclusive=True, per_joint=True
+        ),
         Parameter("xi", 0.01, "margin of the switching gain, eq. (25)", minimum=0.0, per_joint=True),
         Parameter("upsilon", 0.2, "dead zone of the adaptation, eq. (30)", minimum=0.0, per_joint=True),
     ),

@@ -37,7 +37,7 @@ def reference_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     reference = REFERENCES[chosen(settings, _NAME)]
     names = tuple(f"joint{j + 1}" for j in range(reference.joints))
     return (
-        Parameter("joints", names, "names of the joints, in the order of the reference", fixed=True),
+        Parameter("joints", names, "names of the joints, in the order of the reference", per_joint=True, fixed=True),
         _NAME,
         *prefixed("reference", reference.parameters),
     )
@@ -78,7 +78,7 @@ class ReferenceMotion:
         reference = REFERENCES[str(values["reference.name"])]
         self.joints = reference.joints
         self.number = REFERENCES.number(reference.name)
-        self.parameters = reference.pack(values, "reference", 1)[0]
+        self.parameters = reference.pack(values, "reference", reference.joints)
 
     def evaluate(self, t: float, desired: Array) -> None:
         """Write q_d, q_d', q_d'' at t (s) to desired, shape (3, joints), rad, rad/s, rad/s^2."""

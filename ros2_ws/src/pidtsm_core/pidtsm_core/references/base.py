@@ -13,8 +13,8 @@ class Reference(Member):
 
     Attributes:
         joints: number of joints it is made for.
-        evaluate: compiled ``(t, p, desired)``: t in s from the start; writes q_d (rad), q_d' (rad/s), q_d''
-            (rad/s^2) to desired, shape (3, joints).
+        evaluate: compiled ``(t, p, desired)``: t in s from the start, p of shape (joints, SLOTS);
+            writes q_d (rad), q_d' (rad/s), q_d'' (rad/s^2) to desired, shape (3, joints).
     """
 
     joints: int

@@ -28,7 +28,9 @@ def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the group ``robot``, and what depends on the robot: ``joints`` and ``limits.effort``."""
     robot = ROBOTS[chosen(settings, ROBOT_NAME)]
     return (
-        Parameter("joints", robot.joints, "names of the joints, in the order of the robot model", fixed=True),
+        Parameter(
+            "joints", robot.joints, "names of the joints, in the order of the robot model", per_joint=True, fixed=True
+        ),
         ROBOT_NAME,
         *prefixed("robot", robot.parameters),
         Parameter(

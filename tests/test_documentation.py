@@ -1,0 +1,194 @@
+"""The documents keep their word: commands run, examples work as written, links lead somewhere."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from pidtsm_experiments.domain import own_domain
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *ROOT.glob("docs/**/*.md")])
+DEADLINE = 300.0
+"""s for the commands of one block; only a failing test takes that long."""
+
+_FENCE = re.compile(r"^```(\w+)[ \t]*([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_TITLE = re.compile(r'title="([^"]+)"')
+_LINK = re.compile(r"\]\(([^)\s]+)\)")
+_RECURSIVE = re.compile(r"^\./pidtsm test\b.*$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block.
+
+    Attributes:
+        language: first word after the fence.
+        information: the rest of that line.
+        content: the lines between the fences.
+    """
+
+    language: str
+    information: str
+    content: str
+
+    @property
+    def title(self) -> str | None:
+        """The file that the block is, or changes."""
+        found = _TITLE.search(self.information)
+        return found.group(1) if found else None
+
+
+def blocks(document: Path) -> list[Block]:
+    return [Block(*found.groups()) for found in _FENCE.finditer(document.read_text(encoding="utf-8"))]
+
+
+def named(document: Path) -> str:
+    return str(document.relative_to(ROOT))
+
+
+@pytest.fixture
+def environment() -> Iterator[dict[str, str]]:
+    with own_domain() as domain:
+        yield {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+
+def run_script(script: str, folder: Path, environment: dict[str, str]) -> None:
+    """Run a block as one script; what it leaves running fails the test."""
+    # A domain that the text chooses could be that of another test.
+    script = re.sub(r"ROS_DOMAIN_ID=\d+", f"ROS_DOMAIN_ID={environment['ROS_DOMAIN_ID']}", script)
+    with (folder / "output.txt").open("w+") as output:
+        process = subprocess.Popen(
+            ["bash", "-euo", "pipefail", "-c", script],
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            code = process.wait(DEADLINE)
+        finally:
+            remaining = _end_session(process.pid)
+            process.wait()
+        output.seek(0)
+        text = output.read()
+    assert code == 0, f"exit code {code}:\n{script}\n{text}"
+    assert not remaining, f"still running after:\n{script}\n{text}"
+
+
+def _end_session(session: int) -> bool:
+    """Kill what is left of a session's first process group; returns whether there was anything."""
+    try:
+        os.killpg(session, 9)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("document", [d for d in DOCUMENTS if any(b.language == "bash" for b in blocks(d))], ids=named)
+def test_commands_run(document: Path, tmp_path: Path, environment: dict[str, str]) -> None:
+    """Every bash block, in the order of the text, as if in a checkout; files of the text are there."""
+    for name in ("pidtsm", "pyproject.toml", "ros2_ws", "tests"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    skipped = 0
+    for block in blocks(document):
+        if block.title and not block.title.startswith("ros2_ws/"):
+            (tmp_path / block.title).write_text(block.content, encoding="utf-8")
+        if block.language != "bash" or "example" in block.information:
+            continue
+        if re.search(r"\bros2 ", block.content) and shutil.which("ros2") is None:
+            skipped += 1
+            continue
+        for line in _RECURSIVE.findall(block.content):
+            check_test_command(line)
+        run_script(_RECURSIVE.sub("", block.content), tmp_path, environment)
+    if skipped:
+        pytest.skip(f"all passed but {skipped} blocks, which need the ros2 command line")
+
+
+def check_test_command(line: str) -> None:
+    """Running the tests from a test would not end; what they are given must exist."""
+    for word in line.partition("#")[0].split()[2:]:
+        assert (ROOT / word.partition("::")[0]).exists(), line
+
+
+def test_examples_of_new_members_work(tmp_path: Path, environment: dict[str, str]) -> None:
+    """The code of CONTRIBUTING.md, in a copy of the core with the registry lines it gives, and its commands."""
+    source = Path("ros2_ws/src/pidtsm_core")
+    copy = tmp_path / source
+    shutil.copytree(ROOT / source, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    example = blocks(ROOT / "CONTRIBUTING.md")
+    for block in example:
+        if block.title and block.title.startswith(str(source)):
+            target = tmp_path / block.title
+            if block.language == "diff":
+                target.write_text(patched(target.read_text(encoding="utf-8"), block.content), encoding="utf-8")
+            else:
+                assert not target.exists(), f"{block.title} exists; the example needs another name"
+                target.write_text(block.content, encoding="utf-8")
+    launcher = tmp_path / "pidtsm"
+    launcher.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m pidtsm_experiments.cli "$@"\n', encoding="utf-8")
+    launcher.chmod(0o755)
+    with_copy = {
+        **environment,
+        "PYTHONPATH": os.pathsep.join(filter(None, (str(copy), environment.get("PYTHONPATH")))),
+        # The caches of the real core stay as they are.
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+    }
+    commands = [b.content for b in example if b.language == "bash" and "example" in b.information]
+    assert len(commands) == 2
+    for command in commands:
+        run_script(command, tmp_path, with_copy)
+
+
+def patched(text: str, difference: str) -> str:
+    """Insert the lines marked ``+``, each after the context line before it."""
+    lines = text.splitlines()
+    place = 0
+    for line in difference.splitlines():
+        if line.startswith("+"):
+            lines.insert(place, line[1:])
+        else:
+            assert line[1:] in lines[place:], f"no line {line[1:]!r} to go by"
+            place = lines.index(line[1:], place)
+        place += 1
+    return "\n".join(lines) + "\n"
+
+
+def test_examples_are_of_the_projects_style(tmp_path: Path) -> None:
+    for number, block in enumerate(b for b in blocks(ROOT / "CONTRIBUTING.md") if b.language == "python"):
+        (tmp_path / f"example_{number}.py").write_text(block.content, encoding="utf-8")
+    configuration = ["--config", str(ROOT / "pyproject.toml")]
+    for check in (["check"], ["format", "--check"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "ruff", *check, *configuration, str(tmp_path)], capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=named)
+def test_links_lead_to_files(document: Path) -> None:
+    text = _FENCE.sub("", document.read_text(encoding="utf-8"))
+    for link in _LINK.findall(text):
+        path, _, anchor = link.partition("#")
+        if re.match(r"\w+:", path):
+            continue
+        target = document.parent / path if path else document
+        assert target.exists(), f"{named(document)} links to {link}"
+        if anchor:
+            assert anchor in anchors(target), f"{named(document)} links to {link}"
+
+
+def anchors(document: Path) -> list[str]:
+    """Names of the headings, as they are linked to."""
+    text = _FENCE.sub("", document.read_text(encoding="utf-8"))
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings]
