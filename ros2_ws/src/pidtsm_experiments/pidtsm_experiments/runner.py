@@ -7,8 +7,8 @@ import selectors
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -35,16 +35,29 @@ _END_WITHIN = 10.0  # s from SIGINT to the end of a process
 _TAIL_LINES = 15
 _SUBSCRIBERS = 3  # of joint_states: controller, trajectory, recorder
 _PR_SET_PDEATHSIG = 1
-_ENDING = {signal.SIGINT, signal.SIGTERM}
+_ENDING = (signal.SIGINT, signal.SIGTERM)
 
 Progress = Callable[[float], None]
 """Called with the simulated time recorded so far, s."""
 
 
-def _in_child() -> None:
-    """Let the process end when the runner does, however that happens, and hear the signals again."""
+def _end_with_parent() -> None:
+    """Let the process end when the runner does, however that happens."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Put SIGINT and SIGTERM off until the end of the block."""
+    came: list[int] = []
+    previous = {number: signal.signal(number, lambda n, _: came.append(n)) for number in _ENDING}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        if came:
+            signal.raise_signal(came[0])
 
 
 class Process:
@@ -66,7 +79,7 @@ class Process:
                 stderr=output,
                 env=environment,
                 start_new_session=True,
-                preexec_fn=_in_child,
+                preexec_fn=_end_with_parent,
             )
 
     def interrupt(self) -> None:
@@ -101,21 +114,15 @@ class Processes:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         # An impatient second Ctrl-C must not leave processes behind.
-        previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
-        try:
+        with _uninterrupted():
             self.end(*self.running)
-        finally:
-            signal.signal(signal.SIGINT, previous)
 
     def start(self, name: str, arguments: Sequence[str], environment: dict[str, str], log: Path) -> Process:
         """Start a node; see `Process`."""
         # A Ctrl-C between the start of a process and its entry here would lose it.
-        signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
-        try:
-            self.running[name] = process = Process(name, arguments, environment, log)
-        finally:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
-        return process
+        with _uninterrupted():
+            self.running[name] = Process(name, arguments, environment, log)
+        return self.running[name]
 
     def end(self, *names: str) -> None:
         """Interrupt these, and wait for them; a process that ended badly is an error only if it was not killed."""
