@@ -1,6 +1,7 @@
 """Figures of a recorded run, as PNG and SVG."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -17,8 +18,9 @@ from pidtsm_experiments.recording import Recording
 Table: TypeAlias = NDArray[np.object_]
 """Axes, shape (rows, columns)."""
 
-# Okabe and Ito's colours, dark and light by turns to differ in greyscale; dashes tell lines apart without colour.
-COLOURS = ("#0072B2", "#E69F00", "#000000", "#56B4E9", "#009E73", "#CC79A7", "#F0E442")
+# Okabe and Ito's colours (wine for their yellow, which is lost on white), dark and light by turns to differ in
+# greyscale; dashes tell lines apart without colour.
+COLOURS = ("#0072B2", "#E69F00", "#000000", "#56B4E9", "#009E73", "#CC79A7", "#882255")
 DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)), (0, (8, 2)), (0, (2, 1)), (0, (6, 1)))
 STYLE: Any = {
     "font.size": 9,
@@ -51,8 +53,10 @@ _UNITS = {
     "pidnftsm": ("rad", "rad/s", "rad/s$^2$"),
 }
 _ANY_UNIT = ("SI unit", "SI unit", "SI unit")
+PARTS = 500
+"""Parts of the time axis of which a line keeps the extremes."""
+
 _WIDTH = 7.0  # inch
-_COLUMNS = 500  # parts of the time axis of which a line keeps the extremes
 _START = 1.0  # what of a run shows its start, s
 
 
@@ -66,11 +70,24 @@ def write_figures(recording: Recording, directory: Path) -> list[Path]:
     Returns:
         The files.
     """
+    return save_figures({name: partial(draw, recording) for name, draw in FIGURES.items()}, directory)
+
+
+def save_figures(drawings: Mapping[str, Callable[[], Figure]], directory: Path) -> list[Path]:
+    """Draw in the style of this module and write each figure as PNG and SVG.
+
+    Args:
+        drawings: what draws each figure, by the name of its files.
+        directory: where to; made if it is not there.
+
+    Returns:
+        The files.
+    """
     directory.mkdir(parents=True, exist_ok=True)
     files = []
     with matplotlib.rc_context(STYLE):
-        for name, draw in FIGURES.items():
-            figure = draw(recording)
+        for name, draw in drawings.items():
+            figure = draw()
             for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
                 files.append(directory / f"{name}.{suffix}")
                 figure.savefig(files[-1], metadata=metadata)
@@ -80,66 +97,66 @@ def write_figures(recording: Recording, directory: Path) -> list[Path]:
 
 def tracking(recording: Recording) -> Figure:
     """True position and reference, a panel a joint."""
-    figure, table = _panels(len(recording.joints))
+    figure, table = panels(len(recording.joints))
     for j, (ax, joint) in enumerate(zip(table[:, 0], recording.joints, strict=True)):
-        _line(ax, recording.time, recording.position[:, j], 0, "$q$")
-        _line(ax, recording.time, recording.reference[:, 0, j], 1, "$q_d$")
+        line(ax, recording.time, recording.position[:, j], 0, "$q$")
+        line(ax, recording.time, recording.reference[:, 0, j], 1, "$q_d$")
         ax.set_ylabel(f"$q$ of {joint} (rad)")
-    return _finished(figure, table, recording)
+    return finished(figure, table, recording)
 
 
 def error(recording: Recording) -> Figure:
     """True tracking error, eq. (7), and its size on a logarithmic scale."""
-    figure, table = _panels(2)
+    figure, table = panels(2)
     for j, joint in enumerate(recording.joints):
-        _line(table[0, 0], recording.time, recording.error[:, j], j, joint)
-        _line(table[1, 0], *_envelope(recording.time, np.abs(recording.error[:, j])), j, joint)
+        line(table[0, 0], recording.time, recording.error[:, j], j, joint)
+        line(table[1, 0], *envelope(recording.time, np.abs(recording.error[:, j])), j, joint)
     table[0, 0].set_ylabel("$e = q - q_d$ (rad)")
     table[1, 0].set_ylabel("$|e|$, envelope (rad)")
-    _logarithmic(table[1, 0])
-    return _finished(figure, table, recording)
+    logarithmic(table[1, 0])
+    return finished(figure, table, recording)
 
 
 def torque(recording: Recording) -> Figure:
     """Applied torque, a row a joint: the whole run and its start; marked where the torque is at its limit."""
-    figure, table = _panels(len(recording.joints), width_ratios=(3, 1))
+    figure, table = panels(len(recording.joints), width_ratios=(3, 1))
     for j, (row, joint) in enumerate(zip(table, recording.joints, strict=True)):
         for ax, shown in zip(row, (slice(None), _start(recording)), strict=True):
             time = recording.time[shown]
-            _line(ax, time, recording.effort[shown, j], 0, "applied torque")
+            line(ax, time, recording.effort[shown, j], 0, "applied torque")
             _mark(ax, time, recording.signals[shown, Signal.SATURATED, j] != 0.0, "at its limit")
         row[0].set_ylabel(rf"$\tau$ of {joint} (N m)")
         row[1].sharey(row[0])
-    return _finished(figure, table, recording)
+    return finished(figure, table, recording)
 
 
 def sliding_variables(recording: Recording) -> Figure:
     """Sliding variable s, eq. (11), and manifold variable sigma, eq. (10): their size, and their start with sign."""
     unit_s, unit_sigma, _ = _UNITS.get(recording.law or "", _ANY_UNIT)
     rows = ((Signal.SLIDING_VARIABLE, "s", unit_s), (Signal.MANIFOLD_VARIABLE, r"\sigma", unit_sigma))
-    figure, table = _panels(len(rows), width_ratios=(2, 1))
+    figure, table = panels(len(rows), width_ratios=(2, 1))
     start = _start(recording)
     for (size, signed), (signal, name, unit) in zip(table, rows, strict=True):
         for j, joint in enumerate(recording.joints):
             values = recording.signals[:, signal, j]
-            _line(size, *_envelope(recording.time, np.abs(values)), j, joint)
-            _line(signed, recording.time[start], values[start], j, joint)
-        _logarithmic(size)
+            line(size, *envelope(recording.time, np.abs(values)), j, joint)
+            line(signed, recording.time[start], values[start], j, joint)
+        logarithmic(size)
         size.set_ylabel(f"$|{name}|$, envelope ({unit})")
         signed.set_ylabel(f"${name}$ ({unit})")
-    return _finished(figure, table, recording)
+    return finished(figure, table, recording)
 
 
 def adaptive_gain(recording: Recording) -> Figure:
     """Adaptive gain Y, eq. (27), and switching term tau_sw, eq. (25)."""
     _, unit_sigma, unit_gain = _UNITS.get(recording.law or "", _ANY_UNIT)
     rows = ((Signal.ADAPTIVE_GAIN, f"$Y$ ({unit_gain})"), (Signal.SWITCHING_TERM, rf"$\tau_{{sw}}$ ({unit_sigma})"))
-    figure, table = _panels(len(rows))
+    figure, table = panels(len(rows))
     for ax, (signal, label) in zip(table[:, 0], rows, strict=True):
         for j, joint in enumerate(recording.joints):
-            _line(ax, recording.time, recording.signals[:, signal, j], j, joint)
+            line(ax, recording.time, recording.signals[:, signal, j], j, joint)
         ax.set_ylabel(label)
-    return _finished(figure, table, recording)
+    return finished(figure, table, recording)
 
 
 FIGURES: dict[str, Callable[[Recording], Figure]] = {
@@ -157,18 +174,19 @@ def _start(recording: Recording) -> slice:
     return slice(int(np.searchsorted(recording.time, recording.time[0] + _START, side="right")))
 
 
-def _panels(rows: int, width_ratios: Sequence[float] = (1,)) -> tuple[Figure, Table]:
+def panels(rows: int, width_ratios: Sequence[float] = (1,)) -> tuple[Figure, Table]:
+    """A figure of rows of panels over common time axes."""
     figure = Figure(figsize=(_WIDTH, 0.9 + 1.7 * rows), layout="constrained")
     return figure, figure.subplots(rows, len(width_ratios), sharex="col", squeeze=False, width_ratios=width_ratios)
 
 
-def _finished(figure: Figure, table: Table, recording: Recording) -> Figure:
-    """Add what all figures have."""
+def finished(figure: Figure, table: Table, recording: Recording, title: str | None = None) -> Figure:
+    """Add what all figures have: the event, a title (of the run, where none is given), the legend, the time axis."""
     if recording.event_time is not None:
         for ax in table[:, 0]:
             ax.axvline(recording.event_time, color="0.35", linewidth=0.8, linestyle=":", label="event")
-    said = [name for name in (recording.scenario, recording.law, recording.clock) if name]
-    table[0, 0].set_title(", ".join(said), loc="left")
+    said = ", ".join(filter(None, (recording.scenario, recording.law, recording.clock)))
+    table[0, 0].set_title(title or said, loc="left")
     lines = table[0, 0].get_legend_handles_labels()
     legend = table[0, -1].legend(*lines, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, borderaxespad=0.1)
     legend.set_in_layout(False)  # it stands beside the title, over all columns
@@ -180,12 +198,14 @@ def _finished(figure: Figure, table: Table, recording: Recording) -> Figure:
     return figure
 
 
-def _line(ax: Axes, time: Array, values: Array, number: int, label: str) -> None:
+def line(ax: Axes, time: Array, values: Array, number: int, label: str, zorder: float = 2.0) -> None:
+    """Draw a decimated line in the style with that number."""
     ax.plot(
-        *_decimated(time, values),
+        *decimated(time, values),
         color=COLOURS[number % len(COLOURS)],
         linestyle=DASHES[number % len(DASHES)],
         label=label,
+        zorder=zorder,
     )
 
 
@@ -198,22 +218,23 @@ def _mark(ax: Axes, time: Array, where: NDArray[np.bool_], label: str) -> None:
     ax.plot(spans, np.repeat(height, 2), transform=ax.get_xaxis_transform(), label=label, **MARK)
 
 
-def _logarithmic(ax: Axes) -> None:
-    if any(np.any(np.asarray(line.get_ydata()) > 0.0) for line in ax.lines):
+def logarithmic(ax: Axes) -> None:
+    """Make the vertical axis logarithmic, if there is anything to show on it."""
+    if any(np.any(np.asarray(drawn.get_ydata()) > 0.0) for drawn in ax.lines):
         ax.set_yscale("log", nonpositive="mask")
 
 
-def _parts(time: Array) -> NDArray[np.intp]:
-    """Where each part of the time axis that has samples begins, shape (parts,)."""
-    part = np.minimum((time - time[0]) / max(np.ptp(time), 1e-9) * _COLUMNS, _COLUMNS - 1).astype(np.intp)
+def _parts(time: Array, parts: int = PARTS) -> NDArray[np.intp]:
+    """Where each part of the time axis that has samples begins, shape (at most parts,)."""
+    part = np.minimum((time - time[0]) / max(np.ptp(time), 1e-9) * parts, parts - 1).astype(np.intp)
     return np.flatnonzero(np.diff(part, prepend=-1))
 
 
-def _decimated(time: Array, values: Array) -> tuple[Array, Array]:
+def decimated(time: Array, values: Array, parts: int = PARTS) -> tuple[Array, Array]:
     """The smallest and the largest value of each part of the time axis, in the order they come: no spike is lost."""
-    if time.size <= 2 * _COLUMNS:
+    if time.size <= 2 * parts:
         return time, values
-    begins = _parts(time)
+    begins = _parts(time, parts)
     ends = np.append(begins[1:], time.size)
     kept = [
         index
@@ -224,7 +245,7 @@ def _decimated(time: Array, values: Array) -> tuple[Array, Array]:
     return time[keep], values[keep]
 
 
-def _envelope(time: Array, values: Array) -> tuple[Array, Array]:
+def envelope(time: Array, values: Array) -> tuple[Array, Array]:
     """The largest value of each part of the time axis."""
     begins = _parts(time)
     return time[begins], np.maximum.reduceat(values, begins)

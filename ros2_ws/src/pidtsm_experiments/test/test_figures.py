@@ -99,10 +99,10 @@ def test_decimation_keeps_every_extreme(samples: int, seed: int) -> None:
     random = np.random.default_rng(seed)
     time = np.cumsum(random.exponential(size=samples))
     values = random.normal(size=samples)
-    kept_time, kept = figures._decimated(time, values)
-    assert kept_time.size == kept.size <= 2 * figures._COLUMNS + 2
+    kept_time, kept = figures.decimated(time, values)
+    assert kept_time.size == kept.size <= 2 * figures.PARTS + 2
     assert (kept_time[0], kept_time[-1]) == (time[0], time[-1])
     assert np.all(np.diff(kept_time) > 0)
     assert np.isin(kept, values).all()
     assert (kept.min(), kept.max()) == (values.min(), values.max())
-    assert figures._envelope(time, values)[1].max() == values.max()
+    assert figures.envelope(time, values)[1].max() == values.max()
