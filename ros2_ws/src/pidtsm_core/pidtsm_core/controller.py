@@ -39,8 +39,9 @@ class ControllerConfig(NamedTuple):
     robot: int
     model: Array  # shape (model parameters,)
     kernel: int
-    law_numbers: Numbers  # shape (3,)
+    law_numbers: Numbers  # shape (4,)
     law: Array  # shape (joints, law parameters)
+    uses_model: bool
     freeze_saturated: bool
     estimator: int
     estimator_parameters: Array  # shape (joints, SLOTS)
@@ -95,7 +96,7 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
         de = y[Signal.VELOCITY, j] - desired[1, j]
         dde = y[Signal.ACCELERATION, j] - desired[2, j]
         a_cmd, a_eq, s, sigma, gain, tau_sw = command(
-            config.kernel, e, de, dde, desired[2, j], config.law_numbers, config.law[j], state.law[j]
+            config.kernel, e, de, dde, desired[2, j], config.law_numbers, config.law[j], state.law[j], dt
         )
         y[Signal.POSITION_ERROR, j] = e
         y[Signal.VELOCITY_ERROR, j] = de
@@ -108,9 +109,13 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
 
     # The effort row holds a_cmd for a moment, so that no tick allocates.
     q_hat, dq_hat = y[Signal.POSITION], y[Signal.VELOCITY]
-    inverse_dynamics(config.robot, q_hat, dq_hat, y[Signal.ACCELERATION_COMMAND], config.model, equivalent)
-    y[Signal.ACCELERATION_COMMAND] = y[Signal.EFFORT]
-    inverse_dynamics(config.robot, q_hat, dq_hat, y[Signal.ACCELERATION_COMMAND], config.model, y[Signal.EFFORT])
+    if config.uses_model:
+        inverse_dynamics(config.robot, q_hat, dq_hat, y[Signal.ACCELERATION_COMMAND], config.model, equivalent)
+        y[Signal.ACCELERATION_COMMAND] = y[Signal.EFFORT]
+        inverse_dynamics(config.robot, q_hat, dq_hat, y[Signal.ACCELERATION_COMMAND], config.model, y[Signal.EFFORT])
+    else:
+        equivalent[:] = y[Signal.ACCELERATION_COMMAND]
+        y[Signal.ACCELERATION_COMMAND] = 0.0
     for j in range(joints):
         limit = config.effort_limit[j]
         effort = y[Signal.EFFORT, j]
@@ -152,6 +157,7 @@ class Controller:
             kernel=kernel_number(law),
             law_numbers=law.numbers(values),
             law=law.pack(values, self.joints),
+            uses_model=law.uses_model,
             freeze_saturated=values["law.anti_windup"] == "conditional",
             estimator=ESTIMATORS.number(estimator.name),
             estimator_parameters=estimator.pack(values, "estimator", self.joints),

@@ -5,14 +5,24 @@ from numba import literal_unroll
 from pidtsm_core.compiled import njit
 from pidtsm_core.family import Family
 from pidtsm_core.laws.base import STATE_SLOTS, Law, Numbers
+from pidtsm_core.laws.computed_torque import COMPUTED_TORQUE
+from pidtsm_core.laws.dtsm import DTSM
+from pidtsm_core.laws.pid import PID
 from pidtsm_core.laws.piddtsm import PIDDTSM
+from pidtsm_core.laws.pidnftsm import PIDNFTSM
 from pidtsm_core.laws.sliding_mode import SLIDING_MODE
+from pidtsm_core.laws.super_twisting import SUPER_TWISTING
 from pidtsm_core.parameters import Array
 
 __all__ = ["LAWS", "STATE_SLOTS", "Law", "Numbers", "advance", "command", "kernel_number"]
 
 LAWS: Family[Law] = Family(
     PIDDTSM,
+    PIDNFTSM,
+    DTSM,
+    PID,
+    COMPUTED_TORQUE,
+    SUPER_TWISTING,
     SLIDING_MODE,
 )
 
@@ -29,14 +39,14 @@ def kernel_number(law: Law) -> int:
 
 @njit
 def command(
-    kernel: int, e: float, de: float, dde: float, ddq_d: float, numbers: Numbers, p: Array, x: Array
+    kernel: int, e: float, de: float, dde: float, ddq_d: float, numbers: Numbers, p: Array, x: Array, dt: float
 ) -> tuple[float, float, float, float, float, float]:
     """(a_cmd, a_eq, s, sigma, gain, tau_sw) of one joint: see `Law.command`."""
     result = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     i = 0
     for function in literal_unroll(_COMMAND):
         if i == kernel:
-            result = function(e, de, dde, ddq_d, numbers, p, x)
+            result = function(e, de, dde, ddq_d, numbers, p, x, dt)
         i += 1
     return result
 

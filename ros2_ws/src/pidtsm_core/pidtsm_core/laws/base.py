@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from pidtsm_core.family import SLOTS
 from pidtsm_core.parameters import Array, Parameter, Value
 
-STATE_SLOTS = 2 + SLOTS
+STATE_SLOTS = 3 + SLOTS
 """Numbers a joint that a law may have as state."""
 
 Numbers = NDArray[np.int64]
-Command = Callable[[float, float, float, float, Numbers, Array, Array], tuple[float, float, float, float, float, float]]
+Command = Callable[
+    [float, float, float, float, Numbers, Array, Array, float], tuple[float, float, float, float, float, float]
+]
 Advance = Callable[[float, float, float, Numbers, Array, Array, float, bool], None]
 
 
@@ -25,12 +27,14 @@ class Law:
         name: how users choose it.
         summary: one sentence with its source.
         parameters: of the group ``law``, given the settings (some laws let the user choose their parts).
-        numbers: places of its parts in their registries, shape (3,), as the compiled functions read them.
+        numbers: what its compiled functions read as integers, shape (4,).
         pack: parameter values as the compiled functions read them, shape (joints, parameters).
-        command: compiled ``(e, de, dde, ddq_d, numbers, p, x) -> (a_cmd, a_eq, s, sigma, gain, tau_sw)``;
-            errors in rad, rad/s, rad/s^2, x of shape (STATE_SLOTS,), zero at the start.
+        command: compiled ``(e, de, dde, ddq_d, numbers, p, x, dt) -> (a_cmd, a_eq, s, sigma, gain, tau_sw)``;
+            errors in rad, rad/s, rad/s^2, x of shape (STATE_SLOTS,), zero at the start, dt the period in s (0 at
+            the first sample); a_eq is a_cmd without the switching term.
         advance: compiled ``(e, s, sigma, numbers, p, x, dt, frozen)``: moves x over dt with these values held;
             `frozen` is true while the torque saturates and nothing must wind up.
+        uses_model: False where a_cmd and a_eq are not accelerations but torques (N m), for no robot model to change.
     """
 
     name: str
@@ -40,3 +44,4 @@ class Law:
     pack: Callable[[Mapping[str, Value], int], Array]
     command: Command
     advance: Advance
+    uses_model: bool = True

@@ -5,7 +5,10 @@ With s' = g e'' + h (see `surfaces`) and a reaching law that gives tau_sw, the c
     manifold none:   sigma = s                             a_cmd = q_d'' + (-h + tau_sw) / g
     manifold pid:    sigma = Kp s + Ki int s + Kd s'       a_cmd = q_d'' + (-h - (Kp s + Ki int s - tau_sw) / Kd) / g
 
-which is eqs. (10), (15), (16), (20), (21) of the article solved for q''.
+A reaching law may prescribe the rate of sigma instead (the usual ones do). With manifold none that rate is
+tau_sw; with manifold pid, where sigma holds tau_sw itself, tau_sw is its integral.
+
+The formulas are eqs. (10), (15), (16), (20), (21) of the article solved for q''.
 """
 
 import math
@@ -27,8 +30,8 @@ _PID = MANIFOLDS.index("pid")
 # Columns of the packed parameters: surface, then manifold, then reaching law.
 _MANIFOLD = SLOTS
 _REACHING = SLOTS + 3
-# State x: int s, int e, then the reaching law's.
-_REACHING_STATE = 2
+# State x: int s, int e, integral of a prescribed rate of sigma, then the reaching law's.
+_REACHING_STATE = 3
 
 ACCELERATION_BOUND = 1e9
 """rad/s^2; keeps a singular law (1/g unbounded) finite, far above what any torque limit lets through."""
@@ -59,7 +62,7 @@ def _finite(acceleration: float) -> float:
 
 @njit
 def command(
-    e: float, de: float, dde: float, ddq_d: float, numbers: Numbers, p: Array, x: Array
+    e: float, de: float, dde: float, ddq_d: float, numbers: Numbers, p: Array, x: Array, dt: float
 ) -> tuple[float, float, float, float, float, float]:
     """See `Law.command`."""
     s, g, h = evaluate_surface(numbers[0], e, de, x[1], p[:SLOTS])
@@ -67,12 +70,14 @@ def command(
         kp, ki, kd = p[_MANIFOLD], p[_MANIFOLD + 1], p[_MANIFOLD + 2]
         proportional_integral = kp * s + ki * x[0]
         sigma = proportional_integral + kd * (g * dde + h)
-        tau_sw, gain = switch(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:])
+        tau_sw, gain = switch(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)
+        if numbers[3]:
+            tau_sw = x[2]
         a_eq = ddq_d + (-h - proportional_integral / kd) / g
         a_cmd = ddq_d + (-h - (proportional_integral - tau_sw) / kd) / g
     else:
         sigma = s
-        tau_sw, gain = switch(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:])
+        tau_sw, gain = switch(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)
         a_eq = ddq_d - h / g
         a_cmd = ddq_d + (-h + tau_sw) / g
     return _finite(a_cmd), _finite(a_eq), s, sigma, gain, tau_sw
@@ -84,6 +89,8 @@ def advance(e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Arr
     if not frozen:
         x[0] += dt * s
         x[1] += dt * e
+        if numbers[3]:
+            x[2] += dt * switch(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)[0]
     advance_reaching(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt, frozen)
 
 
@@ -129,8 +136,14 @@ def compose(
 
     def numbers(values: Mapping[str, Value]) -> Numbers:
         surface_name, manifold_name, reaching_name = parts(values)
+        integrates = manifold_name == "pid" and REACHING_LAWS[reaching_name].prescribes_rate
         return np.array(
-            [SURFACES.number(surface_name), MANIFOLDS.index(manifold_name), REACHING_LAWS.number(reaching_name)]
+            [
+                SURFACES.number(surface_name),
+                MANIFOLDS.index(manifold_name),
+                REACHING_LAWS.number(reaching_name),
+                int(integrates),
+            ]
         )
 
     def pack(values: Mapping[str, Value], joints: int) -> Array:

@@ -7,11 +7,21 @@ from pidtsm_core.family import Family
 from pidtsm_core.parameters import Array
 from pidtsm_core.reaching.adaptive_continuous import ADAPTIVE_CONTINUOUS
 from pidtsm_core.reaching.base import ReachingLaw
+from pidtsm_core.reaching.boundary_layer import BOUNDARY_LAYER
+from pidtsm_core.reaching.constant import CONSTANT
+from pidtsm_core.reaching.exponential import EXPONENTIAL
+from pidtsm_core.reaching.power_rate import POWER_RATE
+from pidtsm_core.reaching.super_twisting import SUPER_TWISTING
 
 __all__ = ["REACHING_LAWS", "ReachingLaw", "advance_reaching", "switch"]
 
 REACHING_LAWS: Family[ReachingLaw] = Family(
     ADAPTIVE_CONTINUOUS,
+    CONSTANT,
+    EXPONENTIAL,
+    POWER_RATE,
+    BOUNDARY_LAYER,
+    SUPER_TWISTING,
 )
 
 _SWITCH = tuple(law.switch for law in REACHING_LAWS.members)
@@ -19,13 +29,13 @@ _ADVANCE = tuple(law.advance for law in REACHING_LAWS.members)
 
 
 @njit
-def switch(number: int, sigma: float, p: Array, x: Array) -> tuple[float, float]:
+def switch(number: int, sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
     """(tau_sw, gain): see `ReachingLaw.switch`; `number` is the law's place in `REACHING_LAWS`."""
     result = (0.0, 0.0)
     i = 0
     for function in literal_unroll(_SWITCH):
         if i == number:
-            result = function(sigma, p, x)
+            result = function(sigma, p, x, dt)
         i += 1
     return result
 

@@ -3,12 +3,13 @@
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.reaching.base import ReachingLaw
+from pidtsm_core.reaching.static import sign
 
 # State x: tau_sw, adaptive gain Y.
 
 
 @njit
-def switch(sigma: float, p: Array, x: Array) -> tuple[float, float]:
+def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
     """tau_sw is a state: sigma acts on it through its derivative only, so it is continuous."""
     return x[0], x[1]
 
@@ -17,12 +18,7 @@ def switch(sigma: float, p: Array, x: Array) -> tuple[float, float]:
 def advance(sigma: float, p: Array, x: Array, dt: float, frozen: bool) -> None:
     """Explicit Euler of tau_sw' = -k tau_sw - (Y + xi) sign(sigma) and Y' = |sigma| / kappa outside the dead zone."""
     k, kappa, xi, upsilon = p[0], p[1], p[2], p[3]
-    direction = 0.0
-    if sigma > 0.0:
-        direction = 1.0
-    elif sigma < 0.0:
-        direction = -1.0
-    x[0] += dt * (-k * x[0] - (x[1] + xi) * direction)
+    x[0] += dt * (-k * x[0] - (x[1] + xi) * sign(sigma))
     if abs(sigma) > upsilon and not frozen:
         x[1] += dt * abs(sigma) / kappa
 
@@ -40,4 +36,5 @@ ADAPTIVE_CONTINUOUS = ReachingLaw(
     ),
     switch=switch,
     advance=advance,
+    prescribes_rate=False,
 )

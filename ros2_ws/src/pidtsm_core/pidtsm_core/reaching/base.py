@@ -9,16 +9,19 @@ from pidtsm_core.parameters import Array
 
 @dataclass(frozen=True)
 class ReachingLaw(Member):
-    """A reaching law of one joint: the manifold variable sigma to the switching term tau_sw (unit of sigma).
+    """A reaching law of one joint: the manifold variable sigma to the switching term tau_sw.
 
     Attributes:
-        switch: compiled ``(sigma, p, x) -> (tau_sw, gain)`` at a sample, before its state advances; `gain` is the
-            switching gain in force (the adaptive gain where there is one).
+        switch: compiled ``(sigma, p, x, dt) -> (tau_sw, gain)`` at a sample, before its state advances; dt is the
+            period (s, 0 at the first sample); `gain` is the switching gain in force (adaptive where there is one).
         advance: compiled ``(sigma, p, x, dt, frozen)``: moves the state x over dt seconds, with sigma held.
-            `frozen` is true while the joint's torque saturates and adaptation must not wind up.
+            `frozen` is true while the joint's torque saturates and nothing must wind up.
+        prescribes_rate: what `switch` gives is meant as the rate of sigma. The PID manifold, whose sigma holds
+            tau_sw itself (eq. (32)), then takes its integral.
 
     `p` and `x` have shape (SLOTS,); x starts at zero.
     """
 
-    switch: Callable[[float, Array, Array], tuple[float, float]]
+    switch: Callable[[float, Array, Array, float], tuple[float, float]]
     advance: Callable[[float, Array, Array, float, bool], None]
+    prescribes_rate: bool = True

@@ -7,11 +7,23 @@ from pidtsm_core.family import Family
 from pidtsm_core.parameters import Array
 from pidtsm_core.surfaces.base import Surface
 from pidtsm_core.surfaces.dual_terminal import DUAL_TERMINAL
+from pidtsm_core.surfaces.fast_nonsingular import FAST_NONSINGULAR
+from pidtsm_core.surfaces.fast_terminal import FAST_TERMINAL
+from pidtsm_core.surfaces.integral import INTEGRAL
+from pidtsm_core.surfaces.linear import LINEAR
+from pidtsm_core.surfaces.nonsingular_terminal import NONSINGULAR_TERMINAL
+from pidtsm_core.surfaces.terminal import TERMINAL
 
 __all__ = ["SURFACES", "Surface", "evaluate_surface"]
 
 SURFACES: Family[Surface] = Family(
     DUAL_TERMINAL,
+    FAST_NONSINGULAR,
+    LINEAR,
+    TERMINAL,
+    NONSINGULAR_TERMINAL,
+    FAST_TERMINAL,
+    INTEGRAL,
 )
 
 _EVALUATE = tuple(surface.evaluate for surface in SURFACES.members)

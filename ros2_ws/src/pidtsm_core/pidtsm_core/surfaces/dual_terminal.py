@@ -1,29 +1,17 @@
 """Dual terminal surface of the article, eqs. (11), (13), (29), after Ma and Sun (2018)."""
 
-import math
-
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.surfaces.base import Surface
+from pidtsm_core.surfaces.powers import limited_rate, signed_power
 
 
 @njit
 def evaluate(e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
-    """s = e' + K1 (e^[alpha] + e^3) + K2 e with the nonsingular u_f = sat(|e|^(alpha-1) e', u_s) in s'.
-
-    At e = 0, u_f is the limit sign(e') u_s (0 where e' is 0 too).
-    """
+    """s = e' + K1 (e^[alpha] + e^3) + K2 e, with the nonsingular u_f = sat(|e|^(alpha-1) e', u_s) in s'."""
     k1, k2, alpha, u_s = p[0], p[1], p[2], p[3]
-    magnitude = abs(e)
-    power = magnitude**alpha
-    s = de + k1 * (math.copysign(power, e) + e * e * e) + k2 * e
-    if de == 0.0:
-        u_f = 0.0
-    elif magnitude == 0.0:
-        u_f = math.copysign(u_s, de)
-    else:
-        u_f = min(max(power / magnitude * de, -u_s), u_s)
-    return s, 1.0, k1 * (alpha * u_f + 3.0 * e * e * de) + k2 * de
+    s = de + k1 * (signed_power(e, alpha) + e * e * e) + k2 * e
+    return s, 1.0, k1 * (alpha * limited_rate(e, de, alpha, u_s) + 3.0 * e * e * de) + k2 * de
 
 
 DUAL_TERMINAL = Surface(

@@ -20,6 +20,8 @@ PROPERTY = settings(deadline=None, max_examples=60)
 COMPOSED = [
     {"law.name": "sliding_mode", "law.surface": surface, "law.manifold": manifold, "law.reaching": reaching}
     for surface, manifold, reaching in product(SURFACES.names, MANIFOLDS, REACHING_LAWS.names)
+    # Every surface with one reaching law and every reaching law with one surface, both with every manifold.
+    if surface == SURFACES.names[0] or reaching == REACHING_LAWS.names[0]
 ]
 NAMED = [{"law.name": name} for name in LAWS.names if name != "sliding_mode"]
 EACH = pytest.mark.parametrize("chosen", NAMED + COMPOSED, ids=lambda c: "-".join(c.values()))
@@ -41,7 +43,7 @@ class OneJoint:
         self.x = np.zeros(STATE_SLOTS)
 
     def command(self, e: float, de: float, dde: float, ddq_d: float) -> tuple[float, ...]:
-        return command(kernel_number(self.law), e, de, dde, ddq_d, self.numbers, self.p, self.x)
+        return command(kernel_number(self.law), e, de, dde, ddq_d, self.numbers, self.p, self.x, 0.001)
 
     def advance(self, e: float, s: float, sigma: float, dt: float, frozen: bool) -> None:
         advance(kernel_number(self.law), e, s, sigma, self.numbers, self.p, self.x, dt, frozen)
@@ -99,7 +101,7 @@ def test_sigma_is_made_of_s_as_eq_10_says(
 @pytest.mark.parametrize("name", [c["law.name"] for c in NAMED if c in SLIDING])
 def test_a_named_law_is_bit_for_bit_the_one_composed_of_its_parts(name: str) -> None:
     named = OneJoint({"law.name": name})
-    surface, manifold, reaching = (int(n) for n in named.numbers)
+    surface, manifold, reaching, _ = (int(n) for n in named.numbers)
     parts = {
         "law.name": "sliding_mode",
         "law.surface": SURFACES.names[surface],
@@ -122,7 +124,7 @@ def test_a_named_law_is_bit_for_bit_the_one_composed_of_its_parts(name: str) -> 
 
 def test_piddtsm_is_made_of_the_articles_parts_and_table_1() -> None:
     joint = OneJoint({"law.name": "piddtsm"})
-    surface, manifold, reaching = (int(n) for n in joint.numbers)
+    surface, manifold, reaching, _ = (int(n) for n in joint.numbers)
     assert SURFACES.names[surface] == "dual_terminal"
     assert MANIFOLDS[manifold] == "pid"
     assert REACHING_LAWS.names[reaching] == "adaptive_continuous"
@@ -133,7 +135,7 @@ def test_piddtsm_is_made_of_the_articles_parts_and_table_1() -> None:
 def test_piddtsm_by_hand() -> None:
     """a_cmd of CONTROL: q_d'' - K1 (alpha u_f + 3 e^2 e') - K2 e' - (Kp s + Ki int s - tau_sw) / Kd."""
     joint = OneJoint({"law.name": "piddtsm"}, alpha=0.5)
-    joint.x[0], joint.x[2] = 0.3, -0.2
+    joint.x[0], joint.x[3] = 0.3, -0.2
     # e = 0.25, e' = 2: s = 3.671875, s' without e'' = 8.125.
     a_cmd, a_eq, s, sigma, gain, tau_sw = joint.command(0.25, 2.0, -1.0, 0.6)
     assert s == pytest.approx(3.671875)

@@ -26,7 +26,7 @@ def hold(law: ReachingLaw, sigma: float, x: Array, steps: int, frozen: bool = Fa
     number, p = REACHING_LAWS.number(law.name), packed(law)
     for _ in range(steps):
         advance_reaching(number, sigma, p, x, DT, frozen)
-    return switch(number, sigma, p, x)
+    return switch(number, sigma, p, x, DT)
 
 
 @EACH

@@ -1,0 +1,42 @@
+"""What the laws without sliding mode share."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pidtsm_core.family import Member
+from pidtsm_core.laws.base import Advance, Command, Law, Numbers
+from pidtsm_core.laws.sliding_mode import ANTI_WINDUP
+from pidtsm_core.parameters import Array, Parameter, Value
+
+
+def baseline(
+    name: str,
+    summary: str,
+    parameters: tuple[Parameter, ...],
+    command: Command,
+    advance: Advance,
+    uses_model: bool = True,
+) -> Law:
+    """A law of one piece.
+
+    Args:
+        name: how users choose it.
+        summary: one sentence with its source.
+        parameters: at most SLOTS; their order is that in which the compiled functions read them.
+        command: see `Law.command`.
+        advance: see `Law.advance`.
+        uses_model: see `Law.uses_model`.
+    """
+    member = Member(name, summary, parameters)
+
+    def of_group(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+        return (*parameters, ANTI_WINDUP)
+
+    def numbers(values: Mapping[str, Value]) -> Numbers:
+        return np.zeros(4, dtype=np.int64)
+
+    def pack(values: Mapping[str, Value], joints: int) -> Array:
+        return member.pack(values, "law", joints)
+
+    return Law(name, summary, of_group, numbers, pack, command, advance, uses_model)

@@ -1,0 +1,32 @@
+"""Computed torque: inverse dynamics with PD (Spong, Hutchinson and Vidyasagar 2006, section 8.3)."""
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.laws.base import Numbers
+from pidtsm_core.laws.baseline import baseline
+from pidtsm_core.parameters import Array, Parameter
+
+
+@njit
+def command(
+    e: float, de: float, dde: float, ddq_d: float, numbers: Numbers, p: Array, x: Array, dt: float
+) -> tuple[float, float, float, float, float, float]:
+    """q_d'' - Kd e' - Kp e."""
+    acceleration = ddq_d - p[1] * de - p[0] * e
+    return acceleration, acceleration, 0.0, 0.0, 0.0, 0.0
+
+
+@njit
+def advance(e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool) -> None:
+    """No state moves."""
+
+
+COMPUTED_TORQUE = baseline(
+    "computed_torque",
+    "inverse dynamics with PD",
+    (
+        Parameter("kp", 100.0, "gain of the error", "1/s^2", minimum=0.0, per_joint=True),
+        Parameter("kd", 20.0, "gain of the velocity error", "1/s", minimum=0.0, per_joint=True),
+    ),
+    command,
+    advance,
+)

@@ -1,0 +1,13 @@
+"""Dual terminal sliding mode (Ma and Sun 2018, the article's reference 10)."""
+
+from pidtsm_core.laws.sliding_mode import compose
+
+DTSM = compose(
+    "dtsm",
+    "dual terminal sliding mode, the article's comparator [10]",
+    surface="dual_terminal",
+    manifold="none",
+    reaching="adaptive_continuous",
+    # Table 1 prints kappa = 0.01, with which the loop diverges.
+    defaults={"kappa": 0.3},
+)

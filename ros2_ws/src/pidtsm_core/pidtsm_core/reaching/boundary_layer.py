@@ -1,0 +1,32 @@
+"""Saturation in a boundary layer instead of the sign (Slotine and Sastry 1983)."""
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.parameters import Array, Parameter
+from pidtsm_core.reaching.base import ReachingLaw
+from pidtsm_core.reaching.static import keep
+
+
+@njit
+def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
+    """-gain sat(sigma / width)."""
+    return -p[0] * min(max(sigma / p[1], -1.0), 1.0), p[0]
+
+
+BOUNDARY_LAYER = ReachingLaw(
+    name="boundary_layer",
+    summary="-gain sat(sigma / width)",
+    parameters=(
+        Parameter("gain", 5.0, "switching gain", "unit of sigma / s", minimum=0.0, per_joint=True),
+        Parameter(
+            "width",
+            0.1,
+            "half width of the boundary layer",
+            "unit of sigma",
+            minimum=0.0,
+            exclusive=True,
+            per_joint=True,
+        ),
+    ),
+    switch=switch,
+    advance=keep,
+)

@@ -1,0 +1,21 @@
+"""Constant rate reaching law (Gao and Hung 1993)."""
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.parameters import Array, Parameter
+from pidtsm_core.reaching.base import ReachingLaw
+from pidtsm_core.reaching.static import keep, sign
+
+
+@njit
+def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
+    """-gain sign(sigma)."""
+    return -p[0] * sign(sigma), p[0]
+
+
+CONSTANT = ReachingLaw(
+    name="constant",
+    summary="-gain sign(sigma)",
+    parameters=(Parameter("gain", 2.0, "switching gain", "unit of sigma / s", minimum=0.0, per_joint=True),),
+    switch=switch,
+    advance=keep,
+)

@@ -1,0 +1,24 @@
+"""Constant plus proportional rate reaching law (Gao and Hung 1993)."""
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.parameters import Array, Parameter
+from pidtsm_core.reaching.base import ReachingLaw
+from pidtsm_core.reaching.static import keep, sign
+
+
+@njit
+def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
+    """-gain sign(sigma) - decay sigma."""
+    return -p[0] * sign(sigma) - p[1] * sigma, p[0]
+
+
+EXPONENTIAL = ReachingLaw(
+    name="exponential",
+    summary="-gain sign(sigma) - decay sigma",
+    parameters=(
+        Parameter("gain", 1.0, "switching gain", "unit of sigma / s", minimum=0.0, per_joint=True),
+        Parameter("decay", 10.0, "rate of the proportional part", "1/s", minimum=0.0, per_joint=True),
+    ),
+    switch=switch,
+    advance=keep,
+)

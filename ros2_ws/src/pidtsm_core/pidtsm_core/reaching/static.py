@@ -1,0 +1,15 @@
+"""What reaching laws without memory share."""
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.parameters import Array
+
+
+@njit
+def sign(x: float) -> float:
+    """-1, 0 or 1."""
+    return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else 0.0)
+
+
+@njit
+def keep(sigma: float, p: Array, x: Array, dt: float, frozen: bool) -> None:
+    """No state moves."""
