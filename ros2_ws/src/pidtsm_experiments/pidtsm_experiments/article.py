@@ -503,7 +503,7 @@ CLAIMS: tuple[Claim, ...] = (
         "rad",
         _overshoot,
         f"{_CASE_1}, on Figure 3",
-        _OF_THE_SINGULARITY,
+        _OF_KAPPA,
         sign=_LARGER,
     ),
     *_per_joint(
