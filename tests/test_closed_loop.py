@@ -77,7 +77,7 @@ def test_parameters_left_behind_reproduce_the_run(tmp_path: Path) -> None:
     bag = record(first, "lockstep", tmp_path / "a")
     params = tmp_path / "all.yaml"
     params.write_text("".join(f.read_text() for f in sorted((tmp_path / "a" / "params").glob("*.yaml"))))
-    again = make_experiment("case1", "piddtsm", duration=0.5, params=str(params))
+    again = make_experiment("case1", "piddtsm", duration=0.5, params=[str(params)])
     (tmp_path / "b").mkdir()
     assert_same_bits(read_recording(record(again, "lockstep", tmp_path / "b")), read_recording(bag))
 

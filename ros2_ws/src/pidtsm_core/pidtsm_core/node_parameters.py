@@ -74,6 +74,9 @@ def trajectory_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, .
     return (*reference_schema(settings), AUTOSTART)
 
 
+NODE_ONLY = {"simulator": _SIMULATOR, "controller": _CONTROLLER, "trajectory": (AUTOSTART,)}
+"""What a rollout does not know, by the name of the node."""
+
 NODE_SCHEMAS: dict[str, Schema] = {
     "simulator": simulator_node_schema,
     "controller": controller_node_schema,

@@ -333,7 +333,7 @@ def _steady(recording: Recording) -> slice:
 # Reasons. What the project measures belongs in notes, which are given to the report.
 _OF_THE_START = (
     "The RMSE is that of the start, where the errors are 0.4 and 0.1 rad and a torque can be at its limit. The article "
-    "does not say what the integrals do meanwhile (here they stand still: anti-windup), nor how q' and q'' are had "
+    "does not say what the integrals do meanwhile (here they go on: no anti-windup), nor how q' and q'' are had "
     "(here from filtered differences of the measured position, as Remark 4 has it, instead of exact derivatives). "
     "Eq. (53) can be read in two ways; here it is the root of the mean of the squared error."
 )

@@ -12,7 +12,8 @@ from pidtsm_experiments.errors import RunError, UsageError
 _COMMANDS = {
     "demo": "the article's Case 1 with the proposed law over the real nodes: table, figures, bag",
     "run": "any scenario and law over the real nodes",
-    "rollout": "the same loop without ROS, in milliseconds",
+    "rollout": "the same loop without ROS",
+    "reproduce": "both cases, all laws: the article and the project side by side",
     "analyze": "metrics of any recorded bag",
     "test": "all tests and checks",
 }

@@ -1,14 +1,16 @@
 """What is to be run: a scenario, a law, and the parameters of every node that follow from them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 from ament_index_python.packages import get_package_share_directory
 
+from pidtsm_core.controller import LAW_NAME
 from pidtsm_core.laws import LAWS
+from pidtsm_core.node_parameters import NODE_ONLY
 from pidtsm_core.parameters import ParameterError, Schema, Value
 from pidtsm_core.rollout import resolve_nodes
 from pidtsm_experiments.errors import UsageError
@@ -16,6 +18,8 @@ from pidtsm_experiments.errors import UsageError
 Settings = dict[str, dict[str, Any]]
 """Parameters by node and full name."""
 
+ARTICLE = "article"
+"""Name of the parameter set that is the article's Table 1."""
 NODES = ("simulator", "controller", "trajectory")
 _SCENARIO_KEYS = ("description", "duration", *NODES)
 
@@ -45,6 +49,14 @@ class Experiment:
         time = float(simulator.get("payload.time", 0.0))
         return time if 0.0 < time < self.duration else None
 
+    def without_node_parameters(self) -> "Experiment":
+        """The same for a rollout: parameters that exist in nodes only (clock, autostart ...) are left out."""
+        settings = {}
+        for node, given in self.settings.items():
+            only = {p.name for p in NODE_ONLY[node]}
+            settings[node] = {name: value for name, value in given.items() if name not in only}
+        return replace(self, settings=settings)
+
     def resolved(self, schemas: Mapping[str, Schema]) -> dict[str, dict[str, Value]]:
         """Every parameter of every node, checked.
 
@@ -64,37 +76,51 @@ def scenario_names() -> list[str]:
 
 def make_experiment(
     scenario: str,
-    law: str,
+    law: str | None = None,
     duration: float | None = None,
-    params: str | None = None,
+    params: Sequence[str] = (),
     overrides: Sequence[str] = (),
 ) -> Experiment:
-    """Put an experiment together; later parts win: parameter file, scenario, law, overrides.
+    """Put an experiment together; later parts win: parameter files, scenario, law, overrides.
 
     Args:
         scenario: a name of `scenario_names`, or the path of a scenario file.
-        law: a name in `LAWS`.
+        law: a name in `LAWS`; where None, that of the parts before it, or the default law.
         duration: s, instead of the scenario's.
-        params: path of a ROS parameter file, or None.
+        params: paths of ROS parameter files; ``article`` stands for the article's Table 1 of the law.
         overrides: texts ``NODE.PARAMETER=VALUE``.
 
     Raises:
         UsageError: anything unknown or malformed; the message names file, key and what is allowed.
     """
-    if law not in LAWS.names:
+    if law is not None and law not in LAWS.names:
         raise UsageError(f"unknown law {law}; known are {', '.join(LAWS.names)}")
     file = _scenario_file(scenario)
     content = _load_scenario(file)
     settings: Settings = {node: {} for node in NODES}
-    if params is not None:
-        _merge(settings, load_ros_parameters(Path(params)))
+    for name in params:
+        _merge(settings, load_ros_parameters(article_parameters(law) if name == ARTICLE else Path(name)))
     _merge(settings, {node: flatten(content.get(node) or {}, f"{file}: {node}") for node in NODES})
-    settings["controller"]["law.name"] = law
+    if law is not None:
+        settings["controller"]["law.name"] = law
     for override in overrides:
         node, name, value = _parse_override(override)
         settings[node][name] = value
     seconds = _positive(content.get("duration"), f"{file}: duration") if duration is None else duration
-    return Experiment(file.stem, str(settings["controller"]["law.name"]), seconds, settings)
+    return Experiment(file.stem, str(settings["controller"].get("law.name", LAW_NAME.default)), seconds, settings)
+
+
+def article_parameters(law: str | None) -> Path:
+    """ROS parameter file with the article's Table 1 for a law (the default law where None).
+
+    Raises:
+        UsageError: the article has no parameters for this law.
+    """
+    folder = Path(get_package_share_directory("pidtsm_controller"), "config")
+    file = folder / f"{law or LAW_NAME.default}.yaml"
+    if not file.is_file():
+        raise UsageError(f"the article has no parameters for {law}; leave --params {ARTICLE} out, or name a file")
+    return file
 
 
 def load_ros_parameters(file: Path) -> Settings:
@@ -115,8 +141,8 @@ def load_ros_parameters(file: Path) -> Settings:
     return settings
 
 
-def write_ros_parameters(file: Path, node: str, values: Mapping[str, Value]) -> None:
-    """Write a ROS parameter file of one node, parameters nested by the dots of their names."""
+def ros_parameters(node: str, values: Mapping[str, Value]) -> str:
+    """Content of a ROS parameter file of one node, parameters nested by the dots of their names."""
     tree: dict[str, Any] = {}
     for name, value in values.items():
         *groups, leaf = name.split(".")
@@ -124,7 +150,7 @@ def write_ros_parameters(file: Path, node: str, values: Mapping[str, Value]) -> 
         for group in groups:
             branch = branch.setdefault(group, {})
         branch[leaf] = list(value) if isinstance(value, tuple) else value
-    file.write_text(yaml.safe_dump({node: {"ros__parameters": tree}}, sort_keys=False), encoding="utf-8")
+    return yaml.safe_dump({node: {"ros__parameters": tree}}, sort_keys=False)
 
 
 def flatten(tree: object, where: str) -> dict[str, Any]:

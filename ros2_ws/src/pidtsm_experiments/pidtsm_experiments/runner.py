@@ -19,7 +19,7 @@ from pidtsm_core.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import Value, number
 from pidtsm_experiments.domain import own_domain
 from pidtsm_experiments.errors import RunError
-from pidtsm_experiments.experiment import Experiment, Settings, write_ros_parameters
+from pidtsm_experiments.experiment import Experiment, Settings, ros_parameters
 
 EXECUTABLES = {
     "simulator": ("two_link_sim", "simulator"),
@@ -181,7 +181,7 @@ def run(experiment: Experiment, clock: str, out: Path, progress: Progress) -> Pa
         arguments = {"recorder": ["-p", f"output:={bag}", "-p", f"metadata:={_quoted(json.dumps(metadata))}"]}
         for node, values in parameters.items():
             file = out / "params" / f"{node}.yaml"
-            write_ros_parameters(file, node, values)
+            file.write_text(ros_parameters(node, values), encoding="utf-8")
             arguments[node] = ["--params-file", str(file)]
         for name, words in arguments.items():
             processes.start(name, words, environment, out / "log" / f"{name}.log")

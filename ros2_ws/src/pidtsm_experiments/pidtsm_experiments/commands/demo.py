@@ -14,5 +14,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    run_and_report(make_experiment("case1", "piddtsm"), "lockstep", options.out)
+    run_and_report(make_experiment("case1"), "lockstep", options.out)
     return 0

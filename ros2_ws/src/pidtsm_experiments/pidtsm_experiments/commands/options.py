@@ -4,11 +4,14 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
+from pidtsm_core.controller import LAW_NAME
 from pidtsm_core.laws import LAWS
 from pidtsm_experiments.experiment import Experiment, make_experiment, scenario_names
 from pidtsm_experiments.table import print_metrics
@@ -26,10 +29,16 @@ def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"one of {', '.join(scenario_names())}, or a scenario file (default: case1)",
     )
     parser.add_argument(
-        "--law", default="piddtsm", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: piddtsm)"
+        "--law", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: {LAW_NAME.default})"
     )
     parser.add_argument("--duration", type=seconds, metavar="S", help="seconds, instead of the scenario's")
-    parser.add_argument("--params", metavar="FILE", help="ROS parameter file with values for any of the nodes")
+    parser.add_argument(
+        "--params",
+        action="append",
+        default=[],
+        metavar="article|FILE",
+        help="the article's Table 1, or a ROS parameter file for any of the nodes; may be given again",
+    )
     parser.add_argument(
         "--set",
         action="append",
@@ -53,6 +62,14 @@ def seconds(text: str) -> float:
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive number of seconds")
     return value
+
+
+@contextmanager
+def progress_bar() -> Iterator[Progress]:
+    """A progress bar on standard error, gone when the block ends."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=CONSOLE, transient=True) as bar:
+        yield bar
 
 
 def show_metrics(metrics: Mapping[str, Any], as_json: bool) -> None:

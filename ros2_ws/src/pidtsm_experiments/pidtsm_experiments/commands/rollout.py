@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    experiment = experiment_of(options)
+    experiment = experiment_of(options).without_node_parameters()
     experiment.resolved(SCHEMAS)
     try:
         result = rollout(experiment.settings, experiment.duration)

@@ -1,18 +1,22 @@
 """``./pidtsm run``: an experiment over the real nodes."""
 
 import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
-
+from pidtsm_core.parameters import number
 from pidtsm_experiments.analysis import summarize, write_metrics
-from pidtsm_experiments.commands.options import CONSOLE, add_experiment_arguments, experiment_of, show_metrics
+from pidtsm_experiments.commands.options import (
+    CONSOLE,
+    add_experiment_arguments,
+    experiment_of,
+    progress_bar,
+    show_metrics,
+)
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.experiment import Experiment
 from pidtsm_experiments.figures import write_figures
 from pidtsm_experiments.recording import RecordingError, read_recording
+from pidtsm_experiments.report import write_report
 from pidtsm_experiments.results import result_folder
 from pidtsm_experiments.runner import node_parameters, run
 
@@ -37,9 +41,9 @@ def execute(options: argparse.Namespace) -> int:
 
 def run_and_report(experiment: Experiment, clock: str, out: Path) -> None:
     """Run, analyse, draw, and say where everything is."""
-    node_parameters(experiment, clock)  # Refuses bad parameters before anything is begun.
+    parameters = node_parameters(experiment, clock)  # Refuses bad parameters before anything is begun.
     title = f"{experiment.scenario}, {experiment.law}, {clock}"
-    with result_folder(out) as folder, _progress() as bar:
+    with result_folder(out) as folder, progress_bar() as bar:
         task = bar.add_task(f"{title}: starting the nodes", total=experiment.duration)
 
         def show(time: float) -> None:
@@ -54,12 +58,8 @@ def run_and_report(experiment: Experiment, clock: str, out: Path) -> None:
         metrics = summarize(recording)
         write_metrics(metrics, folder / "metrics.json")
         write_figures(recording, folder / "figures")
+        arm = parameters["simulator"]
+        links = [number(arm[name]) for name in ("robot.r1", "robot.r2") if name in arm]
+        write_report(folder / "report.html", (recording, metrics), links=links)
     show_metrics(metrics, as_json=False)
-    CONSOLE.print(f"{out}: bag/ metrics.json figures/ params/ log/", highlight=False)
-
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=CONSOLE, transient=True) as bar:
-        yield bar
+    CONSOLE.print(f"{out}: report.html metrics.json figures/ bag/ params/ log/", highlight=False)

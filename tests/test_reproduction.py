@@ -1,0 +1,106 @@
+"""The article's evaluation over real nodes: every law agrees with its rollout, and an interrupted call is taken up."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pidtsm_core.rollout import rollout
+from pidtsm_experiments.experiment import make_experiment
+from pidtsm_experiments.recording import read_recording
+from pidtsm_experiments.reproduction import Planned, make_runs, plan
+
+DEADLINE = 300.0
+
+
+def test_the_plan_is_the_articles_evaluation_with_baselines() -> None:
+    keys = {p.key for p in plan()}
+    laws = ("piddtsm", "pidnftsm", "dtsm", "pid", "computed_torque", "super_twisting")
+    assert keys == {f"{case}-{law}" for case in ("case1", "case2") for law in laws} | {"case1-dtsm_printed"}
+    assert all(p.experiment.duration == 30.0 for p in plan())
+
+
+def test_nodes_and_rollout_agree_to_the_last_bit_for_every_law(tmp_path: Path) -> None:
+    # Case 2 with an early load step, so that both halves of the case are run.
+    early = ["simulator.payload.time=0.3"]
+    planned = [
+        Planned("case2", p.law, make_experiment("case2", p.experiment.law, 0.5, overrides=early))
+        for p in plan()
+        if p.scenario == "case2"
+    ]
+    shown: dict[str, float] = {}
+    failed = make_runs(planned, tmp_path, workers=2, resume=False, progress=shown.__setitem__)
+    assert failed == {}
+    assert shown.keys() == {p.key for p in planned}
+    for p in planned:
+        recording = read_recording(tmp_path / p.key / "bag")
+        offline = rollout(p.experiment.settings, p.experiment.duration)
+        assert recording.time.size == 500
+        for name in ("position", "velocity", "effort", "reference", "signals"):
+            np.testing.assert_array_equal(getattr(recording, name), getattr(offline, name), err_msg=f"{p.key}: {name}")
+
+
+def reproduce(*words: str, cwd: Path) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-m", "pidtsm_experiments.cli", "reproduce", "--out", "all", "--duration", "0.2", *words]
+    return subprocess.Popen(command, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def finished(folder: Path) -> dict[str, float]:
+    return {file.parent.name: file.stat().st_mtime for file in folder.glob("all/runs/*/metrics.json")}
+
+
+def descendants(pid: int) -> set[int]:
+    found: set[int] = set()
+    for task in Path(f"/proc/{pid}/task").glob("*/children"):
+        for child in map(int, task.read_text().split()):
+            found |= {child} | descendants(child)
+    return found
+
+
+def test_an_interrupted_reproduction_is_taken_up(tmp_path: Path) -> None:
+    process = reproduce(cwd=tmp_path)
+    end = time.monotonic() + DEADLINE
+    while len(finished(tmp_path)) < 2:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end, "no run was finished"
+        time.sleep(0.05)
+    everything = descendants(process.pid)
+    assert everything
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert not any(Path(f"/proc/{pid}").exists() for pid in everything)
+    kept = finished(tmp_path)
+
+    process = reproduce("--resume", cwd=tmp_path)
+    _, err = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 0, err
+    done = finished(tmp_path)
+    assert done.keys() == {p.key for p in plan()}
+    assert {key: done[key] for key in kept} == kept, "finished runs are not made again"
+
+    folder = tmp_path / "all"
+    results = json.loads((folder / "results.json").read_text())
+    assert results["runs"].keys() == done.keys()
+    for key, metrics in results["runs"].items():
+        if "failed" not in metrics:
+            assert metrics == json.loads((folder / "runs" / key / "metrics.json").read_text())
+    assert results["comparison"]
+    assert "| article |" in (folder / "comparison.md").read_text()
+    assert (folder / "report.html").stat().st_size > 1_000_000
+    names = {f"figure{number:02}.{kind}" for number in range(3, 13) for kind in ("png", "svg")}
+    assert names <= {file.name for file in (folder / "figures").iterdir()}
+
+
+@pytest.mark.parametrize("law", ["pid", "sliding_mode"])
+def test_a_law_that_the_article_does_not_have_is_refused(law: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "pidtsm_experiments.cli", "rollout", "--law", law, "--params", "article"]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert result.returncode == 2
+    assert f"the article has no parameters for {law}" in result.stderr
