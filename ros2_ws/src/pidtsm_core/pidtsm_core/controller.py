@@ -111,11 +111,13 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
     q_hat, dq_hat = y[Signal.POSITION], y[Signal.VELOCITY]
     if config.uses_model:
         inverse_dynamics(config.robot, q_hat, dq_hat, y[Signal.ACCELERATION_COMMAND], config.model, equivalent)
-        y[Signal.ACCELERATION_COMMAND] = y[Signal.EFFORT]
+        for j in range(joints):
+            y[Signal.ACCELERATION_COMMAND, j] = y[Signal.EFFORT, j]
         inverse_dynamics(config.robot, q_hat, dq_hat, y[Signal.ACCELERATION_COMMAND], config.model, y[Signal.EFFORT])
     else:
-        equivalent[:] = y[Signal.ACCELERATION_COMMAND]
-        y[Signal.ACCELERATION_COMMAND] = 0.0
+        for j in range(joints):
+            equivalent[j] = y[Signal.ACCELERATION_COMMAND, j]
+            y[Signal.ACCELERATION_COMMAND, j] = 0.0
     for j in range(joints):
         limit = config.effort_limit[j]
         effort = y[Signal.EFFORT, j]

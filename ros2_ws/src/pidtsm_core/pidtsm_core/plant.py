@@ -40,6 +40,7 @@ class PlantConfig(NamedTuple):
     payload_time: float  # s
     disturbance: int
     effort_limit: Array  # shape (joints,), N m
+    accelerations: bool  # q'' at the samples is asked for
 
 
 class PlantState(NamedTuple):
@@ -53,12 +54,13 @@ class PlantState(NamedTuple):
 
 @njit
 def _acceleration(
-    config: PlantConfig, model: Array, q: Array, dq: Array, effort: Array, net: Array, ddq: Array
+    robot: int, disturbance: int, model: Array, q: Array, dq: Array, effort: Array, net: Array, ddq: Array
 ) -> None:
     """ddq of eq. (5); `net` is scratch for the torque with the disturbance."""
-    net[:] = effort
-    add_disturbance(config.disturbance, q, dq, net)
-    forward_dynamics(config.robot, q, dq, net, model, ddq)
+    for j in range(effort.size):
+        net[j] = effort[j]
+    add_disturbance(disturbance, q, dq, net)
+    forward_dynamics(robot, q, dq, net, model, ddq)
 
 
 @njit
@@ -67,7 +69,7 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
 
     The payload, which counts as picked up from payload_time on, is that of the start of the step.
     """
-    joints = effort.size
+    joints, robot, disturbance = effort.size, config.robot, config.disturbance
     model = config.loaded_model if t >= config.payload_time else config.model
     q, dq, held = state.position, state.derivatives[0], state.effort
     net, stage_q, stage_dq, k1, k2, k3, k4 = (
@@ -84,24 +86,25 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
         held[j] = min(max(effort[j], -limit), limit)
 
     half = 0.5 * dt
-    _acceleration(config, model, q, dq, held, net, k1)
+    _acceleration(robot, disturbance, model, q, dq, held, net, k1)
     for j in range(joints):
         stage_q[j] = q[j] + half * dq[j]
         stage_dq[j] = dq[j] + half * k1[j]
-    _acceleration(config, model, stage_q, stage_dq, held, net, k2)
+    _acceleration(robot, disturbance, model, stage_q, stage_dq, held, net, k2)
     for j in range(joints):
         stage_q[j] = q[j] + half * (dq[j] + half * k1[j])
         stage_dq[j] = dq[j] + half * k2[j]
-    _acceleration(config, model, stage_q, stage_dq, held, net, k3)
+    _acceleration(robot, disturbance, model, stage_q, stage_dq, held, net, k3)
     for j in range(joints):
         stage_q[j] = q[j] + dt * (dq[j] + half * k2[j])
         stage_dq[j] = dq[j] + dt * k3[j]
-    _acceleration(config, model, stage_q, stage_dq, held, net, k4)
+    _acceleration(robot, disturbance, model, stage_q, stage_dq, held, net, k4)
     for j in range(joints):
         # The weights of RK4 on q, with the velocities of its stages written out.
         q[j] += dt * (dq[j] + dt * (k1[j] + k2[j] + k3[j]) / 6.0)
         dq[j] += dt * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j]) / 6.0
-    _acceleration(config, model, q, dq, held, net, state.derivatives[1])
+    if config.accelerations:
+        _acceleration(robot, disturbance, model, q, dq, held, net, state.derivatives[1])
 
 
 class Plant:
@@ -112,11 +115,12 @@ class Plant:
         config, state: what `step` takes.
     """
 
-    def __init__(self, values: Mapping[str, Value]) -> None:
+    def __init__(self, values: Mapping[str, Value], accelerations: bool = True) -> None:
         """Build it.
 
         Args:
             values: every parameter of `plant_schema`, as `resolve` returns them.
+            accelerations: whether q'' at the samples is asked for, a fifth of the time; else it stays 0.
 
         Raises:
             ParameterError: a disturbance made for another number of joints.
@@ -127,6 +131,7 @@ class Plant:
             raise ParameterError(
                 f"disturbance.name: {disturbance.name} is made for {disturbance.joints} joints, not {self.joints}"
             )
+        self._accelerations = accelerations
         self.set_parameters(values)
         self.state = PlantState(
             position=joint_array(values["initial_position"], self.joints),
@@ -149,6 +154,7 @@ class Plant:
             payload_time=number(values["payload.time"]),
             disturbance=DISTURBANCES.number(str(values["disturbance.name"])),
             effort_limit=joint_array(values["limits.effort"], self.joints),
+            accelerations=self._accelerations,
         )
 
     def step(self, effort: Array, t: float, dt: float) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.controller import Controller, ControllerConfig, ControllerState, controller_schema, tick
+from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.parameters import Array, ParameterError, Schema, Value, names, number, resolve
 from pidtsm_core.plant import Plant, PlantConfig, PlantState, plant_schema, step
 from pidtsm_core.references import ReferenceMotion, evaluate_reference, reference_joints, reference_schema
@@ -52,6 +53,7 @@ def _simulate(
     reference: int,
     reference_parameters: Array,
     period: int,
+    time: Array,
     position: Array,
     velocity: Array,
     effort: Array,
@@ -65,13 +67,18 @@ def _simulate(
             if not math.isfinite(arm.position[j]):
                 return k
         t = seconds(k * period)
+        time[k] = t
         evaluate_reference(reference, t, reference_parameters, desired[k])
-        position[k] = arm.position
-        velocity[k] = arm.derivatives[0]
+        for j in range(position.shape[1]):
+            position[k, j] = arm.position[j]
+            velocity[k, j] = arm.derivatives[0, j]
         tick(controller, memory, arm.position, arm.derivatives, desired[k], dt if k > 0 else 0.0)
-        signals[k] = memory.signals
+        for i in range(signals.shape[1]):
+            for j in range(signals.shape[2]):
+                signals[k, i, j] = memory.signals[i, j]
         step(plant, arm, memory.signals[Signal.EFFORT], t, dt)
-        effort[k] = arm.effort
+        for j in range(position.shape[1]):
+            effort[k, j] = arm.effort[j]
     return position.shape[0]
 
 
@@ -118,7 +125,7 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
     """
     values = resolve_nodes(SCHEMAS, settings)
     controller = Controller(values["controller"])
-    plant = Plant(values["simulator"])
+    plant = Plant(values["simulator"], ESTIMATORS[str(values["controller"]["estimator.name"])].needs_truth)
     motion = ReferenceMotion(values["trajectory"])
     if not controller.joints == plant.joints == motion.joints:
         raise ParameterError(
@@ -133,7 +140,7 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
 
     result = Rollout(
         joints=names(values["simulator"]["joints"]),
-        time=np.array([seconds(k * period) for k in range(samples)]),
+        time=np.empty(samples),
         position=np.empty((samples, joints)),
         velocity=np.empty((samples, joints)),
         effort=np.empty((samples, joints)),
@@ -148,6 +155,7 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
         motion.number,
         motion.parameters,
         period,
+        result.time,
         result.position,
         result.velocity,
         result.effort,

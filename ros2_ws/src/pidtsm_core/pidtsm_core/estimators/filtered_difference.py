@@ -6,7 +6,17 @@ from pidtsm_core.compiled import njit
 from pidtsm_core.estimators.base import Estimator
 from pidtsm_core.parameters import Array, Parameter
 
-# State x: last q, last q' estimate, last q'' estimate, 1 once there was a first sample.
+# State x: last q, last q' estimate, last q'' estimate, 1 once there was a first sample; then of both filters
+# -cutoff * dt and its exponential, which changes only with the period.
+
+
+@njit
+def _forget(exponent: float, x: Array, slot: int) -> float:
+    """exp(exponent), remembered in x[slot] and x[slot + 1]."""
+    if exponent != x[slot]:
+        x[slot] = exponent
+        x[slot + 1] = math.exp(exponent)
+    return x[slot + 1]
 
 
 @njit
@@ -17,9 +27,9 @@ def estimate(q: Array, truth: Array, dt: float, p: Array, x: Array, estimates: A
     """
     for j in range(q.size):
         if x[j, 3] == 1.0 and dt > 0.0:
-            forget = math.exp(-p[j, 0] * dt)
+            forget = _forget(-p[j, 0] * dt, x[j], 4)
             dq = forget * x[j, 1] + (1.0 - forget) * (q[j] - x[j, 0]) / dt
-            forget = math.exp(-p[j, 1] * dt)
+            forget = _forget(-p[j, 1] * dt, x[j], 6)
             x[j, 2] = forget * x[j, 2] + (1.0 - forget) * (dq - x[j, 1]) / dt
             x[j, 1] = dq
         x[j, 0] = q[j]

@@ -71,7 +71,8 @@ def energy(q: Array, dq: Array, p: Array) -> float:
 @njit
 def attach(p: Array, mass: float, loaded: Array) -> None:
     """The payload adds to m2, as in the article's Case 2."""
-    loaded[:] = p
+    for i in range(p.size):
+        loaded[i] = p[i]
     loaded[_M2] += mass
 
 
