@@ -1,5 +1,6 @@
 """Recorder node: writes what the experiment's topics carry to a rosbag2 bag (MCAP), message by message as it came."""
 
+import contextlib
 import gc
 import signal
 import sys
@@ -94,6 +95,12 @@ class Recorder(Node):
         self._writer.close()
 
 
+def _tell_progress(recorder: Recorder) -> None:
+    """A line on standard output, for whoever reads it."""
+    with contextlib.suppress(BrokenPipeError):
+        print(f"recorded {recorder.counts['simulator/ground_truth']}", flush=True)
+
+
 def _spin(recorder: Recorder, stopping: Callable[[], bool]) -> None:
     """Record until asked to stop, and then on until nothing arrives any more."""
     executor = EventsExecutor()
@@ -109,7 +116,7 @@ def _spin(recorder: Recorder, stopping: Callable[[], bool]) -> None:
             recorder.get_logger().warning(f"waiting for a publisher of {', '.join(recorder.missing())}")
             patience = now + _PATIENCE
         if now >= next_status:
-            print(f"recorded {recorder.counts['simulator/ground_truth']}", flush=True)
+            _tell_progress(recorder)
             next_status = now + _STATUS_PERIOD
     executor.remove_node(recorder)
     executor.shutdown()
@@ -138,6 +145,6 @@ def main() -> None:
         pass
     finally:
         recorder.close()
-        print(f"recorded {recorder.counts['simulator/ground_truth']}", flush=True)
+        _tell_progress(recorder)
         recorder.destroy_node()
         rclpy.try_shutdown()
