@@ -72,7 +72,7 @@ def test_while_frozen_the_filter_goes_on_with_the_gain_it_has() -> None:
 def test_the_switching_term_is_continuous_in_sigma() -> None:
     x = np.zeros(8)
     hold(1.0, 0.1, 100, x)
-    assert ADAPTIVE_CONTINUOUS.switch(1.0, P, x, 0.001) == ADAPTIVE_CONTINUOUS.switch(-1.0, P, x)
+    assert ADAPTIVE_CONTINUOUS.switch(1.0, P, x, 0.001) == ADAPTIVE_CONTINUOUS.switch(-1.0, P, x, 0.001)
 
 
 def test_the_defaults_are_those_of_table_1() -> None:
