@@ -51,6 +51,11 @@ class Family(Generic[_Member]):
         if len(set(self.names)) != len(self.names):
             raise ValueError(f"two members of a family share a name: {self.names}")
 
+    @classmethod
+    def of(cls, kind: type[_Member], namespace: Mapping[str, object]) -> "Family[_Member]":
+        """The members of a kind among the names of a module: a registry is a module that imports its members."""
+        return cls(*(value for value in namespace.values() if isinstance(value, kind)))
+
     def __getitem__(self, name: str) -> _Member:
         return self.members[self.names.index(name)]
 

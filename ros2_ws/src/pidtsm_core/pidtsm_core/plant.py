@@ -8,13 +8,13 @@ import numpy as np
 from pidtsm_core.compiled import njit
 from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, joint_array, number
-from pidtsm_core.robots import ROBOTS, attach, forward_dynamics, robot_schema
+from pidtsm_core.robots import ROBOT_NAME, ROBOTS, attach, forward_dynamics, robot_schema
 
 
 def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the simulated arm; ``robot.name`` decides which there are."""
     robot_parameters = robot_schema(settings)
-    robot = ROBOTS[str(settings.get("robot.name", ROBOTS.names[0]))]
+    robot = ROBOTS[str(settings.get(ROBOT_NAME.name, ROBOT_NAME.default))]
     return (
         *robot_parameters,
         Parameter("rate", 1000, "samples a second", "Hz", minimum=1, maximum=100_000, fixed=True),

@@ -1,4 +1,4 @@
-"""Disturbances: torques beside the motors'. One disturbance a file; `DISTURBANCES` is the registry."""
+"""Disturbances: torques beside the motors'. One disturbance a file; what is imported here is in `DISTURBANCES`."""
 
 from numba import literal_unroll
 
@@ -11,10 +11,7 @@ from pidtsm_core.parameters import Array
 
 __all__ = ["DISTURBANCES", "Disturbance", "add_disturbance"]
 
-DISTURBANCES: Family[Disturbance] = Family(
-    NONE,
-    ARTICLE,
-)
+DISTURBANCES: Family[Disturbance] = Family.of(Disturbance, globals())
 
 _ADD = tuple(disturbance.add for disturbance in DISTURBANCES.members)
 

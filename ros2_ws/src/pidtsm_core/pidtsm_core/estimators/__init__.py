@@ -1,4 +1,4 @@
-"""Estimators: measured position to q, q', q''. One estimator a file; `ESTIMATORS` is the registry."""
+"""Estimators: measured position to q, q', q''. One estimator a file; what is imported here is in `ESTIMATORS`."""
 
 from numba import literal_unroll
 
@@ -11,10 +11,7 @@ from pidtsm_core.parameters import Array
 
 __all__ = ["ESTIMATORS", "Estimator", "estimate"]
 
-ESTIMATORS: Family[Estimator] = Family(
-    FILTERED_DIFFERENCE,
-    EXACT,
-)
+ESTIMATORS: Family[Estimator] = Family.of(Estimator, globals())
 
 _ESTIMATE = tuple(estimator.estimate for estimator in ESTIMATORS.members)
 

@@ -1,4 +1,4 @@
-"""Control laws: errors to acceleration. One law a file; `LAWS` is the registry."""
+"""Control laws: errors to acceleration. One law a file; what is imported here is in `LAWS`."""
 
 from numba import literal_unroll
 
@@ -16,15 +16,7 @@ from pidtsm_core.parameters import Array
 
 __all__ = ["LAWS", "STATE_SLOTS", "Law", "Numbers", "advance", "command", "kernel_number"]
 
-LAWS: Family[Law] = Family(
-    PIDDTSM,
-    PIDNFTSM,
-    DTSM,
-    PID,
-    COMPUTED_TORQUE,
-    SUPER_TWISTING,
-    SLIDING_MODE,
-)
+LAWS: Family[Law] = Family.of(Law, globals())
 
 # Laws composed of the same kind of parts share their compiled functions.
 _KERNELS = tuple(dict.fromkeys((law.command, law.advance) for law in LAWS.members))

@@ -1,4 +1,4 @@
-"""Reaching laws: sigma to the switching term. One reaching law a file; `REACHING_LAWS` is the registry."""
+"""Reaching laws: sigma to the switching term. One reaching law a file; what is imported here is in `REACHING_LAWS`."""
 
 from numba import literal_unroll
 
@@ -15,14 +15,7 @@ from pidtsm_core.reaching.super_twisting import SUPER_TWISTING
 
 __all__ = ["REACHING_LAWS", "ReachingLaw", "advance_reaching", "switch"]
 
-REACHING_LAWS: Family[ReachingLaw] = Family(
-    ADAPTIVE_CONTINUOUS,
-    CONSTANT,
-    EXPONENTIAL,
-    POWER_RATE,
-    BOUNDARY_LAYER,
-    SUPER_TWISTING,
-)
+REACHING_LAWS: Family[ReachingLaw] = Family.of(ReachingLaw, globals())
 
 _SWITCH = tuple(law.switch for law in REACHING_LAWS.members)
 _ADVANCE = tuple(law.advance for law in REACHING_LAWS.members)

@@ -1,4 +1,4 @@
-"""References: time to q_d, q_d', q_d''. One reference a file; `REFERENCES` is the registry."""
+"""References: time to q_d, q_d', q_d''. One reference a file; what is imported here is in `REFERENCES`."""
 
 from collections.abc import Mapping
 
@@ -20,9 +20,7 @@ __all__ = [
     "reference_schema",
 ]
 
-REFERENCES: Family[Reference] = Family(
-    ARTICLE,
-)
+REFERENCES: Family[Reference] = Family.of(Reference, globals())
 
 _NAME = Parameter("reference.name", "article", "desired motion", choices=REFERENCES.names, fixed=True)
 

@@ -1,4 +1,4 @@
-"""Robot models: acceleration to torque and back. One robot a file; `ROBOTS` is the registry."""
+"""Robot models: acceleration to torque and back. One robot a file; what is imported here is in `ROBOTS`."""
 
 from collections.abc import Mapping
 
@@ -12,9 +12,7 @@ from pidtsm_core.robots.two_link import TWO_LINK
 
 __all__ = ["ROBOTS", "Robot", "attach", "forward_dynamics", "inverse_dynamics", "robot_joints", "robot_schema"]
 
-ROBOTS: Family[Robot] = Family(
-    TWO_LINK,
-)
+ROBOTS: Family[Robot] = Family.of(Robot, globals())
 
 ROBOT_NAME = Parameter("robot.name", "two_link", "robot model", choices=ROBOTS.names, fixed=True)
 

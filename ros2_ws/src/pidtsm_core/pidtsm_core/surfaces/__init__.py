@@ -1,4 +1,4 @@
-"""Sliding surfaces: errors to s, g and h. One surface a file; `SURFACES` is the registry."""
+"""Sliding surfaces: errors to s, g and h. One surface a file; what is imported here is in `SURFACES`."""
 
 from numba import literal_unroll
 
@@ -16,15 +16,7 @@ from pidtsm_core.surfaces.terminal import TERMINAL
 
 __all__ = ["SURFACES", "Surface", "evaluate_surface"]
 
-SURFACES: Family[Surface] = Family(
-    DUAL_TERMINAL,
-    FAST_NONSINGULAR,
-    LINEAR,
-    TERMINAL,
-    NONSINGULAR_TERMINAL,
-    FAST_TERMINAL,
-    INTEGRAL,
-)
+SURFACES: Family[Surface] = Family.of(Surface, globals())
 
 _EVALUATE = tuple(surface.evaluate for surface in SURFACES.members)
 
