@@ -155,7 +155,7 @@ def test_examples_of_new_members_work(tmp_path: Path, environment: dict[str, str
         "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
     }
     scripts = [b.content for b in example if b.language == "bash" and "example" in b.information]
-    assert len(scripts) == 2
+    assert len(scripts) == 3
     for script in scripts:
         run_script(script, tmp_path, with_copy)
 
