@@ -1,0 +1,128 @@
+"""Many rollouts over varied gains, model errors and seeds, on all cores or, through joblib, on a cluster.
+
+Compiled code releases the GIL, so the workers are threads. A backend that the caller names is taken instead::
+
+    with joblib.parallel_config(backend="dask", client=client):
+        result = batch(settings, 30.0)
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any, TypeAlias
+
+import numpy as np
+from joblib import Parallel, delayed, effective_n_jobs
+
+from pidtsm_core.metrics import JointMetrics, metrics
+from pidtsm_core.parameters import Array, ParameterError
+from pidtsm_core.rollout import DivergedError, rollout
+from pidtsm_core.signals import Signal
+
+Settings: TypeAlias = Mapping[str, Mapping[str, Any]]
+
+_SHARE = 32
+"""Runs a worker between two reports: few enough to see progress, enough that nobody waits long for the last one."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Samples of one run.
+
+    Attributes:
+        time: s, shape (samples,).
+        error: e = q - q_d, rad, shape (samples, joints).
+        effort: applied torque, N m, shape (samples, joints).
+    """
+
+    time: Array
+    error: Array
+    effort: Array
+
+
+@dataclass(frozen=True)
+class BatchResult:
+    """What a batch did; row i of every array belongs to the i-th settings.
+
+    Attributes:
+        metrics: those of `pidtsm_core.metrics.metrics` by name, each of shape (runs, joints); nan where a value does
+            not exist, which holds for all values of a run that failed. Empty if all failed.
+        failed: why a run failed, by its number.
+        trajectories: of each run (None where it failed) if asked for, else empty.
+    """
+
+    metrics: dict[str, Array]
+    failed: dict[int, str]
+    trajectories: list[Trajectory | None]
+
+
+def batch(
+    settings: Iterable[Settings],
+    duration: float,
+    workers: int = -1,
+    progress: Callable[[int], None] | None = None,
+    event_time: float | None = None,
+    keep_every: int = 0,
+) -> BatchResult:
+    """Roll out every settings; a run that fails is reported and loses no other.
+
+    The result does not depend on the number or the kind of workers. Memory holds the metrics, the trajectories asked
+    for, and one rollout a worker; of an iterator, a few settings ahead.
+
+    Args:
+        settings: of each run, see `rollout`.
+        duration: of each run, s.
+        workers: number of threads (with another backend, of what it has); -1 is one a core, -2 leaves one core free.
+        progress: called now and then with the number of runs that are done.
+        event_time: when something happens to the arm, see `metrics`.
+        keep_every: also return every n-th sample of each run; 0 returns none.
+    """
+    if keep_every < 0:
+        raise ValueError(f"keep_every: {keep_every} must be 0 or positive")
+    waiting = iter(settings)
+    outcomes: list[_Outcome] = []
+    with Parallel(n_jobs=workers, prefer="threads") as parallel:
+        while block := list(islice(waiting, _SHARE * effective_n_jobs(workers))):
+            outcomes += parallel(delayed(_run)(each, duration, event_time, keep_every) for each in block)
+            if progress is not None:
+                progress(len(outcomes))
+    return BatchResult(
+        metrics=_table(outcomes),
+        failed={i: outcome.failure for i, outcome in enumerate(outcomes) if outcome.metrics is None},
+        trajectories=[outcome.trajectory for outcome in outcomes] if keep_every else [],
+    )
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """What a worker says of a run: metrics, or why there are none."""
+
+    metrics: JointMetrics | None = None
+    trajectory: Trajectory | None = None
+    failure: str = ""
+
+
+def _run(settings: Settings, duration: float, event_time: float | None, keep_every: int) -> _Outcome:
+    try:
+        run = rollout(settings, duration)
+    except (ParameterError, DivergedError) as reason:
+        return _Outcome(failure=str(reason))
+    error = run.position - run.reference[:, 0]
+    found = metrics(run.time, error, run.effort, run.signals[:, Signal.SATURATED], event_time)
+    if not keep_every:
+        return _Outcome(found)
+    kept = slice(None, None, keep_every)
+    # Copies: a view would keep the whole rollout.
+    return _Outcome(found, Trajectory(run.time[kept].copy(), error[kept].copy(), run.effort[kept].copy()))
+
+
+def _table(outcomes: list[_Outcome]) -> dict[str, Array]:
+    found = [(i, outcome.metrics) for i, outcome in enumerate(outcomes) if outcome.metrics is not None]
+    if not found:
+        return {}
+    joints = max(len(values["rmse"]) for _, values in found)
+    table = {name: np.full((len(outcomes), joints), np.nan) for name in found[0][1]}
+    for i, values in found:
+        for name, row in values.items():
+            table[name][i, : len(row)] = np.array(row, dtype=np.float64)  # None becomes nan.
+    return table
