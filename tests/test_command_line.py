@@ -100,8 +100,8 @@ simulator:
     [
         (("duration: 0.2", "duration: soon"), "mine.yaml: duration: 'soon' must be a positive number of seconds"),
         (("simulator:", "plant:"), "mine.yaml: unknown key plant; allowed are description, duration, simulator"),
-        (("m2: 1.0", "m3: 1.0"), "simulator: unknown parameter robot.m3; did you mean robot.m"),
-        (("m2: 1.0", "m2: heavy"), "simulator: robot.m2 (kg): 'heavy' must be a number"),
+        (("m2: 1.0", "m3: 1.0"), "mine.yaml: simulator: unknown parameter robot.m3; did you mean robot.m"),
+        (("m2: 1.0", "m2: heavy"), "mine.yaml: simulator: robot.m2 (kg): 'heavy' must be a number"),
         (("description", "[description"), "mine.yaml is not YAML"),
     ],
 )

@@ -20,7 +20,15 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 class ParameterError(ValueError):
-    """A parameter is unknown, or its value has the wrong type, length or range; the message says which and why."""
+    """A parameter is unknown, or its value has the wrong type, length or range; the message says which and why.
+
+    Attributes:
+        parameter: its name (after the node's, where several nodes are checked together), empty if it is none.
+    """
+
+    def __init__(self, message: str, parameter: str = "") -> None:
+        super().__init__(message)
+        self.parameter = parameter
 
 
 @dataclass(frozen=True)
@@ -124,7 +132,7 @@ class Parameter:
 
     def _error(self, value: object, reason: str) -> ParameterError:
         unit = f" ({self.unit})" if self.unit else ""
-        return ParameterError(f"{self.name}{unit}: {value!r} {reason}")
+        return ParameterError(f"{self.name}{unit}: {value!r} {reason}", self.name)
 
 
 Schema: TypeAlias = Callable[[Mapping[str, object]], Sequence[Parameter]]
@@ -156,7 +164,7 @@ def resolve(schema: Schema, settings: Mapping[str, object], joints: int) -> dict
     parameters = {p.name: p for p in schema(settings)}
     for name in settings:
         if name not in parameters:
-            raise ParameterError(unknown_parameter(name, parameters))
+            raise ParameterError(unknown_parameter(name, parameters), name)
     return {name: p.check(settings.get(name, p.default), joints) for name, p in parameters.items()}
 
 

@@ -103,7 +103,7 @@ def resolve_nodes(
         try:
             values[node] = resolve(schema, given, _JOINTS[node](given))
         except ParameterError as error:
-            raise ParameterError(f"{node}: {error}") from None
+            raise ParameterError(f"{node}: {error}", f"{node}.{error.parameter}") from None
     return values
 
 

@@ -1,7 +1,7 @@
 """What is to be run: a scenario, a law, and the parameters of every node that follow from them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +33,14 @@ class Experiment:
         law: name of the control law.
         duration: s.
         settings: parameters that differ from the defaults, by node.
+        files: the file that a setting comes from, by ``NODE.PARAMETER``, for messages.
     """
 
     scenario: str
     law: str
     duration: float
     settings: Settings
+    files: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def event_time(self) -> float | None:
@@ -61,12 +63,13 @@ class Experiment:
         """Every parameter of every node, checked.
 
         Raises:
-            UsageError: an unknown parameter or a refused value; the message names node and parameter.
+            UsageError: an unknown parameter or a refused value; the message names file, node and parameter.
         """
         try:
             return resolve_nodes(schemas, self.settings)
         except ParameterError as error:
-            raise UsageError(str(error)) from None
+            file = self.files.get(error.parameter)
+            raise UsageError(f"{file}: {error}" if file else str(error)) from None
 
 
 def scenario_names() -> list[str]:
@@ -98,16 +101,26 @@ def make_experiment(
     file = _scenario_file(scenario)
     content = _load_scenario(file)
     settings: Settings = {node: {} for node in NODES}
+    files: dict[str, str] = {}
+
+    def merge(more: Settings, source: Path) -> None:
+        for node, parameters in more.items():
+            settings[node].update(parameters)
+            files.update({f"{node}.{name}": str(source) for name in parameters})
+
     for name in params:
-        _merge(settings, load_ros_parameters(article_parameters(law) if name == ARTICLE else Path(name)))
-    _merge(settings, {node: flatten(content.get(node) or {}, f"{file}: {node}") for node in NODES})
+        source = article_parameters(law) if name == ARTICLE else Path(name)
+        merge(load_ros_parameters(source), source)
+    merge({node: flatten(content.get(node) or {}, f"{file}: {node}") for node in NODES}, file)
     if law is not None:
         settings["controller"]["law.name"] = law
     for override in overrides:
         node, name, value = _parse_override(override)
         settings[node][name] = value
+        files.pop(f"{node}.{name}", None)
     seconds = _positive(content.get("duration"), f"{file}: duration") if duration is None else duration
-    return Experiment(file.stem, str(settings["controller"].get("law.name", LAW_NAME.default)), seconds, settings)
+    chosen = str(settings["controller"].get("law.name", LAW_NAME.default))
+    return Experiment(file.stem, chosen, seconds, settings, files)
 
 
 def article_parameters(law: str | None) -> Path:
@@ -170,11 +183,6 @@ def flatten(tree: object, where: str) -> dict[str, Any]:
         else:
             flat[key] = value
     return flat
-
-
-def _merge(settings: Settings, more: Settings) -> None:
-    for node, parameters in more.items():
-        settings[node].update(parameters)
 
 
 def _scenario_folder() -> Path:
