@@ -10,7 +10,7 @@ import numpy as np
 
 from pidtsm_core.metrics import metrics
 from pidtsm_core.signals import Signal
-from pidtsm_experiments.recording import Recording, read_recording
+from pidtsm_experiments.recording import METRICS_ONLY, Recording, read_recording
 
 
 def analyze(bag: Path) -> dict[str, Any]:
@@ -19,7 +19,7 @@ def analyze(bag: Path) -> dict[str, Any]:
     Raises:
         RecordingError: the bag is not that of a finished run.
     """
-    return summarize(read_recording(bag))
+    return summarize(read_recording(bag, METRICS_ONLY))
 
 
 def summarize(recording: Recording) -> dict[str, Any]:

@@ -125,7 +125,11 @@ def _definition(name: str) -> str:
     raise RecordingError(f"{name}.msg of pidtsm_msgs is not found: source the workspace")
 
 
-def read_recording(path: Path) -> Recording:
+METRICS_ONLY = frozenset(("position", "effort", "saturated", "adaptive_gain"))
+"""What the metrics are made of, by the names of the messages' fields."""
+
+
+def read_recording(path: Path, only: frozenset[str] | None = None) -> Recording:
     """Read a run from a bag.
 
     Messages belong together when their header stamps are equal. A sample is a stamp at which there are ground
@@ -133,46 +137,55 @@ def read_recording(path: Path) -> Recording:
 
     Args:
         path: rosbag2 folder (MCAP or SQLite), or one .mcap or .db3 file.
+        only: names of the messages' fields to keep; the others are 0 and take no memory. None keeps all.
 
     Raises:
         RecordingError: not a finished bag, no messages, a topic or joint missing, nothing with equal stamps, or
             values that are not finite.
     """
     try:
-        return _read(path)
+        return _read(path, only)
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error.__cause__
 
 
-def _read(path: Path) -> Recording:
+def _read(path: Path, only: frozenset[str] | None) -> Recording:
     with closing(_open(path)) as reader:
-        joints, columns = _read_topics(reader, _find_topics(reader.connections))
+        joints, columns = _read_topics(reader, _find_topics(reader.connections), only)
     moments = columns[_TRUTH].stamps
     needed = {topic: columns[topic] for topic in (_TRUTH, _REFERENCE, _STATE)}
-    stamps = reduce(np.intersect1d, (column.stamps for column in needed.values()))
+    stamps = reduce(_common, (column.stamps for column in needed.values()))
     if stamps.size == 0:
         raise RecordingError(
             f"no stamp is in all of {', '.join(t.name for t in needed)}; each must carry the stamp of the joint state "
             "that it belongs to"
         )
-    truth, reference, state = (_rows(column, np.searchsorted(column.stamps, stamps)) for column in needed.values())
+    truth, reference, state = (
+        column if column.stamps.size == stamps.size else _rows(column, np.searchsorted(column.stamps, stamps), topic)
+        for topic, column in needed.items()
+    )
     return Recording(
         joints=joints,
         time=(stamps - moments[0]) / 1e9,
         stamps_ns=stamps,
-        position=truth.values[:, 0],
-        velocity=truth.values[:, 1],
-        effort=truth.values[:, 2],
-        reference=reference.values,
-        signals=state.values,
+        position=truth.values[0],
+        velocity=truth.values[1],
+        effort=truth.values[2],
+        reference=reference.values.swapaxes(0, 1),
+        signals=state.values.swapaxes(0, 1),
         compute_time=state.scalars,
         **_metadata(path),
         lost={
-            topic.name: int(np.setdiff1d(moments, column.stamps, assume_unique=True).size)
+            topic.name: moments.size - _common(moments, column.stamps).size
             for topic, column in columns.items()
             if topic is not _TRUTH
         },
     )
+
+
+def _common(stamps: Stamps, others: Stamps) -> Stamps:
+    """Stamps that are in both; nearly always they are the same."""
+    return stamps if np.array_equal(stamps, others) else np.intersect1d(stamps, others, assume_unique=True)
 
 
 @dataclass(frozen=True)
@@ -181,13 +194,29 @@ class _Columns:
 
     Attributes:
         stamps: ns, shape (messages,).
-        values: shape (messages, fields, joints), order of the topic's fields.
+        values: shape (fields, messages, joints), order of the topic's fields. Memory that nobody writes to, of a field
+            that is not kept, is only promised by the operating system.
         scalars: shape (messages,).
+        kept: numbers of the fields that are kept.
     """
 
     stamps: Stamps
     values: Array
     scalars: Array
+    kept: Sequence[int]
+
+    def rows(self, start: int, stop: int) -> "_Columns":
+        """Views of some messages."""
+        return _Columns(self.stamps[start:stop], self.values[:, start:stop], self.scalars[start:stop], self.kept)
+
+
+def _columns(topic: _Topic, messages: int, joints: int, kept: Sequence[int]) -> _Columns:
+    return _Columns(
+        np.zeros(messages, dtype=np.int64),
+        np.zeros((len(topic.fields), messages, joints)),
+        np.zeros(messages if topic.scalar else 0),
+        kept,
+    )
 
 
 def _open(path: Path) -> AnyReader:
@@ -248,18 +277,28 @@ def _messages(reader: AnyReader, connections: Sequence[Connection]) -> Iterator[
 
 
 def _read_topics(
-    reader: AnyReader, found: Mapping[_Topic, list[Connection]]
+    reader: AnyReader, found: Mapping[_Topic, list[Connection]], only: frozenset[str] | None
 ) -> tuple[tuple[str, ...], dict[_Topic, _Columns]]:
     """Joints of the ground truth, and every topic."""
     _, first = next(_messages(reader, found[_TRUTH]), ("", b""))
     joints = tuple(_parse(reader, first, _TRUTH).name)
     topic_of = {connection.topic: topic for topic, connections in found.items() for connection in connections}
     pending: dict[_Topic, list[bytes]] = {topic: [] for topic in found}
-    blocks: dict[_Topic, list[_Columns]] = {topic: [] for topic in found}
+    done = dict.fromkeys(found, 0)
+    columns = {
+        topic: _columns(
+            topic,
+            sum(connection.msgcount for connection in connections),
+            len(joints),
+            [i for i, name in enumerate(topic.fields) if only is None or name in only],
+        )
+        for topic, connections in found.items()
+    }
 
     def decode(topic: _Topic) -> None:
-        blocks[topic].append(_decode(pending[topic], topic, joints, reader))
-        pending[topic] = []
+        start, stop = done[topic], done[topic] + len(pending[topic])
+        _decode(pending[topic], topic, joints, reader, columns[topic].rows(start, stop))
+        pending[topic], done[topic] = [], stop
 
     for name, payload in _messages(reader, [c for some in found.values() for c in some]):
         topic = topic_of[name]
@@ -268,21 +307,23 @@ def _read_topics(
             decode(topic)
     for topic in found:
         decode(topic)
-    # What is joined goes at once, so that a long bag is in memory once and not twice.
-    return joints, {topic: _joined(blocks.pop(topic)) for topic in found}
+    return joints, {topic: _sorted(columns[topic].rows(0, done[topic]), topic) for topic in found}
 
 
-def _joined(blocks: Sequence[_Columns]) -> _Columns:
-    stamps, values, scalars = (
-        np.concatenate([getattr(block, name) for block in blocks]) for name in ("stamps", "values", "scalars")
-    )
-    return _rows(_Columns(stamps, values, scalars), np.unique(stamps, return_index=True)[1])
-
-
-def _rows(columns: _Columns, rows: NDArray[np.intp]) -> _Columns:
-    if np.array_equal(rows, np.arange(columns.stamps.size)):
+def _sorted(columns: _Columns, topic: _Topic) -> _Columns:
+    if (np.diff(columns.stamps) > 0).all():
         return columns
-    return _Columns(columns.stamps[rows], columns.values[rows], columns.scalars[rows])
+    return _rows(columns, np.unique(columns.stamps, return_index=True)[1], topic)
+
+
+def _rows(columns: _Columns, rows: NDArray[np.intp], topic: _Topic) -> _Columns:
+    taken = _columns(topic, rows.size, columns.values.shape[2], columns.kept)
+    taken.stamps[:] = columns.stamps[rows]
+    for i in columns.kept:
+        taken.values[i] = columns.values[i, rows]
+    if topic.scalar:
+        taken.scalars[:] = columns.scalars[rows]
+    return taken
 
 
 def _parse(reader: AnyReader, payload: bytes, topic: _Topic) -> Any:
@@ -292,20 +333,18 @@ def _parse(reader: AnyReader, payload: bytes, topic: _Topic) -> Any:
         raise _damaged(f"a message of {topic.name} cannot be read", error) from error
 
 
-def _decode(payloads: Sequence[bytes], topic: _Topic, joints: Sequence[str], reader: AnyReader) -> _Columns:
-    """Decode messages of one topic.
+def _decode(
+    payloads: Sequence[bytes], topic: _Topic, joints: Sequence[str], reader: AnyReader, columns: _Columns
+) -> None:
+    """Decode messages of one topic into `columns`.
 
     Objects would take most of the time of reading a bag. But the payloads of a topic nearly always differ in
     nothing but their numbers, so that what rosbags says about one tells where the numbers stand in all.
     """
     header = np.frombuffer(b"".join(payload[_STAMP] for payload in payloads), dtype=[("sec", "<i4"), ("ns", "<u4")])
-    columns = _Columns(
-        stamps=header["sec"] * np.int64(1_000_000_000) + header["ns"],
-        values=np.empty((len(payloads), len(topic.fields), len(joints))),
-        scalars=np.empty(len(payloads)),
-    )
+    columns.stamps[:] = header["sec"] * np.int64(1_000_000_000) + header["ns"]
     if not topic.fields or not payloads:
-        return columns
+        return
     lengths = np.array([len(payload) for payload in payloads])
     pending = np.arange(len(payloads))
     while pending.size:
@@ -317,15 +356,18 @@ def _decode(payloads: Sequence[bytes], topic: _Topic, joints: Sequence[str], rea
         rows = rows[alike]
         numbers = table[alike].take(places, axis=1).view("<f8")
         size = len(topic.fields) * len(joints)
-        columns.values[rows] = numbers[:, :size].reshape(rows.size, len(topic.fields), len(joints))
-        columns.scalars[rows] = numbers[:, size] if topic.scalar else 0.0
+        values = numbers[:, :size].reshape(rows.size, len(topic.fields), len(joints))
+        for i in columns.kept:
+            columns.values[i, rows] = values[:, i]
+        if topic.scalar:
+            columns.scalars[rows] = numbers[:, size]
         pending = np.setdiff1d(pending, rows, assume_unique=True)
-    for values in (columns.values, columns.scalars):
-        finite = np.isfinite(values).reshape(len(payloads), -1).all(axis=1)
+    tables = [columns.values[i] for i in columns.kept] + ([columns.scalars[:, None]] if topic.scalar else [])
+    for table in tables:
+        finite = np.isfinite(table).all(axis=1)
         if not finite.all():
             stamp = columns.stamps[np.argmin(finite)]
             raise RecordingError(f"{topic.name} has values that are not finite, first at stamp {stamp} ns")
-    return columns
 
 
 def _layout(
@@ -360,7 +402,9 @@ def _layout(
     starts = [place[name] + 8 * names.index(joint) for name in topic.fields for joint in joints]
     if topic.scalar:
         starts.append(len(payload) - 8)
-        layout[-8:] = False
+        # With the other float64 fields before it.
+        floats = [isinstance(value, float) for name, value in vars(message).items() if name != "__msgtype__"]
+        layout[-8 * floats[::-1].index(False) :] = False
         if struct.pack("<d", getattr(message, topic.scalar, 0.0)) != payload[-8:]:
             raise RecordingError(f"{topic.name} does not end with {topic.scalar}: recorded with another pidtsm_msgs")
     return layout, np.add.outer(starts, np.arange(8)).ravel()
