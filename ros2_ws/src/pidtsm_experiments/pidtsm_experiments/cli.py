@@ -15,6 +15,7 @@ _COMMANDS = {
     "rollout": "the same loop without ROS",
     "reproduce": "both cases, all laws: the article and the project side by side",
     "analyze": "metrics of any recorded bag",
+    "bench": "benchmarks, each figure beside its floor measured in the same run",
     "test": "all tests and checks",
 }
 _SHELL = "a shell with the workspace sourced (-c COMMAND runs one command in it)"

@@ -1,0 +1,95 @@
+"""Time and memory of `analyze` with the length of a recording, beside reading the same bag with rosbags alone."""
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from pidtsm_core.rollout import rollout
+from pidtsm_core.signals import Signal
+from pidtsm_experiments.commands.bench import Row
+from pidtsm_experiments.recording import typestore
+
+_ANALYZE = "from pidtsm_experiments.analysis import analyze; analyze(bag)"
+_READ = """
+from rosbags.highlevel import AnyReader
+from pidtsm_experiments.recording import typestore
+with AnyReader([bag], default_typestore=typestore()) as reader:
+    for connection, stamp, payload in reader.messages():
+        pass
+"""
+_MEASURE = """
+import json, resource, sys, time
+from pathlib import Path
+import pidtsm_experiments.analysis
+bag = Path(sys.argv[1])
+begin = time.perf_counter()
+{work}
+print(json.dumps([time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6]))
+"""
+
+
+def run(quick: bool) -> Iterator[Row]:
+    """30 s, 5 min and 1 h of 1 kHz data: the hour takes 4 GB in the folder of temporary files (TMPDIR)."""
+    for seconds in (2,) if quick else (30, 300, 3600):
+        with tempfile.TemporaryDirectory() as folder:
+            bag = Path(folder, "bag")
+            write_bag(bag, seconds)
+            read, _ = _measured(_READ, bag)
+            spent, memory = _measured(_ANALYZE, bag)
+        name = f"analyze {seconds} s of 1 kHz data"
+        yield Row(name, spent, "s", "reading it with rosbags", read, spent / read, "<= 2")
+        yield Row(f"{name}, peak memory", memory, "GB", "bound", 1.0, memory, "<= 1")
+
+
+def _measured(work: str, bag: Path) -> tuple[float, float]:
+    """Seconds and peak GB of a fresh process."""
+    command = [sys.executable, "-c", _MEASURE.format(work=work), str(bag)]
+    seconds, memory = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    return seconds, memory
+
+
+def write_bag(path: Path, seconds: int) -> None:
+    """A recording of `seconds`, whose samples repeat a rollout of at most 30 s.
+
+    Messages are made by writing the stamp over that of a serialized one: an hour has 18 million.
+    """
+    run = rollout({}, min(seconds, 30))
+    store, names, nothing = typestore(), list(run.joints), np.empty(0)
+    types = store.types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), "")
+    joint_state = types["sensor_msgs/msg/JointState"]
+    reference = types["pidtsm_msgs/msg/JointReference"]
+    state = types["pidtsm_msgs/msg/ControllerState"]
+    # The message may have numbers of the loop beside those of the law.
+    others = len(fields(cast(Any, state))) - len(Signal) - 3
+
+    def messages(k: int) -> dict[str, Any]:
+        return {
+            "joint_states": joint_state(header, names, run.position[k], run.velocity[k], nothing),
+            "reference": reference(header, names, *run.reference[k]),
+            "joint_commands": joint_state(header, names, nothing, nothing, run.effort[k]),
+            "controller/state": state(header, names, *run.signals[k], *[2e-5] * others),
+            "simulator/ground_truth": joint_state(header, names, run.position[k], run.velocity[k], run.effort[k]),
+        }
+
+    kinds = {topic: message.__msgtype__ for topic, message in messages(0).items()}
+    payloads = [
+        [bytearray(store.serialize_cdr(message, kinds[topic])) for topic, message in messages(k).items()]
+        for k in range(run.time.size)
+    ]
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = [writer.add_connection(f"/{topic}", kind, typestore=store) for topic, kind in kinds.items()]
+        for k in range(seconds * 1000):
+            stamp = k * 1_000_000
+            encoded = np.array(divmod(stamp, 1_000_000_000), dtype="<u4").tobytes()
+            for connection, payload in zip(connections, payloads[k % len(payloads)], strict=True):
+                payload[4:12] = encoded
+                writer.write(connection, stamp, bytes(payload))

@@ -1,0 +1,162 @@
+"""A rollout of Case 1 on one core beside hand-written C, SciPy's solve_ivp and the simulator of opensmc."""
+
+import math
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from opensmc.core import Controller
+from opensmc.plants import TwoLinkArm
+from opensmc.reaching import Saturation
+from opensmc.simulator import Simulator
+from opensmc.surfaces import NonsingularTerminalSurface
+from scipy.integrate import solve_ivp
+
+from pidtsm_core.parameters import Array
+from pidtsm_core.rollout import rollout
+from pidtsm_experiments.commands.bench import Row, medians
+
+DT = 1e-3
+
+
+def run(quick: bool) -> Iterator[Row]:
+    """30 s; peers that take minutes run a part of it, and their time is scaled."""
+    samples, repetitions, part = (1000, 3, 20) if quick else (30_000, 15, 1000)
+    duration = samples * DT
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder, "rollout")
+        source = Path(__file__).with_suffix(".c")
+        subprocess.run(["gcc", "-O3", str(source), "-o", str(program), "-lm"], check=True)
+        c_times: list[float] = []
+        rmse: list[float] = []
+
+        def in_c() -> None:
+            # The second repetition of a process: its memory is warm, as is ours.
+            words = subprocess.run([program, str(samples), "2"], check=True, capture_output=True, text=True).stdout
+            *times, last = words.splitlines()
+            c_times.append(float(times[-1]))
+            rmse[:] = map(float, last.split())
+
+        ours, _ = medians(repetitions, lambda: rollout({}, duration), in_c)
+    result = rollout({}, duration)
+    mine = np.sqrt(np.mean((result.position - result.reference[:, 0]) ** 2, axis=0))
+    difference = float(np.abs(mine - rmse).max())
+    if difference > 1e-9:
+        raise RuntimeError(f"the C program does something else: its RMSE differs by {difference:g} rad")
+    c = float(np.median(c_times[1:]))
+    name = f"rollout, {duration:g} s of Case 1"
+    note = f"RMSE of both agree to {difference:.1g} rad"
+    yield Row(name, ours * 1e3, "ms", "C, gcc -O3", c * 1e3, ours / c, "<= 2", note)
+
+    scale = samples / part
+    scaled = f"peer timed over {part} of {samples} samples and scaled"
+    (scipy,) = medians(1, lambda: _solve_ivp_loop(part))
+    scipy *= scale
+    yield Row(name, ours * 1e3, "ms", "SciPy solve_ivp", scipy * 1e3, scipy / ours, ">= 1000", scaled)
+    (peer,) = medians(1, lambda: _opensmc(part))
+    peer *= scale
+    release = version("opensmc")
+    yield Row(
+        name, ours * 1e3, "ms", f"opensmc {release}", peer * 1e3, peer / ours, ">= 100", scaled + ", RK4 at 1 kHz"
+    )
+
+
+def _desired(t: float) -> tuple[Array, Array, Array]:
+    a, b = 0.7 * t, 0.5 * t - 0.2
+    return (
+        0.2 * np.array([math.cos(a) + math.cos(b), math.cos(b) - math.cos(a)]),
+        0.2 * np.array([-0.7 * math.sin(a) - 0.5 * math.sin(b), -0.5 * math.sin(b) + 0.7 * math.sin(a)]),
+        0.2 * np.array([-0.49 * math.cos(a) - 0.25 * math.cos(b), -0.25 * math.cos(b) + 0.49 * math.cos(a)]),
+    )
+
+
+def _arm(q: Array, dq: Array) -> tuple[Array, Array]:
+    """H and C q' + G, eqs. (48)-(50)."""
+    m1, m2, r1, r2, j1, j2, g = 0.5, 1.5, 1.0, 0.85, 5.0, 5.0, 9.8
+    c2, h = np.cos(q[1]), m2 * r1 * r2 * np.sin(q[1])
+    h12 = m2 * r2**2 + m2 * r1 * r2 * c2
+    inertia = np.array([[(m1 + m2) * r1**2 + m2 * r2**2 + j1 + 2 * m2 * r1 * r2 * c2, h12], [h12, m2 * r2**2 + j2]])
+    coriolis = np.array([-h * (dq[0] + 2 * dq[1]) * dq[0], h * dq[1] ** 2])
+    gravity = np.array([(m1 + m2) * r1 * g * np.cos(q[0]), 0.0]) + m2 * r2 * g * np.cos(q[0] + q[1])
+    return inertia, coriolis + gravity
+
+
+def _solve_ivp_loop(samples: int) -> Array:
+    """The loop as one writes it with NumPy and SciPy: torque held over a period, RK45 with default tolerances in it."""
+    limit = np.array([100.0, 50.0])
+
+    def motion(t: float, x: Array, tau: Array) -> Array:
+        q, dq = x[:2], x[2:]
+        inertia, bias = _arm(q, dq)
+        disturbance = np.array(
+            [
+                0.5 * dq[0] + np.sin(3 * q[0]) + 0.5 * np.sin(dq[0]),
+                1.3 * dq[1] - 1.8 * np.sin(2 * q[1]) + 1.1 * np.sin(dq[1]),
+            ]
+        )
+        return np.concatenate([dq, np.linalg.solve(inertia, tau + disturbance - bias)])
+
+    x = np.array([0.0, -0.1, 0.0, 0.0])
+    last, dq, ddq = x[:2], np.zeros(2), np.zeros(2)
+    s, sigma, integral, tau_sw, gain = np.zeros((5, 2))
+    saturated = np.zeros(2, dtype=bool)
+    trajectory = np.empty((samples, 4))
+    for k in range(samples):
+        q = x[:2]
+        if k:
+            integral = integral + DT * np.where(saturated, 0.0, s)
+            tau_sw = tau_sw + DT * (-tau_sw - (gain + 0.01) * np.sign(sigma))
+            gain = gain + DT * np.where((np.abs(sigma) > 0.2) & ~saturated, np.abs(sigma) / 0.01, 0.0)
+            keep, before = np.exp(-5000.0 * DT), dq
+            dq = keep * dq + (1 - keep) * (q - last) / DT
+            keep = np.exp(-1000.0 * DT)
+            ddq = keep * ddq + (1 - keep) * (dq - before) / DT
+        last = q
+        q_d, dq_d, ddq_d = _desired(k * DT)
+        e, de = q - q_d, dq - dq_d
+        power = np.abs(e) ** (7 / 9)
+        s = de + 3.0 * (power * np.sign(e) + e**3) + 0.5 * e
+        u_f = np.clip(power / np.abs(e) * de, -5.0, 5.0)
+        h = 3.0 * (7 / 9 * u_f + 3 * e**2 * de) + 0.5 * de
+        sigma = 2.0 * s + integral + 0.5 * (ddq - ddq_d + h)
+        a_cmd = ddq_d - h - (2.0 * s + integral - tau_sw) / 0.5
+        inertia, bias = _arm(q, dq)
+        tau = inertia @ a_cmd + bias
+        saturated = np.abs(tau) >= limit
+        tau = np.clip(tau, -limit, limit)
+        trajectory[k] = x
+        x = solve_ivp(motion, (k * DT, (k + 1) * DT), x, args=(tau,)).y[:, -1]
+    return trajectory
+
+
+class _Terminal(Controller):
+    """Inverse dynamics with a nonsingular terminal surface and a boundary layer a joint, of the package's parts."""
+
+    def __init__(self) -> None:
+        super().__init__(surface=NonsingularTerminalSurface(), reaching=Saturation())
+
+    def compute(self, t: float, x: Array, xref: Array, plant: Any = None, **_: Any) -> tuple[Array, dict[str, Array]]:
+        e, de = xref[[0, 2]] - x[[0, 2]], xref[[1, 3]] - x[[1, 3]]
+        s = np.array([self.surface.compute(a, b, t=t) for a, b in zip(e, de, strict=True)])
+        robust = np.array([self.reaching.compute(each, t=t) for each in s])
+        a_cmd = _desired(t)[2] + 10.0 * de + robust
+        q1, dq1, q2, dq2 = x
+        bias = plant.coriolis_vector(q1, q2, dq1, dq2) + plant.gravity_vector(q1, q2)
+        return plant.mass_matrix(q1, q2) @ a_cmd + bias, {"s": s}
+
+
+def _opensmc(samples: int) -> Array:
+    def reference(t: float) -> Array:
+        q_d, dq_d, _ = _desired(t)
+        return np.array([q_d[0], dq_d[0], q_d[1], dq_d[1]])
+
+    simulator = Simulator(dt=DT, T=samples * DT, method="rk4")
+    result = simulator.run(_Terminal(), TwoLinkArm(), reference, x0=np.array([0.0, 0.0, -0.1, 0.0]))
+    trajectory: Array = result["x"]
+    if not np.isfinite(trajectory).all():
+        raise RuntimeError("the peer's simulation diverged")
+    return trajectory

@@ -1,0 +1,60 @@
+"""One tick of the controller and one step of the plant: called from Python as the nodes do, and in a compiled loop."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.controller import Controller, ControllerConfig, ControllerState, controller_schema, tick
+from pidtsm_core.parameters import Array, resolve
+from pidtsm_core.plant import Plant, PlantConfig, PlantState, plant_schema, step
+from pidtsm_experiments.commands.bench import Row, medians
+
+DT = 1e-3
+
+
+@njit
+def _ticks(config: ControllerConfig, state: ControllerState, q: Array, desired: Array, count: int) -> None:
+    for _k in range(count):
+        tick(config, state, q, desired, desired, DT)
+
+
+@njit
+def _steps(config: PlantConfig, state: PlantState, effort: Array, count: int) -> None:
+    for k in range(count):
+        # From the same state each time: the arm must not fly off.
+        for j in range(effort.size):
+            state.position[j] = -0.1
+            state.derivatives[0, j] = 0.1
+        step(config, state, effort, k * DT, DT)
+
+
+def run(quick: bool) -> Iterator[Row]:
+    """Nanoseconds of each; the floor from Python is the cheapest call of a compiled function with an array."""
+    count, repetitions = (1000, 3) if quick else (20_000, 15)
+    controller = Controller(resolve(controller_schema, {}, 2))
+    plant = Plant(resolve(plant_schema, {}, 2))
+    q, desired, effort = np.array([0.1, -0.1]), np.zeros((3, 2)), np.array([30.0, 10.0])
+
+    def many(call: str) -> float:
+        def repeated() -> None:
+            for _ in range(count):
+                if call == "tick":
+                    controller.step(q, desired, DT)
+                elif call == "step":
+                    plant.step(effort, 0.0, DT)
+                else:
+                    _ticks(controller.config, controller.state, q, desired, 0)
+
+        return medians(repetitions, repeated)[0] / count * 1e9
+
+    inside = medians(
+        repetitions,
+        lambda: _ticks(controller.config, controller.state, q, desired, count),
+        lambda: _steps(plant.config, plant.state, effort, count),
+    )
+    empty = many("nothing")
+    for label, call, compiled in zip(("controller tick", "plant step"), ("tick", "step"), inside, strict=True):
+        nanoseconds = many(call)
+        yield Row(f"{label}, from Python", nanoseconds, "ns", "the call alone", empty, nanoseconds / empty)
+        yield Row(f"{label}, in a compiled loop", compiled / count * 1e9, "ns")

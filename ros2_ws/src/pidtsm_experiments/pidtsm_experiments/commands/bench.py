@@ -1,0 +1,154 @@
+"""``./pidtsm bench``: every figure beside its floor or peer, measured in the same run.
+
+A benchmark is a file ``NAME.py`` in the checkout's folder ``benchmarks`` with a function ``run(quick: bool)`` that
+yields rows.
+"""
+
+import argparse
+import importlib.util
+import json
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from pidtsm_experiments.commands.options import CONSOLE
+from pidtsm_experiments.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure.
+
+    Attributes:
+        name: what was measured.
+        figure: in `unit`, the median of several measurements where that is affordable.
+        unit: of the figure and of the floor.
+        floor: what it is compared with, measured in the same run; None without one.
+        floor_figure: in `unit`.
+        ratio: of both, as the target means it.
+        target: ``<= 2`` or ``>= 100`` for the ratio; None where nothing is promised.
+        note: how it was measured, where that needs saying.
+    """
+
+    name: str
+    figure: float
+    unit: str
+    floor: str | None = None
+    floor_figure: float | None = None
+    ratio: float | None = None
+    target: str | None = None
+    note: str = ""
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the ratio meets its target; None without one."""
+        if self.target is None or self.ratio is None:
+            return None
+        relation, bound = self.target.split()
+        return self.ratio <= float(bound) if relation == "<=" else self.ratio >= float(bound)
+
+
+def medians(repetitions: int, *functions: Callable[[], object]) -> list[float]:
+    """Median time of each function (s), after one call to warm up; they take turns, so that all meet the same load."""
+    times: list[list[float]] = [[] for _ in functions]
+    for repetition in range(repetitions + 1):
+        for function, measured in zip(functions, times, strict=True):
+            begin = time.perf_counter()
+            function()
+            if repetition:
+                measured.append(time.perf_counter() - begin)
+    return [statistics.median(measured) for measured in times]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print the figures as one JSON object, and nothing else")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="also write DIR/bench.json")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="benchmarks to run (default: all)")
+    parser.add_argument(
+        "--quick", action="store_true", help="short and coarse: shows that everything runs, and judges no ratio"
+    )
+
+
+def execute(options: argparse.Namespace) -> int:
+    files = _files()
+    names = options.only or list(files)
+    if unknown := [name for name in names if name not in files]:
+        raise UsageError(f"unknown benchmark {', '.join(unknown)}; known are {', '.join(files)}")
+    rows: dict[str, list[Row]] = {}
+    for name in names:
+        with CONSOLE.status(name):
+            rows[name] = list(_load(name, files[name])(options.quick))
+    result = {
+        "machine": {
+            "processor": platform.machine(),
+            "cores": os.cpu_count(),
+            "load": os.getloadavg()[0],
+            "python": platform.python_version(),
+        },
+        "quick": options.quick,
+        "rows": [
+            {"benchmark": name, **asdict(row), "met": None if options.quick else row.met}
+            for name in rows
+            for row in rows[name]
+        ],
+    }
+    text = json.dumps(result, indent=2, allow_nan=False)
+    if options.out is not None:
+        options.out.mkdir(parents=True, exist_ok=True)
+        (options.out / "bench.json").write_text(text + "\n", encoding="utf-8")
+    if options.json:
+        print(text)
+    else:
+        for name, some in rows.items():
+            Console().print(_table(name, some, judged=not options.quick))
+    return 0
+
+
+def _files() -> dict[str, Path]:
+    """Benchmarks of the checkout, by name."""
+    folders = (parent / "benchmarks" for parent in Path(__file__).resolve().parents if (parent / "pidtsm").is_file())
+    folder = next(folders, None)
+    if folder is None:
+        raise UsageError("bench needs the source checkout")
+    return {file.stem: file for file in sorted(folder.glob("*.py")) if not file.stem.startswith("_")}
+
+
+def _load(name: str, file: Path) -> Callable[[bool], Iterable[Row]]:
+    spec = importlib.util.spec_from_file_location(f"benchmarks_{name}", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module: Any = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return cast(Callable[[bool], Iterator[Row]], module.run)
+
+
+def _table(name: str, rows: Iterable[Row], judged: bool) -> Table:
+    table = Table(title=name, title_style="bold", title_justify="left", box=box.SIMPLE_HEAD)
+    for column in ("figure", "", "unit", "beside", "", "ratio", "target"):
+        table.add_column(column, justify="right" if column in ("", "ratio", "target") else "left")
+    for row in rows:
+        style = {True: "green", False: "bold red", None: ""}[row.met if judged else None]
+        numbers = ("" if n is None else f"{n:.4g}" for n in (row.figure, row.floor_figure, row.ratio))
+        figure, floor, ratio = numbers
+        label = f"{row.name}\n[dim]{row.note}[/]" if row.note else row.name
+        target = row.target or ""
+        missed = " missed" if judged and row.met is False else ""
+        table.add_row(
+            label,
+            figure,
+            row.unit,
+            row.floor or "",
+            floor,
+            f"[{style}]{ratio}[/]" if style else ratio,
+            f"{target}{missed}",
+        )
+    return table

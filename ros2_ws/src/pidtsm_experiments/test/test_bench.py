@@ -1,0 +1,57 @@
+"""The benchmark command: rows with their fields, names that are checked. What is measured is not judged here."""
+
+import json
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from pidtsm_experiments.cli import main
+from pidtsm_experiments.commands.bench import Row, medians
+
+FIELDS = {"benchmark", "met", *(field.name for field in fields(Row))}
+OWN = ["analyze", "batch", "rollout", "tick"]
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_a_quick_run_yields_rows(tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str) -> None:
+    assert main(["bench", "--quick", "--json", "--out", str(tmp_path), "--only", name]) == 0
+    said = json.loads(capfd.readouterr().out)
+    assert json.loads((tmp_path / "bench.json").read_text()) == said
+    assert said["rows"]
+    for row in said["rows"]:
+        assert set(row) == FIELDS
+        assert row["benchmark"] == name
+        assert row["figure"] > 0.0
+        assert (row["floor"] is None) == (row["floor_figure"] is None) == (row["ratio"] is None)
+        assert row["target"] is None or row["ratio"] is not None
+        assert row["met"] is None
+
+
+def test_the_table_names_figure_floor_and_target(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--quick", "--only", "batch"]) == 0
+    out = capfd.readouterr().out
+    assert "one core" in out
+    assert "ratio" in out
+
+
+def test_an_unknown_benchmark_is_refused_with_those_there_are(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--only", "rolout"]) == 2
+    error = capfd.readouterr().err
+    assert "rolout" in error
+    assert all(name in error for name in OWN)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "target", "met"),
+    [(1.9, "<= 2", True), (2.1, "<= 2", False), (99.0, ">= 100", False), (100.0, ">= 100", True), (3.0, None, None)],
+)
+def test_a_target_is_met_or_not(ratio: float, target: str | None, met: bool | None) -> None:
+    assert Row("x", 1.0, "s", "floor", 1.0, ratio, target).met is met
+
+
+def test_functions_that_are_compared_take_turns_after_a_warm_up() -> None:
+    calls: list[str] = []
+    times = medians(2, lambda: calls.append("a"), lambda: calls.append("b"))
+    assert calls == ["a", "b"] * 3
+    assert len(times) == 2
