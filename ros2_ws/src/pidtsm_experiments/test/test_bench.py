@@ -1,6 +1,8 @@
 """The benchmark command: rows with their fields, names that are checked. What is measured is not judged here."""
 
 import json
+import subprocess
+import sys
 from dataclasses import fields
 from pathlib import Path
 
@@ -11,6 +13,12 @@ from pidtsm_experiments.commands.bench import Row, medians
 
 FIELDS = {"benchmark", "met", *(field.name for field in fields(Row))}
 OWN = ["analyze", "batch", "rollout", "tick"]
+
+
+def test_compiled_code_of_a_benchmark_is_found_in_the_cache_by_the_next_process() -> None:
+    command = [sys.executable, "-m", "pidtsm_experiments.cli", "bench", "--quick", "--json", "--only", "tick"]
+    for _ in range(2):
+        subprocess.run(command, check=True, capture_output=True)
 
 
 @pytest.mark.parametrize("name", OWN)

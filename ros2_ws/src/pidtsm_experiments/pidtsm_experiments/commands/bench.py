@@ -10,6 +10,7 @@ import json
 import os
 import platform
 import statistics
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
@@ -119,7 +120,8 @@ def _files() -> dict[str, Path]:
     folder = next(folders, None)
     if folder is None:
         raise UsageError("bench needs the source checkout")
-    return {file.stem: file for file in sorted(folder.glob("*.py")) if not file.stem.startswith("_")}
+    # Others are what benchmarks start or share.
+    return {file.stem: file for file in sorted(folder.glob("*.py")) if "\ndef run(" in file.read_text("utf-8")}
 
 
 def _load(name: str, file: Path) -> Callable[[bool], Iterable[Row]]:
@@ -127,6 +129,7 @@ def _load(name: str, file: Path) -> Callable[[bool], Iterable[Row]]:
     assert spec is not None
     assert spec.loader is not None
     module: Any = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # Numba looks there for what it has cached.
     spec.loader.exec_module(module)
     return cast(Callable[[bool], Iterator[Row]], module.run)
 
