@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 
+import numba
 import numpy as np
 
-from pidtsm_core.compiled import njit
 from pidtsm_core.controller import Controller, ControllerConfig, ControllerState, controller_schema, tick
 from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.plant import Plant, PlantConfig, PlantState, plant_schema, step
@@ -12,14 +12,17 @@ from pidtsm_experiments.commands.bench import Row, medians
 
 DT = 1e-3
 
+# Not cached: Numba finds no module of this file when it loads what it has cached.
+_njit = numba.njit(nogil=True, error_model="numpy", _nrt=False)
 
-@njit
+
+@_njit
 def _ticks(config: ControllerConfig, state: ControllerState, q: Array, desired: Array, count: int) -> None:
     for _k in range(count):
         tick(config, state, q, desired, desired, DT)
 
 
-@njit
+@_njit
 def _steps(config: PlantConfig, state: PlantState, effort: Array, count: int) -> None:
     for k in range(count):
         # From the same state each time: the arm must not fly off.

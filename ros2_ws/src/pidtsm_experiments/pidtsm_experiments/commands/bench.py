@@ -129,7 +129,7 @@ def _load(name: str, file: Path) -> Callable[[bool], Iterable[Row]]:
     assert spec is not None
     assert spec.loader is not None
     module: Any = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # Numba looks there for what it has cached.
+    sys.modules[spec.name] = module  # Dataclasses and pickle look there.
     spec.loader.exec_module(module)
     return cast(Callable[[bool], Iterator[Row]], module.run)
 
