@@ -19,6 +19,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from pidtsm_core.parameters import Array
+from pidtsm_core.rollout import Rollout
 from pidtsm_core.signals import Signal
 
 METADATA_KEY = "pidtsm"
@@ -97,6 +98,25 @@ class Recording:
     clock: str | None
     event_time: float | None
     lost: Mapping[str, int] = field(default_factory=dict)
+
+    @classmethod
+    def of_rollout(cls, rollout: Rollout, scenario: str, law: str, event_time: float | None) -> "Recording":
+        """A rollout as if it had been recorded; nobody measured compute times."""
+        return cls(
+            joints=rollout.joints,
+            time=rollout.time,
+            stamps_ns=np.round(rollout.time * 1e9).astype(np.int64),
+            position=rollout.position,
+            velocity=rollout.velocity,
+            effort=rollout.effort,
+            reference=rollout.reference,
+            signals=rollout.signals,
+            compute_time=np.empty(0),
+            scenario=scenario,
+            law=law,
+            clock=None,
+            event_time=event_time,
+        )
 
     @property
     def error(self) -> Array:

@@ -22,21 +22,7 @@ EVENT = 1.5  # s
 def run(case: str, law: str) -> Run:
     """Two seconds with the gains of a stand-in."""
     result = rollout({"controller": {"law.k1": GAINS[law]}}, 2.0)
-    recording = Recording(
-        joints=result.joints,
-        time=result.time,
-        stamps_ns=np.round(result.time * 1e9).astype(np.int64),
-        position=result.position,
-        velocity=result.velocity,
-        effort=result.effort,
-        reference=result.reference,
-        signals=result.signals,
-        compute_time=np.empty(0),
-        scenario=case,
-        law=law,
-        clock=None,
-        event_time=EVENT if case == "case2" else None,
-    )
+    recording = Recording.of_rollout(result, case, law, EVENT if case == "case2" else None)
     return recording, summarize(recording)
 
 

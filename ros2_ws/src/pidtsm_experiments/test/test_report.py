@@ -29,21 +29,7 @@ FAILED = "the loop is not finite any more after 0.5 s"
 
 def run(case: str, law: str, gain: float = 3.0) -> Run:
     result = rollout({"controller": {"law.k1": gain}}, DURATION)
-    recording = Recording(
-        joints=result.joints,
-        time=result.time,
-        stamps_ns=np.round(result.time * 1e9).astype(np.int64),
-        position=result.position,
-        velocity=result.velocity,
-        effort=result.effort,
-        reference=result.reference,
-        signals=result.signals,
-        compute_time=np.empty(0),
-        scenario=case,
-        law=law,
-        clock="lockstep",
-        event_time=1.0 if case == "case2" else None,
-    )
+    recording = Recording.of_rollout(result, case, law, 1.0 if case == "case2" else None)
     return recording, summarize(recording)
 
 

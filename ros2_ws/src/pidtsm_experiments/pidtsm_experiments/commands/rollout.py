@@ -2,14 +2,11 @@
 
 import argparse
 
-import numpy as np
-
 from pidtsm_core.parameters import ParameterError
-from pidtsm_core.rollout import SCHEMAS, DivergedError, Rollout, rollout
+from pidtsm_core.rollout import SCHEMAS, DivergedError, rollout
 from pidtsm_experiments.analysis import summarize
 from pidtsm_experiments.commands.options import add_experiment_arguments, experiment_of, show_metrics
 from pidtsm_experiments.errors import RunError, UsageError
-from pidtsm_experiments.experiment import Experiment
 from pidtsm_experiments.recording import Recording
 
 
@@ -27,24 +24,6 @@ def execute(options: argparse.Namespace) -> int:
         raise UsageError(str(error)) from None
     except DivergedError as error:
         raise RunError(str(error)) from None
-    show_metrics(summarize(_recording(result, experiment)), options.json)
+    recording = Recording.of_rollout(result, experiment.scenario, experiment.law, experiment.event_time)
+    show_metrics(summarize(recording), options.json)
     return 0
-
-
-def _recording(result: Rollout, experiment: Experiment) -> Recording:
-    """The rollout as if it had been recorded."""
-    return Recording(
-        joints=result.joints,
-        time=result.time,
-        stamps_ns=np.round(result.time * 1e9).astype(np.int64),
-        position=result.position,
-        velocity=result.velocity,
-        effort=result.effort,
-        reference=result.reference,
-        signals=result.signals,
-        compute_time=np.empty(0),
-        scenario=experiment.scenario,
-        law=experiment.law,
-        clock=None,
-        event_time=experiment.event_time,
-    )
