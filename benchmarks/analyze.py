@@ -26,13 +26,16 @@ with AnyReader([bag], default_typestore=typestore()) as reader:
         pass
 """
 _MEASURE = """
-import json, resource, sys, time
+import json, sys, time
 from pathlib import Path
 import pidtsm_experiments.analysis
 bag = Path(sys.argv[1])
 begin = time.perf_counter()
 {work}
-print(json.dumps([time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6]))
+spent = time.perf_counter() - begin
+# Not ru_maxrss, which begins with that of the process that started this one.
+peak = Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]
+print(json.dumps([spent, int(peak) / 1e6]))
 """
 
 
