@@ -21,6 +21,10 @@ setup(
             "controller = pidtsm_controller.controller:main",
             "trajectory = pidtsm_controller.trajectory:main",
         ],
+        "pidtsm_ros.nodes": [
+            "controller = pidtsm_controller.controller:ControllerNode",
+            "trajectory = pidtsm_controller.trajectory:Trajectory",
+        ],
     },
     zip_safe=True,
     maintainer="pidtsm maintainers",

@@ -13,6 +13,11 @@ setup(
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},
+    entry_points={
+        "console_scripts": [
+            "composed = pidtsm_ros.composed:main",
+        ],
+    },
     zip_safe=True,
     maintainer="pidtsm maintainers",
     maintainer_email="maintainers@pidtsm.example",

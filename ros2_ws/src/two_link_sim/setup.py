@@ -20,6 +20,9 @@ setup(
         "console_scripts": [
             "simulator = two_link_sim.simulator:main",
         ],
+        "pidtsm_ros.nodes": [
+            "simulator = two_link_sim.simulator:Simulator",
+        ],
     },
     zip_safe=True,
     maintainer="pidtsm maintainers",

@@ -10,10 +10,10 @@ from pidtsm_core.parameters import names
 from pidtsm_core.references import ReferenceMotion, reference_joints
 from pidtsm_core.timing import seconds
 from pidtsm_msgs.msg import JointReference
-from pidtsm_ros.joints import joint_field
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run
-from pidtsm_ros.stamps import serialized_nanoseconds, set_stamp
+from pidtsm_ros.stamps import serialized_nanoseconds
+from pidtsm_ros.wire import OutgoingMessage
 
 
 class Trajectory(ManagedNode):
@@ -32,9 +32,8 @@ class Trajectory(ManagedNode):
         # Compile before the loop.
         self._motion.evaluate(0.0, self._desired)
 
-        self._reference = JointReference(name=joints)
         fields = ("position", "velocity", "acceleration")
-        self._rows = [joint_field(self._reference, field, len(joints)) for field in fields]
+        self._reference = OutgoingMessage(JointReference(name=joints), fields, joints=len(joints))
 
         self._references = self.advertise(JointReference, "reference")
         self.listen(JointState, "joint_states", self._on_joint_state, raw=True)
@@ -68,12 +67,10 @@ class Trajectory(ManagedNode):
             return
         self._waiting = -1
         self._motion.evaluate(seconds(stamp - self._start), self._desired)
-        for row, values in zip(self._rows, self._desired, strict=True):
-            row[:] = values
-        set_stamp(self._reference.header.stamp, stamp)
-        self._references.publish(self._reference)
+        self._reference.arrays[:] = self._desired
+        self._references.publish(self._reference.to_bytes(stamp))
 
 
 def main() -> None:
     """Entry point of ``ros2 run pidtsm_controller trajectory``."""
-    sys.exit(run(Trajectory))
+    sys.exit(run([Trajectory]))

@@ -13,8 +13,34 @@ from pidtsm_core.references import reference_schema
 
 AUTOSTART = Parameter("autostart", True, "configure and activate on start, without a lifecycle manager", fixed=True)
 
-_SIMULATOR = (
+PRIORITY = Parameter(
+    "realtime.priority",
+    40,
+    "SCHED_FIFO priority of the node's threads in realtime, where the system permits it; 0: like any other process",
+    minimum=0,
+    maximum=99,
+    fixed=True,
+)
+
+
+def _thresholds(name: str, warn: float, error: float, description: str, unit: str = "") -> tuple[Parameter, ...]:
+    """What /diagnostics warns of, and what it calls an error."""
+    return tuple(
+        Parameter(f"diagnostics.{name}.{level}", value, f"{description}: {level} from here on", unit, minimum=0.0)
+        for level, value in (("warn", warn), ("error", error))
+    )
+
+
+_LOOP = (
     AUTOSTART,
+    PRIORITY,
+    Parameter("diagnostics.deadline", 0.002, "a longer period is a missed deadline", "s", minimum=0.0, exclusive=True),
+    *_thresholds("missed", 0.001, 0.05, "share of the periods of a second that missed their deadline, in realtime"),
+    *_thresholds("jitter", 0.0005, 0.005, "standard deviation of the period, in realtime", "s"),
+)
+
+_SIMULATOR = (
+    *_LOOP,
     Parameter(
         "clock",
         "realtime",
@@ -37,7 +63,9 @@ _SIMULATOR = (
 )
 
 _CONTROLLER = (
-    AUTOSTART,
+    *_LOOP,
+    *_thresholds("age", 0.005, 0.05, "longest time from the stamp of a joint state to its command, in realtime", "s"),
+    *_thresholds("saturation", 0.5, 1.0, "share of the samples of a second with a joint at its torque limit"),
     Parameter(
         "reference.match",
         "latest",

@@ -25,10 +25,12 @@ EXECUTABLES = {
     "simulator": ("two_link_sim", "simulator"),
     "controller": ("pidtsm_controller", "controller"),
     "trajectory": ("pidtsm_controller", "trajectory"),
+    "composed": ("pidtsm_ros", "composed"),
     "recorder": ("pidtsm_experiments", "recorder"),
 }
-"""Package and executable of each process."""
+"""Package and executable of each process; ``composed`` is simulator, trajectory and controller in one."""
 
+_ENDS = ("simulator", "composed")  # end by themselves when all samples are done
 _FIRST_SAMPLE_WITHIN = 180.0  # s; the very first run compiles
 _NEXT_SAMPLE_WITHIN = 20.0  # s
 _END_WITHIN = 10.0  # s from SIGINT to the end of a process
@@ -135,13 +137,13 @@ class Processes:
         """Raise for a process that ended although it should run."""
         for name, process in self.running.items():
             code = process.process.poll()
-            if code is None or (name == "simulator" and code == 0):
+            if code is None or (name in _ENDS and code == 0):
                 continue
             how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
             raise RunError(f"{name} {how}; its last lines:\n{process.tail()}")
 
 
-def run(experiment: Experiment, clock: str, out: Path, progress: Progress) -> Path:
+def run(experiment: Experiment, clock: str, out: Path, progress: Progress, composed: bool = False) -> Path:
     """Run an experiment and record it.
 
     Args:
@@ -149,6 +151,7 @@ def run(experiment: Experiment, clock: str, out: Path, progress: Progress) -> Pa
         clock: ``lockstep`` or ``realtime``.
         out: an existing folder; ``bag/``, ``params/`` and ``log/`` are made in it.
         progress: called as the run goes on.
+        composed: simulator, trajectory and controller share one process.
 
     Returns:
         Path of the bag.
@@ -182,12 +185,12 @@ def run(experiment: Experiment, clock: str, out: Path, progress: Progress) -> Pa
         for node, values in parameters.items():
             file = out / "params" / f"{node}.yaml"
             file.write_text(ros_parameters(node, values), encoding="utf-8")
-            arguments[node] = ["--params-file", str(file)]
+            arguments.setdefault("composed" if composed else node, []).extend(["--params-file", str(file)])
         for name, words in arguments.items():
             processes.start(name, words, environment, out / "log" / f"{name}.log")
         rate = number(parameters["simulator"]["rate"])
         _watch(processes, lambda samples: progress(samples / rate))
-        processes.end("simulator", "controller", "trajectory")
+        processes.end(*(name for name in arguments if name != "recorder"))
         processes.end("recorder")
     return bag
 
@@ -214,7 +217,7 @@ def node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, V
 def _watch(processes: Processes, progress: Callable[[int], None]) -> None:
     """Return when the simulator has done what it should; raise when anything else ends, or nothing goes on."""
     recorder = processes.running["recorder"].process
-    simulator = processes.running["simulator"].process
+    simulator = next(processes.running[name].process for name in _ENDS if name in processes.running)
     assert recorder.stdout is not None
     samples, since, text = 0, time.monotonic(), b""
     with selectors.DefaultSelector() as selector:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pidtsm_core.parameters import Array
 
-_ABSURD = 1e6
+ABSURD = 1e6
 """No angle, rate or torque of an arm is that large, in any SI unit."""
 
 
@@ -62,7 +62,7 @@ class JointOrder:
         if len(values) != len(self.joints):
             raise MessageError(f"{field} has {len(values)} values for {len(self.joints)} joints")
         for value in values:
-            if not -_ABSURD < value < _ABSURD:
+            if not -ABSURD < value < ABSURD:
                 reason = "is absurd" if math.isfinite(value) else "is not finite"
                 raise MessageError(f"{field} {reason}: {list(values)}")
         for j, place in enumerate(order):

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -9,11 +10,12 @@ from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, resolve
 from pidtsm_ros.joints import MessageError
-from pidtsm_ros.qos import PUBLISHER, READER
+from pidtsm_ros.qos import OVERRIDABLE, PUBLISHER, READER
 
 _REASONS_LOGGED = 100
 _FLUSH_TIME = Duration(seconds=2)
@@ -122,6 +124,11 @@ class ManagedNode(LifecycleNode):
         """Do what is due; returns the time until something is due again, in s."""
         return 0.1
 
+    @property
+    def priority(self) -> int:
+        """SCHED_FIFO priority that the loop asks for; 0: none."""
+        return 0
+
     # Lifecycle.
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -161,9 +168,10 @@ class ManagedNode(LifecycleNode):
 
     # Topics.
 
-    def advertise(self, message_type: type, topic: str) -> Publisher:
-        """A publisher that lives until the node is cleaned up."""
-        publisher = self.create_publisher(message_type, topic, PUBLISHER)
+    def advertise(self, message_type: type, topic: str, depth: int | None = None) -> Publisher:
+        """A publisher that lives until the node is cleaned up; `depth`, where given, instead of what topics have."""
+        qos = copy(PUBLISHER) if depth is None else QoSProfile(depth=depth)  # Overriding changes the profile.
+        publisher = self.create_publisher(message_type, topic, qos, qos_overriding_options=OVERRIDABLE)
         self._own_publishers.append(publisher)
         return publisher
 
@@ -183,7 +191,9 @@ class ManagedNode(LifecycleNode):
             except MessageError as error:
                 self.reject(f"{topic}: {error}")
 
-        subscription = self.create_subscription(message_type, topic, checked, READER, raw=raw)
+        subscription = self.create_subscription(
+            message_type, topic, checked, copy(READER), raw=raw, qos_overriding_options=OVERRIDABLE
+        )
         self._own_subscriptions.append(subscription)
         return subscription
 
@@ -204,7 +214,13 @@ class ManagedNode(LifecycleNode):
     def _settings(self, changes: Sequence[RosParameter]) -> dict[str, Any]:
         return {**self.values, **{p.name: p.value for p in changes if p.name in self.values}}
 
+    def _own(self, changes: Sequence[RosParameter]) -> bool:
+        """Whether any of the schema's is among them; rclpy declares some of its own, for quality of service."""
+        return any(p.name in self.values for p in changes)
+
     def _on_set_parameters(self, changes: Sequence[RosParameter]) -> SetParametersResult:
+        if not self._own(changes):
+            return SetParametersResult(successful=True)
         try:
             self.check(self._settings(changes))
         except ParameterError as error:
@@ -212,6 +228,8 @@ class ManagedNode(LifecycleNode):
         return SetParametersResult(successful=True)
 
     def _after_set_parameters(self, changes: Sequence[RosParameter]) -> None:
+        if not self._own(changes):
+            return
         self.values = self.check(self._settings(changes))
         self.parameters_changed()
 

@@ -15,6 +15,7 @@ from rclpy.task import Future
 
 from pidtsm_core.parameters import ParameterError
 from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.scheduling import run_in_real_time
 
 _LONGEST_WAIT = 0.1
 """s; Python runs signal handlers only between two waits of the executor."""
@@ -44,11 +45,11 @@ def spin_for(executor: Executor, duration: float) -> None:
     executor.spin_until_future_complete(_NEVER, timeout_sec=duration)
 
 
-def run(make_node: Callable[[], ManagedNode], args: Sequence[str] | None = None) -> int:
-    """Run a node until it has finished, or SIGINT or SIGTERM ends it.
+def run(make_nodes: Sequence[Callable[[], ManagedNode]], args: Sequence[str] | None = None) -> int:
+    """Run nodes in this process until one has finished, or SIGINT or SIGTERM ends it.
 
     Args:
-        make_node: called once ROS is initialised.
+        make_nodes: each called once ROS is initialised.
         args: command line; the process's own where None.
 
     Returns:
@@ -62,36 +63,53 @@ def run(make_node: Callable[[], ManagedNode], args: Sequence[str] | None = None)
     except Exception as error:
         print(f"cannot start: {_one_line(error)}", file=sys.stderr)
         return 2
+    nodes: list[ManagedNode] = []
     try:
         try:
-            node = make_node()
+            for make_node in make_nodes:
+                nodes.append(make_node())
         except ParameterError as error:
             print(f"cannot start: {error}", file=sys.stderr)
             return 2
-        return _spin(node, stop)
+        return _spin(nodes, stop)
     finally:
+        for node in nodes:
+            node.destroy_node()
         rclpy.try_shutdown()
 
 
-def _spin(node: ManagedNode, stop: _Stop) -> int:
+def _spin(nodes: Sequence[ManagedNode], stop: _Stop) -> int:
     executor = EventsExecutor()
-    executor.add_node(node)
+    for node in nodes:
+        executor.add_node(node)
     try:
-        if node.values["autostart"] and not _start(node):
+        if not all(_start(node) for node in nodes if node.values["autostart"]):
             return 1
-        # What is there by now stays: the collector need not walk it again in the loop.
-        gc.collect()
-        gc.freeze()
-        while not (stop.requested or node.finished):
-            spin_for(executor, min(node.poll(), _LONGEST_WAIT))
-        node.flush()
-        if node.active:
-            node.trigger_deactivate()
-        return 1 if node.failed else 0
+        _settle(nodes)
+        polls = [node.poll for node in nodes]
+        while not (stop.requested or any(node.finished for node in nodes)):
+            spin_for(executor, min(_LONGEST_WAIT, *[poll() for poll in polls]))
+        for node in nodes:
+            node.flush()
+            if node.active:
+                node.trigger_deactivate()
+        return 1 if any(node.failed for node in nodes) else 0
     finally:
-        executor.remove_node(node)
+        for node in nodes:
+            executor.remove_node(node)
         executor.shutdown()
-        node.destroy_node()
+
+
+def _settle(nodes: Sequence[ManagedNode]) -> None:
+    """What is done once, between the start and the loop."""
+    # What is there by now stays: the collector need not walk it again in the loop.
+    gc.collect()
+    gc.freeze()
+    priority = max(node.priority for node in nodes)
+    if priority:
+        refused = run_in_real_time(priority)
+        if refused:
+            nodes[0].get_logger().info(refused)
 
 
 def _start(node: ManagedNode) -> bool:

@@ -5,6 +5,7 @@ import struct
 from builtin_interfaces.msg import Time
 
 from pidtsm_core.timing import NANOSECONDS
+from pidtsm_ros.joints import MessageError
 
 
 def nanoseconds(stamp: Time) -> int:
@@ -14,12 +15,20 @@ def nanoseconds(stamp: Time) -> int:
 
 _LITTLE_ENDIAN = 1
 _CDR_HEADER = 4  # bytes before the first field; the second tells the byte order (DDSI-RTPS 10.2)
+STAMP_END = _CDR_HEADER + 8
+"""Bytes of a serialized message that begins with a stamp, up to its end."""
+_STAMP = {"<": struct.Struct("<4xiI"), ">": struct.Struct(">4xiI")}
 
 
 def serialized_nanoseconds(data: bytes) -> int:
-    """The stamp in ns of a serialized message that begins with a std_msgs/Header."""
-    order = "<" if data[1] == _LITTLE_ENDIAN else ">"
-    sec, nanosec = struct.unpack_from(f"{order}iI", data, _CDR_HEADER)
+    """The stamp in ns of a serialized message that begins with a std_msgs/Header.
+
+    Raises:
+        MessageError: the message is too short to have one.
+    """
+    if len(data) < STAMP_END:
+        raise MessageError(f"{len(data)} bytes are no message")
+    sec, nanosec = _STAMP["<" if data[1] == _LITTLE_ENDIAN else ">"].unpack_from(data)
     return int(sec * NANOSECONDS + nanosec)
 
 

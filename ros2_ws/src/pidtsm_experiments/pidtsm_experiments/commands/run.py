@@ -29,17 +29,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="lockstep",
         help="lockstep: deterministic, as fast as possible; realtime: at the wall clock's pace (default: lockstep)",
     )
+    parser.add_argument(
+        "--composed", action="store_true", help="simulator, trajectory and controller in one process: lowest latency"
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default: results/SCENARIO-LAW)")
 
 
 def execute(options: argparse.Namespace) -> int:
     experiment = experiment_of(options)
     out = options.out or Path("results", f"{experiment.scenario}-{experiment.law}")
-    run_and_report(experiment, options.clock, out)
+    run_and_report(experiment, options.clock, out, options.composed)
     return 0
 
 
-def run_and_report(experiment: Experiment, clock: str, out: Path) -> None:
+def run_and_report(experiment: Experiment, clock: str, out: Path, composed: bool = False) -> None:
     """Run, analyse, draw, and say where everything is."""
     parameters = node_parameters(experiment, clock)  # Refuses bad parameters before anything is begun.
     title = f"{experiment.scenario}, {experiment.law}, {clock}"
@@ -49,7 +52,7 @@ def run_and_report(experiment: Experiment, clock: str, out: Path) -> None:
         def show(time: float) -> None:
             bar.update(task, completed=time, description=title)
 
-        bag = run(experiment, clock, folder, show)
+        bag = run(experiment, clock, folder, show, composed)
         bar.update(task, completed=experiment.duration, description=f"{title}: analysing")
         try:
             recording = read_recording(bag)

@@ -1,0 +1,274 @@
+"""What the benchmarks compare the nodes with: the same messages between the same number of nodes, and no control.
+
+``python floor_nodes.py NAME,... --ros-args ...`` runs nodes of `NODES` in one process. The echo nodes send and take
+the bytes that the real nodes send and take, in the same way, but neither look at them nor compute anything; the plain
+ones do it with rclpy's message objects, as most nodes in Python do.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+
+from pidtsm_controller.controller import ControllerNode
+from pidtsm_controller.trajectory import Trajectory
+from pidtsm_core.node_parameters import AUTOSTART, PRIORITY
+from pidtsm_core.parameters import Parameter, number
+from pidtsm_core.signals import Signal
+from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.process import run
+from pidtsm_ros.stamps import serialized_nanoseconds
+from pidtsm_ros.wire import OutgoingMessage
+from two_link_sim.simulator import Simulator
+
+JOINTS = ["joint1", "joint2"]
+MOTION = ("position", "velocity", "acceleration")
+_SCALARS = ("period", "rate", "period_jitter", "state_age", "missed_deadlines", "compute_time")
+
+
+class Floor(ManagedNode):
+    """A node that needs only the parameters every benchmark node has."""
+
+    OWN: tuple[Parameter, ...] = ()
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, lambda _: (AUTOSTART, PRIORITY, *self.OWN), lambda _: len(JOINTS))
+
+    @property
+    def priority(self) -> int:
+        return int(number(self.values[PRIORITY.name]))
+
+
+class EchoController(Floor):
+    """Answers every joint state, when `match` after the reference of the same stamp."""
+
+    OWN = (Parameter("match", False, "wait for the reference"),)
+
+    def __init__(self) -> None:
+        super().__init__("echo_controller")
+
+    def configure(self) -> None:
+        self._command = OutgoingMessage(JointState(name=JOINTS), ("effort",), joints=len(JOINTS))
+        self._state = OutgoingMessage(
+            ControllerState(name=JOINTS), [s.name.lower() for s in Signal], _SCALARS, len(JOINTS)
+        )
+        self._commands = self.advertise(JointState, "joint_commands")
+        self._states = self.advertise(ControllerState, "echo/state")
+        self._match = bool(self.values["match"])
+        self._stamp = self._reference = -1
+        self.listen(JointState, "joint_states", self._on_state, raw=True)
+        self.listen(JointReference, "reference", self._on_reference, raw=True)
+
+    def _on_state(self, data: bytes) -> None:
+        self._stamp = serialized_nanoseconds(data)
+        if not self._match or self._stamp == self._reference:
+            self._answer()
+
+    def _on_reference(self, data: bytes) -> None:
+        self._reference = serialized_nanoseconds(data)
+        if self._match and self._stamp == self._reference:
+            self._answer()
+
+    def _answer(self) -> None:
+        self._commands.publish(self._command.to_bytes(self._stamp))
+        self._states.publish(self._state.to_bytes(self._stamp))
+
+
+class EchoTrajectory(Floor):
+    """Sends a reference for every joint state."""
+
+    def __init__(self) -> None:
+        super().__init__("echo_trajectory")
+
+    def configure(self) -> None:
+        self._message = OutgoingMessage(JointReference(name=JOINTS), MOTION, joints=len(JOINTS))
+        self._references = self.advertise(JointReference, "reference")
+        self.listen(JointState, "joint_states", self._on_state, raw=True)
+
+    def _on_state(self, data: bytes) -> None:
+        self._references.publish(self._message.to_bytes(serialized_nanoseconds(data)))
+
+
+class PlainController(Floor):
+    """As `EchoController`, with message objects."""
+
+    def __init__(self) -> None:
+        super().__init__("plain_controller")
+
+    def configure(self) -> None:
+        rows = {s.name.lower(): [0.0] * len(JOINTS) for s in Signal}
+        self._command = JointState(name=JOINTS, effort=[0.0] * len(JOINTS))
+        self._state = ControllerState(name=JOINTS, **rows)
+        self._commands = self.advertise(JointState, "joint_commands")
+        self._states = self.advertise(ControllerState, "plain/state")
+        self.listen(JointState, "joint_states", self._on_state)
+        self.listen(JointReference, "reference", lambda message: None)
+
+    def _on_state(self, state: JointState) -> None:
+        self._command.header.stamp = self._state.header.stamp = state.header.stamp
+        self._commands.publish(self._command)
+        self._states.publish(self._state)
+
+
+class PlainTrajectory(Floor):
+    """As `EchoTrajectory`, with message objects."""
+
+    def __init__(self) -> None:
+        super().__init__("plain_trajectory")
+
+    def configure(self) -> None:
+        self._message = JointReference(name=JOINTS, **{name: [0.0] * len(JOINTS) for name in MOTION})
+        self._references = self.advertise(JointReference, "reference")
+        self.listen(JointState, "joint_states", self._on_state)
+
+    def _on_state(self, state: JointState) -> None:
+        self._message.header.stamp = state.header.stamp
+        self._references.publish(self._message)
+
+
+class EchoSimulator(Floor):
+    """Lockstep without an arm: sends sample after sample, each when the one before is answered."""
+
+    OWN = (Parameter("samples", 1000, "ends after so many"),)
+
+    def __init__(self) -> None:
+        super().__init__("echo_simulator")
+
+    def configure(self) -> None:
+        self._state = OutgoingMessage(JointState(name=JOINTS), ("position",), joints=len(JOINTS))
+        self._truth = OutgoingMessage(JointState(name=JOINTS), ("position", "velocity", "effort"), joints=len(JOINTS))
+        self._clock_message = OutgoingMessage(Clock())
+        self._states = self.advertise(JointState, "joint_states")
+        self._truths = self.advertise(JointState, "echo/ground_truth")
+        self._clocks = self.advertise(Clock, "/clock")
+        self._commands = self.listen(JointState, "joint_commands", self._on_command, raw=True)
+        self._samples = int(number(self.values["samples"]))
+        self._sample = -1
+
+    def poll(self) -> float:
+        if self._sample < 0 and self._states.get_subscription_count() >= 2 and self._commands.get_publisher_count():
+            self._began = time.monotonic()
+            self._send(0)
+        return 0.02
+
+    def _send(self, sample: int) -> None:
+        self._sample = sample
+        self._states.publish(self._state.to_bytes(sample * 1_000_000))
+        self._clocks.publish(self._clock_message.to_bytes(sample * 1_000_000))
+
+    def _on_command(self, data: bytes) -> None:
+        if serialized_nanoseconds(data) != self._sample * 1_000_000:
+            return
+        ended = self._sample
+        if ended + 1 < self._samples:
+            self._send(ended + 1)
+        self._truths.publish(self._truth.to_bytes(ended * 1_000_000))
+        if ended + 1 == self._samples:
+            print(f"done: {self._samples} samples in {time.monotonic() - self._began:.4f} s", flush=True)
+            self.finished = True
+
+
+class Driver(Floor):
+    """Measures round trips: sends joint states at a steady rate to one namespace after the other, in short turns."""
+
+    OWN = (
+        Parameter("targets", ("law", "echo"), "namespaces"),
+        Parameter("rate", 1000, "samples a second", "Hz"),
+        Parameter("turn", 250, "samples in a row to one namespace"),
+        Parameter("turns", 40, "turns of each namespace"),
+        Parameter("output", "round_trips.json", "file for the results"),
+    )
+    _WARM_UP = 4  # turns
+
+    def __init__(self) -> None:
+        super().__init__("driver")
+
+    def configure(self) -> None:
+        values = self.values
+        self._targets = list(values["targets"])
+        self._period = round(1e9 / number(values["rate"]))
+        self._turn, turns = int(number(values["turn"])), int(number(values["turns"])) + self._WARM_UP
+        self._total = self._turn * turns * len(self._targets)
+        self._message = OutgoingMessage(JointState(name=JOINTS), ("position",), joints=len(JOINTS))
+        self._message.arrays[0] = [0.1, -0.1]
+        self._states = [self.advertise(JointState, f"{t}/joint_states") for t in self._targets]
+        self._sources = [
+            self.listen(JointState, f"{t}/joint_commands", self._on_command, raw=True) for t in self._targets
+        ]
+        self._sent = np.zeros(self._total, np.int64)
+        self._received = np.zeros(self._total, np.int64)
+        self._number: dict[int, int] = {}
+        self._k = -1
+
+    def poll(self) -> float:
+        if self._k < 0:
+            ready = all(p.get_subscription_count() >= 2 for p in self._states)
+            if not ready or not all(s.get_publisher_count() for s in self._sources):
+                return 0.02
+            self._k, self._due = 0, time.monotonic_ns() + 500_000_000
+        now = time.monotonic_ns()
+        if now >= self._due:
+            if self._k >= self._total:
+                self._write()
+                self.finished = True
+                return 0.0
+            stamp = time.time_ns()
+            data = self._message.to_bytes(stamp)
+            self._number[stamp] = self._k
+            self._sent[self._k] = time.perf_counter_ns()
+            self._states[self._k // self._turn % len(self._targets)].publish(data)
+            self._k += 1
+            self._due = max(self._due + self._period, now + self._period // 2)
+            if self._k >= self._total:
+                self._due += 500_000_000
+            now = time.monotonic_ns()
+        return max(0, self._due - now) / 1e9
+
+    def _on_command(self, data: bytes) -> None:
+        now = time.perf_counter_ns()
+        place = self._number.pop(serialized_nanoseconds(data), -1)
+        if place >= 0:
+            self._received[place] = now
+
+    def _write(self) -> None:
+        shape = (-1, len(self._targets), self._turn)
+        sent, received = self._sent.reshape(shape)[self._WARM_UP :], self._received.reshape(shape)[self._WARM_UP :]
+        result = {}
+        for i, target in enumerate(self._targets):
+            begin, end = sent[:, i], received[:, i]
+            answered = end > 0
+            trips = (end - begin)[answered] / 1e3
+            both = answered[:, 1:] & answered[:, :-1]
+            periods = np.diff(end, axis=1)[both] / 1e3
+            result[target] = {
+                "samples": int(begin.size),
+                "lost": int((~answered).sum()),
+                "round_trip_us": dict(
+                    zip(("p50", "p99", "p99.9", "max"), np.percentile(trips, [50, 99, 99.9, 100]).tolist(), strict=True)
+                ),
+                "missed": float(((periods > 2000).sum() + (~answered).sum()) / begin.size),
+                "period_jitter_us": float(periods.std()),
+            }
+        Path(str(self.values["output"])).write_text(json.dumps(result), encoding="utf-8")
+
+
+NODES: dict[str, Callable[[], ManagedNode]] = {
+    "driver": Driver,
+    "controller": ControllerNode,
+    "trajectory": Trajectory,
+    "simulator": Simulator,
+    "echo_controller": EchoController,
+    "echo_trajectory": EchoTrajectory,
+    "echo_simulator": EchoSimulator,
+    "plain_controller": PlainController,
+    "plain_trajectory": PlainTrajectory,
+}
+
+if __name__ == "__main__":
+    sys.exit(run([NODES[name] for name in sys.argv[1].split(",")], sys.argv[1:]))

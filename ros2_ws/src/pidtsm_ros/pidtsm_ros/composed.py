@@ -1,0 +1,39 @@
+"""Several nodes in one process, for the lowest latency: the same nodes, parameters and results."""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from importlib.metadata import EntryPoint, entry_points
+
+from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.process import run
+
+GROUP = "pidtsm_ros.nodes"
+"""Entry points of this group, in a package's setup.py, are nodes that can be composed: NAME = MODULE:CLASS."""
+_DEFAULT = "simulator,trajectory,controller"
+_ROS_ARGUMENTS = "--ros-args"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point of ``ros2 run pidtsm_ros composed``."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    own, ros = (words[: words.index(_ROS_ARGUMENTS)], words) if _ROS_ARGUMENTS in words else (words, [])
+    known = {point.name: point for point in entry_points(group=GROUP)}
+    parser = argparse.ArgumentParser(
+        description=__doc__, epilog="Parameters come from files with a part for each node."
+    )
+    parser.add_argument(
+        "--nodes",
+        default=_DEFAULT,
+        metavar="NAME,...",
+        help=f"which, in the order of their turns (known: {', '.join(sorted(known))}; default: {_DEFAULT})",
+    )
+    chosen = [name for name in parser.parse_args(own).nodes.split(",") if name]
+    unknown = [name for name in chosen if name not in known]
+    if unknown or not chosen:
+        parser.error(f"unknown nodes {', '.join(unknown)}; known are {', '.join(sorted(known))}")
+    sys.exit(run([_maker(known[name]) for name in chosen], [sys.argv[0], *ros]))
+
+
+def _maker(point: EntryPoint) -> Callable[[], ManagedNode]:
+    return lambda: point.load()()

@@ -1,0 +1,100 @@
+"""How regular a loop runs: counted at every tick at little cost, summed up once a second."""
+
+import math
+from dataclasses import dataclass
+
+from pidtsm_core.timing import NANOSECONDS
+
+
+@dataclass(frozen=True)
+class Window:
+    """The ticks of about one second.
+
+    Attributes:
+        ticks: their number.
+        rate: ticks a second, 1/s.
+        jitter: standard deviation of the period, s.
+        longest_period: s.
+        missed: periods longer than the deadline.
+        longest_compute_time, longest_age: s.
+    """
+
+    ticks: int = 0
+    rate: float = 0.0
+    jitter: float = 0.0
+    longest_period: float = 0.0
+    missed: int = 0
+    longest_compute_time: float = 0.0
+    longest_age: float = 0.0
+
+
+class LoopStatistics:
+    """Counts the ticks of a loop.
+
+    Attributes:
+        deadline: a longer period is a missed deadline, s.
+        period: the last one, s; 0 before the second tick.
+        missed: missed deadlines since the start.
+        last: the last complete window.
+    """
+
+    def __init__(self, deadline: float) -> None:
+        """Args: deadline: a longer period is a missed deadline, s."""
+        self.deadline = deadline
+        self.reset()
+
+    def reset(self) -> None:
+        """Start afresh."""
+        self.period = 0.0
+        self.missed = 0
+        self.last = Window()
+        self._last_tick = -1
+        self._began = -1
+        self._clear()
+
+    def _clear(self) -> None:
+        self._periods = 0
+        self._sum = self._squares = self._longest_period = self._longest_compute = self._longest_age = 0.0
+        self._missed_before = self.missed
+
+    def tick(self, now: int, age: float, compute_time: float) -> None:
+        """Count one tick.
+
+        Args:
+            now: monotonic clock, ns.
+            age: of what the tick worked with, s.
+            compute_time: s.
+        """
+        last, self._last_tick = self._last_tick, now
+        if last < 0:
+            self._began = now
+            return
+        period = self.period = (now - last) * 1e-9
+        self._periods += 1
+        self._sum += period
+        self._squares += period * period
+        if period > self._longest_period:
+            self._longest_period = period
+        if period > self.deadline:
+            self.missed += 1
+        if age > self._longest_age:
+            self._longest_age = age
+        if compute_time > self._longest_compute:
+            self._longest_compute = compute_time
+        if now - self._began >= NANOSECONDS:
+            self._close(now)
+
+    def _close(self, now: int) -> None:
+        n = self._periods
+        mean = self._sum / n
+        self.last = Window(
+            ticks=n,
+            rate=1.0 / mean,
+            jitter=math.sqrt(max(0.0, self._squares / n - mean * mean)),
+            longest_period=self._longest_period,
+            missed=self.missed - self._missed_before,
+            longest_compute_time=self._longest_compute,
+            longest_age=self._longest_age,
+        )
+        self._began = now
+        self._clear()
