@@ -3,7 +3,6 @@
 import math
 from array import array
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,10 +66,3 @@ class JointOrder:
                 raise MessageError(f"{field} {reason}: {list(values)}")
         for j, place in enumerate(order):
             target[j] = values[place]
-
-
-def joint_field(message: Any, field: str, joints: int) -> Array:
-    """Give a float64[] field of a message one zero a joint; returns a view to fill it through, shape (joints,)."""
-    setattr(message, field, array("d", bytes(8 * joints)))
-    # The message may have copied the array: the view must be that of its own.
-    return np.frombuffer(getattr(message, field))

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sensor_msgs.msg import JointState
 
-from pidtsm_ros.joints import JointOrder, MessageError, joint_field
+from pidtsm_ros.joints import JointOrder, MessageError
 
 NAMES = ["shoulder", "elbow", "wrist"]
 VALUES = {"shoulder": 1.0, "elbow": 2.0, "wrist": 3.0}
@@ -58,10 +57,3 @@ def test_only_complete_finite_messages_pass(names: list[str], values: list[float
     else:
         assert usable
         assert target.tolist() == [values[names.index(n)] for n in NAMES]
-
-
-def test_a_joint_field_is_filled_in_place() -> None:
-    message = JointState()
-    view = joint_field(message, "effort", 2)
-    view[:] = [1.5, -2.5]
-    assert list(message.effort) == [1.5, -2.5]
