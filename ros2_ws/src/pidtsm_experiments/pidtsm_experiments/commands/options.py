@@ -28,9 +28,7 @@ def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME|FILE",
         help=f"one of {', '.join(scenario_names())}, or a scenario file (default: case1)",
     )
-    parser.add_argument(
-        "--law", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: {LAW_NAME.default})"
-    )
+    parser.add_argument("--law", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: {LAW_NAME.default})")
     parser.add_argument("--duration", type=seconds, metavar="S", help="seconds, instead of the scenario's")
     parser.add_argument(
         "--params",
