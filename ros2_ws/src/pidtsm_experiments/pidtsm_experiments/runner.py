@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 
@@ -43,9 +44,11 @@ Progress = Callable[[float], None]
 """Called with the simulated time recorded so far, s."""
 
 
-def _end_with_parent() -> None:
+def _end_with_parent(runner: int) -> None:
     """Let the process end when the runner does, however that happens."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != runner:  # It was killed before it could be asked for.
+        os._exit(1)
 
 
 @contextmanager
@@ -81,7 +84,7 @@ class Process:
                 stderr=output,
                 env=environment,
                 start_new_session=True,
-                preexec_fn=_end_with_parent,
+                preexec_fn=partial(_end_with_parent, os.getpid()),
             )
 
     def interrupt(self) -> None:
