@@ -59,7 +59,7 @@ def nodes_of(runner: "subprocess.Popen[str]", folder: Path) -> dict[str, int]:
 BAD_USAGE = [
     ([], "usage"),
     (["fly"], "invalid choice: 'fly'"),
-    (["run", "--law", "pidtsm"], "unknown law pidtsm; known are piddtsm"),
+    (["run", "--law", "pidtsm"], "unknown law pidtsm; known are computed_torque, dtsm"),
     (["run", "--scenario", "case9"], "no scenario case9: neither a file nor one of case1, case2"),
     (["run", "--duration", "-1"], "'-1' is not a positive number of seconds"),
     (["run", "--clock", "sundial"], "invalid choice: 'sundial'"),
