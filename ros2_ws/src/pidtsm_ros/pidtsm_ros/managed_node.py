@@ -18,7 +18,8 @@ from pidtsm_ros.joints import MessageError
 from pidtsm_ros.qos import OVERRIDABLE, PUBLISHER, READER
 
 _REASONS_LOGGED = 100
-_FLUSH_TIME = Duration(seconds=2)
+# Readers acknowledge at the next heartbeat, up to 3 s later; what was published has long reached them by then.
+_FLUSH_TIME = Duration(nanoseconds=300_000_000)
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
