@@ -5,9 +5,8 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import fields
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -71,15 +70,15 @@ def write_bag(path: Path, seconds: int) -> None:
     joint_state = types["sensor_msgs/msg/JointState"]
     reference = types["pidtsm_msgs/msg/JointReference"]
     state = types["pidtsm_msgs/msg/ControllerState"]
-    # The message may have numbers of the loop beside those of the law.
-    others = len(fields(cast(Any, state))) - len(Signal) - 3
+    # After header, name and the signals: mode and fault, then numbers of the loop.
+    others = len(store.get_msgdef("pidtsm_msgs/msg/ControllerState").fields) - len(Signal) - 4
 
     def messages(k: int) -> dict[str, Any]:
         return {
             "joint_states": joint_state(header, names, run.position[k], run.velocity[k], nothing),
             "reference": reference(header, names, *run.reference[k]),
             "joint_commands": joint_state(header, names, nothing, nothing, run.effort[k]),
-            "controller/state": state(header, names, *run.signals[k], *[2e-5] * others),
+            "controller/state": state(header, names, *run.signals[k], 0, 0, *[2e-5] * others),
             "simulator/ground_truth": joint_state(header, names, run.position[k], run.velocity[k], run.effort[k]),
         }
 

@@ -1,8 +1,8 @@
 """What the benchmarks compare the nodes with: the same messages between the same number of nodes, and no control.
 
-``python floor_nodes.py NAME,... --ros-args ...`` runs nodes of `NODES` in one process. The echo nodes send and take
-the bytes that the real nodes send and take, in the same way, but neither look at them nor compute anything; the plain
-ones do it with rclpy's message objects, as most nodes in Python do.
+``python floor_nodes.py NAME,...[+ALTERNATIVE] --ros-args ...`` runs nodes of `NODES` in one process. The echo nodes
+send and take the bytes that the real nodes send and take, in the same way, but neither look at them nor compute
+anything; the plain ones do it with rclpy's message objects, as most nodes in Python do.
 """
 
 import json
@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from rclpy.executors import SingleThreadedExecutor
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
@@ -21,8 +22,8 @@ from pidtsm_core.node_parameters import AUTOSTART, PRIORITY
 from pidtsm_core.parameters import Parameter, number
 from pidtsm_core.signals import Signal
 from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros import process
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.process import run
 from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.wire import OutgoingMessage
 from two_link_sim.simulator import Simulator
@@ -270,5 +271,21 @@ NODES: dict[str, Callable[[], ManagedNode]] = {
     "plain_trajectory": PlainTrajectory,
 }
 
+
+def _unfrozen() -> None:
+    process.gc.freeze = lambda: None
+
+
+def _wait_set() -> None:
+    process.EventsExecutor = SingleThreadedExecutor
+
+
+ALTERNATIVES: dict[str, Callable[[], None]] = {"unfrozen": _unfrozen, "wait_set": _wait_set}
+"""What the nodes decided against, for the comparison: all of the process is collected by the garbage collector; the
+executor builds a wait set for every message."""
+
 if __name__ == "__main__":
-    sys.exit(run([NODES[name] for name in sys.argv[1].split(",")], sys.argv[1:]))
+    names, _, alternative = sys.argv[1].partition("+")
+    if alternative:
+        ALTERNATIVES[alternative]()
+    sys.exit(process.run([NODES[name] for name in names.split(",")], sys.argv[1:]))

@@ -1,6 +1,7 @@
 """The main job: Case 1 over the real nodes, recorded, against the rollout and the article."""
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,49 @@ def test_bag_holds_every_sample(demo_bag: Path, demo: Recording) -> None:
 
 def test_nodes_and_rollout_agree_to_the_last_bit(demo: Recording) -> None:
     assert_same_bits(demo, rollout(make_experiment("case1", "piddtsm").settings, 30.0))
+
+
+IMPERFECT = {
+    "encoder.bits": "16",
+    "encoder.bias": "[0.0001, -0.0001]",
+    "noise.std": "0.00001",
+    "backlash.gap": "0.0001",
+    "jitter.std": "0.00001",
+    "delay.samples": "2",
+    "delay.command_samples": "1",
+    "dropout.probability": "0.05",
+    "dropout.burst_rate": "1.0",
+    "dropout.command_probability": "0.05",
+    "dropout.command_burst": "5",
+    "dropout.command_burst_rate": "1.0",
+    "actuator.dead_zone": "0.1",
+    "actuator.lag": "0.004",
+    "actuator.torque_constant_error": "0.03",
+    "actuator.ripple": "0.02",
+    "friction.coulomb": "1.0",
+    "friction.static": "1.5",
+    "model_error.mass": "0.1",
+    "model_error.inertia": "-0.1",
+    "payload.mass": "0.2",
+    "payload.time": "1.0",
+    "push.effort": "5.0",
+    "push.time": "2.0",
+    "push.duration": "0.1",
+    "seed": "3",
+}
+
+
+def test_nodes_and_rollout_agree_to_the_last_bit_on_imperfect_hardware(tmp_path: Path) -> None:
+    controller = ["controller.estimator.velocity_cutoff=50.0", "controller.law.upsilon=1.0"]
+    overrides = [f"simulator.{name}={value}" for name, value in IMPERFECT.items()]
+    experiment = make_experiment("case1", "piddtsm", duration=3.0, overrides=controller + overrides)
+    recording = read_recording(record(experiment, "lockstep", tmp_path))
+    assert set(recording.lost.values()) == {0}, "what the simulated transport loses is not lost"
+    simulated = rollout(experiment.settings, 3.0)
+    assert (np.diff(simulated.signals[:, 0, 0]) == 0.0).sum() > 100, "some measurements do not arrive"
+    # Where no reference was published it is interpolated.
+    np.testing.assert_allclose(recording.reference[:, 0], simulated.reference[:, 0], rtol=0.0, atol=1e-10)
+    assert_same_bits(replace(recording, reference=simulated.reference), simulated)
 
 
 def test_two_lockstep_runs_are_identical(demo: Recording, tmp_path: Path) -> None:

@@ -69,6 +69,7 @@ BAD_USAGE = [
     (["run", "--set", "controller.law.k1=[1"], "is not a value"),
     (["run", "--params", "nowhere.yaml"], "nowhere.yaml: No such file or directory"),
     (["run", "--out", "occupied"], "holds other files (thesis.tex)"),
+    (["run", "--set", "controller.state.decimation=10"], "a run that is recorded needs 1, not 10"),
     (["rollout", "--set", "controller.estimator.velocity_cutoff=0"], "velocity_cutoff (rad/s): 0 must be > 0"),
     (["analyze", "nowhere"], "nowhere"),
     (["analyze", "occupied"], "occupied"),

@@ -96,8 +96,13 @@ def _end_session(session: int) -> bool:
 
 
 def commands(document: Path, *, ros2: bool) -> list[str]:
-    """The bash blocks that a reader can run as they stand; with `ros2` those that need its command line."""
-    found = [b.content for b in blocks(document) if b.language == "bash" and "example" not in b.information]
+    """What a reader can run as it stands, bash and Python; with `ros2` what needs its command line."""
+    found = []
+    for block in blocks(document):
+        if block.language == "bash" and "example" not in block.information:
+            found.append(block.content)
+        if block.language == "python" and not block.title:
+            found.append(f"{sys.executable} - <<'END'\n{block.content}END\n")
     return [script for script in found if bool(re.search(r"\bros2 ", script)) == ros2]
 
 
@@ -132,11 +137,11 @@ def check_test_command(line: str) -> None:
 
 
 def test_examples_of_new_members_work(tmp_path: Path, environment: dict[str, str]) -> None:
-    """The code of CONTRIBUTING.md, in a copy of the core with the registry lines it gives, and its commands."""
+    """All code of the documents, in one copy of the core with the registry lines they give, and its commands."""
     source = Path("ros2_ws/src/pidtsm_core")
     copy = tmp_path / source
     shutil.copytree(ROOT / source, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    example = blocks(ROOT / "CONTRIBUTING.md")
+    example = [block for document in DOCUMENTS for block in blocks(document)]
     for block in example:
         if block.title and block.title.startswith(str(source)):
             target = tmp_path / block.title
@@ -155,7 +160,7 @@ def test_examples_of_new_members_work(tmp_path: Path, environment: dict[str, str
         "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
     }
     scripts = [b.content for b in example if b.language == "bash" and "example" in b.information]
-    assert len(scripts) == 3
+    assert len(scripts) == 5
     for script in scripts:
         run_script(script, tmp_path, with_copy)
 
@@ -175,7 +180,8 @@ def patched(text: str, difference: str) -> str:
 
 
 def test_examples_are_of_the_projects_style(tmp_path: Path) -> None:
-    for number, block in enumerate(b for b in blocks(ROOT / "CONTRIBUTING.md") if b.language == "python"):
+    code = [b for document in DOCUMENTS for b in blocks(document) if b.language == "python"]
+    for number, block in enumerate(code):
         (tmp_path / f"example_{number}.py").write_text(block.content, encoding="utf-8")
     configuration = ["--config", str(ROOT / "pyproject.toml")]
     for check in (["check"], ["format", "--check"]):

@@ -11,7 +11,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "numpy", "numba", "joblib"],
+    install_requires=["setuptools", "numpy", "numba", "joblib", "scipy"],
     extras_require={"dask": ["dask[distributed]"], "test": ["pytest"]},
     zip_safe=True,
     maintainer="pidtsm maintainers",

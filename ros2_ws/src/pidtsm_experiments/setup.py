@@ -3,6 +3,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "pidtsm_experiments"
+VIEWERS = ("rviz", "foxglove", "plotjuggler")
 
 setup(
     name=NAME,
@@ -13,6 +14,8 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/scenarios", sorted(map(str, Path("scenarios").glob("*.yaml")))),
+        (f"share/{NAME}/launch", sorted(map(str, Path("launch").glob("*.launch.py")))),
+        *((f"share/{NAME}/{viewer}", sorted(map(str, Path(viewer).iterdir()))) for viewer in VIEWERS),
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},

@@ -6,7 +6,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={NAME: ["py.typed"]},
+    package_data={NAME: ["py.typed", "fastdds.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -18,7 +18,7 @@ setup(
             "composed = pidtsm_ros.composed:main",
         ],
     },
-    zip_safe=True,
+    zip_safe=False,
     maintainer="pidtsm maintainers",
     maintainer_email="maintainers@pidtsm.example",
     description="What the nodes of pidtsm share: parameters, joint order, quality of service, life cycle, main loop.",

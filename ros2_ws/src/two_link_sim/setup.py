@@ -13,12 +13,14 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/config", sorted(map(str, Path("config").glob("*.yaml")))),
+        (f"share/{NAME}/urdf", sorted(map(str, Path("urdf").iterdir()))),
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
             "simulator = two_link_sim.simulator:main",
+            "visualization = two_link_sim.visualization:main",
         ],
         "pidtsm_ros.nodes": [
             "simulator = two_link_sim.simulator:Simulator",

@@ -1,24 +1,30 @@
-"""Trajectory node: publishes the reference for every joint state."""
+"""Trajectory node: publishes the reference for every joint state, and takes trajectories that replace it."""
 
 import sys
 
 import numpy as np
 from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_core.node_parameters import trajectory_node_schema
-from pidtsm_core.parameters import names
+from pidtsm_core.parameters import Array, names, number
 from pidtsm_core.references import ReferenceMotion, reference_joints
+from pidtsm_core.references.trajectory import MotionUnderWay, TrajectoryError
 from pidtsm_core.timing import seconds
 from pidtsm_msgs.msg import JointReference
+from pidtsm_ros.joints import JointOrder, MessageError
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run
-from pidtsm_ros.stamps import serialized_nanoseconds
+from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds
 from pidtsm_ros.wire import OutgoingMessage
+
+_FIELDS = ("positions", "velocities", "accelerations")
 
 
 class Trajectory(ManagedNode):
     """Publishes q_d, q_d', q_d'' with the stamp of every joint state; the motion starts at the first one.
 
+    A trajectory on ``joint_trajectory`` replaces the motion under way; one without points brings it to rest.
     Driven by the joint states, the node needs no clock of its own, and lives in their time, simulated or not.
     """
 
@@ -27,24 +33,26 @@ class Trajectory(ManagedNode):
 
     def configure(self) -> None:
         joints = list(names(self.values["joints"]))
-        self._motion = ReferenceMotion(self.values)
+        self._order = JointOrder(joints)
+        self._built_in = ReferenceMotion(self.values)
         self._desired = np.zeros((3, len(joints)))
         # Compile before the loop.
-        self._motion.evaluate(0.0, self._desired)
+        self._built_in.evaluate(0.0, self._desired)
+        self._begin(0)
+        self._motion.cancel(0)
+        self._motion.evaluate(0, self._desired)
 
         fields = ("position", "velocity", "acceleration")
         self._reference = OutgoingMessage(JointReference(name=joints), fields, joints=len(joints))
 
         self._references = self.advertise(JointReference, "reference")
         self.listen(JointState, "joint_states", self._on_joint_state, raw=True)
+        self.listen(JointTrajectory, "joint_trajectory", self._on_trajectory)
 
     def activate(self) -> None:
         self._start = -1
         self._last = -1
         self._waiting = -1
-
-    def parameters_changed(self) -> None:
-        self._motion = ReferenceMotion(self.values)
 
     def poll(self) -> float:
         if self.active and self._waiting >= 0:
@@ -56,7 +64,7 @@ class Trajectory(ManagedNode):
         # Only the time matters here, at a fraction of the cost of the whole message.
         stamp = serialized_nanoseconds(state)
         if self._start < 0 or stamp < self._last:
-            self._start = stamp
+            self._begin(stamp)
         self._last = stamp
         self._publish(stamp)
 
@@ -66,9 +74,51 @@ class Trajectory(ManagedNode):
             self._waiting = stamp
             return
         self._waiting = -1
-        self._motion.evaluate(seconds(stamp - self._start), self._desired)
+        self._motion.evaluate(stamp, self._desired)
         self._reference.arrays[:] = self._desired
         self._references.publish(self._reference.to_bytes(stamp))
+
+    def _begin(self, stamp: int) -> None:
+        self._start = stamp
+        self._motion = MotionUnderWay(self._built_in, stamp, self._built_in.joints)
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        if self._start < 0:
+            raise MessageError("no joint state has come yet, whose time it could begin at")
+        if not message.points:
+            self._motion.cancel(self._last)
+            self.get_logger().info("cancelled: coming to rest")
+            return
+        points = self._read(message)
+        times = np.array([seconds(nanoseconds(point.time_from_start)) for point in message.points])
+        start = nanoseconds(message.header.stamp) or self._last
+        try:
+            self._motion.follow(self._last, start, times, points, number(self.values["start_tolerance"]))
+        except TrajectoryError as error:
+            raise MessageError(str(error)) from None
+        self.get_logger().info(f"following a trajectory of {len(times)} points, {times[-1]:g} s")
+
+    def _read(self, message: JointTrajectory) -> Array:
+        """Positions, and velocities and accelerations where given, shape (points, 1 to 3, joints), in our own order."""
+        fields = _fields(message.points[0])
+        points = np.empty((len(message.points), len(fields), len(self._order.joints)))
+        for i, point in enumerate(message.points):
+            if _fields(point) != fields:
+                raise MessageError(f"point {i + 1} has {', '.join(_fields(point))}; the first has {', '.join(fields)}")
+            for target, field in zip(points[i], fields, strict=True):
+                self._order.read(message.joint_names, getattr(point, field), f"{field} of point {i + 1}", target)
+        return points
+
+
+def _fields(point: JointTrajectoryPoint) -> tuple[str, ...]:
+    """What the point has of position and its derivatives; an effort is not looked at."""
+    fields = tuple(field for field in _FIELDS if len(getattr(point, field)))
+    if fields not in (_FIELDS[:1], _FIELDS[:2], _FIELDS):
+        raise MessageError(
+            f"a point has {', '.join(fields) or 'nothing'}; positions, velocities with positions, "
+            "or accelerations with both are wanted"
+        )
+    return fields
 
 
 def main() -> None:

@@ -16,10 +16,11 @@ from joblib import Parallel, delayed, effective_n_jobs
 
 from pidtsm_core.metrics import JointMetrics, metrics
 from pidtsm_core.parameters import Array, ParameterError
-from pidtsm_core.rollout import DivergedError, rollout
+from pidtsm_core.rollout import DivergedError, Rollout, rollout
 from pidtsm_core.signals import Signal
 
 Settings: TypeAlias = Mapping[str, Mapping[str, Any]]
+Measure: TypeAlias = Callable[[Rollout], JointMetrics]
 
 _SHARE = 32
 """Runs a worker between two reports: few enough to see progress, enough that nobody waits long for the last one."""
@@ -45,8 +46,8 @@ class BatchResult:
     """What a batch did; row i of every array belongs to the i-th settings.
 
     Attributes:
-        metrics: those of `pidtsm_core.metrics.metrics` by name, each of shape (runs, joints); nan where a value does
-            not exist, which holds for all values of a run that failed. Empty if all failed.
+        metrics: those of `pidtsm_core.metrics.metrics`, and of `measure`, by name, each of shape (runs, joints); nan
+            where a value does not exist, which holds for all values of a run that failed. Empty if all failed.
         failed: why a run failed, by its number.
         trajectories: of each run (None where it failed) if asked for, else empty.
     """
@@ -63,6 +64,7 @@ def batch(
     progress: Callable[[int], None] | None = None,
     event_time: float | None = None,
     keep_every: int = 0,
+    measure: Measure | None = None,
 ) -> BatchResult:
     """Roll out every settings; a run that fails is reported and loses no other.
 
@@ -76,6 +78,10 @@ def batch(
         progress: called now and then with the number of runs that are done.
         event_time: when something happens to the arm, see `metrics`.
         keep_every: also return every n-th sample of each run; 0 returns none.
+        measure: what else to take from each run, under names of its own.
+
+    Raises:
+        ValueError: a negative `keep_every`.
     """
     if keep_every < 0:
         raise ValueError(f"keep_every: {keep_every} must be 0 or positive")
@@ -83,7 +89,7 @@ def batch(
     outcomes: list[_Outcome] = []
     with Parallel(n_jobs=workers, prefer="threads") as parallel:
         while block := list(islice(waiting, _SHARE * effective_n_jobs(workers))):
-            outcomes += parallel(delayed(_run)(each, duration, event_time, keep_every) for each in block)
+            outcomes += parallel(delayed(_run)(each, duration, event_time, keep_every, measure) for each in block)
             if progress is not None:
                 progress(len(outcomes))
     return BatchResult(
@@ -102,13 +108,17 @@ class _Outcome:
     failure: str = ""
 
 
-def _run(settings: Settings, duration: float, event_time: float | None, keep_every: int) -> _Outcome:
+def _run(
+    settings: Settings, duration: float, event_time: float | None, keep_every: int, measure: Measure | None
+) -> _Outcome:
     try:
         run = rollout(settings, duration)
     except (ParameterError, DivergedError) as reason:
         return _Outcome(failure=str(reason))
     error = run.position - run.reference[:, 0]
     found = metrics(run.time, error, run.effort, run.signals[:, Signal.SATURATED], event_time)
+    if measure is not None:
+        found |= measure(run)
     if not keep_every:
         return _Outcome(found)
     kept = slice(None, None, keep_every)

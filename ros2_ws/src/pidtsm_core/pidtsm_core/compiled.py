@@ -82,4 +82,6 @@ def njit(function: _Function) -> _Function:
     Compiled code allocates nothing, so it need not count references to its arrays either (half of a tick's time):
     a function that makes an array, also as a whole assignment (``a[:] = b``; write the loop), does not compile.
     """
-    return cast(_Function, numba.njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function))
+    return cast(
+        _Function, numba.njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)(function)
+    )

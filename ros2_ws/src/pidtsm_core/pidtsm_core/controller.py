@@ -9,7 +9,7 @@ import numpy as np
 from pidtsm_core.compiled import njit
 from pidtsm_core.estimators import ESTIMATORS, estimate
 from pidtsm_core.family import SLOTS
-from pidtsm_core.laws import LAWS, STATE_SLOTS, Numbers, advance, command, kernel_number
+from pidtsm_core.laws import LAW_NUMBERS, LAWS, STATE_SLOTS, Numbers, advance, command, kernel_number
 from pidtsm_core.parameters import Array, Parameter, Value, chosen, joint_array, prefixed
 from pidtsm_core.robots import ROBOTS, inverse_dynamics, robot_schema
 from pidtsm_core.signals import Signal
@@ -37,13 +37,13 @@ class ControllerConfig(NamedTuple):
     """What a tick reads; the numbers are places in the registries."""
 
     robot: int
-    model: Array  # shape (model parameters,)
     kernel: int
-    law_numbers: Numbers  # shape (4,)
-    law: Array  # shape (joints, law parameters)
+    estimator: int
     uses_model: bool
     freeze_saturated: bool
-    estimator: int
+    law_numbers: Numbers  # shape (LAW_NUMBERS,)
+    model: Array  # shape (model parameters,)
+    law: Array  # shape (joints, law parameters)
     estimator_parameters: Array  # shape (joints, SLOTS)
     effort_limit: Array  # shape (joints,), N m
 
@@ -54,6 +54,57 @@ class ControllerState(NamedTuple):
     estimator: Array  # shape (joints, SLOTS)
     law: Array  # shape (joints, STATE_SLOTS)
     signals: Array  # shape (len(Signal), joints): see Signal
+    accelerations: Array  # scratch: a_eq, a_cmd, shape (2, joints)
+
+
+_SIGNALS = len(Signal)
+_BEFORE_LAW = 8  # Of the numbers, see `parts`.
+
+
+@njit
+def memory_size(joints: int, model: int, law: int) -> int:
+    """Length of the memory of `parts`, for a model and a law (of one joint) with so many parameters."""
+    return model + joints * (law + SLOTS + 1 + SLOTS + STATE_SLOTS + _SIGNALS + 2)
+
+
+@njit
+def parts(memory: Array, numbers: Numbers) -> tuple[ControllerConfig, ControllerState]:
+    """A controller's configuration and state as views of its memory.
+
+    A node calls compiled code a thousand times a second with the processor's caches cold; each array among the
+    arguments then costs about a microsecond. So all of a controller stands in two arrays.
+
+    Args:
+        memory: shape (memory_size,).
+        numbers: joints, lengths of model and law, robot, kernel, estimator, uses_model, freeze_saturated, law_numbers.
+    """
+    joints, model, law = numbers[0], numbers[1], numbers[2]
+    a = model
+    b = a + joints * law
+    c = b + joints * SLOTS
+    d = c + joints
+    e = d + joints * SLOTS
+    f = e + joints * STATE_SLOTS
+    g = f + joints * _SIGNALS
+    config = ControllerConfig(
+        robot=numbers[3],
+        kernel=numbers[4],
+        estimator=numbers[5],
+        uses_model=numbers[6] != 0,
+        freeze_saturated=numbers[7] != 0,
+        law_numbers=numbers[_BEFORE_LAW : _BEFORE_LAW + LAW_NUMBERS],
+        model=memory[:a],
+        law=memory[a:b].reshape((joints, law)),
+        estimator_parameters=memory[b:c].reshape((joints, SLOTS)),
+        effort_limit=memory[c:d],
+    )
+    state = ControllerState(
+        estimator=memory[d:e].reshape((joints, SLOTS)),
+        law=memory[e:f].reshape((joints, STATE_SLOTS)),
+        signals=memory[f:g].reshape((_SIGNALS, joints)),
+        accelerations=memory[g : g + 2 * joints].reshape((2, joints)),
+    )
+    return config, state
 
 
 @njit
@@ -88,9 +139,19 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
                 config.freeze_saturated and y[Signal.SATURATED, j] != 0.0,
             )
 
-    estimate(config.estimator, q, truth, dt, config.estimator_parameters, state.estimator, y[: Signal.POSITION_ERROR])
+    estimate(
+        config.estimator,
+        q,
+        truth,
+        dt,
+        y[Signal.EFFORT],
+        config.robot,
+        config.model,
+        config.estimator_parameters,
+        state.estimator,
+        y[: Signal.POSITION_ERROR],
+    )
 
-    equivalent = y[Signal.EQUIVALENT_EFFORT]
     for j in range(joints):
         e = y[Signal.POSITION, j] - desired[0, j]
         de = y[Signal.VELOCITY, j] - desired[1, j]
@@ -104,20 +165,19 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
         y[Signal.MANIFOLD_VARIABLE, j] = sigma
         y[Signal.ADAPTIVE_GAIN, j] = gain
         y[Signal.SWITCHING_TERM, j] = tau_sw
-        y[Signal.ACCELERATION_COMMAND, j] = a_eq
-        y[Signal.EFFORT, j] = a_cmd
+        state.accelerations[0, j] = a_eq
+        state.accelerations[1, j] = a_cmd
 
-    # The effort row holds a_cmd for a moment, so that no tick allocates.
-    q_hat, dq_hat = y[Signal.POSITION], y[Signal.VELOCITY]
+    efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
     if config.uses_model:
-        inverse_dynamics(config.robot, q_hat, dq_hat, y[Signal.ACCELERATION_COMMAND], config.model, equivalent)
-        for j in range(joints):
-            y[Signal.ACCELERATION_COMMAND, j] = y[Signal.EFFORT, j]
-        inverse_dynamics(config.robot, q_hat, dq_hat, y[Signal.ACCELERATION_COMMAND], config.model, y[Signal.EFFORT])
-    else:
-        for j in range(joints):
-            equivalent[j] = y[Signal.ACCELERATION_COMMAND, j]
-            y[Signal.ACCELERATION_COMMAND, j] = 0.0
+        q_hat, dq_hat = y[Signal.POSITION], y[Signal.VELOCITY]
+        inverse_dynamics(config.robot, q_hat, dq_hat, state.accelerations, config.model, efforts)
+    for j in range(joints):
+        if config.uses_model:
+            y[Signal.ACCELERATION_COMMAND, j] = state.accelerations[1, j]
+        else:
+            efforts[0, j] = state.accelerations[0, j]
+            efforts[1, j] = state.accelerations[1, j]
     for j in range(joints):
         limit = config.effort_limit[j]
         effort = y[Signal.EFFORT, j]
@@ -134,41 +194,48 @@ class Controller:
 
     Attributes:
         joints: number of joints.
-        config, state: what `tick` takes.
+        memory, numbers: what `parts` takes.
+        config, state: the same as what `tick` takes.
     """
 
     def __init__(self, values: Mapping[str, Value]) -> None:
         """Args: values: every parameter of `controller_schema`, as `resolve` returns them."""
-        robot = ROBOTS[str(values["robot.name"])]
-        self.joints = len(robot.joints)
-        self.config = self._config(values)
-        self.state = ControllerState(
-            estimator=np.zeros((self.joints, SLOTS)),
-            law=np.zeros((self.joints, STATE_SLOTS)),
-            signals=np.zeros((len(Signal), self.joints)),
-        )
+        self.joints = len(ROBOTS[str(values["robot.name"])].joints)
+        self._build(values)
         self._no_truth = np.zeros((2, self.joints))
 
-    def _config(self, values: Mapping[str, Value]) -> ControllerConfig:
+    def _build(self, values: Mapping[str, Value]) -> None:
         robot = ROBOTS[str(values["robot.name"])]
         law = LAWS[str(values["law.name"])]
         estimator = ESTIMATORS[str(values["estimator.name"])]
-        return ControllerConfig(
-            robot=ROBOTS.number(robot.name),
-            model=robot.pack_model(values),
-            kernel=kernel_number(law),
-            law_numbers=law.numbers(values),
-            law=law.pack(values, self.joints),
-            uses_model=law.uses_model,
-            freeze_saturated=values["law.anti_windup"] == "conditional",
-            estimator=ESTIMATORS.number(estimator.name),
-            estimator_parameters=estimator.pack(values, "estimator", self.joints),
-            effort_limit=joint_array(values["limits.effort"], self.joints),
+        model, gains = robot.pack_model(values), law.pack(values, self.joints)
+        self.numbers = np.array(
+            [
+                self.joints,
+                model.size,
+                gains.shape[1],
+                ROBOTS.number(robot.name),
+                kernel_number(law),
+                ESTIMATORS.number(estimator.name),
+                law.uses_model,
+                values["law.anti_windup"] == "conditional",
+                *law.numbers(values),
+            ]
         )
+        self.memory = np.zeros(memory_size(self.joints, model.size, gains.shape[1]))
+        # The same views in Python, without a detour through compiled code.
+        self.config, self.state = parts.py_func(self.memory, self.numbers)  # type: ignore[attr-defined]
+        self.config.model[:] = model
+        self.config.law[:] = gains
+        self.config.estimator_parameters[:] = estimator.pack(values, "estimator", self.joints)
+        self.config.effort_limit[:] = joint_array(values["limits.effort"], self.joints)
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
         """Use other gains from the next tick on; the state stays."""
-        self.config = self._config(values)
+        before = self.state
+        self._build(values)
+        for now, kept in zip(self.state, before, strict=True):
+            now[:] = kept
 
     def reset(self) -> None:
         """Back to the state of the start."""
@@ -184,7 +251,7 @@ class Controller:
             dt: time since the last call, s, 0 at the first.
 
         Returns:
-            The signals, shape (len(Signal), joints), order of `Signal`; the same array at every call.
+            The signals, shape (len(Signal), joints), order of `Signal`; overwritten by the next call.
         """
         tick(self.config, self.state, q, self._no_truth, desired, dt)
         return self.state.signals

@@ -46,6 +46,7 @@ class Family(Generic[_Member]):
     """Members by name, and by the number under which compiled code knows them (their place in the registry)."""
 
     def __init__(self, *members: _Member) -> None:
+        """Args: members: in order. Raises: ValueError: two share a name."""
         self.members = members
         self.names: tuple[str, ...] = tuple(m.name for m in members)
         if len(set(self.names)) != len(self.names):

@@ -49,30 +49,30 @@ def metrics(
     Raises:
         ValueError: no samples, shapes that do not match, values that are not finite, or time that does not increase.
     """
-    t, e, tau, limited = _checked(time, error, effort, saturated)
-    magnitude = np.abs(e)
+    t, *tables = _checked(time, error, effort, saturated)
     since_start = t - t[0]
-    steps = np.abs(np.diff(tau, axis=0))
-    before = slice(None) if event_time is None else t < event_time
-
-    result: JointMetrics = {
-        "rmse": np.sqrt(np.mean(e**2, axis=0)).tolist(),
-        "eci": np.mean(np.abs(tau), axis=0).tolist(),
-        "steady_state_error": magnitude[since_start >= (1.0 - STEADY_SHARE) * since_start[-1]].max(axis=0).tolist(),
-        "settling_time": _per_joint(since_start[before], magnitude[before], SETTLED_SHARE * magnitude[0]),
-    }
-    if event_time is not None:
-        after = t >= event_time
-        threshold = np.full(e.shape[1], RECOVERED_ERROR)
-        result["recovery_time"] = _per_joint(t[after] - event_time, magnitude[after], threshold)
-    result["torque_variation"] = steps.mean(axis=0).tolist() if len(steps) else [None] * e.shape[1]
-    result["torque_jumps"] = np.count_nonzero(steps > TORQUE_JUMP, axis=0).tolist()
-    result["saturation"] = np.mean(limited != 0.0, axis=0).tolist()
+    late = int(np.searchsorted(since_start, (1.0 - STEADY_SHARE) * since_start[-1]))
+    event = t.size if event_time is None else int(np.searchsorted(t, event_time))
+    result: JointMetrics = {}
+    # Joint by joint: sums along contiguous numbers take a third of the time, and an hour of them little memory.
+    for e, tau, limited in zip(*(table.T for table in tables), strict=True):
+        tau = np.ascontiguousarray(tau)
+        magnitude = np.abs(np.ascontiguousarray(e))
+        steps = np.abs(np.diff(tau))
+        of_joint: dict[str, float | None] = {
+            "rmse": float(np.sqrt(np.mean(magnitude**2))),
+            "eci": float(np.mean(np.abs(tau))),
+            "steady_state_error": float(magnitude[late:].max()),
+            "settling_time": _stays_below(since_start[:event], magnitude[:event], SETTLED_SHARE * magnitude[0]),
+        }
+        if event_time is not None:
+            of_joint["recovery_time"] = _stays_below(t[event:] - event_time, magnitude[event:], RECOVERED_ERROR)
+        of_joint["torque_variation"] = float(steps.mean()) if steps.size else None
+        of_joint["torque_jumps"] = int(np.count_nonzero(steps > TORQUE_JUMP))
+        of_joint["saturation"] = float(np.mean(limited != 0.0))
+        for name, value in of_joint.items():
+            result.setdefault(name, []).append(value)
     return result
-
-
-def _per_joint(time: Array, magnitude: Array, threshold: Array) -> list[float | None]:
-    return [_stays_below(time, m, limit) for m, limit in zip(magnitude.T, threshold, strict=True)]
 
 
 def _stays_below(time: Array, magnitude: Array, threshold: float) -> float | None:

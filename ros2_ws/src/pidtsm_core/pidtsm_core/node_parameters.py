@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pidtsm_core.controller import ESTIMATOR_NAME, controller_schema
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, chosen
-from pidtsm_core.plant import plant_schema
 from pidtsm_core.references import reference_schema
+from pidtsm_core.simulator import simulator_schema
 
 AUTOSTART = Parameter("autostart", True, "configure and activate on start, without a lifecycle manager", fixed=True)
 
@@ -31,6 +31,29 @@ def _thresholds(name: str, warn: float, error: float, description: str, unit: st
     )
 
 
+def _limit(name: str, description: str, unit: str) -> tuple[Parameter, Parameter]:
+    return (
+        Parameter(f"limits.{name}", 0.0, f"{description}; 0: none", unit, minimum=0.0, per_joint=True),
+        Parameter(
+            f"limits.{name}_action",
+            "stop",
+            f"what a joint beyond limits.{name} brings about: stop, a fault, or a warning",
+            choices=("stop", "warn"),
+        ),
+    )
+
+
+def _form_of_commands(name: str, description: str) -> Parameter:
+    return Parameter(
+        name,
+        "joint_state",
+        f"{description}: joint_state, on joint_commands, by name and with the stamp of the joint state it answers; "
+        "float64_multi_array, on effort_controller/commands, in the order of the parameter joints (ros2_control)",
+        choices=("joint_state", "float64_multi_array"),
+        fixed=True,
+    )
+
+
 _LOOP = (
     AUTOSTART,
     PRIORITY,
@@ -48,6 +71,15 @@ _SIMULATOR = (
         "lockstep: every sample waits for its command, stamped from 0, with /clock",
         choices=("realtime", "lockstep"),
         fixed=True,
+    ),
+    _form_of_commands("input.type", "form of the commands taken"),
+    Parameter(
+        "command.timeout",
+        0.02,
+        "without a command the last torque is held for so long, then brakes stop the arm until the next (realtime); "
+        "0: held for ever",
+        "s",
+        minimum=0.0,
     ),
     Parameter("duration", 0.0, "end after this time; 0 runs for ever", "s", minimum=0.0, fixed=True),
     Parameter(
@@ -74,12 +106,75 @@ _CONTROLLER = (
         choices=("latest", "stamp"),
         fixed=True,
     ),
+    _form_of_commands("output.type", "form of the commands"),
+    Parameter("state.decimation", 1, "~/state is published every so many ticks", minimum=1),
+    Parameter(
+        "activation.distance",
+        1.0,
+        "activation is refused while a joint is farther from its reference",
+        "rad",
+        minimum=0.0,
+        exclusive=True,
+    ),
+    Parameter(
+        "activation.blend",
+        0.8,
+        "how long the way takes from where the arm is to a reference that it begins to follow; 0: at once",
+        "s",
+        minimum=0.0,
+    ),
+    Parameter(
+        "watchdog.state_hold",
+        0.002,
+        "joint states later than this are reported; the last torque stays",
+        "s",
+        minimum=0.0,
+        exclusive=True,
+    ),
+    Parameter(
+        "watchdog.state_stop",
+        0.02,
+        "joint states that stay out for longer stop the arm: a fault",
+        "s",
+        minimum=0.0,
+        exclusive=True,
+    ),
+    Parameter(
+        "watchdog.reference",
+        0.1,
+        "a reference older than this is not followed: the arm holds its position (reference.match: latest)",
+        "s",
+        minimum=0.0,
+        exclusive=True,
+    ),
+    Parameter(
+        "stop.effort",
+        "gravity_damping",
+        "safe torque after a fault, and the last before the node ends: gravity compensation, damping, both or nothing",
+        choices=("gravity_damping", "gravity", "damping", "zero"),
+    ),
+    Parameter("stop.damping", 20.0, "damping of the safe torque", "N m s/rad", minimum=0.0, per_joint=True),
+    Parameter("limits.effort_rate", 0.0, "largest change of the torque; 0: none", "N m/s", minimum=0.0, per_joint=True),
+    *_limit("position", "largest angle, either way", "rad"),
+    *_limit("velocity", "largest estimated velocity, either way", "rad/s"),
+    *_limit("tracking_error", "largest error, either way", "rad"),
+)
+
+_TRAJECTORY = (
+    AUTOSTART,
+    Parameter(
+        "start_tolerance",
+        0.05,
+        "a commanded trajectory is refused if the point that is due at its start is farther from the present reference",
+        "rad",
+        minimum=0.0,
+    ),
 )
 
 
 def simulator_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Every parameter of the simulator node."""
-    return (*plant_schema(settings), *_SIMULATOR)
+    return (*simulator_schema(settings), *_SIMULATOR)
 
 
 def controller_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
@@ -99,10 +194,10 @@ def controller_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, .
 
 def trajectory_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Every parameter of the trajectory node."""
-    return (*reference_schema(settings), AUTOSTART)
+    return (*reference_schema(settings), *_TRAJECTORY)
 
 
-NODE_ONLY = {"simulator": _SIMULATOR, "controller": _CONTROLLER, "trajectory": (AUTOSTART,)}
+NODE_ONLY = {"simulator": _SIMULATOR, "controller": _CONTROLLER, "trajectory": _TRAJECTORY}
 """What a rollout does not know, by the name of the node."""
 
 NODE_SCHEMAS: dict[str, Schema] = {

@@ -6,6 +6,7 @@ apply may depend on values (`law.name` decides the gains), so a schema is a func
 """
 
 import difflib
+import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -140,7 +141,13 @@ Schema: TypeAlias = Callable[[Mapping[str, object]], Sequence[Parameter]]
 
 def prefixed(group: str, parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
     """The same parameters with ``group.`` before each name."""
-    return tuple(replace(p, name=f"{group}.{p.name}") for p in parameters)
+    return tuple(_renamed(p, f"{group}.{p.name}") for p in parameters)
+
+
+@functools.cache
+def _renamed(parameter: Parameter, name: str) -> Parameter:
+    """Kept, since every rollout of a batch asks for it again."""
+    return replace(parameter, name=name)
 
 
 def chosen(settings: Mapping[str, object], parameter: Parameter) -> str:
@@ -189,7 +196,9 @@ def names(value: Value) -> tuple[str, ...]:
 
 def joint_array(value: Value, joints: int) -> Array:
     """One float a joint, shape (joints,), from a number or a sequence."""
-    return np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (joints,)))
+    array = np.empty(joints)
+    array[:] = value
+    return array
 
 
 def _did_you_mean(word: str, known: Iterable[str]) -> str:

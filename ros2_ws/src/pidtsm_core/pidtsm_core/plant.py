@@ -1,4 +1,4 @@
-"""The simulated arm: rigid dynamics, disturbance, torque limits and payload, integrated by RK4."""
+"""The simulated arm: rigid dynamics, disturbance, friction, torque limits, payload and pushes, integrated by RK4."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -7,8 +7,32 @@ import numpy as np
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
+from pidtsm_core.hardware import friction
+from pidtsm_core.hardware.friction import FrictionConfig, add_friction, friction_config
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, joint_array, number
 from pidtsm_core.robots import ROBOT_NAME, ROBOTS, attach, forward_dynamics, robot_schema
+from pidtsm_core.timing import seconds
+
+# Units of what a model error is an error of, see `Robot.pack_model`.
+_ERRORS = {"mass": "kg", "inertia": "kg m^2", "length": "m"}
+
+_LOADS = (
+    Parameter("payload.mass", 0.0, "mass picked up at payload.time (Case 2: 0.5)", "kg", minimum=0.0),
+    Parameter("payload.time", 0.0, "when the payload is picked up, from the start", "s", minimum=0.0),
+    Parameter("push.effort", 0.0, "torque of somebody who pushes the arm", "N m", per_joint=True),
+    Parameter("push.time", 0.0, "when the push begins, from the start", "s", minimum=0.0),
+    Parameter("push.duration", 0.0, "how long it lasts; 0 is no push", "s", minimum=0.0),
+)
+_MODEL_ERRORS = tuple(
+    Parameter(
+        f"model_error.{quantity}",
+        0.0,
+        f"each {quantity} of the arm against robot.*, as a share: 0.25 is 25 % more than that",
+        minimum=-1.0,
+        exclusive=True,
+    )
+    for quantity in _ERRORS
+)
 
 
 def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
@@ -26,8 +50,9 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
             choices=DISTURBANCES.names,
             fixed=True,
         ),
-        Parameter("payload.mass", 0.0, "mass picked up at payload.time (Case 2: 0.5)", "kg", minimum=0.0),
-        Parameter("payload.time", 0.0, "when the payload is picked up, from the start", "s", minimum=0.0),
+        *_LOADS,
+        *friction.PARAMETERS,
+        *_MODEL_ERRORS,
     )
 
 
@@ -40,6 +65,10 @@ class PlantConfig(NamedTuple):
     payload_time: float  # s
     disturbance: int
     effort_limit: Array  # shape (joints,), N m
+    push: Array  # shape (joints,), N m
+    push_begin: float  # s
+    push_end: float  # s
+    friction: FrictionConfig
     accelerations: bool  # q'' at the samples is asked for
 
 
@@ -49,30 +78,34 @@ class PlantState(NamedTuple):
     position: Array  # q, shape (joints,), rad
     derivatives: Array  # q', q'', shape (2, joints); q'' under the torque held before the sample, 0 at the start
     effort: Array  # the torque applied over the last step, within the limits, shape (joints,), N m
-    work: Array  # scratch, shape (7, joints)
+    work: Array  # scratch, shape (8, joints)
 
 
 @njit
 def _acceleration(
-    robot: int, disturbance: int, model: Array, q: Array, dq: Array, effort: Array, net: Array, ddq: Array
+    config: PlantConfig, model: Array, q: Array, dq: Array, effort: Array, net: Array, ddq: Array
 ) -> None:
-    """ddq of eq. (5); `net` is scratch for the torque with the disturbance."""
+    """ddq of eq. (5); `net` is scratch for the torque with disturbance and friction."""
     for j in range(effort.size):
         net[j] = effort[j]
-    add_disturbance(disturbance, q, dq, net)
-    forward_dynamics(robot, q, dq, net, model, ddq)
+    add_disturbance(config.disturbance, q, dq, net)
+    if not config.friction.none:
+        add_friction(config.friction, dq, net)
+    forward_dynamics(config.robot, q, dq, net, model, ddq)
 
 
 @njit
 def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: float) -> None:
     """Integrate from t to t + dt (s) with the limited `effort` held: classical Runge-Kutta of fourth order.
 
-    The payload, which counts as picked up from payload_time on, is that of the start of the step.
+    `effort` has shape (joints,), N m.
+
+    Payload, which counts as picked up from payload_time on, and push are those of the start of the step.
     """
-    joints, robot, disturbance = effort.size, config.robot, config.disturbance
+    joints = effort.size
     model = config.loaded_model if t >= config.payload_time else config.model
     q, dq, held = state.position, state.derivatives[0], state.effort
-    net, stage_q, stage_dq, k1, k2, k3, k4 = (
+    net, stage_q, stage_dq, k1, k2, k3, k4, pushed = (
         state.work[0],
         state.work[1],
         state.work[2],
@@ -80,31 +113,37 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
         state.work[4],
         state.work[5],
         state.work[6],
+        state.work[7],
     )
     for j in range(joints):
         limit = config.effort_limit[j]
         held[j] = min(max(effort[j], -limit), limit)
+    torque = held
+    if config.push_begin <= t < config.push_end:
+        for j in range(joints):
+            pushed[j] = held[j] + config.push[j]
+        torque = pushed
 
     half = 0.5 * dt
-    _acceleration(robot, disturbance, model, q, dq, held, net, k1)
+    _acceleration(config, model, q, dq, torque, net, k1)
     for j in range(joints):
         stage_q[j] = q[j] + half * dq[j]
         stage_dq[j] = dq[j] + half * k1[j]
-    _acceleration(robot, disturbance, model, stage_q, stage_dq, held, net, k2)
+    _acceleration(config, model, stage_q, stage_dq, torque, net, k2)
     for j in range(joints):
         stage_q[j] = q[j] + half * (dq[j] + half * k1[j])
         stage_dq[j] = dq[j] + half * k2[j]
-    _acceleration(robot, disturbance, model, stage_q, stage_dq, held, net, k3)
+    _acceleration(config, model, stage_q, stage_dq, torque, net, k3)
     for j in range(joints):
         stage_q[j] = q[j] + dt * (dq[j] + half * k2[j])
         stage_dq[j] = dq[j] + dt * k3[j]
-    _acceleration(robot, disturbance, model, stage_q, stage_dq, held, net, k4)
+    _acceleration(config, model, stage_q, stage_dq, torque, net, k4)
     for j in range(joints):
         # The weights of RK4 on q, with the velocities of its stages written out.
         q[j] += dt * (dq[j] + dt * (k1[j] + k2[j] + k3[j]) / 6.0)
         dq[j] += dt * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j]) / 6.0
     if config.accelerations:
-        _acceleration(robot, disturbance, model, q, dq, held, net, state.derivatives[1])
+        _acceleration(config, model, q, dq, torque, net, state.derivatives[1])
 
 
 class Plant:
@@ -137,14 +176,15 @@ class Plant:
             position=joint_array(values["initial_position"], self.joints),
             derivatives=np.zeros((2, self.joints)),
             effort=np.zeros(self.joints),
-            work=np.zeros((7, self.joints)),
+            work=np.zeros((8, self.joints)),
         )
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
         """Use other parameters from the next step on; the state stays."""
         robot = ROBOTS[str(values["robot.name"])]
         place = ROBOTS.number(robot.name)
-        model = robot.pack_model(values)
+        factors = {unit: 1.0 + number(values[f"model_error.{quantity}"]) for quantity, unit in _ERRORS.items()}
+        model = robot.pack_model(values, factors=factors)
         loaded = np.empty_like(model)
         attach(place, model, number(values["payload.mass"]), loaded)
         self.config = PlantConfig(
@@ -154,6 +194,11 @@ class Plant:
             payload_time=number(values["payload.time"]),
             disturbance=DISTURBANCES.number(str(values["disturbance.name"])),
             effort_limit=joint_array(values["limits.effort"], self.joints),
+            push=joint_array(values["push.effort"], self.joints),
+            push_begin=number(values["push.time"]),
+            # To the nanosecond, as the time of a sample: else 0.1 s + 0.2 s ends a sample late.
+            push_end=seconds(round((number(values["push.time"]) + number(values["push.duration"])) * 1e9)),
+            friction=friction_config(values, self.joints),
             accelerations=self._accelerations,
         )
 

@@ -11,13 +11,13 @@ from pidtsm_core.compiled import njit
 from pidtsm_core.controller import Controller, ControllerConfig, ControllerState, controller_schema, tick
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.parameters import Array, ParameterError, Schema, Value, names, number, resolve
-from pidtsm_core.plant import Plant, PlantConfig, PlantState, plant_schema, step
 from pidtsm_core.references import ReferenceMotion, evaluate_reference, reference_joints, reference_schema
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.signals import Signal
+from pidtsm_core.simulator import SimulatedRobot, SimulatorConfig, SimulatorState, act, sense, simulator_schema
 from pidtsm_core.timing import period_nanoseconds, seconds
 
-SCHEMAS = {"controller": controller_schema, "simulator": plant_schema, "trajectory": reference_schema}
+SCHEMAS = {"controller": controller_schema, "simulator": simulator_schema, "trajectory": reference_schema}
 """Parameters of each node as far as the core knows them."""
 _JOINTS = {"controller": robot_joints, "simulator": robot_joints, "trajectory": reference_joints}
 
@@ -32,7 +32,8 @@ class Rollout:
         position, velocity: true q (rad), q' (rad/s), shape (samples, joints).
         effort: torque applied from time[k] on, N m, shape (samples, joints).
         reference: q_d, q_d', q_d'', shape (samples, 3, joints).
-        signals: what the controller computed, shape (samples, len(Signal), joints), order of `Signal`.
+        signals: what the controller computed from the measurement of this sample, or said last where none reached it,
+            shape (samples, len(Signal), joints), order of `Signal`.
     """
 
     joints: tuple[str, ...]
@@ -45,11 +46,21 @@ class Rollout:
 
 
 @njit
+def _keep(signals: Array, start: int, stop: int, last: Array) -> None:
+    """Fill rows in which the controller was not asked with what it said last."""
+    for k in range(start, stop):
+        for i in range(last.shape[0]):
+            for j in range(last.shape[1]):
+                signals[k, i, j] = last[i, j]
+
+
+@njit
 def _simulate(
     controller: ControllerConfig,
     memory: ControllerState,
-    plant: PlantConfig,
-    arm: PlantState,
+    hardware: SimulatorConfig,
+    robot: SimulatorState,
+    draws: Array,
     reference: int,
     reference_parameters: Array,
     period: int,
@@ -62,6 +73,8 @@ def _simulate(
 ) -> int:
     """Run the loop; returns the number of samples done before a value stopped being finite."""
     dt = seconds(period)
+    arm = robot.arm
+    last = -1  # sample of the last measurement that reached the controller
     for k in range(position.shape[0]):
         for j in range(position.shape[1]):
             if not math.isfinite(arm.position[j]):
@@ -72,13 +85,20 @@ def _simulate(
         for j in range(position.shape[1]):
             position[k, j] = arm.position[j]
             velocity[k, j] = arm.derivatives[0, j]
-        tick(controller, memory, arm.position, arm.derivatives, desired[k], dt if k > 0 else 0.0)
-        for i in range(signals.shape[1]):
-            for j in range(signals.shape[2]):
-                signals[k, i, j] = memory.signals[i, j]
-        step(plant, arm, memory.signals[Signal.EFFORT], t, dt)
+        sample, measured, truth = sense(hardware, robot, draws[k], k)
+        if sample >= 0:
+            since = seconds((sample - last) * period) if last >= 0 else 0.0
+            if sample > last + 1:
+                _keep(signals, last + 1, sample, memory.signals)
+            tick(controller, memory, measured, truth, desired[sample], since)
+            for i in range(signals.shape[1]):
+                for j in range(signals.shape[2]):
+                    signals[sample, i, j] = memory.signals[i, j]
+            last = sample
+        act(hardware, robot, draws[k], k, sample >= 0, memory.signals[Signal.EFFORT], t, dt)
         for j in range(position.shape[1]):
             effort[k, j] = arm.effort[j]
+    _keep(signals, last + 1, position.shape[0], memory.signals)
     return position.shape[0]
 
 
@@ -125,18 +145,18 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
     """
     values = resolve_nodes(SCHEMAS, settings)
     controller = Controller(values["controller"])
-    plant = Plant(values["simulator"], ESTIMATORS[str(values["controller"]["estimator.name"])].needs_truth)
+    robot = SimulatedRobot(values["simulator"], ESTIMATORS[str(values["controller"]["estimator.name"])].needs_truth)
     motion = ReferenceMotion(values["trajectory"])
-    if not controller.joints == plant.joints == motion.joints:
+    if not controller.joints == robot.joints == motion.joints:
         raise ParameterError(
-            f"controller, simulator and trajectory are made for {controller.joints}, {plant.joints} and "
+            f"controller, simulator and trajectory are made for {controller.joints}, {robot.joints} and "
             f"{motion.joints} joints"
         )
     period = period_nanoseconds(int(number(values["simulator"]["rate"])))
     if not duration * 1e9 / period >= 0.5 or duration == math.inf:
         raise ParameterError(f"duration: {duration} s is not a time of at least one sample")
     samples = round(duration * 1e9 / period)
-    joints = plant.joints
+    joints = robot.joints
 
     result = Rollout(
         joints=names(values["simulator"]["joints"]),
@@ -150,8 +170,9 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
     done = _simulate(
         controller.config,
         controller.state,
-        plant.config,
-        plant.state,
+        robot.config,
+        robot.state,
+        robot.randomness.draw(samples),
         motion.number,
         motion.parameters,
         period,

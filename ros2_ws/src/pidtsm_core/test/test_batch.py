@@ -110,6 +110,13 @@ def test_trajectories_are_decimated_and_own_their_memory() -> None:
     assert batch([GAINS[1]], DURATION).trajectories == []
 
 
+def test_other_measures_stand_beside_the_metrics(serial: BatchResult) -> None:
+    result = batch([*GAINS, UNKNOWN], DURATION, measure=lambda run: {"last": run.position[-1].tolist()})
+    assert set(result.metrics) == {*serial.metrics, "last"}
+    last = [rollout(settings, DURATION).position[-1] for settings in GAINS]
+    np.testing.assert_array_equal(result.metrics["last"], [*last, [np.nan, np.nan]])
+
+
 def test_a_negative_decimation_is_refused() -> None:
     with pytest.raises(ValueError, match="keep_every"):
         batch([{}], DURATION, keep_every=-1)
@@ -137,9 +144,12 @@ def test_settings_are_taken_a_few_at_a_time_and_progress_is_told(monkeypatch: py
 
 
 def test_an_interrupt_ends_it_cleanly() -> None:
+    # What a shell starts in the background begins with the signal ignored.
     code = """
-from pidtsm_core.batch import batch
+import signal
 from itertools import repeat
+from pidtsm_core.batch import batch
+signal.signal(signal.SIGINT, signal.default_int_handler)
 try:
     batch(repeat({}), 1.0, progress=lambda done: print(done, flush=True))
 except KeyboardInterrupt:

@@ -53,11 +53,9 @@ def run(controller: Controller, positions: Array, desired: Array, dts: Array | N
 
 def inertia_times(controller: Controller, q: Array, x: Array) -> Array:
     """H(q) x, from two inverse dynamics."""
-    with_x, without = np.zeros(q.size), np.zeros(q.size)
-    robot, p, rest = controller.config.robot, controller.config.model, np.zeros(q.size)
-    inverse_dynamics(robot, q, rest, x, p, with_x)
-    inverse_dynamics(robot, q, rest, rest, p, without)
-    return with_x - without
+    accelerations, efforts = np.array([x, np.zeros(q.size)]), np.zeros((2, q.size))
+    inverse_dynamics(controller.config.robot, q, np.zeros(q.size), accelerations, controller.config.model, efforts)
+    return efforts[0] - efforts[1]
 
 
 @EACH
@@ -110,16 +108,16 @@ def test_torque_is_the_inverse_dynamics_of_the_commanded_acceleration(parts: dic
     if not controller.config.uses_model:
         pytest.skip("the law gives torques")
     for y in run(controller, *walk(controller.joints, 2)):
-        expected = np.zeros(controller.joints)
+        expected = np.zeros((1, controller.joints))
         inverse_dynamics(
             controller.config.robot,
             y[Signal.POSITION],
             y[Signal.VELOCITY],
-            y[Signal.ACCELERATION_COMMAND],
+            y[Signal.ACCELERATION_COMMAND][np.newaxis],
             controller.config.model,
             expected,
         )
-        np.testing.assert_array_equal(y[Signal.EFFORT], expected)
+        np.testing.assert_array_equal(y[Signal.EFFORT], expected[0])
         assert not y[Signal.SATURATED].any()
 
 

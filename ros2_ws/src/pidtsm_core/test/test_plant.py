@@ -76,6 +76,54 @@ def test_a_payload_is_a_heavier_last_link() -> None:
     assert state(loaded).tobytes() == state(heavy).tobytes()
 
 
+def test_a_push_is_there_for_its_time_and_nobody_calls_it_torque() -> None:
+    effort = np.array([30.0, 10.0])
+    pushed = plant_of(push__effort=(0.0, 4.0), push__time=0.1, push__duration=0.2)
+    alone, helped = plant_of(), plant_of()
+    for k in range(400):
+        assert (state(pushed).tobytes() == state(alone).tobytes()) == (k <= 100), k
+        assert state(pushed).tobytes() == state(helped).tobytes(), k
+        pushed.step(effort, k / 1000, DT)
+        alone.step(effort, k / 1000, DT)
+        helped.step(effort + np.array([0.0, 4.0 if 100 <= k < 300 else 0.0]), k / 1000, DT)
+        np.testing.assert_array_equal(pushed.state.effort, effort)
+
+
+@pytest.mark.parametrize(
+    ("error", "changed"),
+    [
+        ({"model_error__mass": 0.25}, {"robot__m1": 0.625, "robot__m2": 1.875}),
+        ({"model_error__inertia": -0.25}, {"robot__j1": 3.75, "robot__j2": 3.75}),
+        ({"model_error__length": 0.1}, {"robot__r1": 1.1, "robot__r2": 0.935}),
+    ],
+    ids=lambda value: "".join(value),
+)
+def test_a_model_error_scales_all_there_is_of_its_kind(error: dict[str, float], changed: dict[str, float]) -> None:
+    wrong, right = plant_of(**error), plant_of(**changed)
+    np.testing.assert_allclose(wrong.config.model, right.config.model, rtol=1e-15)
+
+
+def test_friction_brings_a_moving_arm_to_rest_and_keeps_it_without_chatter() -> None:
+    """Without gravity and disturbance."""
+    plant = plant_of(
+        robot__g=0.0,
+        disturbance__name="none",
+        friction__coulomb=20.0,
+        friction__static=30.0,
+        robot__coriolis="lagrange",
+    )
+    for k in range(500):
+        plant.step(np.array([90.0, 45.0]) if k < 100 else np.zeros(2), k * DT, DT)
+        if k == 100:
+            assert np.abs(plant.state.derivatives[0]).max() > 0.1
+    speeds = []
+    for k in range(500, 1000):
+        plant.step(np.zeros(2), k * DT, DT)
+        speeds.append(np.abs(plant.state.derivatives[0]).max())
+    assert speeds[0] < 1e-6
+    assert (np.diff(speeds) <= 0.0).all()
+
+
 def test_acceleration_is_that_under_the_torque_held() -> None:
     plant = plant_of()
     effort = np.array([25.0, -3.0])

@@ -14,6 +14,7 @@ _COMMANDS = {
     "run": "any scenario and law over the real nodes",
     "rollout": "the same loop without ROS",
     "reproduce": "both cases, all laws: the article and the project side by side",
+    "robustness": "how much imperfection of sensors, drives and model each controller bears",
     "analyze": "metrics of any recorded bag",
     "bench": "benchmarks, each figure beside its floor measured in the same run",
     "test": "all tests and checks",

@@ -1,5 +1,6 @@
 """What is to be run: a scenario, a law, and the parameters of every node that follow from them."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,8 +21,19 @@ Settings = dict[str, dict[str, Any]]
 
 ARTICLE = "article"
 """Name of the parameter set that is the article's Table 1."""
+PRACTICAL = "practical"
+"""Name of the parameter set for real sensors and drives."""
 NODES = ("simulator", "controller", "trajectory")
 _SCENARIO_KEYS = ("description", "duration", *NODES)
+
+
+class _Loader(yaml.SafeLoader):
+    """Takes 1e-3 for a number, as ROS does; to YAML 1.1 it is a text."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
+)
 
 
 @dataclass(frozen=True)
@@ -90,7 +102,8 @@ def make_experiment(
         scenario: a name of `scenario_names`, or the path of a scenario file.
         law: a name in `LAWS`; where None, that of the parts before it, or the default law.
         duration: s, instead of the scenario's.
-        params: paths of ROS parameter files; ``article`` stands for the article's Table 1 of the law.
+        params: paths of ROS parameter files; ``article`` stands for the article's Table 1 of the law, ``practical`` for
+            the set for real sensors and drives.
         overrides: texts ``NODE.PARAMETER=VALUE``.
 
     Raises:
@@ -109,7 +122,7 @@ def make_experiment(
             files.update({f"{node}.{name}": str(source) for name in parameters})
 
     for name in params:
-        source = article_parameters(law) if name == ARTICLE else Path(name)
+        source = _PARAMETER_SETS[name](law) if name in _PARAMETER_SETS else Path(name)
         merge(load_ros_parameters(source), source)
     merge({node: flatten(content.get(node) or {}, f"{file}: {node}") for node in NODES}, file)
     if law is not None:
@@ -129,11 +142,27 @@ def article_parameters(law: str | None) -> Path:
     Raises:
         UsageError: the article has no parameters for this law.
     """
-    folder = Path(get_package_share_directory("pidtsm_controller"), "config")
-    file = folder / f"{law or LAW_NAME.default}.yaml"
+    file = _config_folder() / f"{law or LAW_NAME.default}.yaml"
     if not file.is_file():
         raise UsageError(f"the article has no parameters for {law}; leave --params {ARTICLE} out, or name a file")
     return file
+
+
+def practical_parameters(law: str | None) -> Path:
+    """ROS parameter file for real sensors and drives: observer and bounded adaptation.
+
+    Raises:
+        UsageError: a law other than the proposed one, for which it is made.
+    """
+    if law not in (None, LAW_NAME.default):
+        raise UsageError(
+            f"{PRACTICAL} parameters are made for {LAW_NAME.default}, not {law}; leave --params {PRACTICAL} out, "
+            "or name a file"
+        )
+    return _config_folder() / f"{PRACTICAL}.yaml"
+
+
+_PARAMETER_SETS = {ARTICLE: article_parameters, PRACTICAL: practical_parameters}
 
 
 def load_ros_parameters(file: Path) -> Settings:
@@ -185,6 +214,10 @@ def flatten(tree: object, where: str) -> dict[str, Any]:
     return flat
 
 
+def _config_folder() -> Path:
+    return Path(get_package_share_directory("pidtsm_controller"), "config")
+
+
 def _scenario_folder() -> Path:
     return Path(get_package_share_directory("pidtsm_experiments"), "scenarios")
 
@@ -198,6 +231,10 @@ def _scenario_file(scenario: str) -> Path:
     raise UsageError(f"no scenario {scenario}: neither a file nor one of {', '.join(scenario_names())}")
 
 
+def _read_yaml(text: str) -> Any:
+    return yaml.load(text, _Loader)  # noqa: S506  It is a safe loader.
+
+
 def _load_scenario(file: Path) -> dict[str, Any]:
     content = _load_mapping(file)
     for key in content:
@@ -208,7 +245,7 @@ def _load_scenario(file: Path) -> dict[str, Any]:
 
 def _load_mapping(file: Path) -> dict[str, Any]:
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+        content = _read_yaml(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise UsageError(f"{file}: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -224,7 +261,7 @@ def _parse_override(text: str) -> tuple[str, str, Any]:
     if not equals or not dot or not name or node not in NODES:
         raise UsageError(f"--set {text}: must be NODE.PARAMETER=VALUE with NODE one of {', '.join(NODES)}")
     try:
-        return node, name, yaml.safe_load(value)
+        return node, name, _read_yaml(value)
     except yaml.YAMLError:
         raise UsageError(f"--set {text}: {value!r} is not a value") from None
 

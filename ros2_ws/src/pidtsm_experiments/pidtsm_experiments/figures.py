@@ -199,7 +199,7 @@ def finished(figure: Figure, table: Table, recording: Recording, title: str | No
 
 
 def line(ax: Axes, time: Array, values: Array, number: int, label: str, zorder: float = 2.0) -> None:
-    """Draw a decimated line in the style with that number."""
+    """Draw a decimated line, of shape (samples,) each way, in the style with that number."""
     ax.plot(
         *decimated(time, values),
         color=COLOURS[number % len(COLOURS)],
@@ -231,7 +231,10 @@ def _parts(time: Array, parts: int = PARTS) -> NDArray[np.intp]:
 
 
 def decimated(time: Array, values: Array, parts: int = PARTS) -> tuple[Array, Array]:
-    """The smallest and the largest value of each part of the time axis, in the order they come: no spike is lost."""
+    """The smallest and the largest value of each part of the time axis, in the order they come: no spike is lost.
+
+    Takes shape (samples,), gives shape (at most 2 parts,).
+    """
     if time.size <= 2 * parts:
         return time, values
     begins = _parts(time, parts)
@@ -246,6 +249,6 @@ def decimated(time: Array, values: Array, parts: int = PARTS) -> tuple[Array, Ar
 
 
 def envelope(time: Array, values: Array) -> tuple[Array, Array]:
-    """The largest value of each part of the time axis."""
+    """The largest value of each part of the time axis, from shape (samples,) to shape (parts,)."""
     begins = _parts(time)
     return time[begins], np.maximum.reduceat(values, begins)

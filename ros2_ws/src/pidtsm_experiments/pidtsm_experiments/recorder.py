@@ -8,21 +8,20 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
-from rclpy.experimental import EventsExecutor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys.store import Typestore
 from sensor_msgs.msg import JointState
 
-from pidtsm_experiments.recording import typestore
+from pidtsm_experiments.bag_writer import BagWriter, free_space
 from pidtsm_msgs.msg import ControllerState, JointReference
-from pidtsm_ros.process import spin_for
 from pidtsm_ros.qos import RECORDER
+from pidtsm_ros.security import guarded
 
 TOPICS = {
     "joint_states": JointState,
@@ -37,93 +36,231 @@ BARRIER = "joint_states"
 (``start.subscribers``) then starts when nothing can be missed any more."""
 
 _BATCH = 0.02  # s
+_FLUSH_PERIOD = 0.2  # s between two writes to the file
 _STATUS_PERIOD = 0.2  # s between two lines on standard output
+_WARNING_PERIOD = 1.0  # s between two lines about lost messages
 _PATIENCE = 10.0  # s of waiting for publishers before the log says so
 _SILENCE = 0.3  # s without a message after which everything sent has arrived
+_NO_SERVICE = Parameter("start_type_description_service", value=False)
 
 
-def _type_name(message_type: type) -> str:
-    return f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
+class _Topic:
+    """A topic that is recorded.
+
+    Attributes:
+        subscription: holds the messages until they are taken.
+        number: of the topic in the bag.
+        received: messages taken.
+        lost: messages that were published and did not arrive, by the publisher's sequence numbers.
+    """
+
+    def __init__(self, subscription: Subscription, number: int) -> None:
+        self.subscription = subscription
+        self.number = number
+        self.received = 0
+        self.lost = 0
+        self._sequence: int | None = None
+
+    def take(self) -> bytes | None:
+        """The next message that waits, serialized."""
+        # Executors have no way to tell a callback the sequence number of serialized messages.
+        taken = self.subscription.handle.take_message(self.subscription.msg_type, True)
+        if taken is None:
+            return None
+        data, about = taken
+        self.received += 1
+        sequence: int | None = about["publication_sequence_number"]
+        if sequence is not None and self._sequence is not None:
+            gap = sequence - self._sequence - 1
+            # A publisher that was started again begins at 1; the numbers of several cannot be told apart.
+            if gap > 0 and self.subscription.get_publisher_count() <= 1:
+                self.lost += gap
+        self._sequence = sequence
+        return bytes(data)
 
 
 class Recorder(Node):
     """Subscribes to `TOPICS` as raw bytes and writes them to a bag.
 
-    Parameters: ``output``, the folder of the bag, which must not exist; ``metadata``, a text that is stored in
-    the bag under the key ``pidtsm``.
+    What has been received is in the file after `_FLUSH_PERIOD`, and readable however the recorder ends. Where nothing
+    more can be written, or less than ``min_free_space`` would be left on the disk, the bag ends, and the node goes on
+    without, so that a loop that waits for its subscribers is not disturbed.
+
+    The node takes messages itself and is in no executor; it offers no services.
+
+    Parameters, all read at the start: ``output``, the folder of the bag, which must not exist; ``metadata``, a text
+    that is stored in the bag under the key ``pidtsm``; ``max_bag_size`` (bytes) and ``max_bag_duration`` (s), after
+    which a new file of the bag is begun, 0 for never; ``min_free_space`` (bytes) that recording leaves free.
+
+    Attributes:
+        failure: why the bag ended before the recorder; empty where it did not.
     """
 
     def __init__(self) -> None:
-        super().__init__("recorder")
-        output = Path(self.declare_parameter("output", "bag").value)
-        metadata = str(self.declare_parameter("metadata", "").value)
-        self.counts = dict.fromkeys(TOPICS, 0)
+        """Begin the bag.
+
+        Raises:
+            OSError: the bag cannot be begun there.
+        """
+        super().__init__("recorder", start_parameter_services=False, parameter_overrides=[_NO_SERVICE])
+        output = Path(self._parameter("output", "bag", "folder of the bag to make"))
+        metadata = self._parameter("metadata", "", "text stored with the bag")
+        size = self._parameter("max_bag_size", 1_000_000_000, "bytes after which a new file is begun; 0: never")
+        duration = self._parameter("max_bag_duration", 0.0, "seconds after which a new file is begun; 0: never")
+        self._reserve: int = self._parameter("min_free_space", 200_000_000, "bytes that recording leaves free")
+        if shortage := self._shortage(output):
+            raise OSError(f"{shortage}; free some space, record elsewhere, or lower min_free_space")
         self.last = time.monotonic()
-        types = typestore()
-        self._writer = Writer(output, version=9, storage_plugin=StoragePlugin.MCAP)
-        self._writer.open()
-        if metadata:
-            self._writer.set_custom_data("pidtsm", metadata)
+        self.failure = ""
+        self._unwritten = 0
+        self._output = output
+        # Times of messages do not jump when somebody sets the clock.
+        self._epoch = time.time_ns() - time.monotonic_ns()
+        self._writer = BagWriter(output, metadata, size, duration)
         self.connected = False
-        self._before_barrier = [self._record(topic, types) for topic in TOPICS if topic != BARRIER]
-        self._types = types
+        self._topics = {topic: self._record(topic) for topic in TOPICS if topic != BARRIER}
+        self._told = 0
+
+    def _parameter(self, name: str, default: Any, description: str) -> Any:
+        described = ParameterDescriptor(description=description, read_only=True)
+        if isinstance(default, float):
+            described.floating_point_range = [FloatingPointRange(from_value=0.0, to_value=1e9)]
+        elif isinstance(default, int):
+            described.integer_range = [IntegerRange(from_value=0, to_value=2**62, step=1)]
+        return self.declare_parameter(name, default, described).value
+
+    def _record(self, topic: str) -> _Topic:
+        message_type = TOPICS[topic]
+        subscription = self.create_subscription(message_type, topic, _never_called, RECORDER, raw=True)
+        type_name = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
+        return _Topic(subscription, self._writer.add_topic(subscription.topic_name, type_name))
+
+    @property
+    def samples(self) -> int:
+        """Samples of the ground truth received."""
+        return self._topics["simulator/ground_truth"].received
 
     def connect(self) -> None:
         """Subscribe to the last topic once all others have a publisher."""
-        if not self.connected and all(s.get_publisher_count() > 0 for s in self._before_barrier):
-            self._record(BARRIER, self._types)
+        if not self.connected and not self.missing():
+            self._topics[BARRIER] = self._record(BARRIER)
             self.connected = True
 
     def missing(self) -> list[str]:
         """Topics without a publisher so far."""
-        return [s.topic_name for s in self._before_barrier if s.get_publisher_count() == 0]
+        subscriptions = [topic.subscription for topic in self._topics.values()]
+        return [s.topic_name for s in subscriptions if s.get_publisher_count() == 0]
 
-    def _record(self, topic: str, types: Typestore) -> Subscription:
-        full_name, message_type = self.resolve_topic_name(topic), TOPICS[topic]
-        connection = self._writer.add_connection(full_name, _type_name(message_type), typestore=types)
-        write, counts = self._writer.write, self.counts
+    def take(self) -> None:
+        """Take everything that has arrived to the bag."""
+        with self._writing():
+            for topic in self._topics.values():
+                while (data := topic.take()) is not None:
+                    now = time.monotonic_ns()
+                    self.last = now / 1e9
+                    if self.failure:
+                        self._unwritten += 1
+                    else:
+                        self._writer.write(topic.number, self._epoch + now, data)
 
-        def on_message(data: bytes) -> None:
-            write(connection, time.time_ns(), data)
-            counts[topic] += 1
-            self.last = time.monotonic()
+    def flush(self) -> None:
+        """Bring what was taken to the file, while there is space."""
+        if self.failure:
+            return
+        with self._writing():
+            self._writer.flush()
+            if shortage := self._shortage(self._output):
+                self._writer.close()
+                self._fail(shortage)
 
-        return self.create_subscription(message_type, topic, on_message, RECORDER, raw=True)
+    def tell_lost(self) -> None:
+        """Warn of messages lost since the last time."""
+        lost = self._lost()
+        if sum(lost.values()) > self._told:
+            self._told = sum(lost.values())
+            self.get_logger().warning(f"lost so far: {_counts(lost)}; the machine is too busy to record everything")
 
     def close(self) -> None:
-        """Finish the bag."""
-        self._writer.close()
+        """Finish the bag, and say what is in it."""
+        if not self.failure:
+            with self._writing():
+                self._writer.close()
+        log = self.get_logger()
+        log.info(f"received {_counts({name: topic.received for name, topic in self._topics.items()})}")
+        if lost := self._lost():
+            log.warning(f"lost {_counts(lost)}")
+        if self.failure:
+            log.error(f"{self._output} is incomplete: {self.failure}; {self._unwritten} messages came after")
+
+    @contextlib.contextmanager
+    def _writing(self) -> Any:
+        """Within the block, an error of writing ends the bag and nothing else."""
+        try:
+            yield
+        except OSError as error:
+            self._writer.abort()
+            self._fail(f"cannot write: {error.strerror or error}")
+
+    def _fail(self, reason: str) -> None:
+        self.failure = reason
+        self.get_logger().error(f"recording ends here: {reason}; what was recorded before is in {self._output}")
+
+    def _shortage(self, path: Path) -> str:
+        free = free_space(path)
+        if free >= self._reserve:
+            return ""
+        return f"{path} is on a disk with {free / 1e6:.1f} MB left, min_free_space is {self._reserve / 1e6:.1f} MB"
+
+    def _lost(self) -> dict[str, int]:
+        return {name: topic.lost for name, topic in self._topics.items() if topic.lost}
+
+
+def _never_called(message: bytes) -> None:
+    """The node is in no executor."""
+
+
+def _counts(counts: dict[str, int]) -> str:
+    return ", ".join(f"{count} of {name}" for name, count in counts.items())
 
 
 def _tell_progress(recorder: Recorder) -> None:
     """A line on standard output, for whoever reads it."""
     with contextlib.suppress(BrokenPipeError):
-        print(f"recorded {recorder.counts['simulator/ground_truth']}", flush=True)
+        print(f"recorded {recorder.samples}", flush=True)
 
 
-def _spin(recorder: Recorder, stopping: Callable[[], bool]) -> None:
+def _record(recorder: Recorder, stopping: Callable[[], bool]) -> None:
     """Record until asked to stop, and then on until nothing arrives any more."""
-    executor = EventsExecutor()
-    executor.add_node(recorder)
-    next_status, patience = 0.0, time.monotonic() + _PATIENCE
+    flush = _Every(_FLUSH_PERIOD, recorder.flush)
+    rest = [_Every(_STATUS_PERIOD, lambda: _tell_progress(recorder)), _Every(_WARNING_PERIOD, recorder.tell_lost)]
+    patience = time.monotonic() + _PATIENCE
     while not (stopping() and time.monotonic() - recorder.last > _SILENCE):
         # Waking for batches costs a fraction of waking for every message; the queues hold far more than a batch.
         time.sleep(_BATCH)
-        spin_for(executor, 0.0)
         recorder.connect()
+        recorder.take()
         now = time.monotonic()
+        for task in (flush, *rest):
+            task.poll(now)
         if now >= patience and recorder.missing():
             recorder.get_logger().warning(f"waiting for a publisher of {', '.join(recorder.missing())}")
             patience = now + _PATIENCE
-        if now >= next_status:
-            _tell_progress(recorder)
-            next_status = now + _STATUS_PERIOD
-    executor.remove_node(recorder)
-    executor.shutdown()
+
+
+class _Every:
+    """Something to do at times."""
+
+    def __init__(self, period: float, work: Callable[[], None]) -> None:
+        self._period, self._work, self._next = period, work, 0.0
+
+    def poll(self, now: float) -> None:
+        if now >= self._next:
+            self._next = now + self._period
+            self._work()
 
 
 def main() -> None:
-    """Entry point of ``ros2 run pidtsm_experiments recorder``."""
+    """Entry point of ``ros2 run pidtsm_experiments recorder``; exit code 1 where the bag is not complete."""
     stop = False
 
     def request(number: int, frame: FrameType | None) -> None:
@@ -132,7 +269,11 @@ def main() -> None:
 
     signal.signal(signal.SIGINT, request)
     signal.signal(signal.SIGTERM, request)
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=guarded(), signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:
+        print(f"cannot start: {' '.join(str(error).split())}", file=sys.stderr)
+        sys.exit(2)
     try:
         recorder = Recorder()
     except Exception as error:
@@ -140,11 +281,10 @@ def main() -> None:
         sys.exit(1)
     gc.freeze()
     try:
-        _spin(recorder, lambda: stop)
-    except ExternalShutdownException:
-        pass
+        _record(recorder, lambda: stop)
     finally:
         recorder.close()
         _tell_progress(recorder)
         recorder.destroy_node()
         rclpy.try_shutdown()
+    sys.exit(1 if recorder.failure else 0)

@@ -3,6 +3,7 @@
 import json
 import os
 import struct
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ from rosbags.typesys.store import Typestore
 from pidtsm_core.parameters import Array
 from pidtsm_core.rollout import Rollout
 from pidtsm_core.signals import Signal
+from pidtsm_experiments.recovery import Readable, readable, stored_metadata
 
 METADATA_KEY = "pidtsm"
 """Key of the recorder's JSON text in the bag's custom data."""
@@ -31,11 +33,16 @@ _JOINT_STATE = "sensor_msgs/msg/JointState"
 _OWN_MESSAGES = ("JointReference", "ControllerState")
 _SIGNALS = tuple(signal.name.lower() for signal in Signal)
 _BLOCK = 2048  # messages decoded at once: enough for NumPy, little enough for memory and for mixed layouts
+_LONGEST_GAP = 100_000_000  # ns without a reference over which one can still be interpolated
 _STAMP = slice(4, 12)  # where a CDR message that starts with std_msgs/Header has its stamp
 
 
 class RecordingError(ValueError):
     """A bag cannot be read, or is not of a run; the message says why and what to do."""
+
+
+class UnfinishedBag(UserWarning):
+    """What was read comes from a bag that was never finished; the message says what is missing."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +88,8 @@ class Recording:
         compute_time: of the controller for a command, s, shape (samples,), or (0,) where nobody measured it.
         scenario, law, clock: names, None where the bag does not say.
         event_time: when something happened to the arm, s on the axis of `time`, None without an event.
-        lost: number of stamps of the ground truth without a partner, by recorded topic.
+        lost: number of stamps of the ground truth without a partner, by recorded topic; a stamp without any is that
+            of a measurement that never left its sensor.
     """
 
     joints: tuple[str, ...]
@@ -153,14 +161,17 @@ def read_recording(path: Path, only: frozenset[str] | None = None) -> Recording:
     """Read a run from a bag.
 
     Messages belong together when their header stamps are equal. A sample is a stamp at which there are ground
-    truth, reference and controller state; joints are matched by name.
+    truth, reference and controller state, or ground truth alone: that is a measurement that never left its sensor,
+    and there the reference is interpolated and the controller's signals are the last ones, 0 before the first.
+    Joints are matched by name. Of a bag whose recorder was killed, or had no more space, what there is is read, with
+    the warning `UnfinishedBag`.
 
     Args:
         path: rosbag2 folder (MCAP or SQLite), or one .mcap or .db3 file.
         only: names of the messages' fields to keep; the others are 0 and take no memory. None keeps all.
 
     Raises:
-        RecordingError: not a finished bag, no messages, a topic or joint missing, nothing with equal stamps, or
+        RecordingError: not a bag, no messages, a topic or joint missing, nothing with equal stamps, or
             values that are not finite.
     """
     try:
@@ -170,8 +181,11 @@ def read_recording(path: Path, only: frozenset[str] | None = None) -> Recording:
 
 
 def _read(path: Path, only: frozenset[str] | None) -> Recording:
-    with closing(_open(path)) as reader:
+    with readable(path) as bag, closing(_open(path, bag)) as reader:
         joints, columns = _read_topics(reader, _find_topics(reader.connections), only)
+        said = _metadata(path, bag)
+    if bag.flaws:
+        warnings.warn(UnfinishedBag(f"{path}: {_missing(bag, columns)}"), stacklevel=3)
     moments = columns[_TRUTH].stamps
     needed = {topic: columns[topic] for topic in (_TRUTH, _REFERENCE, _STATE)}
     stamps = reduce(_common, (column.stamps for column in needed.values()))
@@ -180,10 +194,20 @@ def _read(path: Path, only: frozenset[str] | None) -> Recording:
             f"no stamp is in all of {', '.join(t.name for t in needed)}; each must carry the stamp of the joint state "
             "that it belongs to"
         )
-    truth, reference, state = (
-        column if column.stamps.size == stamps.size else _rows(column, np.searchsorted(column.stamps, stamps), topic)
-        for topic, column in needed.items()
-    )
+    answers = {topic: column for topic, column in columns.items() if topic is not _TRUTH}
+    unsent = _unsent(moments, answers)
+    if unsent.size:
+        stamps = np.union1d(stamps, unsent)
+        truth = _rows(columns[_TRUTH], np.searchsorted(moments, stamps), _TRUTH)
+        reference = _interpolated(columns[_REFERENCE], stamps)
+        state = _held(columns[_STATE], stamps)
+    else:
+        truth, reference, state = (
+            column
+            if column.stamps.size == stamps.size
+            else _rows(column, np.searchsorted(column.stamps, stamps), topic)
+            for topic, column in needed.items()
+        )
     return Recording(
         joints=joints,
         time=(stamps - moments[0]) / 1e9,
@@ -194,13 +218,50 @@ def _read(path: Path, only: frozenset[str] | None) -> Recording:
         reference=reference.values.swapaxes(0, 1),
         signals=state.values.swapaxes(0, 1),
         compute_time=state.scalars,
-        **_metadata(path),
+        **said,
         lost={
-            topic.name: moments.size - _common(moments, column.stamps).size
-            for topic, column in columns.items()
-            if topic is not _TRUTH
+            topic.name: moments.size - unsent.size - _common(moments, column.stamps).size
+            for topic, column in answers.items()
         },
     )
+
+
+def _unsent(moments: Stamps, answers: Mapping[_Topic, "_Columns"]) -> Stamps:
+    """Stamps of the ground truth that nobody answers, near enough to a reference to know what it was."""
+    reference = answers[_REFERENCE].stamps
+    if reference.size < 2 or all(np.array_equal(moments, column.stamps) for column in answers.values()):
+        return np.empty(0, dtype=np.int64)
+    silent = np.setdiff1d(moments, np.concatenate([column.stamps for column in answers.values()]))
+    after = np.clip(np.searchsorted(reference, silent), 1, reference.size - 1)
+    distance = np.minimum(np.abs(silent - reference[after - 1]), np.abs(silent - reference[after]))
+    return silent[distance <= _LONGEST_GAP]
+
+
+def _interpolated(reference: "_Columns", stamps: Stamps) -> "_Columns":
+    """The reference at any stamps: what was said there, else the cubic that fits position and velocity beside it."""
+    from scipy.interpolate import CubicHermiteSpline  # Rarely needed, and slow to import.
+
+    known = np.isin(stamps, reference.stamps, assume_unique=True)
+    seconds = (reference.stamps - reference.stamps[0]) / 1e9
+    between = (stamps[~known] - reference.stamps[0]) / 1e9
+    motion = CubicHermiteSpline(seconds, reference.values[0], reference.values[1])
+    filled = _columns(_REFERENCE, stamps.size, reference.values.shape[2], reference.kept)
+    filled.stamps[:] = stamps
+    rows = np.searchsorted(reference.stamps, stamps[known])
+    for i in reference.kept:
+        filled.values[i, known] = reference.values[i, rows]
+        filled.values[i, ~known] = motion(between, i)
+    return filled
+
+
+def _held(state: "_Columns", stamps: Stamps) -> "_Columns":
+    """What the controller said last at any stamps; 0 before it said anything."""
+    rows = np.searchsorted(state.stamps, stamps, side="right") - 1
+    held = _rows(state, np.maximum(rows, 0), _STATE)
+    held.stamps[:] = stamps
+    for i in state.kept:
+        held.values[i, rows < 0] = 0.0
+    return held
 
 
 def _common(stamps: Stamps, others: Stamps) -> Stamps:
@@ -239,18 +300,25 @@ def _columns(topic: _Topic, messages: int, joints: int, kept: Sequence[int]) -> 
     )
 
 
-def _open(path: Path) -> AnyReader:
+def _missing(bag: Readable, columns: Mapping[_Topic, "_Columns"]) -> str:
+    """What is missing in an unfinished bag, by the stamps."""
+    first = columns[_TRUTH].stamps[0]
+    last = {topic.name: (column.stamps[-1] - first) / 1e9 for topic, column in columns.items() if column.stamps.size}
+    end = max(last.values())
+    earlier = [f"{name} at {time:.3f} s" for name, time in last.items() if time < end]
+    text = f"the bag was not finished ({'; '.join(bag.flaws)}). Everything after {end:.3f} s is missing"
+    return f"{text}; earlier end {', '.join(earlier)}" if earlier else text
+
+
+def _open(path: Path, bag: Readable) -> AnyReader:
     if not path.exists():
         raise RecordingError("there is no such file or folder")
-    if path.is_dir() and not (path / "metadata.yaml").exists():
-        if not [*path.glob("*.mcap"), *path.glob("*.db3")]:
-            raise RecordingError("not a bag: no metadata.yaml, and no .mcap or .db3 file")
-        raise RecordingError(
-            "no metadata.yaml: the recorder was stopped before it could finish the bag. Save what there is of an MCAP "
-            "file with `mcap recover FILE.mcap -o SAVED.mcap` and read SAVED.mcap"
-        )
+    if path.is_dir() and not bag.flaws and not (path / "metadata.yaml").exists():
+        raise RecordingError("not a bag: no metadata.yaml, and no .mcap or .db3 file")
+    if not bag.files:
+        raise RecordingError(f"the bag was not finished, and nothing in it can be read: {'; '.join(bag.flaws)}")
     try:
-        reader = AnyReader([path], default_typestore=typestore())
+        reader = AnyReader(bag.files, default_typestore=typestore())
         reader.open()
     except RecordingError:
         raise
@@ -258,6 +326,8 @@ def _open(path: Path) -> AnyReader:
         raise _damaged("not a whole bag", error) from error
     if reader.message_count == 0:
         reader.close()
+        if bag.flaws:
+            raise RecordingError(f"the bag ended before its first message was written: {'; '.join(bag.flaws)}")
         raise RecordingError("no messages: was anything running, with the same ROS_DOMAIN_ID, when it was recorded?")
     return reader
 
@@ -310,7 +380,8 @@ def _read_topics(
             topic,
             sum(connection.msgcount for connection in connections),
             len(joints),
-            [i for i, name in enumerate(topic.fields) if only is None or name in only],
+            # The reference may have to be interpolated.
+            [i for i, name in enumerate(topic.fields) if only is None or name in only or topic is _REFERENCE],
         )
         for topic, connections in found.items()
     }
@@ -423,20 +494,24 @@ def _layout(
     if topic.scalar:
         starts.append(len(payload) - 8)
         # With the other float64 fields before it.
-        floats = [isinstance(value, float) for name, value in vars(message).items() if name != "__msgtype__"]
+        # A message object has the constants of its definition too.
+        names_in_order = [name for name, _ in reader.typestore.get_msgdef(topic.msgtype).fields]
+        floats = [isinstance(getattr(message, name), float) for name in names_in_order]
         layout[-8 * floats[::-1].index(False) :] = False
         if struct.pack("<d", getattr(message, topic.scalar, 0.0)) != payload[-8:]:
             raise RecordingError(f"{topic.name} does not end with {topic.scalar}: recorded with another pidtsm_msgs")
     return layout, np.add.outer(starts, np.arange(8)).ravel()
 
 
-def _metadata(path: Path) -> dict[str, Any]:
+def _metadata(path: Path, bag: Readable) -> dict[str, Any]:
     """What the recorder says about the run; None where it says nothing."""
     folder = path if path.is_dir() else path.parent
     custom: Mapping[str, str] = {}
-    if (folder / "metadata.yaml").exists():
+    if (folder / "metadata.yaml").exists() and not bag.flaws:
         with Reader(folder) as reader:
             custom = reader.storage.metadata.custom or {}
+    elif bag.files[0].suffix == ".mcap":
+        custom = stored_metadata(bag.files[0], METADATA_KEY)
     try:
         said = json.loads(custom.get(METADATA_KEY, "{}"))
         event_time = said.get("event_time")

@@ -97,7 +97,6 @@ def write_report(
         if (figure := _figure(quantity, by_law, laws)) is not None
     }
     arm = _arm(cases, laws, links)
-    data = {"figures": {name: figure.to_dict() for name, figure in figures.items()}, "arm": arm}
     sections = {
         "arm": ("The arm", _arm_section(cases) if arm else ""),
         "article": ("Article and project", _comparison_table(rows) if rows else ""),
@@ -105,12 +104,35 @@ def write_report(
         "plots": ("Plots", _plots(cases, figures, laws)),
         "deviations": ("What deviates from the article, and why", _deviations(rows or (), notes)),
     }
-    sections = {name: section for name, section in sections.items() if section[1]}
     title = "The article, reproduced" if rows else ", ".join(f"{_case(case)}, {label(law)}" for case, law in done)
+    write_page(path, title, _summary(done), sections, figures, arm)
+
+
+def write_page(
+    path: Path,
+    title: str,
+    summary: str,
+    sections: Mapping[str, tuple[str, str]],
+    figures: Mapping[str, Any],
+    arm: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a page in the style of the reports.
+
+    Args:
+        path: the HTML file.
+        title: of the page, text.
+        summary: a sentence below it, text.
+        sections: head and body of each by its id, HTML; one without a body is left out.
+        figures: plotly's, by the id of the element of class ``plot`` that they are drawn in; their numbers are arrays
+            of float32, and a trace whose ``meta`` is the value of a box named ``law`` is shown as the box says.
+        arm: what the animation needs; None without one.
+    """
+    sections = {name: section for name, section in sections.items() if section[1]}
+    data = {"figures": {name: figure.to_dict() for name, figure in figures.items()}, "arm": arm}
     path.write_text(
         Template(_part("page.html")).substitute(
             title=escape(title),
-            summary=escape(_summary(done)),
+            summary=escape(summary),
             style=_part("report.css"),
             navigation="".join(f'<li><a href="#{name}">{head}</a></li>' for name, (head, _) in sections.items()),
             sections="\n".join(
@@ -166,7 +188,7 @@ def _figure(quantity: _Quantity, runs: Mapping[str, Run], laws: Mapping[str, int
         if not np.any(values):  # a law without it
             continue
         drawn = True
-        line = {"color": _colour(laws[law]), "dash": _dash(laws[law]), "width": _LINE_WIDTH}
+        line = line_style(_colour(laws[law]), DASHES[laws[law] % len(DASHES)])
         for j in range(len(joints)):
             trace = _trace(recording.time, values[:, j], label(law), line, j == 0, law)
             figure.add_trace(trace, j + 1, 1)
@@ -174,20 +196,30 @@ def _figure(quantity: _Quantity, runs: Mapping[str, Run], laws: Mapping[str, int
         return None
     if first.event_time is not None:
         figure.add_vline(first.event_time, line={"color": "#595959", "width": 1, "dash": "dot"})
+    set_style(figure, 120 + 190 * len(joints))
+    figure.update_xaxes(title_text="time (s)", row=len(joints), col=1)
+    for j, joint in enumerate(joints):
+        figure.update_yaxes(title_text=f"{escape(joint)}: {quantity.axis}", row=j + 1, col=1)
+    return figure
+
+
+def set_style(figure: Any, height: int) -> None:
+    """Give a plotly figure the style of the reports.
+
+    Args:
+        figure: plotly's.
+        height: pixels.
+    """
     figure.update_layout(
         template="plotly_white",
-        height=120 + 190 * len(joints),
+        height=height,
         margin={"l": 70, "r": 12, "t": 30, "b": 45},
         font={"color": "#1a1a1a", "size": 13},
         hovermode="x unified",
         legend={"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "itemdoubleclick": False},
     )
     figure.update_xaxes(hoverformat=".4g", showline=True, linecolor="#767676")
-    figure.update_xaxes(title_text="time (s)", row=len(joints), col=1)
     figure.update_yaxes(hoverformat=".5g", exponentformat="power", zerolinecolor="#d0d0d0")
-    for j, joint in enumerate(joints):
-        figure.update_yaxes(title_text=f"{escape(joint)}: {quantity.axis}", row=j + 1, col=1)
-    return figure
 
 
 def _trace(time: Array, values: Array, name: str, line: Mapping[str, Any], legend: bool, law: str = "") -> Any:
@@ -201,9 +233,10 @@ def _colour(number: int) -> str:
     return COLOURS[number % len(COLOURS)]
 
 
-def _dash(number: int) -> str:
-    dash = DASHES[number % len(DASHES)]
-    return "solid" if dash == "-" else ",".join(f"{_LINE_WIDTH * length:g}px" for length in dash[1])
+def line_style(colour: str, dashes: Any) -> dict[str, Any]:
+    """Plotly's line of a colour and of dashes as in `figures.DASHES`."""
+    dash = "solid" if dashes == "-" else ",".join(f"{_LINE_WIDTH * length:g}px" for length in dashes[1])
+    return {"color": colour, "dash": dash, "width": _LINE_WIDTH}
 
 
 def _packed(values: Array) -> dict[str, str]:
@@ -264,7 +297,7 @@ def _options(choices: Iterable[tuple[str, str]]) -> str:
     return "".join(f'<option value="{escape(value)}">{escape(text)}</option>' for value, text in choices)
 
 
-def _table(caption: str, head: Sequence[str], body: Iterable[str]) -> str:
+def html_table(caption: str, head: Sequence[str], body: Iterable[str]) -> str:
     """A table that scrolls by itself where it is wider than the page; `body` has its rows as HTML."""
     columns = "".join(f'<th scope="col">{escape(text)}</th>' for text in head)
     return (
@@ -295,7 +328,7 @@ def _comparison_table(rows: Sequence[Row]) -> str:
                     body.append(f'<td{span}><a href="#why-{number}" aria-label="reason {number}">{number}</a></td>')
                 body.append("</tr>\n")
         head = ("quantity", "joint", "article", "project", "deviation", "why")
-        html += _table(f"{_case(case)}: article and project", head, body)
+        html += html_table(f"{_case(case)}: article and project", head, body)
     return html
 
 
@@ -328,7 +361,8 @@ def _metrics_tables(cases: Mapping[str, Mapping[str, Run]], failed: Mapping[tupl
                 values = (metrics[key][j] if key in metrics else None for _, metrics in runs.values())
                 cells = "".join(f"<td>{_cell(value, factor)}</td>" for value in values)
                 body.append(f"<tr>{head}<td>{escape(joint)}</td>{cells}</tr>\n")
-        html += _table(f"{_case(case)}: metrics (–: not within the run)", ("metric", "joint", *map(label, runs)), body)
+        head_row = ("metric", "joint", *map(label, runs))
+        html += html_table(f"{_case(case)}: metrics (–: not within the run)", head_row, body)
     for (case, law), reason in failed.items():
         html += f"<p>{escape(f'{_case(case)}, {label(law)}: {reason}')}</p>\n"
     return html
@@ -339,12 +373,9 @@ def _cell(value: float | None, factor: float) -> str:
 
 
 def _plots(cases: Mapping[str, Mapping[str, Run]], figures: Mapping[str, Any], laws: Mapping[str, int]) -> str:
-    choices = "".join(
-        f'<label><input type="checkbox" name="law" value="{escape(law)}" checked>'
-        f'<span class="swatch" style="background:{_colour(number)}"></span>{escape(label(law))}</label>'
-        for law, number in laws.items()
-    )
-    html = f'<fieldset class="laws"><legend>Laws shown</legend>{choices}</fieldset>\n' if len(laws) > 1 else ""
+    html = ""
+    if len(laws) > 1:
+        html = boxes("Laws shown", {law: (_colour(number), label(law)) for law, number in laws.items()})
     for case in cases:
         html += f'<h3 id="plots-{escape(case)}">{escape(_case(case))}</h3>\n'
         for quantity in _QUANTITIES:
@@ -363,6 +394,16 @@ def _plots(cases: Mapping[str, Mapping[str, Run]], figures: Mapping[str, Any], l
                 f'role="group" aria-label="{title}, interactive plot over time"></div></figure>\n'
             )
     return html
+
+
+def boxes(legend: str, choices: Mapping[str, tuple[str, str]]) -> str:
+    """Boxes that say whose lines are shown: colour and label of each by the ``meta`` of its traces."""
+    labels = "".join(
+        f'<label><input type="checkbox" name="law" value="{escape(value)}" checked>'
+        f'<span class="swatch" style="background:{colour}"></span>{escape(text)}</label>'
+        for value, (colour, text) in choices.items()
+    )
+    return f'<fieldset class="laws"><legend>{escape(legend)}</legend>{labels}</fieldset>\n'
 
 
 def _verdict(rows: Iterable[Row]) -> str:

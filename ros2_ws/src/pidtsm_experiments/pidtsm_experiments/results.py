@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pidtsm_experiments.errors import UsageError
 
-_OURS = {"bag", "params", "log", "figures", "metrics.json", "report.html"}
+_OURS = {"bag", "params", "log", "figures", "metrics.json", "robustness.json", "report.html"}
 
 
 @contextmanager

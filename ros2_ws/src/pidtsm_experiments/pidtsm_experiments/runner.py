@@ -7,7 +7,7 @@ import selectors
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -19,8 +19,9 @@ from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from pidtsm_core.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import Value, number
 from pidtsm_experiments.domain import own_domain
-from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.errors import RunError, UsageError
 from pidtsm_experiments.experiment import Experiment, Settings, ros_parameters
+from pidtsm_ros.security import ENCLAVES, SecurityError, require_security, security_requested
 
 EXECUTABLES = {
     "simulator": ("two_link_sim", "simulator"),
@@ -28,6 +29,7 @@ EXECUTABLES = {
     "trajectory": ("pidtsm_controller", "trajectory"),
     "composed": ("pidtsm_ros", "composed"),
     "recorder": ("pidtsm_experiments", "recorder"),
+    "visualization": ("two_link_sim", "visualization"),
 }
 """Package and executable of each process; ``composed`` is simulator, trajectory and controller in one."""
 
@@ -69,6 +71,7 @@ class Process:
     """One node's process, its output in a log file."""
 
     def __init__(self, name: str, arguments: Sequence[str], environment: dict[str, str], log: Path) -> None:
+        """Start it; raises RunError where its package is not installed."""
         package, executable = EXECUTABLES[name]
         try:
             path = Path(get_package_prefix(package), "lib", package, executable)
@@ -137,7 +140,7 @@ class Processes:
             self.running.pop(name).wait()
 
     def check(self) -> None:
-        """Raise for a process that ended although it should run."""
+        """Raise RunError for a process that ended although it should run."""
         for name, process in self.running.items():
             code = process.process.poll()
             if code is None or (name in _ENDS and code == 0):
@@ -160,10 +163,11 @@ def run(experiment: Experiment, clock: str, out: Path, progress: Progress, compo
         Path of the bag.
 
     Raises:
-        UsageError: a parameter that a node would refuse.
-        RunError: a process died or fell silent; the message names it and shows its last lines.
+        UsageError: a parameter that a node would refuse, or security that is asked for and cannot be had.
+        RunError: a process died or fell silent, or the bag is incomplete; the message names the process and shows its
+            last lines.
     """
-    parameters = node_parameters(experiment, clock)
+    parameters = recorded_parameters(experiment, clock)
     bag = out / "bag"
     for folder in ("params", "log"):
         (out / folder).mkdir()
@@ -178,24 +182,44 @@ def run(experiment: Experiment, clock: str, out: Path, progress: Progress, compo
         }
         environment.pop("ROS_STATIC_PEERS", None)
         processes = stack.enter_context(Processes())
-        metadata = {
-            "scenario": experiment.scenario,
-            "law": experiment.law,
-            "clock": clock,
-            "event_time": experiment.event_time,
-        }
-        arguments = {"recorder": ["-p", f"output:={bag}", "-p", f"metadata:={_quoted(json.dumps(metadata))}"]}
+        metadata = _quoted(bag_metadata(experiment, clock))
+        arguments = {"recorder": ["-p", f"output:={bag}", "-p", f"metadata:={metadata}"]}
         for node, values in parameters.items():
             file = out / "params" / f"{node}.yaml"
             file.write_text(ros_parameters(node, values), encoding="utf-8")
             arguments.setdefault("composed" if composed else node, []).extend(["--params-file", str(file)])
+        _check_security(arguments)
         for name, words in arguments.items():
             processes.start(name, words, environment, out / "log" / f"{name}.log")
         rate = number(parameters["simulator"]["rate"])
         _watch(processes, lambda samples: progress(samples / rate))
         processes.end(*(name for name in arguments if name != "recorder"))
+        recorder = processes.running["recorder"]
         processes.end("recorder")
+        if recorder.process.returncode:
+            raise RunError(f"the bag is incomplete; the recorder's last lines:\n{recorder.tail()}")
     return bag
+
+
+def _check_security(names: Iterable[str]) -> None:
+    """Start nothing where one of these executables would not be as secure as is asked for."""
+    try:
+        if security_requested():
+            for name in names:
+                require_security(f"{ENCLAVES}/{name}")
+    except SecurityError as error:
+        raise UsageError(str(error)) from None
+
+
+def bag_metadata(experiment: Experiment, clock: str) -> str:
+    """What the recorder stores with the bag, so that an analysis knows what was run: a JSON object."""
+    known = {
+        "scenario": experiment.scenario,
+        "law": experiment.law,
+        "clock": clock,
+        "event_time": experiment.event_time,
+    }
+    return json.dumps(known)
 
 
 def _quoted(text: str) -> str:
@@ -210,11 +234,42 @@ def node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, V
         UsageError: a parameter that a node would refuse.
     """
     of_the_run: Settings = {
-        "simulator": {"clock": clock, "duration": experiment.duration, "start.subscribers": _SUBSCRIBERS},
-        "controller": {"reference.match": "stamp" if clock == "lockstep" else "latest"},
+        # An experiment measures the law: from its first sample on, and not how a watchdog ends it.
+        "simulator": {
+            "clock": clock,
+            "duration": experiment.duration,
+            "start.subscribers": _SUBSCRIBERS,
+            "command.timeout": 1.0,
+        },
+        "controller": {
+            "reference.match": "stamp" if clock == "lockstep" else "latest",
+            "activation.blend": 0.0,
+            "watchdog.state_stop": 1.0,
+        },
     }
     settings = {node: {**of_the_run.get(node, {}), **given} for node, given in experiment.settings.items()}
     return replace(experiment, settings=settings).resolved(NODE_SCHEMAS)
+
+
+_RECORDED: dict[str, dict[str, Value]] = {
+    "controller": {"output.type": "joint_state", "state.decimation": 1},
+    "simulator": {"input.type": "joint_state"},
+}
+"""What the recorder and the metrics of a run count on."""
+
+
+def recorded_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, Value]]:
+    """`node_parameters` of a run with a recorder.
+
+    Raises:
+        UsageError: a parameter that a node would refuse, or with which the bag would lack something.
+    """
+    parameters = node_parameters(experiment, clock)
+    for node, needed in _RECORDED.items():
+        for name, value in needed.items():
+            if parameters[node][name] != value:
+                raise UsageError(f"{node}.{name}: a run that is recorded needs {value}, not {parameters[node][name]}")
+    return parameters
 
 
 def _watch(processes: Processes, progress: Callable[[int], None]) -> None:

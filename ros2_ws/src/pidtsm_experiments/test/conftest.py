@@ -18,6 +18,8 @@ WriteBag: TypeAlias = Callable[..., Path]
 
 METADATA: Mapping[str, Any] = {"scenario": "case1", "law": "piddtsm", "clock": "lockstep", "event_time": None}
 COMPUTE_TIME = 2e-5  # s
+CODES = (0, 0)
+"""mode, fault."""
 LOOP = (0.001, 1000.0, 2e-5, 3e-4, 0.0)  # period, rate, period_jitter, state_age, missed_deadlines
 
 
@@ -76,7 +78,7 @@ def _write_bag(
                 "joint_states": joint_state(header, names, run.position[k], run.velocity[k], nothing),
                 "reference": reference(header, names, *run.reference[k]),
                 "joint_commands": joint_state(header, names, nothing, nothing, signals[Signal.EFFORT]),
-                "controller/state": state(header, names, *signals, *LOOP, COMPUTE_TIME),
+                "controller/state": state(header, names, *signals, *CODES, *LOOP, COMPUTE_TIME),
                 "simulator/ground_truth": joint_state(header, names, run.position[k], run.velocity[k], run.effort[k]),
             }.items():
                 if topic in lacking:

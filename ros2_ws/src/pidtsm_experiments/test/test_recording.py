@@ -1,9 +1,12 @@
 """Bags are read whole, by stamp and joint name, and a bag that cannot be read says why."""
 
+import json
 import shutil
 import sqlite3
 import tempfile
+import warnings
 from collections.abc import Callable
+from contextlib import nullcontext, suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -12,10 +15,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from pidtsm_core.rollout import Rollout
-from pidtsm_experiments.recording import Recording, RecordingError, read_recording, typestore
+from pidtsm_experiments.bag_writer import BagWriter
+from pidtsm_experiments.recording import (
+    METRICS_ONLY,
+    Recording,
+    RecordingError,
+    UnfinishedBag,
+    read_recording,
+    typestore,
+)
 
 REQUIRED = ("simulator/ground_truth", "reference", "controller/state")
 TOPICS = (*REQUIRED, "joint_states", "joint_commands")
@@ -164,11 +176,17 @@ def test_bags_without_message_definitions_are_read(tmp_path: Path, run: Rollout,
 
 @settings(max_examples=20, deadline=None)
 @given(lost=st.fixed_dictionaries({topic: st.sets(st.integers(0, 9)) for topic in TOPICS}))
-def test_samples_are_the_stamps_that_have_everything(run: Rollout, write_bag: Any, lost: dict[str, set[int]]) -> None:
+def test_samples_are_the_stamps_that_have_everything_or_ground_truth_alone(
+    run: Rollout, write_bag: Any, lost: dict[str, set[int]]
+) -> None:
     short = first(run, 10)
     kept = {topic: set(range(10)) - lost[topic] for topic in TOPICS}
     truth = kept["simulator/ground_truth"]
-    complete = sorted(set.intersection(*(kept[topic] for topic in REQUIRED)))
+    complete = set.intersection(*(kept[topic] for topic in REQUIRED))
+    alone = truth - set.union(*(kept[topic] for topic in TOPICS[1:]))
+    # A single reference says nothing of others.
+    unsent = alone if len(kept["reference"]) > 1 else set()
+    samples = sorted(complete | unsent)
     with tempfile.TemporaryDirectory() as folder:
         path = write_bag(Path(folder, "bag"), short, edit=lambda topic, k, m: None if k in lost[topic] else m)
         if not complete:
@@ -176,8 +194,39 @@ def test_samples_are_the_stamps_that_have_everything(run: Rollout, write_bag: An
                 read_recording(path)
             return
         recording = read_recording(path)
-    np.testing.assert_array_equal(recording.effort, short.effort[complete])
-    assert recording.lost == {topic: len(truth - kept[topic]) for topic in TOPICS if topic != "simulator/ground_truth"}
+    np.testing.assert_array_equal(recording.effort, short.effort[samples])
+    assert recording.lost == {topic: len(truth - unsent - kept[topic]) for topic in TOPICS[1:]}
+
+
+def lose(samples: set[int]) -> Callable[[str, int, Any], Any]:
+    """The sensor is silent at these samples, and so is everybody who would answer."""
+    return lambda topic, k, message: message if topic == "simulator/ground_truth" or k not in samples else None
+
+
+def test_measurements_that_never_left_their_sensor_are_not_lost(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    """The reference is interpolated well within the accuracy of any metric, and the controller says what it said."""
+    unsent = {0, 7, *range(100, 120), 500, len(run.time) - 2, len(run.time) - 1}
+    recording = read_recording(write_bag(tmp_path / "bag", run, edit=lose(unsent)))
+    assert set(recording.lost.values()) == {0}
+    for name in ("time", "position", "velocity", "effort"):
+        np.testing.assert_array_equal(getattr(recording, name), getattr(run, name), err_msg=name)
+    sent = sorted(set(range(len(run.time))) - unsent)
+    np.testing.assert_array_equal(recording.reference[sent], run.reference[sent])
+    np.testing.assert_array_less(
+        np.abs(recording.reference - run.reference).max(axis=(0, 2)), [1e-10, 1e-7, 1e-4], err_msg="q, q', q''"
+    )
+    np.testing.assert_array_equal(recording.signals[sent], run.signals[sent])
+    assert not recording.signals[0].any()
+    np.testing.assert_array_equal(recording.signals[100:120], run.signals[[99] * 20])
+    only_metrics = read_recording(tmp_path / "bag", METRICS_ONLY)
+    np.testing.assert_array_equal(only_metrics.error, recording.error)
+
+
+def test_a_silence_too_long_to_interpolate_is_lost(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    silent = range(len(run.time) - 150, len(run.time))
+    recording = read_recording(write_bag(tmp_path / "bag", run, edit=lose(set(silent))))
+    assert set(recording.lost.values()) == {50}
+    np.testing.assert_array_equal(recording.time, run.time[:-50])
 
 
 # Bags that cannot be read: how each is made from a good one, and what the message must say.
@@ -192,7 +241,7 @@ def killed(bag: Path) -> Path:
 
 def cut_file(bag: Path) -> Path:
     (file,) = bag.glob("*.mcap")
-    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    file.write_bytes(file.read_bytes()[: file.stat().st_size * 3 // 4])  # after its first chunk
     return file
 
 
@@ -247,10 +296,7 @@ def only_a_text(bag: Path) -> Path:
         (gone, "no such file"),
         (only_a_folder, "not a bag"),
         (only_a_text, "not a whole bag"),
-        (killed, r"recorder was stopped before .*mcap recover"),
-        (cut, "mcap recover"),
-        (cut_file, "mcap recover"),
-        (emptied, "not a whole bag.*empty"),
+        (emptied, "was not finished, and nothing in it can be read"),
         (damaged, "mcap recover"),
         (without_file, "missing"),
         (bad_yaml, "YAML"),
@@ -263,6 +309,59 @@ def test_broken_files_say_what_is_wrong(
     with pytest.raises(RecordingError, match=said) as caught:
         read_recording(path)
     assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("breaking", [killed, cut, cut_file])
+def test_an_unfinished_bag_gives_what_it_has_and_tells_what_is_missing(
+    tmp_path: Path, run: Rollout, write_bag: Any, breaking: Callable[[Path], Path]
+) -> None:
+    path = breaking(write_bag(tmp_path / "bag", run))
+    content = {file: file.read_bytes() for file in (tmp_path / "bag").iterdir()}
+    with pytest.warns(UnfinishedBag, match=r"was not finished .*Everything after \d\.\d{3} s is missing") as caught:
+        recording = read_recording(path)
+    assert len(caught) == 1
+    samples = recording.time.size
+    assert 100 < samples < run.time.size
+    np.testing.assert_array_equal(recording.position, run.position[:samples])
+    np.testing.assert_array_equal(recording.effort, run.effort[:samples])
+    assert {file: file.read_bytes() for file in (tmp_path / "bag").iterdir()} == content
+
+
+def test_topics_that_end_earlier_are_named(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    def stop_state(topic: str, k: int, message: Any) -> Any:
+        return None if topic == "controller/state" and k >= 300 else message
+
+    path = write_bag(tmp_path / "bag", run, edit=stop_state)
+    (path / "metadata.yaml").unlink()
+    with pytest.warns(UnfinishedBag, match=r"earlier end controller/state at 0\.299 s"):
+        read_recording(path)
+
+
+@pytest.fixture(scope="module")
+def small_bag(tmp_path_factory: pytest.TempPathFactory, run: Rollout, write_bag: Any) -> bytes:
+    """The one file of a bag of many chunks that was never finished."""
+    folder = tmp_path_factory.mktemp("small")
+    writer = BagWriter(folder / "bag", json.dumps({"scenario": "case1"}), max_size=0, max_duration=0.0)
+    with AnyReader([write_bag(folder / "whole", first(run, 200))]) as reader:
+        topics = {c.topic: writer.add_topic(c.topic, c.msgtype) for c in reader.connections}
+        for k, (connection, time, payload) in enumerate(reader.messages()):
+            writer.write(topics[connection.topic], time, payload)
+            if k % 50 == 49:
+                writer.flush()
+    writer.abort()
+    return (folder / "bag" / "bag_0.mcap").read_bytes()
+
+
+@pytest.mark.parametrize("end", range(0, 200_000, 1999))
+def test_a_bag_may_be_cut_anywhere(tmp_path: Path, small_bag: bytes, end: int) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    (folder / "bag_0.mcap").write_bytes(small_bag[:end])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnfinishedBag)
+        # Before the first chunk is whole there is nothing to read, and that is said.
+        with suppress(RecordingError) if end < 30_000 else nullcontext():
+            assert read_recording(folder).scenario == "case1"
 
 
 def test_a_bag_without_messages_says_so(tmp_path: Path) -> None:

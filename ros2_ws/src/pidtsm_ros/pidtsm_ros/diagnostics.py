@@ -73,11 +73,11 @@ class Diagnostics:
         """A second has passed since the last time."""
         return time.monotonic() >= self._next
 
-    def publish(self, readings: list[Reading], idle: str = "") -> None:
-        """Publish; `idle` says why the loop does not run, where it does not."""
+    def publish(self, readings: list[Reading], idle: str = "", idle_level: bytes = DiagnosticStatus.WARN) -> None:
+        """Publish; `idle` says why the loop does not run as it should, where it does not, and how bad that is."""
         self._next = time.monotonic() + _PERIOD
         if idle:
-            level, message = DiagnosticStatus.WARN, idle
+            level, message = idle_level, idle
         else:
             level, message = judge(readings, self._node.values)
         status = DiagnosticStatus(

@@ -11,15 +11,17 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from rclpy.service import Service
 from rclpy.subscription import Subscription
+from std_srvs.srv import Trigger
 
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, resolve
 from pidtsm_ros.joints import MessageError
 from pidtsm_ros.qos import OVERRIDABLE, PUBLISHER, READER
 
 _REASONS_LOGGED = 100
-# Readers acknowledge at the next heartbeat, up to 3 s later; what was published has long reached them by then.
-_FLUSH_TIME = Duration(nanoseconds=300_000_000)
+_FLUSH_TIME = Duration(seconds=5)
+"""Readers acknowledge within 0.1 s (see fastdds.xml) unless they lag behind or have died."""
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
@@ -66,6 +68,7 @@ class ManagedNode(LifecycleNode):
         finished: set by a node that has done what it was started for; its process then ends.
         failed: set together with `finished` where that ended badly.
         rejected: number of messages that could not be used.
+        retry_activation: to be called by a node that is to become active by itself, when it may have become possible.
     """
 
     def __init__(self, name: str, schema: Schema, joints: Callable[[Mapping[str, object]], int]) -> None:
@@ -86,9 +89,11 @@ class ManagedNode(LifecycleNode):
         self.failed = False
         self.active = False
         self.rejected = 0
+        self.retry_activation: Callable[[], object] = lambda: None
         self._reasons: set[str] = set()
         self._own_publishers: list[Publisher] = []
         self._own_subscriptions: list[Subscription] = []
+        self._own_services: list[Service] = []
         # rclpy has no public way to see what was given for parameters nobody declares; they would be lost silently.
         given = {name: p.value for name, p in self._parameter_overrides.items() if not name.startswith(_OF_ROS)}
         self.values = self.check(given)
@@ -108,6 +113,10 @@ class ManagedNode(LifecycleNode):
         return resolve(self._schema, settings, self._joint_count(settings))
 
     # What subclasses do.
+
+    def refusal(self) -> str:
+        """Why the node cannot become active now; empty where it can."""
+        return ""
 
     def configure(self) -> None:
         """Make everything that the loop needs, from `values`."""
@@ -133,11 +142,20 @@ class ManagedNode(LifecycleNode):
     # Lifecycle.
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._transition(self.configure)
+        result = self._transition(self.configure)
+        if result == TransitionCallbackReturn.SUCCESS:
+            # The first line of a log takes 40 ms: here, and not when the loop begins.
+            self.get_logger().info("configured")
+        return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        if refusal := self.refusal():
+            self.get_logger().error(f"not activated: {refusal}")
+            return TransitionCallbackReturn.FAILURE
         result = self._transition(self.activate)
         self.active = result == TransitionCallbackReturn.SUCCESS
+        if self.active:
+            self.get_logger().info("active")
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -149,8 +167,11 @@ class ManagedNode(LifecycleNode):
             self.destroy_publisher(publisher)
         for subscription in self._own_subscriptions:
             self.destroy_subscription(subscription)
+        for service in self._own_services:
+            self.destroy_service(service)
         self._own_publishers.clear()
         self._own_subscriptions.clear()
+        self._own_services.clear()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -177,15 +198,21 @@ class ManagedNode(LifecycleNode):
         return publisher
 
     def listen(
-        self, message_type: type, topic: str, callback: Callable[[Any], None], raw: bool = False
+        self,
+        message_type: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        raw: bool = False,
+        while_inactive: bool = False,
     ) -> Subscription:
         """A subscription, until the node is cleaned up, that reports what `callback` rejects with MessageError.
 
-        With `raw` the callback gets the serialized message.
+        With `raw` the callback gets the serialized message. Messages to an inactive node are dropped, unless it
+        wants them.
         """
 
         def checked(message: Any) -> None:
-            if not self.active:
+            if not (self.active or while_inactive):
                 return
             try:
                 callback(message)
@@ -198,6 +225,16 @@ class ManagedNode(LifecycleNode):
         self._own_subscriptions.append(subscription)
         return subscription
 
+    def offer(self, service: str, work: Callable[[], str]) -> None:
+        """A std_srvs/Trigger service, until the node is cleaned up; `work` returns why it refuses, or nothing."""
+
+        def respond(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            response.message = work()
+            response.success = not response.message
+            return response
+
+        self._own_services.append(self.create_service(Trigger, service, respond))
+
     def reject(self, reason: str) -> None:
         """Count a message that cannot be used; the log gets every cause once."""
         self.rejected += 1
@@ -206,9 +243,11 @@ class ManagedNode(LifecycleNode):
             self.get_logger().error(f"rejected {reason}")
 
     def flush(self) -> None:
-        """Wait, for a moment, until every reader has what was published."""
+        """Wait until every reader has what was published; not long for one that has died."""
         for publisher in self._own_publishers:
-            publisher.wait_for_all_acked(_FLUSH_TIME)
+            if not publisher.wait_for_all_acked(_FLUSH_TIME):
+                self.get_logger().warning(f"a reader of {publisher.topic_name} has not taken all of it")
+                break
 
     # Parameters while the node runs.
 

@@ -6,14 +6,16 @@ import time
 import numpy as np
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 
 from pidtsm_core.node_parameters import PRIORITY, simulator_node_schema
 from pidtsm_core.parameters import names, number
-from pidtsm_core.plant import Plant
 from pidtsm_core.robots import robot_joints
+from pidtsm_core.simulator import SimulatedRobot
 from pidtsm_core.timing import period_nanoseconds, seconds
 from pidtsm_ros.diagnostics import Diagnostics, Reading, loop_readings
-from pidtsm_ros.joints import MessageError
+from pidtsm_ros.effort_topics import EFFORT_TOPICS
+from pidtsm_ros.joints import JointOrder, MessageError
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run
@@ -22,17 +24,24 @@ from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 
 _POLL = 0.02
 """s between two looks at who is connected."""
+_SETTLE = 0.3
+"""s in realtime from when everybody is seen to the first sample. A connection has two ends, some of them elsewhere:
+in lockstep a sample waits for its answer, here the reference would run ahead of a controller that is not connected."""
 _PATIENCE = 2.0
 """s of waiting for others before the log says so."""
 _LATEST_CATCH_UP = 20
 """Periods that realtime may be late before it gives up making up for them."""
+_LONGEST_SILENCE = 1000
+"""Samples without a measurement that lockstep goes through before others get a turn."""
 
 
 class Simulator(ManagedNode):
     """The simulated arm.
 
     The torque of the command that answers sample k is held from sample k to k + 1. Until the first command
-    arrives the arm stands on its brakes.
+    arrives the arm stands on its brakes, and in realtime also when commands stay out (``command.timeout``).
+    Sensors, delays, losses and motors are those of `SimulatedRobot`: a joint state carries the stamp of its
+    acquisition, and one that is lost is not published.
     """
 
     def __init__(self) -> None:
@@ -42,11 +51,10 @@ class Simulator(ManagedNode):
         values = self.values
         self._joints_of_arm = list(names(values["joints"]))
         self._period = period_nanoseconds(int(number(values["rate"])))
-        self._dt = seconds(self._period)
         self._samples = round(number(values["duration"]) * 1e9 / self._period)
         self._lockstep = values["clock"] == "lockstep"
         # Compile before the loop.
-        Plant(values).step(Plant(values).state.effort, 0.0, self._dt)
+        SimulatedRobot(values).compile()
 
         joints = len(self._joints_of_arm)
         self._measured = OutgoingMessage(JointState(name=self._joints_of_arm), ("position",), joints=joints)
@@ -54,6 +62,7 @@ class Simulator(ManagedNode):
             JointState(name=self._joints_of_arm), ("position", "velocity", "effort"), joints=joints
         )
         self._clock_message = OutgoingMessage(Clock())
+        self._order = JointOrder(self._joints_of_arm)
         self._incoming = IncomingMessages(JointState, ("effort",), self._joints_of_arm)
         self._received = np.zeros((1, joints))
         self._statistics = LoopStatistics(number(values["diagnostics.deadline"]))
@@ -62,30 +71,40 @@ class Simulator(ManagedNode):
         self._ground_truth = self.advertise(JointState, "~/ground_truth")
         if self._lockstep:
             self._clock_topic = self.advertise(Clock, "/clock")
-        self._commands = self.listen(JointState, "joint_commands", self._on_command, raw=True)
+        self._input = EFFORT_TOPICS[str(values["input.type"])]
+        stamped = self._input.message_type is JointState
+        on_command = self._on_command if stamped else self._on_array
+        self._commands = self.listen(self._input.message_type, self._input.name, on_command, raw=stamped)
         self._diagnostics = Diagnostics(self)
+        self.offer("~/reset", self._reset)
 
     @property
     def priority(self) -> int:
-        return 0 if self._lockstep else int(number(self.values[PRIORITY.name]))
+        return 0 if self.values["clock"] == "lockstep" else int(number(self.values[PRIORITY.name]))
 
     def activate(self) -> None:
-        self._plant = Plant(self.values)
-        self._effort = self._plant.state.effort.copy()
+        self._robot = SimulatedRobot(self.values)
+        self._effort = np.zeros(self._robot.joints)
         self._commanded = False
         self._sample = -1
+        self._acquired = -1
+        self._asked = False
         self._answered = -1
         self._waiting_since = time.monotonic()
         self._told = False
+        self._connected_since = 0.0
         self._skipped = 0
         self._commands_taken = 0
+        self._unanswered = 0
+        self._braked = False
+        self._brakings = 0
         self._reported = -1
         self._compute_time = 0.0
         self._statistics.reset()
 
     def parameters_changed(self) -> None:
         if self.active:
-            self._plant.set_parameters(self.values)
+            self._robot.set_parameters(self.values)
             self._statistics.deadline = number(self.values["diagnostics.deadline"])
 
     def poll(self) -> float:
@@ -97,10 +116,13 @@ class Simulator(ManagedNode):
             if not self._others_ready():
                 return _POLL
             self._start()
-        if self._lockstep:
-            self._check_silence()
-            return _POLL
-        return self._keep_time()
+        if not self._lockstep:
+            return self._keep_time()
+        if not self._asked:
+            self._go_on()
+            return 0.0
+        self._check_silence()
+        return _POLL
 
     # Start.
 
@@ -110,12 +132,14 @@ class Simulator(ManagedNode):
         commanded = self._commands.get_publisher_count()
         # In lockstep nothing goes on without a command.
         if listening >= wanted and (commanded > 0 or (wanted == 0 and not self._lockstep)):
-            return True
+            self._connected_since = self._connected_since or time.monotonic()
+            return self._lockstep or wanted == 0 or time.monotonic() - self._connected_since > _SETTLE
+        self._connected_since = 0.0
         if not self._told and time.monotonic() - self._waiting_since > _PATIENCE:
             self._told = True
             self.get_logger().info(
                 f"waiting: joint_states has {listening} of {wanted:g} subscribers, "
-                f"joint_commands {commanded} publishers"
+                f"{self._input.name} {commanded} publishers"
             )
         return False
 
@@ -130,25 +154,28 @@ class Simulator(ManagedNode):
         return self._first_stamp + sample * self._period
 
     def _publish_sample(self, sample: int) -> None:
-        """Publish what the sensors say at this sample, and remember the truth for when its torque is known."""
-        stamp = self._stamp(sample)
-        self._measured.arrays[0] = self._plant.state.position
+        """Publish the measurement that arrives at this sample, if one does."""
+        acquired, measured = self._robot.sense(sample)
+        self._asked = acquired >= 0
         self._sample = sample
         self._sent = time.monotonic_ns()
-        self._joint_states.publish(self._measured.to_bytes(stamp))
+        if self._asked:
+            self._acquired = acquired
+            self._measured.arrays[0] = measured
+            self._joint_states.publish(self._measured.to_bytes(self._stamp(acquired)))
         if self._lockstep:
-            self._clock_topic.publish(self._clock_message.to_bytes(stamp))
+            self._clock_topic.publish(self._clock_message.to_bytes(self._stamp(sample)))
         self._statistics.tick(self._sent, 0.0, self._compute_time)
 
     def _advance(self) -> None:
         """Integrate to the next sample, publish that, and the truth of the one that ends here."""
         began = time.perf_counter()
-        state, truth = self._plant.state, self._truth.arrays
-        truth[0] = state.position
-        truth[1] = state.derivatives[0]
+        arm, truth = self._robot.state.arm, self._truth.arrays
+        truth[0] = arm.position
+        truth[1] = arm.derivatives[0]
         ended = self._stamp(self._sample)
-        self._integrate()
-        truth[2] = state.effort
+        self._act()
+        truth[2] = arm.effort
         self._compute_time = time.perf_counter() - began
 
         done = self._samples and self._sample + 1 >= self._samples
@@ -164,25 +191,47 @@ class Simulator(ManagedNode):
             self.finished = True
             self.active = False
 
-    def _integrate(self) -> None:
+    def _go_on(self) -> None:
+        """Lockstep: advance to the next sample that somebody can answer."""
+        for _ in range(_LONGEST_SILENCE):
+            self._advance()
+            if self._asked or self.finished:
+                break
+
+    def _act(self) -> None:
         """Move the arm over one period."""
-        if self._commanded:
-            self._plant.step(self._effort, seconds(self._sample * self._period), self._dt)
+        self._robot.act(self._sample, self._commanded, self._effort)
+        self._commanded = False
 
     def _on_command(self, data: bytes) -> None:
         stamp = serialized_nanoseconds(data)
         answered, remainder = divmod(stamp - self._first_stamp, self._period) if self._sample >= 0 else (0, 1)
-        if remainder or answered > self._sample:
+        if remainder or answered > self._acquired:
             raise MessageError(f"stamp {stamp} ns is that of no joint state sent")
         if answered <= self._answered:
             return  # A late reply to a sample that is past.
         self._incoming.read(data, self._received)
+        self._take(answered)
+
+    def _on_array(self, message: Float64MultiArray) -> None:
+        """Without a stamp it answers the joint state sent last; in lockstep only one that waits for its answer."""
+        if self._sample < 0 or (self._lockstep and self._answered == self._acquired):
+            return
+        self._order.read(self._joints_of_arm, message.data, self._input.field, self._received[0])
+        self._take(self._acquired)
+
+    def _take(self, answered: int) -> None:
+        """The torques received answer this sample."""
         self._effort[:] = self._received[0]
+        self._unanswered = 0
+        if self._braked:
+            self._braked = False
+            self.get_logger().info("a command has come: the brakes are open")
         self._answered = answered
         self._commands_taken += 1
         self._commanded = True
-        if self._lockstep and answered == self._sample:
-            self._advance()
+        if self._lockstep and answered == self._acquired:
+            self._go_on()
 
     # Clocks.
 
@@ -200,18 +249,43 @@ class Simulator(ManagedNode):
             late = (now - due) // self._period
             if late > _LATEST_CATCH_UP:
                 self._skip(late)
+            self._watch_commands()
             self._advance()
             now = time.monotonic_ns()
             due = self._began + (self._sample + 1) * self._period
             earliest = self._sent + self._period // 2
         return max(0, due - now, earliest - now) / 1e9
 
+    def _watch_commands(self) -> None:
+        """Stop the arm where commands stay out for too long; samples skipped do not count, as nobody was asked."""
+        self._unanswered += 1
+        timeout = number(self.values["command.timeout"])
+        silence = seconds(self._unanswered * self._period)
+        if not self._commands_taken or not timeout or silence <= timeout:
+            return
+        # At every sample, since what is still on its way to the drives opens them once more.
+        self._robot.brake()
+        if self._braked:
+            return
+        self._braked = True
+        self._brakings += 1
+        self.get_logger().warning(f"no command for {silence:.3g} s (command.timeout): the brakes stop the arm")
+
+    def _reset(self) -> str:
+        """Put the arm back to its start; returns why not, or nothing."""
+        if not self.active:
+            return "the simulator is not active"
+        self._robot.reset(self.values)
+        self.get_logger().info("reset: the arm is at its initial position, at rest")
+        return ""
+
     def _skip(self, samples: int) -> None:
         """Let samples pass without telling anybody."""
         for _ in range(min(samples, self._samples - 2 - self._sample) if self._samples else samples):
-            self._integrate()
+            self._act()
             self._sample += 1
             self._skipped += 1
+            self._robot.sense(self._sample)
 
     def _check_silence(self) -> None:
         """Lockstep: a command that does not come ends the run, with the name of who is silent."""
@@ -222,9 +296,9 @@ class Simulator(ManagedNode):
             f"{i.node_namespace.rstrip('/')}/{i.node_name}"
             for i in self.get_publishers_info_by_topic(self._commands.topic_name)
         ]
-        who = f"{', '.join(writers)} is silent" if writers else "no node publishes joint_commands any more"
+        who = f"{', '.join(writers)} is silent" if writers else f"no node publishes {self._input.name} any more"
         self.get_logger().fatal(
-            f"no command for t = {seconds(self._sample * self._period):g} s within {timeout:g} s: {who}"
+            f"no command for t = {seconds(self._acquired * self._period):g} s within {timeout:g} s: {who}"
         )
         self.finished = self.failed = True
 
@@ -232,6 +306,8 @@ class Simulator(ManagedNode):
         idle = ""
         if self._sample < 0:
             idle = "waiting for the others"
+        elif self._braked:
+            idle = "on the brakes: no command for longer than command.timeout"
         elif self._sample == self._reported:
             idle = "no sample for a second"
         self._reported = self._sample
@@ -239,6 +315,7 @@ class Simulator(ManagedNode):
             *loop_readings(self._statistics, judged=not self._lockstep),
             Reading("samples", self._sample + 1),
             Reading("samples skipped", self._skipped),
+            Reading("stops by the brakes since activation", self._brakings),
             Reading("samples since the last command's", self._sample - self._answered),
         ]
         self._diagnostics.publish(readings, idle)

@@ -5,7 +5,9 @@ from numba import literal_unroll
 from pidtsm_core.compiled import njit
 from pidtsm_core.estimators.base import Estimator
 from pidtsm_core.estimators.exact import EXACT
+from pidtsm_core.estimators.extended_state import EXTENDED_STATE_OBSERVER
 from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
+from pidtsm_core.estimators.robust_differentiator import ROBUST_DIFFERENTIATOR
 from pidtsm_core.family import Family
 from pidtsm_core.parameters import Array
 
@@ -17,10 +19,21 @@ _ESTIMATE = tuple(estimator.estimate for estimator in ESTIMATORS.members)
 
 
 @njit
-def estimate(number: int, q: Array, truth: Array, dt: float, p: Array, x: Array, estimates: Array) -> None:
+def estimate(
+    number: int,
+    q: Array,
+    truth: Array,
+    dt: float,
+    effort: Array,
+    robot: int,
+    model: Array,
+    p: Array,
+    x: Array,
+    estimates: Array,
+) -> None:
     """Write q, q', q'': see `Estimator.estimate`; `number` is the estimator's place in `ESTIMATORS`."""
     i = 0
     for function in literal_unroll(_ESTIMATE):
         if i == number:
-            function(q, truth, dt, p, x, estimates)
+            function(q, truth, dt, effort, robot, model, p, x, estimates)
         i += 1

@@ -6,7 +6,17 @@ from pidtsm_core.parameters import Array
 
 
 @njit
-def estimate(q: Array, truth: Array, dt: float, p: Array, x: Array, estimates: Array) -> None:
+def estimate(
+    q: Array,
+    truth: Array,
+    dt: float,
+    effort: Array,
+    robot: int,
+    model: Array,
+    p: Array,
+    x: Array,
+    estimates: Array,
+) -> None:
     """Q'' at a sample is the one under the torque held before it, 0 at the start."""
     for j in range(q.size):
         estimates[0, j] = q[j]

@@ -20,7 +20,17 @@ def _forget(exponent: float, x: Array, slot: int) -> float:
 
 
 @njit
-def estimate(q: Array, truth: Array, dt: float, p: Array, x: Array, estimates: Array) -> None:
+def estimate(
+    q: Array,
+    truth: Array,
+    dt: float,
+    effort: Array,
+    robot: int,
+    model: Array,
+    p: Array,
+    x: Array,
+    estimates: Array,
+) -> None:
     """First-order low-pass filters, discretised exactly, of the differences of q and of the q' so found.
 
     The estimates start from rest: q' and q'' are 0 at the first sample.

@@ -4,7 +4,7 @@ from numba import literal_unroll
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.family import Family
-from pidtsm_core.laws.base import STATE_SLOTS, Law, Numbers
+from pidtsm_core.laws.base import LAW_NUMBERS, STATE_SLOTS, Law, Numbers
 from pidtsm_core.laws.computed_torque import COMPUTED_TORQUE
 from pidtsm_core.laws.dtsm import DTSM
 from pidtsm_core.laws.pid import PID
@@ -14,7 +14,7 @@ from pidtsm_core.laws.sliding_mode import SLIDING_MODE
 from pidtsm_core.laws.super_twisting import SUPER_TWISTING
 from pidtsm_core.parameters import Array
 
-__all__ = ["LAWS", "STATE_SLOTS", "Law", "Numbers", "advance", "command", "kernel_number"]
+__all__ = ["LAWS", "LAW_NUMBERS", "STATE_SLOTS", "Law", "Numbers", "advance", "command", "kernel_number"]
 
 LAWS: Family[Law] = Family.of(Law, globals())
 

@@ -12,6 +12,9 @@ from pidtsm_core.parameters import Array, Parameter, Value
 STATE_SLOTS = 3 + SLOTS
 """Numbers a joint that a law may have as state."""
 
+LAW_NUMBERS = 4
+"""Integers that a law's compiled functions may read."""
+
 Numbers = NDArray[np.int64]
 Command = Callable[
     [float, float, float, float, Numbers, Array, Array, float], tuple[float, float, float, float, float, float]
@@ -27,7 +30,7 @@ class Law:
         name: how users choose it.
         summary: one sentence with its source.
         parameters: of the group ``law``, given the settings (some laws let the user choose their parts).
-        numbers: what its compiled functions read as integers, shape (4,).
+        numbers: what its compiled functions read as integers, shape (LAW_NUMBERS,).
         pack: parameter values as the compiled functions read them, shape (joints, parameters).
         command: compiled ``(e, de, dde, ddq_d, numbers, p, x, dt) -> (a_cmd, a_eq, s, sigma, gain, tau_sw)``;
             errors in rad, rad/s, rad/s^2, x of shape (STATE_SLOTS,), zero at the start, dt the period in s (0 at

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pidtsm_core.family import Member
-from pidtsm_core.laws.base import Advance, Command, Law, Numbers
+from pidtsm_core.laws.base import LAW_NUMBERS, Advance, Command, Law, Numbers
 from pidtsm_core.laws.sliding_mode import ANTI_WINDUP
 from pidtsm_core.parameters import Array, Parameter, Value
 
@@ -34,7 +34,7 @@ def baseline(
         return (*parameters, ANTI_WINDUP)
 
     def numbers(values: Mapping[str, Value]) -> Numbers:
-        return np.zeros(4, dtype=np.int64)
+        return np.zeros(LAW_NUMBERS, dtype=np.int64)
 
     def pack(values: Mapping[str, Value], joints: int) -> Array:
         return member.pack(values, "law", joints)

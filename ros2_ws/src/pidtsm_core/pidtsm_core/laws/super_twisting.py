@@ -1,4 +1,4 @@
-"""Inverse dynamics with super-twisting on a linear surface: a baseline."""
+"""Inverse dynamics with super-twisting (Levant 1993) on a linear surface: a baseline."""
 
 from pidtsm_core.laws.sliding_mode import compose
 

@@ -1,4 +1,8 @@
-"""Adaptive continuous reaching law of the article, eqs. (25)-(27), (30)."""
+"""Adaptive continuous reaching law of the article, eqs. (25)-(27), (30), with an adaptation that can be bounded.
+
+(27) integrates |sigma|, so all noise of sigma beyond the dead zone adds to the gain for ever. Against that: leakage
+(Ioannou and Kokotovic 1984, sigma modification) and projection to a bound.
+"""
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array, Parameter
@@ -16,11 +20,19 @@ def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
 
 @njit
 def advance(sigma: float, p: Array, x: Array, dt: float, frozen: bool) -> None:
-    """Explicit Euler of tau_sw' = -k tau_sw - (Y + xi) sign(sigma) and Y' = |sigma| / kappa outside the dead zone."""
-    k, kappa, xi, upsilon = p[0], p[1], p[2], p[3]
+    """Euler of tau_sw' = -k tau_sw - (Y + xi) sign(sigma), Y' = |sigma| / kappa - leakage Y, and Y <= maximum.
+
+    Y grows outside the dead zone only; it leaks everywhere, also while `frozen`, since that winds nothing up. The
+    leakage is taken implicitly, so that Y never changes its sign. Leakage and bound 0 are the article's law.
+    """
+    k, kappa, xi, upsilon, leakage, maximum = p[0], p[1], p[2], p[3], p[4], p[5]
     x[0] += dt * (-k * x[0] - (x[1] + xi) * sign(sigma))
     if abs(sigma) > upsilon and not frozen:
         x[1] += dt * abs(sigma) / kappa
+    if leakage > 0.0:
+        x[1] /= 1.0 + dt * leakage
+    if 0.0 < maximum < x[1]:
+        x[1] = maximum
 
 
 ADAPTIVE_CONTINUOUS = ReachingLaw(
@@ -33,6 +45,10 @@ ADAPTIVE_CONTINUOUS = ReachingLaw(
         ),
         Parameter("xi", 0.01, "margin of the switching gain, eq. (25)", minimum=0.0, per_joint=True),
         Parameter("upsilon", 0.2, "dead zone of the adaptation, eq. (30)", minimum=0.0, per_joint=True),
+        Parameter(
+            "leakage", 0.0, "rate at which the adaptive gain fades (sigma modification)", "1/s", 0.0, per_joint=True
+        ),
+        Parameter("maximum", 0.0, "bound of the adaptive gain, 0 is none", minimum=0.0, per_joint=True),
     ),
     switch=switch,
     advance=advance,

@@ -1,4 +1,4 @@
-"""What reaching laws without memory share."""
+"""What reaching laws without memory share: sign(sigma) as in eq. (25), and a state that stays."""
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array
@@ -12,4 +12,4 @@ def sign(x: float) -> float:
 
 @njit
 def keep(sigma: float, p: Array, x: Array, dt: float, frozen: bool) -> None:
-    """No state moves."""
+    """No state moves; see `ReachingLaw.advance`."""

@@ -6,9 +6,13 @@ from numba import literal_unroll
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.family import Family
-from pidtsm_core.parameters import Array, Parameter, Value, chosen, prefixed
+from pidtsm_core.parameters import Array, Parameter, Value, chosen, names, prefixed
 from pidtsm_core.references.article import ARTICLE
 from pidtsm_core.references.base import Reference
+from pidtsm_core.references.chirp import CHIRP
+from pidtsm_core.references.csv import CSV
+from pidtsm_core.references.minimum_jerk import MINIMUM_JERK
+from pidtsm_core.references.sines import SINES
 
 __all__ = [
     "REFERENCES",
@@ -23,19 +27,27 @@ __all__ = [
 REFERENCES: Family[Reference] = Family.of(Reference, globals())
 
 _NAME = Parameter("reference.name", "article", "desired motion", choices=REFERENCES.names, fixed=True)
+_JOINTS = Parameter(
+    "joints",
+    ("joint1", "joint2"),
+    "names of the joints, in the order of the reference",
+    per_joint=True,
+    fixed=True,
+)
 
 
 def reference_joints(settings: Mapping[str, object]) -> int:
-    """Number of joints of the reference that ``reference.name`` chooses."""
-    return REFERENCES[chosen(settings, _NAME)].joints
+    """Number of joints of the reference that ``reference.name`` chooses; where it takes any, that of ``joints``."""
+    given = settings.get(_JOINTS.name, _JOINTS.default)
+    named = len(given) if isinstance(given, (list, tuple)) else 0
+    return REFERENCES[chosen(settings, _NAME)].joints or named
 
 
 def reference_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the trajectory; ``reference.name`` decides which there are."""
     reference = REFERENCES[chosen(settings, _NAME)]
-    names = tuple(f"joint{j + 1}" for j in range(reference.joints))
     return (
-        Parameter("joints", names, "names of the joints, in the order of the reference", per_joint=True, fixed=True),
+        _JOINTS,
         _NAME,
         *prefixed("reference", reference.parameters),
     )
@@ -72,11 +84,18 @@ class ReferenceMotion:
     """
 
     def __init__(self, values: Mapping[str, Value]) -> None:
-        """Args: values: every parameter of `reference_schema`, as `resolve` returns them."""
+        """Prepare the motion.
+
+        Args:
+            values: every parameter of `reference_schema`, as `resolve` returns them.
+
+        Raises:
+            ParameterError: a file that cannot be used.
+        """
         reference = REFERENCES[str(values["reference.name"])]
-        self.joints = reference.joints
+        self.joints = len(names(values["joints"]))
         self.number = REFERENCES.number(reference.name)
-        self.parameters = reference.pack(values, "reference", reference.joints)
+        self.parameters = reference.pack(values, "reference", self.joints)
 
     def evaluate(self, t: float, desired: Array) -> None:
         """Write q_d, q_d', q_d'' at t (s) to desired, shape (3, joints), rad, rad/s, rad/s^2."""

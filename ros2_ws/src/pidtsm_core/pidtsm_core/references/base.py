@@ -12,9 +12,10 @@ class Reference(Member):
     """A desired motion with its exact derivatives.
 
     Attributes:
-        joints: number of joints it is made for.
-        evaluate: compiled ``(t, p, desired)``: t in s from the start, p of shape (joints, SLOTS);
-            writes q_d (rad), q_d' (rad/s), q_d'' (rad/s^2) to desired, shape (3, joints).
+        joints: number of joints it is made for, 0 for any.
+        evaluate: compiled ``(t, p, desired)``: t in s from the start, p as `pack` returns it, shape (joints, SLOTS)
+            unless the reference packs more; writes q_d (rad), q_d' (rad/s), q_d'' (rad/s^2) to desired,
+            shape (3, joints).
     """
 
     joints: int

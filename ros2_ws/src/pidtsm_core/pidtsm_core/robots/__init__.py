@@ -50,7 +50,7 @@ _ATTACH = tuple(robot.attach for robot in ROBOTS.members)
 
 @njit
 def inverse_dynamics(number: int, q: Array, dq: Array, ddq: Array, p: Array, effort: Array) -> None:
-    """Effort (N m) that gives ddq: see `Robot.inverse_dynamics`; `number` is the robot's place in `ROBOTS`."""
+    """Efforts (N m) that give each row of ddq: see `Robot.inverse_dynamics`; `number` is its place in `ROBOTS`."""
     i = 0
     for function in literal_unroll(_INVERSE):
         if i == number:

@@ -19,7 +19,8 @@ class Robot(Member):
         joints: default names of its joints; their number is the number of joints.
         effort_limit: default torque limits, N m, one a joint.
         initial_position: default start, rad, one a joint.
-        inverse_dynamics: compiled ``(q, dq, ddq, p, effort)``; writes effort in N m, shape (joints,).
+        inverse_dynamics: compiled ``(q, dq, ddq, p, effort)``; ddq has shape (n, joints), one motion from q, dq a row,
+            and row i of effort, N m, becomes that of row i.
         forward_dynamics: compiled ``(q, dq, effort, p, ddq)``; writes ddq in rad/s^2, shape (joints,).
         energy: compiled ``(q, dq, p)``; kinetic plus potential energy in J.
         attach: compiled ``(p, mass, loaded)``; writes the parameters with `mass` kg more at the last link's end.
@@ -33,13 +34,19 @@ class Robot(Member):
     energy: Callable[[Array, Array, Array], float]
     attach: Callable[[Array, float, Array], None]
 
-    def pack_model(self, values: Mapping[str, Value], group: str = "robot") -> Array:
+    def pack_model(
+        self, values: Mapping[str, Value], group: str = "robot", factors: Mapping[str, float] | None = None
+    ) -> Array:
         """Model parameters as the compiled functions read them, shape (parameters,), in their order.
 
-        A parameter with choices is packed as the place of the choice.
+        A parameter with choices is packed as the place of the choice. Where there are `factors`, by unit, the numbers
+        are multiplied by them: the unit tells a mass (kg) from an inertia (kg m^2) and a length (m).
         """
         packed = []
         for parameter in self.parameters:
             value = values[f"{group}.{parameter.name}"]
-            packed.append(float(parameter.choices.index(str(value))) if parameter.choices else number(value))
+            if parameter.choices:
+                packed.append(float(parameter.choices.index(str(value))))
+            else:
+                packed.append(number(value) * (factors or {}).get(parameter.unit, 1.0))
         return np.array(packed)

@@ -18,7 +18,7 @@ def _terms(q: Array, dq: Array, p: Array) -> tuple[float, float, float, float, f
     (49) swaps q1' and q2' in the velocity-squared terms against Lagrange's equations of this arm; `lagrange`
     is the form for which H' - 2C is skew-symmetric.
     """
-    m1, m2, r1, r2, j1, j2, g, coriolis = p
+    m1, m2, r1, r2, j1, j2, g, coriolis = p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]
     p1 = (m1 + m2) * r1 * r1 + m2 * r2 * r2 + j1
     p2 = m2 * r1 * r2
     p3 = m2 * r2 * r2
@@ -42,10 +42,11 @@ def _terms(q: Array, dq: Array, p: Array) -> tuple[float, float, float, float, f
 
 @njit
 def inverse_dynamics(q: Array, dq: Array, ddq: Array, p: Array, effort: Array) -> None:
-    """effort = H ddq + C dq + G."""
+    """effort = H ddq + C dq + G, row by row."""
     h11, h12, h22, bias1, bias2 = _terms(q, dq, p)
-    effort[0] = h11 * ddq[0] + h12 * ddq[1] + bias1
-    effort[1] = h12 * ddq[0] + h22 * ddq[1] + bias2
+    for i in range(ddq.shape[0]):
+        effort[i, 0] = h11 * ddq[i, 0] + h12 * ddq[i, 1] + bias1
+        effort[i, 1] = h12 * ddq[i, 0] + h22 * ddq[i, 1] + bias2
 
 
 @njit

@@ -8,10 +8,21 @@ from hypothesis import strategies as st
 from pidtsm_core.estimators import ESTIMATORS, Estimator, estimate
 from pidtsm_core.family import SLOTS
 from pidtsm_core.parameters import Array
+from pidtsm_core.robots import ROBOTS
+from pidtsm_core.robots.two_link import TWO_LINK
 
 PROPERTY = settings(deadline=None, max_examples=40)
 EACH = pytest.mark.parametrize("estimator", ESTIMATORS.members, ids=lambda e: e.name)
+SENSED = pytest.mark.parametrize(
+    "estimator", [e for e in ESTIMATORS.members if not e.needs_truth], ids=lambda e: e.name
+)
 POSITIONS = st.lists(st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0)), min_size=1, max_size=40)
+
+
+# A robot model without masses: joints that neither fall nor move one another, for what holds whatever the model.
+FREE = TWO_LINK.pack_model(
+    {f"robot.{p.name}": 0.0 if p.name in ("m1", "m2") else p.default for p in TWO_LINK.parameters}
+)
 
 
 def run(estimator: Estimator, positions: Array, dts: Array, truth: Array | None = None) -> Array:
@@ -21,9 +32,10 @@ def run(estimator: Estimator, positions: Array, dts: Array, truth: Array | None 
     x = np.zeros((joints, SLOTS))
     truth = np.zeros((len(positions), 2, joints)) if truth is None else truth
     estimates = np.full((len(positions), 3, joints), np.nan)
+    number, robot, effort = ESTIMATORS.number(estimator.name), ROBOTS.number(TWO_LINK.name), np.zeros(joints)
     for k, q in enumerate(positions):
         dt = float(dts[k]) if k else 0.0
-        estimate(ESTIMATORS.number(estimator.name), q, truth[k], dt, p, x, estimates[k])
+        estimate(number, q, truth[k], dt, effort, robot, FREE, p, x, estimates[k])
     return estimates
 
 
@@ -64,6 +76,16 @@ def test_derivatives_do_not_depend_on_where_zero_is(estimator: Estimator, steps:
     np.testing.assert_allclose(there[:, 0], here[:, 0] + offset, rtol=0, atol=1e-12)
 
 
+@SENSED
+@PROPERTY
+@given(lost=st.sets(st.integers(1000, 1099)))
+def test_a_gap_is_known_for_the_time_it_is(estimator: Estimator, lost: set[int]) -> None:
+    # At a steady speed, which all have found by then, a gap taken for one period would be a jump.
+    times = 0.001 * np.array([k for k in range(1120) if k not in lost])
+    estimates = run(estimator, np.outer(times, [0.5, -2.0]), np.diff(times, prepend=0.0))
+    np.testing.assert_allclose(estimates[1000:, 1], np.broadcast_to([0.5, -2.0], estimates[1000:, 1].shape), rtol=1e-6)
+
+
 @EACH
 def test_joints_do_not_mix(estimator: Estimator) -> None:
     positions = np.random.default_rng(1).uniform(-1, 1, (30, 2))
@@ -81,7 +103,7 @@ def test_the_truth_passes_through(estimator: Estimator) -> None:
     np.testing.assert_array_equal(estimates[:, 1:], truth)
 
 
-@pytest.mark.parametrize("estimator", [e for e in ESTIMATORS.members if not e.needs_truth], ids=lambda e: e.name)
+@SENSED
 def test_the_truth_is_not_looked_at(estimator: Estimator) -> None:
     positions = np.random.default_rng(3).uniform(-1, 1, (20, 2))
     dts = np.full(20, 0.001)

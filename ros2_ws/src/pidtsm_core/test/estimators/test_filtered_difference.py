@@ -11,6 +11,7 @@ from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
 from pidtsm_core.parameters import Array
 
 DT = 0.001
+NO_EFFORT, NO_MODEL = np.zeros(1), np.zeros(0)
 
 
 def run(times: Array, positions: Array, velocity_cutoff: float, acceleration_cutoff: float) -> tuple[Array, Array]:
@@ -21,7 +22,7 @@ def run(times: Array, positions: Array, velocity_cutoff: float, acceleration_cut
     found = []
     for k, q in enumerate(positions):
         dt = float(times[k] - times[k - 1]) if k else 0.0
-        FILTERED_DIFFERENCE.estimate(np.array([q]), truth, dt, p, x, estimates)
+        FILTERED_DIFFERENCE.estimate(np.array([q]), truth, dt, NO_EFFORT, 0, NO_MODEL, p, x, estimates)
         assert estimates[0, 0] == q
         found.append(estimates[1:, 0].copy())
     return np.array(found)[:, 0], np.array(found)[:, 1]

@@ -14,11 +14,19 @@ K, KAPPA, XI, UPSILON = 2.0, 0.1, 0.3, 0.2
 P = np.array([K, KAPPA, XI, UPSILON, 0.0, 0.0, 0.0, 0.0])
 
 
-def hold(sigma: float, time: float, steps: int, x: Array | None = None, frozen: bool = False) -> tuple[float, float]:
+def hold(
+    sigma: float, time: float, steps: int, x: Array | None = None, frozen: bool = False, p: Array = P
+) -> tuple[float, float]:
     x = np.zeros(8) if x is None else x
     for _ in range(steps):
-        ADAPTIVE_CONTINUOUS.advance(sigma, P, x, time / steps, frozen)
-    return ADAPTIVE_CONTINUOUS.switch(sigma, P, x, 0.001)
+        ADAPTIVE_CONTINUOUS.advance(sigma, p, x, time / steps, frozen)
+    return ADAPTIVE_CONTINUOUS.switch(sigma, p, x, 0.001)
+
+
+def bounded(leakage: float = 0.0, maximum: float = 0.0) -> Array:
+    p = P.copy()
+    p[4:6] = leakage, maximum
+    return p
 
 
 def solution(sigma: float, t: float) -> tuple[float, float]:
@@ -67,6 +75,36 @@ def test_while_frozen_the_filter_goes_on_with_the_gain_it_has() -> None:
     tau_sw, gain = hold(1.0, 20.0, 20_000, x, frozen=True)
     assert gain == 4.0
     assert tau_sw == pytest.approx(-(4.0 + XI) / K, rel=1e-6)
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+@pytest.mark.parametrize("dt", [0.001, 10.0])
+def test_with_leakage_the_gain_settles_where_growth_and_leakage_meet(frozen: bool, dt: float) -> None:
+    leakage, sigma = 0.5, 1.5
+    _, gain = hold(sigma, 40_000 * dt, 40_000, frozen=frozen, p=bounded(leakage=leakage))
+    assert gain == pytest.approx(0.0 if frozen else abs(sigma) / KAPPA / leakage, rel=1e-6)
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_the_gain_leaks_in_the_dead_zone_and_while_frozen(frozen: bool) -> None:
+    leakage = 0.5
+    x = np.array([0.0, 4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    _, gain = hold(1.5 if frozen else 0.5 * UPSILON, 2.0, 20_000, x, frozen, bounded(leakage=leakage))
+    assert gain == pytest.approx(4.0 * math.exp(-leakage * 2.0), rel=1e-4)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=50), st.floats(1e-3, 1e3))
+def test_the_gain_stays_within_its_bound_and_is_the_article_s_below_it(sigmas: list[float], maximum: float) -> None:
+    x, free = np.zeros(8), np.zeros(8)
+    for sigma in sigmas:
+        _, gain = hold(sigma, 0.1, 1, x, p=bounded(maximum=maximum))
+        _, article = hold(sigma, 0.1, 1, free)
+        assert gain == min(article, maximum)
+
+
+def test_without_leakage_and_bound_nothing_limits_the_gain() -> None:
+    assert hold(1.5, 1e6, 100)[1] == pytest.approx(1.5e6 / KAPPA)
 
 
 def test_the_switching_term_is_continuous_in_sigma() -> None:

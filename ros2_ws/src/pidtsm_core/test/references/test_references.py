@@ -1,22 +1,54 @@
-"""What every reference promises, and the article's by hand."""
+"""What every reference promises, and each by hand."""
 
 import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.parameters import Array, resolve
-from pidtsm_core.references import REFERENCES, Reference, ReferenceMotion, extrapolate, reference_schema
+from pidtsm_core.parameters import Array, ParameterError, resolve
+from pidtsm_core.references import (
+    REFERENCES,
+    Reference,
+    ReferenceMotion,
+    extrapolate,
+    reference_joints,
+    reference_schema,
+)
 
 PROPERTY = settings(deadline=None, max_examples=60)
 EACH = pytest.mark.parametrize("reference", REFERENCES.members, ids=lambda r: r.name)
 TIMES = st.floats(0.0, 60.0)
 
 
-def motion_of(reference: Reference) -> ReferenceMotion:
-    return ReferenceMotion(resolve(reference_schema, {"reference.name": reference.name}, reference.joints))
+CORNERS: dict[str, Sequence[float]] = {"chirp": (20.0,), "minimum_jerk": (0.0, 2.0), "csv": np.arange(0.0, 6.1, 0.2)}
+"""Times at which the acceleration, or its derivative, jumps."""
+FILE = "time,q_joint2,q_joint1\n" + "".join(
+    f"{t:.1f},{math.sin(t)!r},{math.cos(t)!r}\n" for t in np.arange(0.0, 6.1, 0.2)
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _in_a_folder_with_a_file(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    folder = tmp_path_factory.mktemp("motions")
+    (folder / "motion.csv").write_text(FILE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        yield
+
+
+def motion_of(reference: Reference, **given: object) -> ReferenceMotion:
+    given = {"reference.name": reference.name, **{f"reference.{name}": value for name, value in given.items()}}
+    if reference.name == "csv":
+        given = {"reference.file": "motion.csv", **given}
+    return ReferenceMotion(resolve(reference_schema, given, 2))
+
+
+def away_from_corners(reference: Reference, t: float, distance: float) -> None:
+    assume(all(abs(t - corner) > distance for corner in CORNERS.get(reference.name, ())))
 
 
 def at(motion: ReferenceMotion, t: float) -> Array:
@@ -30,8 +62,9 @@ def at(motion: ReferenceMotion, t: float) -> Array:
 @given(t=TIMES)
 def test_derivatives_are_exact(reference: Reference, t: float) -> None:
     motion = motion_of(reference)
-    assert motion.joints == reference.joints
-    step = 1e-4
+    assert motion.joints == 2
+    step = 1e-5
+    away_from_corners(reference, t, 2 * step)
     before, now, after = (at(motion, t + d) for d in (-step, 0.0, step))
     assert np.isfinite(now).all()
     np.testing.assert_allclose((after[:2] - before[:2]) / (2 * step), now[1:], atol=1e-7)
@@ -55,6 +88,7 @@ def test_continuing_over_no_time_gives_the_same_bits(reference: Reference, t: fl
 @PROPERTY
 @given(t=st.floats(0.1, 30.0), dt=st.floats(-0.05, 0.05))
 def test_continuing_over_a_short_time_is_right_to_third_order(reference: Reference, t: float, dt: float) -> None:
+    away_from_corners(reference, t, 0.06)
     motion = motion_of(reference)
     error = np.abs(continued(at(motion, t), dt) - at(motion, t + dt))
     jerk = max(np.abs(np.diff([at(motion, t + d)[2] for d in (-0.05, 0.0, 0.05)], axis=0)).max() / 0.05, 0.1)
@@ -77,3 +111,85 @@ def test_the_article_later() -> None:
     t = 10.0
     a, b = 0.2 * math.cos(7.0), 0.2 * math.cos(4.8)
     np.testing.assert_allclose(at(motion_of(REFERENCES["article"]), t)[0], [a + b, b - a], rtol=1e-13)
+
+
+def test_sines_by_hand() -> None:
+    motion = motion_of(REFERENCES["sines"], amplitude=[0.2, 0.1], frequency=0.5, phase=[0.0, math.pi / 2], offset=1.0)
+    w = math.pi
+    np.testing.assert_allclose(at(motion, 0.0), [[1.0, 1.1], [0.2 * w, 0.0], [0.0, -0.1 * w * w]], atol=1e-15)
+    np.testing.assert_allclose(at(motion, 1.0)[0], [1.0, 0.9], atol=1e-15)
+
+
+def test_chirp_has_its_frequencies_at_both_ends_and_then_the_last() -> None:
+    motion = motion_of(REFERENCES["chirp"], amplitude=0.1, start_frequency=0.5, end_frequency=1.0, duration=4.0)
+    # Three periods: the mean frequency times the duration.
+    for t, frequency in ((0.0, 0.5), (4.0, 1.0), (5.0, 1.0)):
+        expected = [0.0, 0.1 * 2.0 * math.pi * frequency]
+        np.testing.assert_allclose(at(motion, t)[:2], np.transpose([expected, expected]), atol=1e-14)
+
+
+def test_minimum_jerk_goes_from_point_to_point_and_holds() -> None:
+    motion = motion_of(REFERENCES["minimum_jerk"], **{"from": [0.0, 1.0], "to": [1.0, -1.0], "duration": 2.0})
+    for t, position in (
+        (-1.0, [0.0, 1.0]),
+        (0.0, [0.0, 1.0]),
+        (1.0, [0.5, 0.0]),
+        (2.0, [1.0, -1.0]),
+        (9.0, [1.0, -1.0]),
+    ):
+        np.testing.assert_allclose(at(motion, t)[0], position, atol=1e-14)
+    assert not at(motion, 2.0)[1:].any()
+    # The peak of 15/8 distances per duration.
+    np.testing.assert_allclose(at(motion, 1.0)[1], [15 / 16, -15 / 8], rtol=1e-13)
+
+
+def test_any_number_of_joints() -> None:
+    given = {"reference.name": "sines", "joints": ["a", "b", "c"], "reference.amplitude": [1.0, 2.0, 3.0]}
+    assert reference_joints(given) == 3
+    motion = ReferenceMotion(resolve(reference_schema, given, 3))
+    np.testing.assert_allclose(at(motion, 1.25)[0], [1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize("kinds", [1, 2, 3])
+def test_a_file_is_interpolated_with_all_that_it_holds(tmp_path: Path, kinds: int) -> None:
+    times = np.arange(0.0, 2.01, 0.1)
+    functions = [np.sin, np.cos, lambda t: -np.sin(t)][:kinds]
+    header = ["time", *(f"{k}_joint{j}" for k in ("q", "dq", "ddq")[:kinds] for j in (1, 2))]
+    rows = [[t, *(factor * f(t) for f in functions for factor in (1.0, 2.0))] for t in times]
+    file = tmp_path / "sine.csv"
+    file.write_text("\n".join(", ".join(map(str, row)) for row in [header, *rows]))
+    motion = motion_of(REFERENCES["csv"], file=str(file))
+    tolerance = {1: 2e-5, 2: 3e-7, 3: 1e-9}[kinds]
+    for t in (0.05, 0.77, 1.95):
+        np.testing.assert_allclose(at(motion, t)[0], [math.sin(t), 2.0 * math.sin(t)], atol=tolerance)
+    np.testing.assert_allclose(
+        at(motion, 7.0), [[math.sin(2.0), 2.0 * math.sin(2.0)], [0.0, 0.0], [0.0, 0.0]], atol=1e-13
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "line 1: the columns are none; wanted are time, q_joint1, q_joint2"),
+        ("time,q_joint1\n", "line 1: the columns are time, q_joint1; wanted"),
+        ("time,q_joint1,q_joint2,dq_joint1\n", "line 1: the columns are"),
+        ("time,q_joint1,q_joint2\n0,1,2\n", "at least two lines"),
+        ("time,q_joint1,q_joint2\n0,1,2\n1,2\n", "line 3: 2 values for 3 columns"),
+        ("time,q_joint1,q_joint2\n0,1,2\n1,x,2\n", "line 3: not all of 1, x, 2 are numbers"),
+        ("time,q_joint1,q_joint2\n0,1,2\n1,inf,2\n", "line 3: not all of 1, inf, 2 are finite"),
+        ("time,q_joint1,q_joint2\n0,1,2\n0,1,2\n", "line 3: time must increase"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused_with_its_line(tmp_path: Path, text: str, reason: str) -> None:
+    file = tmp_path / "bad.csv"
+    file.write_text(text)
+    with pytest.raises(ParameterError) as refused:
+        motion_of(REFERENCES["csv"], file=str(file))
+    assert str(refused.value).startswith(f"reference.file: {file}")
+    assert reason in str(refused.value)
+
+
+@pytest.mark.parametrize(("file", "reason"), [("", "name a file"), ("nowhere.csv", "No such file")])
+def test_a_file_that_is_not_there_is_refused(file: str, reason: str) -> None:
+    with pytest.raises(ParameterError, match=reason):
+        motion_of(REFERENCES["csv"], file=file)

@@ -31,9 +31,9 @@ def forms(robot: Robot) -> list[str | None]:
 
 
 def torque(robot: Robot, q: Array, dq: Array, ddq: Array, p: Array) -> Array:
-    effort = np.full(q.size, np.nan)
-    inverse_dynamics(ROBOTS.number(robot.name), q, dq, ddq, p, effort)
-    return effort
+    effort = np.full((1, q.size), np.nan)
+    inverse_dynamics(ROBOTS.number(robot.name), q, dq, ddq[np.newaxis], p, effort)
+    return effort[0]
 
 
 def acceleration(robot: Robot, q: Array, dq: Array, effort: Array, p: Array) -> Array:
@@ -126,6 +126,7 @@ def free_motion(robot: Robot, coriolis: str | None) -> tuple[float, float]:
     p = plant.config.model
     effort = np.zeros(plant.joints)
     q, dq = plant.state.position, plant.state.derivatives[0]
+    dq[:] = 1.0  # Not every robot falls by itself.
     start = robot.energy(q, dq, p)
     worst = scale = 0.0
     for k in range(10_000):
@@ -140,7 +141,7 @@ def free_motion(robot: Robot, coriolis: str | None) -> tuple[float, float]:
 @EACH
 def test_energy_is_conserved_without_torque(robot: Robot) -> None:
     worst, scale = free_motion(robot, "lagrange")
-    assert scale > 0.1, "the arm should fall"
+    assert scale > 0.1, "the arm should move"
     assert worst < 1e-8 * scale
 
 

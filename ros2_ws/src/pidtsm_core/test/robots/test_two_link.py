@@ -39,6 +39,12 @@ def matrices(q: Array, dq: Array, p: Array) -> tuple[Array, Array, Array]:
     return h, c, g
 
 
+def torque(q: object, dq: object, ddq: object, p: Array) -> Array:
+    effort = np.zeros((1, 2))
+    TWO_LINK.inverse_dynamics(np.array(q), np.array(dq), np.array([ddq]), p, effort)
+    return effort[0]
+
+
 @pytest.mark.parametrize("form", [PAPER, LAGRANGE], ids=["paper", "lagrange"])
 @settings(deadline=None, max_examples=100)
 @given(q=st.tuples(ANGLES, ANGLES), dq=st.tuples(RATES, RATES), ddq=st.tuples(RATES, RATES), p=MODELS)
@@ -46,8 +52,7 @@ def test_torque_is_that_of_the_matrices(form: float, q: object, dq: object, ddq:
     q, dq, ddq = (np.array(v) for v in (q, dq, ddq))
     for numbers in (with_form(p, form), with_form(ARTICLE, form)):
         h, c, g = matrices(q, dq, numbers)
-        effort = np.zeros(2)
-        TWO_LINK.inverse_dynamics(q, dq, ddq, numbers, effort)
+        effort = torque(q, dq, ddq, numbers)
         scale = np.abs(h) @ np.abs(ddq) + np.abs(c) @ np.abs(dq) + np.abs(g) + 1.0
         np.testing.assert_allclose(effort, h @ ddq + c @ dq + g, rtol=0, atol=1e-12 * scale.max())
 
@@ -68,8 +73,7 @@ def test_torque_is_that_of_the_matrices(form: float, q: object, dq: object, ddq:
     ],
 )
 def test_values_worked_out_by_hand(form: float, q: object, dq: object, ddq: object, expected: object) -> None:
-    effort = np.zeros(2)
-    TWO_LINK.inverse_dynamics(np.array(q), np.array(dq), np.array(ddq), with_form(ARTICLE, form), effort)
+    effort = torque(q, dq, ddq, with_form(ARTICLE, form))
     np.testing.assert_allclose(effort, np.array(expected), rtol=1e-13, atol=1e-13)
 
 
@@ -97,8 +101,7 @@ def test_only_the_lagrange_form_has_a_skew_symmetric_passivity_matrix(q: object,
     p = with_form(p, LAGRANGE)
     step = 1e-6
     h_rate = (matrices(q + step * dq, dq, p)[0] - matrices(q - step * dq, dq, p)[0]) / (2 * step)
-    bias, rest = np.zeros(2), np.zeros(2)
-    TWO_LINK.inverse_dynamics(q, dq, np.zeros(2), p, bias)
-    TWO_LINK.inverse_dynamics(q, np.zeros(2), np.zeros(2), p, rest)
+    rest = np.zeros(2)
+    bias, gravity = torque(q, dq, rest, p), torque(q, rest, rest, p)
     scale = np.abs(dq).max() ** 3 * np.abs(p).max() ** 3 + 1.0
-    assert abs(dq @ h_rate @ dq - 2 * dq @ (bias - rest)) < 1e-6 * scale
+    assert abs(dq @ h_rate @ dq - 2 * dq @ (bias - gravity)) < 1e-6 * scale

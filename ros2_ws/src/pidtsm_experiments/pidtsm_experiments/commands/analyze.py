@@ -1,12 +1,14 @@
 """``./pidtsm analyze``: metrics of a recorded bag."""
 
 import argparse
+import sys
+import warnings
 from pathlib import Path
 
 from pidtsm_experiments.analysis import analyze
 from pidtsm_experiments.commands.options import show_metrics
 from pidtsm_experiments.errors import UsageError
-from pidtsm_experiments.recording import RecordingError
+from pidtsm_experiments.recording import RecordingError, UnfinishedBag
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,8 +18,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     try:
-        metrics = analyze(options.bag)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", UnfinishedBag)
+            metrics = analyze(options.bag)
     except RecordingError as error:
         raise UsageError(str(error)) from None
+    for warning in caught:
+        print(f"pidtsm: warning: {warning.message}", file=sys.stderr)
     show_metrics(metrics, options.json)
     return 0

@@ -34,8 +34,9 @@ def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
         "--params",
         action="append",
         default=[],
-        metavar="article|FILE",
-        help="the article's Table 1, or a ROS parameter file for any of the nodes; may be given again",
+        metavar="article|practical|FILE",
+        help="the article's Table 1, the set for real sensors and drives, or a ROS parameter file for any of the "
+        "nodes; may be given again",
     )
     parser.add_argument(
         "--set",

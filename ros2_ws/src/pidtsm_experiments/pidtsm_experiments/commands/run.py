@@ -18,7 +18,7 @@ from pidtsm_experiments.figures import write_figures
 from pidtsm_experiments.recording import RecordingError, read_recording
 from pidtsm_experiments.report import write_report
 from pidtsm_experiments.results import result_folder
-from pidtsm_experiments.runner import node_parameters, run
+from pidtsm_experiments.runner import recorded_parameters, run
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +44,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def run_and_report(experiment: Experiment, clock: str, out: Path, composed: bool = False) -> None:
     """Run, analyse, draw, and say where everything is."""
-    parameters = node_parameters(experiment, clock)  # Refuses bad parameters before anything is begun.
+    parameters = recorded_parameters(experiment, clock)  # Refuses bad parameters before anything is begun.
     title = f"{experiment.scenario}, {experiment.law}, {clock}"
     with result_folder(out) as folder, progress_bar() as bar:
         task = bar.add_task(f"{title}: starting the nodes", total=experiment.duration)

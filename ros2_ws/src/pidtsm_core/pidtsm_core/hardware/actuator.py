@@ -1,0 +1,84 @@
+"""Actuator: the torque that a motor makes of the torque it is asked for."""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.parameters import Array, Parameter, Value, joint_array, number
+from pidtsm_core.timing import period_nanoseconds, seconds
+
+PARAMETERS = (
+    Parameter(
+        "actuator.dead_zone",
+        0.0,
+        "torque that must be asked for before there is any",
+        "N m",
+        minimum=0.0,
+        per_joint=True,
+    ),
+    Parameter("actuator.lag", 0.0, "time constant of the drives, of first order", "s", minimum=0.0, per_joint=True),
+    Parameter(
+        "actuator.torque_constant_error",
+        0.0,
+        "torque that there is beyond the nominal, as a share: 0.05 is 5 % too much",
+        minimum=-1.0,
+        maximum=1.0,
+        per_joint=True,
+    ),
+    Parameter(
+        "actuator.ripple",
+        0.0,
+        "amplitude of the torque ripple, as a share of the torque",
+        minimum=0.0,
+        maximum=1.0,
+        per_joint=True,
+    ),
+    Parameter("actuator.ripple_periods", 12, "periods of the ripple a revolution", minimum=1, per_joint=True),
+)
+
+
+class ActuatorConfig(NamedTuple):
+    """What the actuators read, arrays of shape (joints,)."""
+
+    dead_zone: Array  # N m
+    decay: Array  # exp(-dt / lag): how much of a difference is left after a sample, 0 without lag
+    mean: Array  # how much of it there is on average over the sample
+    gain: Array  # torque a nominal torque
+    ripple: Array  # share of the torque
+    periods: Array  # of the ripple, a revolution
+    ideal: bool
+
+
+def actuator_config(values: Mapping[str, Value], joints: int) -> ActuatorConfig:
+    """Args: values: `PARAMETERS` and ``rate``, as `resolve` returns them."""
+    dt = seconds(period_nanoseconds(int(number(values["rate"]))))
+    dead_zone, lag, error, ripple, periods = (joint_array(values[p.name], joints) for p in PARAMETERS)
+    ratio = np.divide(dt, lag, out=np.full(joints, math.inf), where=lag > 0.0)
+    return ActuatorConfig(
+        dead_zone=dead_zone,
+        decay=np.exp(-ratio),
+        mean=-np.expm1(-ratio) / ratio,
+        gain=1.0 + error,
+        ripple=ripple,
+        periods=periods,
+        ideal=not (dead_zone.any() or lag.any() or error.any() or ripple.any()),
+    )
+
+
+@njit
+def drive(config: ActuatorConfig, lagging: Array, command: Array, q: Array, effort: Array) -> None:
+    """Write the torque over one sample, N m, shape (joints,).
+
+    Dead zone: u = sign(c) max(|c| - width, 0) (Tao and Kokotovic 1994). Lag: T x' = u - x, solved exactly for a u
+    that is held; `lagging` is x at the end of the sample. The torque is (1 + error) (1 + ripple sin(n q)) times the
+    mean of x over the sample, so that the momentum that the joint gets from the lag is exact too.
+    """
+    for j in range(command.size):
+        asked = math.copysign(max(abs(command[j]) - config.dead_zone[j], 0.0), command[j])
+        difference = lagging[j] - asked
+        effort[j] = asked + config.mean[j] * difference
+        lagging[j] = asked + config.decay[j] * difference
+        effort[j] *= config.gain[j] * (1.0 + config.ripple[j] * math.sin(config.periods[j] * q[j]))

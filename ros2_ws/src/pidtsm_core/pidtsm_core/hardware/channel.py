@@ -1,0 +1,104 @@
+"""Transport of measurements to the controller, or of commands to the motors: whole samples of delay, and losses."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.parameters import Array, Parameter, Value, number
+from pidtsm_core.timing import period_nanoseconds, seconds
+
+
+def _parameters(prefix: str, what: str) -> tuple[Parameter, ...]:
+    return (
+        Parameter(f"delay.{prefix}samples", 0, f"delay of {what}, in samples", minimum=0, maximum=10_000, fixed=True),
+        Parameter(
+            f"dropout.{prefix}probability",
+            0.0,
+            f"probability of each of {what} to be lost, independent of the others",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        Parameter(f"dropout.{prefix}burst", 20, f"number of {what} lost in a burst", minimum=1),
+        Parameter(
+            f"dropout.{prefix}burst_rate", 0.0, f"bursts of lost {what} a second, at random times", "1/s", minimum=0.0
+        ),
+    )
+
+
+PARAMETERS = (*_parameters("", "measurements"), *_parameters("command_", "commands"))
+
+
+class ChannelConfig(NamedTuple):
+    """What a transport reads."""
+
+    loss: float  # probability
+    burst_begin: float  # probability that a burst begins at a sample
+    burst: int  # samples
+    direct: bool  # neither delay nor losses
+
+
+class ChannelState(NamedTuple):
+    """What a transport changes: a ring of packets, one more than the delay."""
+
+    packets: Array  # shape (delay + 1, rows, joints)
+    sent: NDArray[np.int64]  # when each was sent, sample number, -1 for an empty place
+    burst_left: NDArray[np.int64]  # shape (1,): samples that the burst still takes
+
+
+def channel_config(values: Mapping[str, Value], prefix: str) -> ChannelConfig:
+    """The channel of measurements (no prefix) or of commands (``command_``).
+
+    Args:
+        values: `PARAMETERS` and ``rate``, as `resolve` returns them.
+        prefix: of the last part of the parameters' names.
+    """
+    period = seconds(period_nanoseconds(int(number(values["rate"]))))
+    loss, burst_begin = (
+        number(values[f"dropout.{prefix}probability"]),
+        number(values[f"dropout.{prefix}burst_rate"]) * period,
+    )
+    return ChannelConfig(
+        loss=loss,
+        burst_begin=burst_begin,
+        burst=int(number(values[f"dropout.{prefix}burst"])),
+        direct=not (loss or burst_begin or number(values[f"delay.{prefix}samples"])),
+    )
+
+
+def channel_state(values: Mapping[str, Value], prefix: str, rows: int, joints: int) -> ChannelState:
+    """An empty channel for packets of shape (rows, joints); see `channel_config`."""
+    places = int(number(values[f"delay.{prefix}samples"])) + 1
+    return ChannelState(
+        packets=np.zeros((places, rows, joints)),
+        sent=np.full(places, -1),
+        burst_left=np.zeros(1, dtype=np.int64),
+    )
+
+
+@njit
+def loses(config: ChannelConfig, state: ChannelState, loss: float, burst: float) -> bool:
+    """Whether what is sent at this sample is lost; to be asked once a sample, with two uniform random numbers.
+
+    A burst may begin at any sample outside a burst.
+    """
+    if state.burst_left[0] == 0 and burst < config.burst_begin:
+        state.burst_left[0] = config.burst
+    if state.burst_left[0] > 0:
+        state.burst_left[0] -= 1
+        return True
+    return loss < config.loss
+
+
+@njit
+def place(state: ChannelState, sample: int) -> int:
+    """Where the packet of a sample is in the ring."""
+    return sample % state.sent.size
+
+
+@njit
+def arrived(state: ChannelState, sent: int) -> bool:
+    """Whether the packet sent at that sample is in the ring."""
+    return sent >= 0 and state.sent[place(state, sent)] == sent

@@ -1,0 +1,36 @@
+"""A sine whose frequency sweeps, which excites a joint over a band of frequencies."""
+
+import math
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.parameters import Array, Parameter
+from pidtsm_core.references.base import Reference
+
+
+@njit
+def evaluate(t: float, p: Array, desired: Array) -> None:
+    """q_d = amplitude sin(angle); angle' moves linearly from start to end frequency, and then stays."""
+    for j in range(desired.shape[1]):
+        amplitude, start, end, duration = p[j, 0], 2.0 * math.pi * p[j, 1], 2.0 * math.pi * p[j, 2], p[j, 3]
+        rate = (end - start) / duration if t < duration else 0.0
+        swept = min(t, duration)
+        angle = swept * (start + 0.5 * swept * (end - start) / duration) + (t - swept) * end
+        omega = start + rate * t if t < duration else end
+        sine, cosine = math.sin(angle), math.cos(angle)
+        desired[0, j] = amplitude * sine
+        desired[1, j] = amplitude * omega * cosine
+        desired[2, j] = amplitude * (rate * cosine - omega * omega * sine)
+
+
+CHIRP = Reference(
+    name="chirp",
+    summary="amplitude times a sine whose frequency sweeps linearly, and stays at its end",
+    parameters=(
+        Parameter("amplitude", 0.1, "amplitude", "rad", per_joint=True, fixed=True),
+        Parameter("start_frequency", 0.1, "frequency at the start", "Hz", minimum=0.0, per_joint=True, fixed=True),
+        Parameter("end_frequency", 1.0, "frequency at the end", "Hz", minimum=0.0, per_joint=True, fixed=True),
+        Parameter("duration", 20.0, "time of the sweep", "s", minimum=0.0, exclusive=True, per_joint=True, fixed=True),
+    ),
+    joints=0,
+    evaluate=evaluate,
+)

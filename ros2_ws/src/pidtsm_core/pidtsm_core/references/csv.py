@@ -1,0 +1,108 @@
+"""A motion from a file."""
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, names
+from pidtsm_core.references.base import Reference
+from pidtsm_core.references.piecewise import evaluate, piecewise
+
+_KINDS = ("q", "dq", "ddq")
+
+
+@dataclass(frozen=True)
+class _FromFile(Reference):
+    def pack(self, values: Mapping[str, Value], group: str, joints: int) -> Array:
+        """The motion of the file, shape (joints, 7 (rows - 1) + 1); see `piecewise`.
+
+        Raises:
+            ParameterError: the file cannot be read or used; the message names file and line.
+        """
+        parameter = f"{group}.file"
+        file = str(values[parameter])
+        try:
+            times, samples = _read(file, names(values["joints"]))
+        except (OSError, ValueError, csv.Error) as error:
+            raise ParameterError(f"{parameter}: {error}", parameter) from None
+        knots = _complete(times, samples)
+        return piecewise(times, knots[:-1], knots[1:])
+
+
+def _read(file: str, joints: tuple[str, ...]) -> tuple[Array, Array]:
+    """Times, shape (rows,), and q, and q' and q'' where the file has them, shape (rows, 1 to 3, joints).
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: its text cannot be used.
+    """
+    if not file:
+        raise ValueError("name a file with the columns time, " + ", ".join(f"q_{joint}" for joint in joints))
+    rows: list[list[float]] = []
+    with Path(file).open(encoding="utf-8", newline="") as text:
+        lines = csv.reader(text, skipinitialspace=True)
+        header = [word.strip() for word in next(lines, [])]
+        kinds = _kinds(header, joints, f"{file}, line 1")
+        for words in lines:
+            where = f"{file}, line {lines.line_num}"
+            if len(words) != len(header):
+                raise ValueError(f"{where}: {len(words)} values for {len(header)} columns")
+            try:
+                row = [float(word) for word in words]
+            except ValueError:
+                raise ValueError(f"{where}: not all of {', '.join(words)} are numbers") from None
+            if not all(map(math.isfinite, row)):
+                raise ValueError(f"{where}: not all of {', '.join(words)} are finite")
+            if rows and row[header.index("time")] <= rows[-1][header.index("time")]:
+                raise ValueError(f"{where}: time must increase from line to line")
+            rows.append(row)
+    if len(rows) < 2:
+        raise ValueError(f"{file}: a motion needs at least two lines of numbers")
+    table = np.array(rows)
+    samples = np.stack([table[:, [header.index(f"{kind}_{j}") for j in joints]] for kind in kinds], axis=1)
+    return table[:, header.index("time")], samples
+
+
+def _kinds(header: list[str], joints: tuple[str, ...], where: str) -> tuple[str, ...]:
+    """What the columns hold: q, or q and dq, or all three.
+
+    Raises:
+        ValueError: a column is missing, unknown or there twice.
+    """
+    for count in (1, 2, 3):
+        kinds = _KINDS[:count]
+        if sorted(header) == sorted(["time", *(f"{kind}_{joint}" for kind in kinds for joint in joints)]):
+            return kinds
+    wanted = ", ".join(f"q_{joint}" for joint in joints)
+    raise ValueError(
+        f"{where}: the columns are {', '.join(header) or 'none'}; wanted are time, {wanted}, "
+        "in any order, and for all joints dq_, or dq_ and ddq_, where they are known"
+    )
+
+
+def _complete(times: Array, samples: Array) -> Array:
+    """q, q', q'' at every time, shape (rows, 3, joints); what is missing is taken from a cubic spline.
+
+    A quintic between two samples of a cubic spline is that spline.
+    """
+    from scipy.interpolate import CubicSpline  # Its import takes longer than that of the rest of the core.
+
+    known = samples.shape[1]
+    if known == 3:
+        return samples
+    spline = CubicSpline(times, samples[:, -1])
+    missing = [spline(times, order) for order in range(1, 4 - known)]
+    return np.concatenate([samples, np.stack(missing, axis=1)], axis=1)
+
+
+CSV = _FromFile(
+    name="csv",
+    summary="spline through a file with columns time, q_JOINT, optionally dq_JOINT, ddq_JOINT (s, rad); then at rest",
+    parameters=(Parameter("file", "", "file, relative to the folder where the node was started", fixed=True),),
+    joints=0,
+    evaluate=evaluate,
+)

@@ -1,0 +1,55 @@
+"""Motions of polynomials, one after the other: what planned, recorded and commanded motions have in common.
+
+A motion of n segments is an array of shape (joints, 7 n + 1). Each row begins with the n + 1 times at which segments
+begin and end; the coefficients follow, six a segment, as `pidtsm_core.polynomials.quintic` returns them.
+"""
+
+import numpy as np
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.parameters import Array
+from pidtsm_core.polynomials import add_quintic, quintic
+
+
+def piecewise(times: Array, starts: Array, ends: Array) -> Array:
+    """A motion from what it is at both ends of every segment.
+
+    Args:
+        times: s, increasing, shape (n + 1,).
+        starts: q, q', q'' where each segment begins, shape (n, 3, joints), rad, rad/s, rad/s^2.
+        ends: the same where it ends.
+
+    Returns:
+        The motion, shape (joints, 7 n + 1), for `evaluate`.
+    """
+    n, _, joints = starts.shape
+    motion = np.empty((joints, 7 * n + 1))
+    motion[:, : n + 1] = times
+    coefficients = np.empty((6, joints))
+    for i, duration in enumerate(np.diff(times)):
+        quintic(starts[i], ends[i], duration, coefficients)
+        motion[:, n + 1 + 6 * i : n + 7 + 6 * i] = coefficients.T
+    return motion
+
+
+@njit
+def evaluate(t: float, p: Array, desired: Array) -> None:
+    """Write q, q', q'' at t (s) to desired, shape (3, joints); at rest before the first segment and after the last."""
+    n = (p.shape[1] - 1) // 7
+    low, high = 0, n
+    while high - low > 1:
+        middle = (low + high) // 2
+        if p[0, middle] <= t:
+            low = middle
+        else:
+            high = middle
+    start, end = p[0, low], p[0, low + 1]
+    first = n + 1 + 6 * low
+    for i in range(3):
+        for j in range(desired.shape[1]):
+            desired[i, j] = 0.0
+    add_quintic(p[:, first : first + 6].T, end - start, min(max(t, start), end) - start, desired)
+    if t < start or t >= end:
+        for j in range(desired.shape[1]):
+            desired[1, j] = 0.0
+            desired[2, j] = 0.0

@@ -1,0 +1,138 @@
+"""The observer on an arm whose torque and disturbance are known, and its lag and noise against the theory."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import solve_discrete_lyapunov
+
+from pidtsm_core.estimators.extended_state import EXTENDED_STATE_OBSERVER
+from pidtsm_core.family import SLOTS
+from pidtsm_core.parameters import Array
+from pidtsm_core.robots import ROBOTS, forward_dynamics
+from pidtsm_core.robots.two_link import TWO_LINK
+
+DT = 0.001
+ROBOT = ROBOTS.number(TWO_LINK.name)
+ARM = TWO_LINK.pack_model({f"robot.{p.name}": p.default for p in TWO_LINK.parameters})
+# Without masses: q'' = effort / J.
+FREE = TWO_LINK.pack_model(
+    {f"robot.{p.name}": 0.0 if p.name in ("m1", "m2") else p.default for p in TWO_LINK.parameters}
+)
+INERTIA = 5.0
+
+
+def observe(times: Array, positions: Array, efforts: Array, model: Array, bandwidth: float) -> Array:
+    """Estimates of q, q', q'' after each sample, shape (samples, 3, 2); efforts[k] is held from sample k on."""
+    p, x = np.full((2, SLOTS), bandwidth), np.zeros((2, SLOTS))
+    estimates = np.zeros((len(times), 3, 2))
+    for k, q in enumerate(positions):
+        dt, held = (float(times[k] - times[k - 1]), efforts[k - 1]) if k else (0.0, efforts[0])
+        EXTENDED_STATE_OBSERVER.estimate(q, np.zeros((2, 2)), dt, held, ROBOT, model, p, x, estimates[k])
+    return estimates
+
+
+def swing(times: Array, disturbance: Array) -> tuple[Array, Array, Array]:
+    """Motion of the arm under torques that wander, in fine steps: q, q'; q'' before each sample; the torques."""
+    efforts = np.array([40.0, 15.0]) + 10.0 * np.sin(np.outer(times, [1.3, 2.1]))
+    states, accelerations = np.zeros((len(times), 2, 2)), np.zeros((len(times), 2))
+    q, dq, ddq = np.zeros(2), np.zeros(2), np.zeros(2)
+    for k in range(1, len(times)):
+        h = (times[k] - times[k - 1]) / 20
+        for _ in range(20):
+            forward_dynamics(ROBOT, q, dq, efforts[k - 1], ARM, ddq)
+            middle = dq + 0.5 * h * (ddq + disturbance)
+            forward_dynamics(ROBOT, q + 0.5 * h * dq, middle, efforts[k - 1], ARM, ddq)
+            q = q + h * middle
+            dq = dq + h * (ddq + disturbance)
+        forward_dynamics(ROBOT, q, dq, efforts[k - 1], ARM, ddq)
+        states[k], accelerations[k] = (q, dq), ddq + disturbance
+    return states, accelerations, efforts
+
+
+@settings(deadline=None, max_examples=5)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_motion_and_disturbance_are_found_at_irregular_times_and_over_gaps(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    periods = random.uniform(0.0005, 0.0015, 800) * random.choice([1.0, 20.0], 800, p=[0.98, 0.02])
+    times = np.cumsum(periods)
+    states, accelerations, efforts = swing(times, np.array([0.5, -1.0]))
+    estimates = observe(times, states[:, 0], efforts, ARM, 40.0)
+    settled = times - times[0] > 0.5
+    np.testing.assert_allclose(estimates[settled, 0], states[settled, 0], atol=2e-5)
+    np.testing.assert_allclose(estimates[settled, 1], states[settled, 1], atol=2e-3)
+    np.testing.assert_allclose(estimates[settled, 2], accelerations[settled], atol=5e-2)
+
+
+def test_a_jump_of_the_torque_is_known_at_once() -> None:
+    """What no differentiator can: q'' follows the torque without lag, and no error of q, q' comes of it."""
+    times = np.arange(1000) * DT
+    efforts = np.where(times < 0.5, 1.0, -20.0)[:, None] * [1.0, 1.0]
+    ddq = efforts / INERTIA
+    dq = np.concatenate([np.zeros((1, 2)), np.cumsum(ddq[:-1], axis=0) * DT])
+    q = np.concatenate([np.zeros((1, 2)), np.cumsum(dq[:-1] * DT + 0.5 * ddq[:-1] * DT**2, axis=0)])
+    estimates = observe(times, q, efforts, FREE, 30.0)
+    np.testing.assert_allclose(estimates[1:, 0], q[1:], atol=1e-12)
+    np.testing.assert_allclose(estimates[1:, 1], dq[1:], atol=1e-10)
+    np.testing.assert_allclose(estimates[1:, 2], ddq[:-1], atol=1e-9)
+
+
+@pytest.mark.parametrize("bandwidth", [20.0, 60.0])
+def test_a_growing_disturbance_is_followed_with_the_errors_of_the_docstring(bandwidth: float) -> None:
+    rate = 3.0
+    times = np.arange(2000) * DT
+    positions = (rate * times**3 / 6.0)[:, None] * [1.0, 1.0]
+    estimates = observe(times, positions, np.zeros((2000, 2)), FREE, bandwidth)
+    missing = (
+        np.array([rate * times[-1] ** 3 / 6.0, rate * times[-1] ** 2 / 2.0, rate * times[-1]]) - estimates[-1, :, 0]
+    )
+    expected = rate * np.array([bandwidth**-3, 3.0 * bandwidth**-2, 3.0 / bandwidth])
+    # Sampling adds terms of the order of bandwidth times the period.
+    np.testing.assert_allclose(missing, expected, rtol=2.0 * bandwidth * DT)
+
+
+@pytest.mark.parametrize("bandwidth", [20.0, 60.0])
+def test_the_poles_are_where_they_were_asked_for(bandwidth: float) -> None:
+    """Without torque, an error of the start fades as (a + b k + c k^2) exp(-bandwidth k dt)."""
+    samples = 400
+    times = np.arange(samples) * DT
+    estimates = observe(times, np.outer(times, [1.0, 1.0]), np.zeros((samples, 2)), FREE, bandwidth)
+    k = np.arange(1, samples)
+    shape = np.exp(-bandwidth * times[1:])[:, None] * np.stack([np.ones_like(k), k, k**2], axis=1)
+    error = estimates[1:, 1, 0] - 1.0
+    fit, *_ = np.linalg.lstsq(shape, error, rcond=None)
+    np.testing.assert_allclose(shape @ fit, error, atol=1e-9)
+
+
+@pytest.mark.parametrize("bandwidth", [20.0, 60.0])
+def test_the_noise_of_the_estimates_is_that_of_the_theory(bandwidth: float) -> None:
+    """The stationary covariance of the sampled error, and the rule of thumb of the docstring."""
+    pole = math.exp(-bandwidth * DT)
+    gain = np.array([1 - pole**3, 1.5 * (1 - pole) ** 2 * (1 + pole) / DT, (1 - pole) ** 3 / DT**2])[:, None]
+    predict = np.array([[1.0, DT, DT**2 / 2], [0.0, 1.0, DT], [0.0, 0.0, 1.0]])
+    closed = (np.eye(3) - gain @ [[1.0, 0.0, 0.0]]) @ predict
+    theory = np.sqrt(np.diag(solve_discrete_lyapunov(closed, gain @ gain.T)))
+    thumb = math.sqrt(bandwidth * DT) * np.array([1.4, 1.3 * bandwidth, 0.43 * bandwidth**2])
+    np.testing.assert_allclose(thumb, theory, rtol=0.05)
+
+    std, samples = 1e-3, 100_000
+    noise = std * np.random.default_rng(5).standard_normal((samples, 2))
+    estimates = observe(np.arange(samples) * DT, noise, np.zeros((samples, 2)), FREE, bandwidth)
+    np.testing.assert_allclose(estimates[2000:, :, 0].std(axis=0), std * theory, rtol=0.1)
+
+
+@pytest.mark.parametrize("silence", [2.0, 1e9])
+def test_after_a_long_silence_the_arm_counts_as_at_rest(silence: float) -> None:
+    times = np.concatenate([np.arange(100) * DT, [0.1 + silence]])
+    (*_, last) = observe(times, np.outer(times, [1.0, 1.0]), np.ones((101, 2)), ARM, 30.0)
+    np.testing.assert_array_equal(last, [[times[-1]] * 2, [0.0, 0.0], [0.0, 0.0]])
+
+
+def test_an_absurd_measurement_spoils_the_estimates_for_a_while_only() -> None:
+    positions = np.zeros((1000, 2))
+    positions[100] = 1e200
+    estimates = observe(np.arange(1000) * DT, positions, np.zeros((1000, 2)), ARM, 30.0)
+    assert np.isfinite(estimates).all()
+    assert np.abs(estimates[-1, 0]).max() < 0.1

@@ -1,0 +1,77 @@
+"""The robust exact differentiator: exact, without chattering, within its bounds in noise."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pidtsm_core.estimators.robust_differentiator import ROBUST_DIFFERENTIATOR
+from pidtsm_core.family import SLOTS
+from pidtsm_core.parameters import Array
+
+DT = 0.001
+NO_EFFORT, NO_MODEL = np.zeros(1), np.zeros(0)
+
+
+def run(times: Array, positions: Array, jerk: float) -> tuple[Array, Array, Array]:
+    """q, q' and q'' after each sample of one joint."""
+    p, x = np.full((1, SLOTS), jerk), np.zeros((1, SLOTS))
+    truth, estimates = np.zeros((2, 1)), np.zeros((len(times), 3, 1))
+    for k, q in enumerate(positions):
+        dt = float(times[k] - times[k - 1]) if k else 0.0
+        ROBUST_DIFFERENTIATOR.estimate(np.array([q]), truth, dt, NO_EFFORT, 0, NO_MODEL, p, x, estimates[k])
+    return estimates[:, 0, 0], estimates[:, 1, 0], estimates[:, 2, 0]
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1), acceleration=st.floats(-3.0, 3.0))
+def test_a_parabola_is_found_exactly_in_finite_time_at_irregular_times_and_over_gaps(
+    seed: int, acceleration: float
+) -> None:
+    random = np.random.default_rng(seed)
+    periods = random.uniform(0.0005, 0.0015, 1500) * random.choice([1.0, 20.0], 1500, p=[0.98, 0.02])
+    times = np.cumsum(periods)
+    q, dq, ddq = run(times, 0.3 - 2.0 * times + 0.5 * acceleration * times**2, 50.0)
+    settled = times - times[0] > 1.0
+    np.testing.assert_allclose(q[settled], (0.3 - 2.0 * times + 0.5 * acceleration * times**2)[settled], atol=1e-12)
+    np.testing.assert_allclose(dq[settled], (acceleration * times - 2.0)[settled], atol=1e-8)
+    np.testing.assert_allclose(ddq[settled], acceleration, atol=1e-5)
+
+
+@pytest.mark.parametrize("jerk", [30.0, 3000.0])
+def test_the_errors_of_a_sine_are_those_of_one_period_and_there_is_no_chattering(jerk: float) -> None:
+    omega, size = 4.0, 0.4
+    times = np.arange(3000) * DT
+    q, dq, ddq = run(times, size * np.sin(omega * times), jerk)
+    settled = times > 1.5
+    largest = size * omega**3
+    np.testing.assert_allclose(q[settled], (size * np.sin(omega * times))[settled], atol=1e-14)
+    # Divided differences: T^2 / 3 of the third derivative in q', T in q''.
+    np.testing.assert_allclose(dq[settled], (size * omega * np.cos(omega * times))[settled], atol=largest * DT**2 / 2)
+    np.testing.assert_allclose(
+        ddq[settled], (-size * omega**2 * np.sin(omega * times))[settled], atol=1.01 * largest * DT
+    )
+    # A discontinuous sign would step q'' by 1.1 L T every period.
+    assert np.abs(np.diff(ddq[settled])).max() < 1.01 * largest * DT
+
+
+@pytest.mark.parametrize("size", [1e-5, 1e-3])
+@pytest.mark.parametrize("jerk", [10.0, 1000.0])
+def test_noise_does_not_add_more_than_the_order_of_levant_s_bounds(size: float, jerk: float) -> None:
+    noise = size * np.random.default_rng(4).uniform(-1.0, 1.0, 20_000)
+    _, dq, ddq = run(np.arange(20_000) * DT, noise, jerk)
+    assert np.abs(dq[2000:]).max() < 5.0 * jerk ** (1 / 3) * size ** (2 / 3)
+    assert np.abs(ddq[2000:]).max() < 5.0 * jerk ** (2 / 3) * size ** (1 / 3)
+
+
+def test_noise_is_multiplied_less_than_by_a_difference() -> None:
+    noise = 1e-4 * np.random.default_rng(4).standard_normal(20_000)
+    _, dq, ddq = run(np.arange(20_000) * DT, noise, 100.0)
+    assert dq[2000:].std() < 0.1 * (np.diff(noise) / DT).std()
+    assert ddq[2000:].std() < 0.01 * (np.diff(noise, 2) / DT**2).std()
+
+
+def test_the_estimate_of_q_is_smoother_than_the_measurement() -> None:
+    noise = 1e-3 * np.random.default_rng(4).standard_normal(20_000)
+    q, _, _ = run(np.arange(20_000) * DT, noise, 100.0)
+    assert q[2000:].std() < 0.6 * noise.std()

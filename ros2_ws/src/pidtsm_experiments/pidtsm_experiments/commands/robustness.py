@@ -1,0 +1,96 @@
+"""``./pidtsm robustness``: how much imperfection each controller bears, over many rollouts."""
+
+import argparse
+import json
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from pidtsm_experiments.commands.options import CONSOLE, progress_bar
+from pidtsm_experiments.results import result_folder
+from pidtsm_experiments.robustness import (
+    CONTENDERS,
+    FULL,
+    IMPERFECTIONS,
+    OBSERVER,
+    QUICK,
+    ROWS,
+    Robustness,
+    as_json,
+    measure,
+    measured_text,
+    tolerance,
+)
+from pidtsm_experiments.robustness_figures import write_robustness_figures
+from pidtsm_experiments.robustness_report import write_robustness_report
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--out", type=Path, default=Path("results", "robustness"), metavar="DIR", help="default: results/robustness"
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help=f"{QUICK.values} values and {QUICK.seeds} seeds: shows that everything runs, not more",
+    )
+    parser.add_argument("--json", action="store_true", help="print the results as one JSON object, and nothing else")
+
+
+def execute(options: argparse.Namespace) -> int:
+    with result_folder(options.out) as folder:
+        with progress_bar() as bar:
+            task = bar.add_task("rollouts", total=None)
+            robustness = measure(
+                QUICK if options.quick else FULL, lambda done, total: bar.update(task, completed=done, total=total)
+            )
+        with CONSOLE.status("drawing, writing the report"):
+            text = json.dumps(as_json(robustness), allow_nan=False)
+            (folder / "robustness.json").write_text(text + "\n", encoding="utf-8")
+            write_robustness_figures(robustness, folder / "figures")
+            write_robustness_report(folder / "report.html", robustness)
+    if options.json:
+        print(text)
+        return 0
+    console = Console()
+    console.print(_rows(robustness))
+    console.print(_tolerance(robustness))
+    CONSOLE.print(f"{options.out}: report.html robustness.json figures/", highlight=False)
+    return 0
+
+
+def _rows(robustness: Robustness) -> Table:
+    effort = robustness.effort
+    title = (
+        f"imperfect hardware: practical set within its limits in {robustness.met()} of {len(ROWS)} rows "
+        f"({effort.duration:g} s, {effort.seeds} seeds)"
+    )
+    table = _table(title, "hardware", "set", "RMSE", "ECI", "error (rad)", "variation (N m)", "success")
+    for row, judged in zip(ROWS, robustness.rows, strict=True):
+        for name, each in judged.items():
+            met = each.met(row)
+            cells = (
+                f"{measured_text(value)}{'' if met[quantity] else ' [bold red]✗[/]'}"
+                for quantity, value in each.values.items()
+            )
+            head = row.label if name == OBSERVER.name else ""
+            table.add_row(head, name, *cells, f"{100.0 * each.success:.0f} %")
+    return table
+
+
+def _tolerance(robustness: Robustness) -> Table:
+    names = (each.heading for each in CONTENDERS)
+    table = _table("tolerated: up to here every run succeeded", "", *names)
+    for each in IMPERFECTIONS:
+        head = f"{each.name}\n[dim]{each.unit}[/]" if each.unit else each.name
+        table.add_row(head, *(tolerance(robustness, each, contender.name) for contender in CONTENDERS))
+    return table
+
+
+def _table(title: str, *columns: str) -> Table:
+    table = Table(title=title, title_style="bold", box=box.SIMPLE_HEAD, padding=0, show_edge=False)
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    return table

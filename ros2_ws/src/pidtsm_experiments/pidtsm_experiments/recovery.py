@@ -1,0 +1,122 @@
+"""Reads what there is of a bag that was never finished: its recorder was killed, or its disk was full."""
+
+import shutil
+import struct
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Chunk, Metadata
+from mcap.stream_reader import StreamReader
+from mcap.writer import MCAP0_MAGIC, IndexType, Writer
+
+_HEAD = struct.Struct("<BQ")  # opcode and length, before the content of a record
+_DATA = {
+    Opcode.HEADER,
+    Opcode.SCHEMA,
+    Opcode.CHANNEL,
+    Opcode.MESSAGE,
+    Opcode.CHUNK,
+    Opcode.MESSAGE_INDEX,
+    Opcode.ATTACHMENT,
+    Opcode.METADATA,
+}
+"""Records that come before the end of the data; those after it are written again."""
+
+
+@dataclass(frozen=True)
+class Readable:
+    """A bag as rosbags can read it.
+
+    Attributes:
+        files: its folder, or its files; empty where nothing in it can be read.
+        flaws: what tells that the bag was not finished; empty for one that was.
+    """
+
+    files: list[Path]
+    flaws: list[str]
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[Readable]:
+    """Yield a bag as it can be read; nothing of the bag itself is changed.
+
+    An MCAP file that ends somewhere is copied to a temporary folder, up to its last whole record, and ended as the
+    format wants it.
+
+    Args:
+        path: folder of a bag, or one file.
+    """
+    files = sorted([*path.glob("*.mcap"), *path.glob("*.db3")]) if path.is_dir() else [path]
+    cut = [file for file in files if file.suffix == ".mcap" and file.is_file() and not _is_whole(file)]
+    flaws = ["no metadata.yaml"] if path.is_dir() and files and not (path / "metadata.yaml").exists() else []
+    if not (cut or flaws):
+        yield Readable([path], [])
+        return
+    with TemporaryDirectory(prefix="pidtsm-") as folder:
+        found = []
+        for file in files:
+            if file not in cut:
+                found.append(file)
+                continue
+            end = _end_of_records(file)
+            flaws.append(f"{file.name} has no end: {end} of its {file.stat().st_size} bytes are whole records")
+            if end:
+                found.append(_ended(file, end, Path(folder)))
+        yield Readable(found, flaws)
+
+
+def stored_metadata(file: Path, key: str) -> Mapping[str, str]:
+    """The MCAP metadata record with this name at the begin of a file; empty where there is none."""
+    with file.open("rb") as stream, suppress(McapError, struct.error, ValueError):
+        for record in StreamReader(stream, emit_chunks=True).records:
+            if isinstance(record, Metadata) and record.name == key:
+                return record.metadata
+            if isinstance(record, Chunk):
+                break
+    return {}
+
+
+def _is_whole(file: Path) -> bool:
+    with file.open("rb") as stream:
+        size = stream.seek(0, 2)
+        stream.seek(max(0, size - len(MCAP0_MAGIC)))
+        return size > len(MCAP0_MAGIC) and stream.read() == MCAP0_MAGIC
+
+
+def _end_of_records(file: Path) -> int:
+    """Bytes of a file up to the end of its last whole record of data, 0 where there is none."""
+    size = file.stat().st_size
+    with file.open("rb") as stream:
+        if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            return 0
+        end = begin = stream.tell()
+        while len(head := stream.read(_HEAD.size)) == _HEAD.size:
+            opcode, length = _HEAD.unpack(head)
+            after = end + _HEAD.size + length
+            if opcode not in _DATA or after > size:
+                break
+            end = stream.seek(after)
+    return end if end > begin else 0
+
+
+def _ended(file: Path, end: int, folder: Path) -> Path:
+    """A copy of the first bytes of an MCAP file with an end that refers to no index."""
+    copy = folder / file.name
+    shutil.copyfile(file, copy)
+    with copy.open("r+b") as stream:
+        stream.truncate(end)
+        stream.seek(end)
+        Writer(
+            stream,
+            index_types=IndexType.NONE,
+            repeat_channels=False,
+            repeat_schemas=False,
+            use_statistics=False,
+            use_summary_offsets=False,
+        ).finish()  # type: ignore[no-untyped-call]
+    return copy

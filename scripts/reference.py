@@ -1,0 +1,127 @@
+"""Writes docs/reference.md from what the nodes declare: every parameter and every message.
+
+./pidtsm shell -c "python scripts/reference.py"
+"""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from pidtsm_core.disturbances import DISTURBANCES
+from pidtsm_core.estimators import ESTIMATORS
+from pidtsm_core.family import Family
+from pidtsm_core.laws import LAWS
+from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value
+from pidtsm_core.reaching import REACHING_LAWS
+from pidtsm_core.references import REFERENCES
+from pidtsm_core.robots import ROBOTS
+from pidtsm_core.surfaces import SURFACES
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "reference.md"
+
+_FAMILIES: dict[str, Family[Any]] = {
+    "law.name": LAWS,
+    "law.surface": SURFACES,
+    "law.reaching": REACHING_LAWS,
+    "estimator.name": ESTIMATORS,
+    "robot.name": ROBOTS,
+    "reference.name": REFERENCES,
+    "disturbance.name": DISTURBANCES,
+}
+_HEAD = """# Reference
+
+Made by `scripts/reference.py` from what the nodes declare; `ros2 param describe` tells the same. A parameter
+*per joint* takes one number for all joints, or one a joint. A parameter marked *start* is read when the node is
+configured; all others can be changed while it runs. In `--set`, in scenarios and in a launch, put the node's name
+before: `controller.law.k1=4.0`.
+"""
+_ESCAPED = "\\|"
+_TABLE = "| parameter | default | unit | allowed | meaning |\n| --- | --- | --- | --- | --- |\n"
+
+
+def page() -> str:
+    """The whole page."""
+    parts = [_HEAD]
+    for node, schema in NODE_SCHEMAS.items():
+        parts.append(f"## Parameters of the {node}\n")
+        parts += _parameters(schema, {})
+    parts.append("## Messages and services\n")
+    interfaces = ROOT / "ros2_ws" / "src" / "pidtsm_msgs"
+    for file in sorted([*interfaces.glob("msg/*.msg"), *interfaces.glob("srv/*.srv")]):
+        name = f"pidtsm_msgs/{file.parent.name}/{file.stem}"
+        parts.append(f"### {name}\n\n```text\n{file.read_text(encoding='utf-8').strip()}\n```\n")
+    return "\n".join(parts)
+
+
+def _parameters(
+    schema: Schema,
+    settings: Mapping[str, object],
+    path: tuple[str, ...] = (),
+    elsewhere: frozenset[Parameter] = frozenset(),
+    made: frozenset[str] = frozenset(),
+) -> Iterator[str]:
+    """Tables of what these settings always bring, and of what each choice adds that is still to be made.
+
+    Args:
+        schema: of the node.
+        settings: choices made.
+        path: the same in words.
+        elsewhere: parameters that another table has.
+        made: names of the choices that another table is about.
+    """
+    declared = frozenset(schema(settings))
+    choices = {p.name: _variants(schema, settings, p) for p in schema(settings) if p.choices and p.name not in made}
+    shared = {name: frozenset.intersection(*variants.values()) for name, variants in choices.items()}
+    always = declared.intersection(*shared.values())
+    rows = [p for p in schema(settings) if p in always - elsewhere]
+    if rows:
+        yield _heading(path, settings) + _TABLE + "".join(map(_row, rows))
+    for name, variants in choices.items():
+        of_other_choices = always.union(*(declared - shared[other] for other in choices if other != name))
+        for choice, variant in variants.items():
+            if variant - of_other_choices:
+                chosen = {**settings, name: choice}
+                words = (*path, f"`{name}: {choice}`")
+                yield from _parameters(schema, chosen, words, of_other_choices | elsewhere, made.union(choices))
+
+
+def _variants(schema: Schema, settings: Mapping[str, object], choice: Parameter) -> dict[str, frozenset[Parameter]]:
+    """Parameters by the value of a choice, without the values that the node refuses."""
+    found = {}
+    for value in choice.choices:
+        try:
+            found[value] = frozenset(schema({**settings, choice.name: value}))
+        except ParameterError:
+            continue
+    return found
+
+
+def _heading(path: tuple[str, ...], settings: Mapping[str, object]) -> str:
+    """The choices made, and what the last of them is."""
+    if not path:
+        return ""
+    name, choice = list(settings.items())[-1]
+    summary = f"{_FAMILIES[name][str(choice)].summary}\n\n" if name in _FAMILIES else ""
+    return f"### {', '.join(path)}\n\n{summary}"
+
+
+def _row(p: Parameter) -> str:
+    marks = [p.range_text()]
+    marks += ["per joint"] * (p.per_joint and not isinstance(p.default, tuple)) + ["start"] * p.fixed
+    allowed = "; ".join(m for m in marks if m)
+    cells = (f"`{p.name}`", _text(p.default), p.unit, allowed, p.description)
+    return f"| {' | '.join(cell.replace('|', _ESCAPED) for cell in cells)} |\n"
+
+
+def _text(value: Value) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (tuple, list)):
+        return ", ".join(map(_text, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

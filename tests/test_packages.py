@@ -1,0 +1,67 @@
+"""What a package imports it declares, under keys that rosdep knows, so that an ordinary installation can build it."""
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+SOURCE = Path(__file__).resolve().parents[1] / "ros2_ws" / "src"
+PACKAGES = sorted(file.parent for file in SOURCE.glob("*/package.xml"))
+ROSDEP_KEYS = {
+    "hypothesis": "python3-hypothesis",
+    "joblib": "python3-joblib",
+    "matplotlib": "python3-matplotlib",
+    "numba": "python3-numba",
+    "numpy": "python3-numpy",
+    "pytest": "python3-pytest",
+    "rich": "python3-rich",
+    "rosbags": "python3-rosbags-pip",
+    "scipy": "python3-scipy",
+    "yaml": "python3-yaml",
+}
+"""Of Python packages, as in rosdep/python.yaml of rosdistro; ROS packages are declared by their names."""
+WITHOUT_KEY = {"mcap", "plotly"}
+OPTIONAL = {"dask", "distributed", "pinocchio"}
+"""Imported only where they are installed."""
+HELPERS = {path.stem for path in Path(__file__).parent.glob("*.py")}
+
+
+def imported(files: Iterator[Path]) -> set[str]:
+    names: set[str] = set()
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                names.add(node.module)
+    return {name.partition(".")[0] for name in names} - sys.stdlib_module_names - WITHOUT_KEY - OPTIONAL - HELPERS
+
+
+def declared(package: Path, *kinds: str) -> set[str]:
+    root = ElementTree.parse(package / "package.xml").getroot()
+    return {str(element.text) for kind in kinds for element in root.findall(kind)}
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda p: p.name)
+def test_imports_are_declared(package: Path) -> None:
+    code = (f for folder in (package.name, "launch") for f in (package / folder).rglob("*.py"))
+    needed = {ROSDEP_KEYS.get(name, name) for name in imported(code)} - {package.name}
+    of_tests = {ROSDEP_KEYS.get(name, name) for name in imported((package / "test").rglob("*.py"))} - {package.name}
+    always = declared(package, "depend", "exec_depend")
+    assert needed <= always
+    assert of_tests <= always | declared(package, "test_depend")
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda p: p.name)
+def test_python_dependencies_have_keys_that_rosdep_knows(package: Path) -> None:
+    keys = declared(package, "depend", "exec_depend", "test_depend", "build_depend")
+    assert {key for key in keys if key.startswith("python3-")} <= set(ROSDEP_KEYS.values())
+
+
+@pytest.mark.parametrize("package", [p for p in PACKAGES if (p / "setup.py").is_file()], ids=lambda p: p.name)
+def test_colcon_finds_the_tests(package: Path) -> None:
+    """It looks for pytest in the extra requirements, and for nothing else."""
+    assert '"test": ["pytest"]' in (package / "setup.py").read_text(encoding="utf-8")

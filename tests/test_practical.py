@@ -1,0 +1,98 @@
+"""The `practical` parameter set on hardware as it is: one set for all scenarios, over the nodes and without them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pidtsm_core.metrics import metrics
+from pidtsm_core.parameters import Array
+from pidtsm_core.rollout import Rollout, rollout
+from pidtsm_core.signals import Signal
+from pidtsm_experiments.errors import UsageError
+from pidtsm_experiments.experiment import PRACTICAL, make_experiment
+from pidtsm_experiments.recording import read_recording
+from pidtsm_experiments.runner import run
+
+LIGHT = ("simulator.model_error.mass=-0.25", "simulator.model_error.inertia=-0.25")
+# Scenario and settings; then at most: RMSE and ECI relative to ideal sensing, error after 10 s (rad), torque
+# variation (N m a sample).
+ROWS = {
+    "17 bits": ("encoder_17", (), 1.01, 1.005, 4e-4, 0.05),
+    "14 bits, delay": ("encoder_14_delay", (), 1.01, 1.005, 6e-4, 0.12),
+    "12 bits, delay": ("encoder_12_delay", (), 1.02, 1.005, 1.5e-3, 0.30),
+    "noise": ("noise", (), 1.02, 1.005, 2e-3, 0.50),
+    "losses": ("loss", (), 1.01, 1.005, 1e-3, 0.12),
+    "slow drives, heavy arm": ("hard", (), 1.10, np.inf, 1e-3, 0.25),
+    "slow drives, light arm": ("hard", LIGHT, 1.10, np.inf, 1e-3, 0.25),
+}
+EACH = pytest.mark.parametrize("row", ROWS.values(), ids=ROWS)
+SEEDS = 20
+
+
+def roll(scenario: str, overrides: tuple[str, ...] = (), duration: float = 30.0) -> Rollout:
+    return rollout(make_experiment(scenario, params=[PRACTICAL], overrides=overrides).settings, duration)
+
+
+def error(result: Rollout) -> Array:
+    return result.position - result.reference[:, 0]
+
+
+def judged(result: Rollout) -> dict[str, Array]:
+    found = metrics(result.time, error(result), result.effort, result.signals[:, Signal.SATURATED])
+    return {name: np.array(found[name], dtype=float) for name in ("rmse", "eci", "torque_variation")}
+
+
+@pytest.fixture(scope="module")
+def ideal() -> dict[str, Array]:
+    return judged(roll("case1"))
+
+
+def test_with_ideal_sensors_it_tracks_as_the_article_does(ideal: dict[str, Array]) -> None:
+    assert (ideal["rmse"] <= [0.0382, 0.0089]).all()
+    np.testing.assert_allclose(ideal["eci"], [31.19, 12.03], rtol=1e-3)
+
+
+@EACH
+def test_with_real_sensors_and_drives_it_stays_within_its_limits(
+    ideal: dict[str, Array], row: tuple[str, tuple[str, ...], float, float, float, float]
+) -> None:
+    scenario, overrides, rmse, eci, largest, variation = row
+    found, worst = [], 0.0
+    for seed in range(SEEDS):
+        result = roll(scenario, (*overrides, f"simulator.seed={seed}"))
+        found.append(judged(result))
+        worst = max(worst, np.abs(error(result)[result.time >= 10.0]).max())
+        assert not result.signals[1000:, Signal.SATURATED].any()
+    mean = {name: np.mean([each[name] for each in found], axis=0) for name in ideal}
+    assert (mean["rmse"] <= rmse * ideal["rmse"]).all()
+    assert (mean["eci"] <= eci * ideal["eci"]).all()
+    assert (mean["torque_variation"] <= variation).all()
+    assert worst <= largest
+
+
+@EACH
+def test_the_adaptive_gain_stays_bounded_for_ten_minutes(
+    row: tuple[str, tuple[str, ...], float, float, float, float],
+) -> None:
+    scenario, overrides, *_, variation = row
+    result = roll(scenario, overrides, 600.0)
+    assert result.signals[:, Signal.ADAPTIVE_GAIN].max() <= 20.0
+    # And what is bounded does no harm.
+    late = slice(-30_000, None)
+    assert (np.abs(np.diff(result.effort[late], axis=0)).mean(axis=0) <= variation).all()
+
+
+@pytest.mark.parametrize("scenario", ["loss", "hard"])
+def test_nodes_and_rollout_agree_to_the_last_bit(scenario: str, tmp_path: Path) -> None:
+    experiment = make_experiment(scenario, params=[PRACTICAL], duration=2.0)
+    recording = read_recording(run(experiment, "lockstep", tmp_path, lambda _: None))
+    result = rollout(experiment.settings, 2.0)
+    np.testing.assert_array_equal(recording.position, result.position)
+    np.testing.assert_array_equal(recording.effort, result.effort)
+    np.testing.assert_array_equal(recording.signals, result.signals)
+
+
+def test_a_law_that_it_is_not_made_for_is_refused() -> None:
+    with pytest.raises(UsageError, match="practical parameters are made for piddtsm, not pid;"):
+        make_experiment("case1", "pid", params=[PRACTICAL])

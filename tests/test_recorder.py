@@ -1,0 +1,276 @@
+"""The recorder loses nothing that is older than a second, says what is missing, and never ends with its disk."""
+
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+from bench import Bench
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import JointState
+
+from pidtsm_experiments.recorder import TOPICS
+from pidtsm_experiments.recovery import readable
+from pidtsm_experiments.runner import Process
+from pidtsm_ros.qos import PUBLISHER
+from pidtsm_ros.stamps import serialized_nanoseconds, set_stamp
+
+PUBLISHED = ("joint_states", "simulator/ground_truth")
+"""At 1 kHz; the other topics have publishers that are silent."""
+PERIOD = 1_000_000  # ns
+KILLED = 20
+AT_ONCE = 5
+LATEST_KILL = 2.5  # s
+PROMISE = 1_000_000_000  # ns; what is older than that is readable
+
+
+class Loop:
+    """Publishes what recorders listen to, as fast as a loop does."""
+
+    def __init__(self, bench: Bench, namespace: str = "") -> None:
+        self.bench = bench
+        self.namespace = namespace
+        self.sent: dict[str, list[int]] = {topic: [] for topic in PUBLISHED}
+        self.out: dict[str, list[int]] = {topic: [] for topic in PUBLISHED}
+        # Processes that are killed leave their shared memory behind, so they have none.
+        self._environment = {**bench.environment, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+        self._publishers = {
+            topic: bench.node.create_publisher(kind, f"{namespace}/{topic}", PUBLISHER)
+            for topic, kind in TOPICS.items()
+        }
+        self._message = JointState(name=["joint1", "joint2"], position=[0.0, 0.0], velocity=[0.0, 0.0])
+
+    def start(self, bag: Path, *parameters: str) -> Process:
+        """A recorder of this loop."""
+        words = [word for parameter in (f"output:={bag}", *parameters) for word in ("-p", parameter)]
+        if self.namespace:
+            words += ["-r", f"__ns:={self.namespace}"]
+        log = self.bench.folder / f"{bag.name}.log"
+        process = self.bench.processes.start("recorder", words, self._environment, log)
+        # There may be several; processes are known by their names.
+        self.bench.processes.running[bag.name] = self.bench.processes.running.pop("recorder")
+        return process
+
+    def wait_for(self, recorders: int) -> None:
+        """Until so many recorders have subscribed to everything."""
+
+        def all_listen() -> bool:
+            return all(p.get_subscription_count() >= recorders for p in self._publishers.values())
+
+        self.bench.spin_until(all_listen, f"{recorders} recorders listen")
+
+    def publish(self) -> None:
+        """One sample: `sent` gets its stamp, `out` the time when it had left, which may be later.
+
+        A reader that is killed can keep a publisher waiting.
+        """
+        now = time.time_ns()
+        set_stamp(self._message.header.stamp, now)
+        for topic in PUBLISHED:
+            self._publishers[topic].publish(self._message)
+            self.sent[topic].append(now)
+            self.out[topic].append(time.time_ns())
+
+    def run(self, seconds: float = 0.0) -> Iterator[float]:
+        """Publish at 1 kHz, yielding the time since the begin (s) after each sample; forever where `seconds` is 0."""
+        began = time.monotonic_ns()
+        due = began
+        while not seconds or due - began < seconds * 1e9:
+            self.publish()
+            yield (time.monotonic_ns() - began) / 1e9
+            due += PERIOD
+            time.sleep(max(0, due - time.monotonic_ns()) / 1e9)
+
+
+@pytest.fixture
+def loop(bench: Bench) -> Loop:
+    return Loop(bench)
+
+
+def recorded(bag: Path, namespace: str = "") -> dict[str, set[int]]:
+    """Stamps in a bag, finished or not, by topic."""
+    stamps: dict[str, set[int]] = defaultdict(set)
+    with readable(bag) as found:
+        if not found.files:
+            return stamps  # Killed before anything was written.
+        with AnyReader(found.files) as reader:
+            for connection, _, payload in reader.messages():
+                stamps[connection.topic.removeprefix(namespace + "/")].add(serialized_nanoseconds(payload))
+    return stamps
+
+
+def test_killed_at_any_moment_leaves_all_that_is_older_than_a_second(bench: Bench) -> None:
+    moments = random.Random(35)
+    checked = 0
+    for group in range(KILLED // AT_ONCE):
+        bags = [bench.folder / f"bag{group}{i}" for i in range(AT_ONCE)]
+        loop = Loop(bench, f"/group{group}")
+        alive = {bag: loop.start(bag) for bag in bags}
+        loop.wait_for(AT_ONCE)
+        due = {bag: moments.uniform(0.1, LATEST_KILL) for bag in bags}
+        killed: dict[Path, int] = {}
+        for now in loop.run():
+            for bag in [bag for bag in alive if now >= due[bag]]:
+                alive.pop(bag).process.kill()
+                killed[bag] = time.time_ns()
+            if not alive:
+                break
+        for bag in bags:
+            bench.processes.running.pop(bag.name).process.wait()
+            assert not (bag / "metadata.yaml").exists()
+            got = recorded(bag, loop.namespace)
+            for topic in PUBLISHED:
+                left = zip(loop.sent[topic], loop.out[topic], strict=True)
+                old = {stamp for stamp, out in left if out <= killed[bag] - PROMISE}
+                checked += len(old)
+                lacking = old - got[topic]
+                assert not lacking, f"{bag.name} killed after {due[bag]:.2f} s lacks {len(lacking)} of {topic}"
+    assert checked > 5000
+
+
+# Full disks.
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 1 MB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = shutil.which("mount")
+    asked = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(disk)]
+    if not mount or subprocess.run(asked, capture_output=True).returncode:
+        pytest.skip("needs the right to mount a small disk")
+    yield disk
+    subprocess.run(["umount", "--lazy", str(disk)], check=True)
+
+
+def fill(loop: Loop, process: Process) -> None:
+    """Publish until the recorder says that its bag has ended, and a little on."""
+    loop.wait_for(1)
+    said = ""
+    for _ in loop.run(30.0):
+        if len(loop.sent[PUBLISHED[0]]) % 100 == 0:
+            said = process.log.read_text()
+        if "recording ends here" in said:
+            break
+    assert "recording ends here" in said, said
+    for _ in loop.run(0.5):
+        assert process.process.poll() is None
+
+
+def end(process: Process) -> tuple[int, str, str]:
+    """Exit code, log and progress of a recorder that is asked to end."""
+    process.interrupt()
+    code = process.wait()
+    assert process.process.stdout is not None
+    return code, process.log.read_text(), process.process.stdout.read().decode()
+
+
+def check_ended_early(loop: Loop, bag: Path, process: Process, reason: str) -> None:
+    """The bag is whole up to some moment; the recorder went on listening, and tells."""
+    code, log, progress = end(process)
+    assert code == 1
+    assert f"recording ends here: {reason}" in log
+    assert f"{bag} is incomplete: {reason}" in log
+    assert "Traceback" not in log
+    sent = loop.sent["simulator/ground_truth"]
+    assert progress.splitlines()[-1] == f"recorded {len(sent)}"
+    got = recorded(bag)["simulator/ground_truth"]
+    assert 100 < len(got) < len(sent)
+    assert got == set(sent[: len(got)])
+
+
+def test_a_disk_that_gets_full_ends_the_bag_and_nothing_else(loop: Loop, small_disk: Path) -> None:
+    process = loop.start(small_disk / "bag", "min_free_space:=500000")
+    fill(loop, process)
+    check_ended_early(loop, small_disk / "bag", process, f"{small_disk}/bag is on a disk with 0.")
+    assert (small_disk / "bag" / "metadata.yaml").exists()
+
+
+def test_a_disk_that_is_full_ends_the_bag_and_nothing_else(loop: Loop, small_disk: Path) -> None:
+    process = loop.start(small_disk / "bag", "min_free_space:=0")
+    fill(loop, process)
+    check_ended_early(loop, small_disk / "bag", process, "cannot write: No space left on device")
+
+
+def test_a_write_error_ends_the_bag_and_nothing_else(bench: Bench, loop: Loop) -> None:
+    bag = bench.folder / "bag"
+    process = loop.start(bag)
+    loop.wait_for(1)
+    resource.prlimit(process.process.pid, resource.RLIMIT_FSIZE, (400_000, 400_000))
+    fill(loop, process)
+    check_ended_early(loop, bag, process, "cannot write: File too large")
+
+
+def test_a_disk_without_space_is_refused(bench: Bench) -> None:
+    process = bench.start("recorder", f"output:={bench.folder / 'bag'}", f"min_free_space:={2**60}")
+    assert process.wait() == 1
+    (line,) = process.log.read_text().splitlines()
+    assert line.startswith(f"cannot record: {bench.folder}/bag is on a disk with ")
+    assert line.endswith("free some space, record elsewhere, or lower min_free_space")
+    assert not (bench.folder / "bag").exists()
+
+
+# What is missing is told, and a bag may have many files.
+
+
+def test_lost_messages_are_counted(bench: Bench, loop: Loop) -> None:
+    process = loop.start(bench.folder / "bag")
+    loop.wait_for(1)
+    for _ in loop.run(0.2):
+        pass
+    bench.spin_until(lambda: (bench.folder / "bag" / "bag_0.mcap").stat().st_size > 10_000, "something is recorded")
+    process.process.send_signal(signal.SIGSTOP)
+    # More than the publishers keep for a reader that does not answer.
+    for _ in range(PUBLISHER.depth + 3000):
+        loop.publish()
+    process.process.send_signal(signal.SIGCONT)
+    bench.spin_until(lambda: "lost so far" in process.log.read_text(), "the recorder tells")
+    code, log, _ = end(process)
+    assert code == 0
+    got = recorded(bench.folder / "bag")
+    for topic in PUBLISHED:
+        lost = len(loop.sent[topic]) - len(got[topic])
+        assert lost > 0
+        assert f"{lost} of {topic}" in log.rpartition(": lost ")[2]
+
+
+@pytest.mark.parametrize(
+    ("limit", "killed"),
+    [("max_bag_size:=100000", False), ("max_bag_size:=100000", True), ("max_bag_duration:=0.5", False)],
+)
+def test_a_long_recording_is_split(bench: Bench, loop: Loop, limit: str, killed: bool) -> None:
+    bag = bench.folder / "bag"
+    process = loop.start(bag, limit)
+    loop.wait_for(1)
+    for _ in loop.run(2.0):
+        pass
+    if killed:
+        bench.spin_until(lambda: (bag / "bag_2.mcap").exists(), "a third file")
+        process.process.kill()
+        process.process.wait()
+    else:
+        assert end(process)[0] == 0
+    files = sorted(file.name for file in bag.iterdir())
+    assert files[:3] == ["bag_0.mcap", "bag_1.mcap", "bag_2.mcap"]
+    got = recorded(bag)
+    if killed:
+        assert got["joint_states"] == set(loop.sent["joint_states"][: len(got["joint_states"])])
+        return
+    assert got == {topic: set(loop.sent[topic]) for topic in PUBLISHED}
+    about = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    parts = [file for file in files if file.endswith(".mcap")]
+    assert about["relative_file_paths"] == [file["path"] for file in about["files"]] == parts
+    assert (
+        about["message_count"] == sum(file["message_count"] for file in about["files"]) == sum(map(len, got.values()))
+    )
+    counts = {t["topic_metadata"]["name"].lstrip("/"): t["message_count"] for t in about["topics_with_message_count"]}
+    assert counts == {topic: len(got.get(topic, ())) for topic in TOPICS}
+    assert not [name for name in files if name not in (*parts, "metadata.yaml")]

@@ -1,0 +1,135 @@
+"""The simulator while it runs: reset, payload and push, and brakes where commands stay out."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from bench import Bench
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from pidtsm_core.node_parameters import simulator_node_schema
+from pidtsm_core.parameters import resolve
+from pidtsm_core.simulator import SimulatedRobot
+from pidtsm_ros.stamps import nanoseconds
+
+NAMES = ["joint1", "joint2"]
+EFFORT = [40.0, 5.0]
+
+
+class Arm:
+    """The simulator process, with this torque commanded where the test says so."""
+
+    def __init__(self, bench: Bench, *parameters: str) -> None:
+        self.bench = bench
+        self.obedient = False
+        self.states: list[JointState] = []
+        self.commands = bench.node.create_publisher(JointState, "joint_commands", 10)
+        bench.node.create_subscription(JointState, "joint_states", self._on_state, 10)
+        self.process = bench.start("simulator", "start.subscribers:=1", *parameters)
+
+    def _on_state(self, message: JointState) -> None:
+        self.states.append(message)
+        if self.obedient:
+            self.command()
+
+    def command(self) -> None:
+        """Answer the last joint state."""
+        message = JointState(name=NAMES, effort=EFFORT)
+        message.header.stamp = self.states[-1].header.stamp
+        self.commands.publish(message)
+
+    def position(self, sample: int) -> list[float]:
+        """In lockstep: of this sample, once it is there."""
+        self.bench.spin_until(lambda: len(self.states) > sample, f"joint state {sample}")
+        return list(self.states[sample].position)
+
+    def set(self, **values: Any) -> None:
+        """Set parameters together; names with two underscores for the dot."""
+        messages = [Parameter(n.replace("__", "."), value=v).to_parameter_msg() for n, v in values.items()]
+        request = SetParametersAtomically.Request(parameters=messages)
+        result = self.bench.call(SetParametersAtomically, "simulator/set_parameters_atomically", request).result
+        assert result.successful, result.reason
+
+    def reset(self) -> Trigger.Response:
+        return self.bench.call(Trigger, "simulator/reset", Trigger.Request())
+
+    def says(self, text: str) -> None:
+        self.bench.spin_until(lambda: text in self.process.log.read_text(), f"{text!r} in the log")
+
+
+CHANGES = {
+    "payload": {"payload__mass": 0.5},
+    "push": {"push__effort": [5.0, -3.0], "push__duration": 1e6},
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_payload_and_push_come_and_go_as_parameters_while_it_runs(bench: Bench, change: str) -> None:
+    arm = Arm(bench, "clock:=lockstep")
+    robot = SimulatedRobot(resolve(simulator_node_schema, {}, 2))
+    on = CHANGES[change]
+    off = {name: [0.0, 0.0] if isinstance(value, list) else 0.0 for name, value in on.items()}
+    for k in range(30):
+        assert arm.position(k) == robot.state.arm.position.tolist()
+        if k in (10, 20):
+            values = on if k == 10 else off
+            arm.set(**values)
+            robot.set_parameters(
+                resolve(simulator_node_schema, {n.replace("__", "."): v for n, v in values.items()}, 2)
+            )
+        robot.sense(k)
+        robot.act(k, True, np.array(EFFORT))
+        arm.command()
+
+
+def test_a_reset_brings_the_arm_back_while_time_goes_on(bench: Bench) -> None:
+    arm = Arm(bench, "clock:=lockstep")
+    first = []
+    for k in range(10):
+        first.append(arm.position(k))
+        arm.command()
+    arm.position(10)
+    assert arm.reset().success
+    # The measurement of sample 10 was out already.
+    arm.command()
+    for k in range(1, 10):
+        assert arm.position(10 + k) == first[k]
+        arm.command()
+    assert nanoseconds(arm.states[19].header.stamp) == 19_000_000
+    arm.set(initial_position=[0.5, 0.25])
+    assert arm.reset().success
+    arm.position(20)
+    robot = SimulatedRobot(resolve(simulator_node_schema, {"initial_position": [0.5, 0.25]}, 2))
+    robot.act(0, True, np.array(EFFORT))
+    arm.command()
+    assert arm.position(21) == robot.state.arm.position.tolist()
+
+
+def test_brakes_stop_the_arm_when_commands_stay_out_and_open_with_the_next(bench: Bench) -> None:
+    truth: list[JointState] = []
+    summaries: list[str] = []
+    bench.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 100)
+    bench.node.create_subscription(
+        DiagnosticArray, "/diagnostics", lambda message: summaries.append(message.status[0].message), 10
+    )
+    arm = Arm(bench, "command.timeout:=0.05")
+    arm.obedient = True
+    bench.spin_until(lambda: truth and min(map(abs, truth[-1].velocity)) > 0.05, "an arm in motion")
+
+    arm.obedient = False
+    arm.says("(command.timeout): the brakes stop the arm")
+    bench.spin_until(lambda: not any(truth[-1].effort) and max(map(abs, truth[-1].velocity)) < 1e-6, "an arm at rest")
+    bench.spin_until(lambda: any("on the brakes" in s for s in summaries), "word of it on /diagnostics")
+
+    arm.obedient = True
+    arm.says("a command has come: the brakes are open")
+    bench.spin_until(lambda: min(map(abs, truth[-1].velocity)) > 0.05, "an arm in motion again")
+    for before, after in pairwise(truth):
+        dt = (nanoseconds(after.header.stamp) - nanoseconds(before.header.stamp)) * 1e-9
+        speed = np.abs([before.velocity, after.velocity]).max(axis=0)
+        assert (np.abs(np.subtract(after.position, before.position)) <= 1.01 * speed * dt + 1e-5).all(), "a jump"
