@@ -29,7 +29,7 @@ def test_tracking_resumes_within_a_second_and_without_a_step_of_torque(bench: Be
         bench.start(node)
 
     def follows() -> bool:
-        return bool(states) and max(map(abs, states[-1].position_error)) < CLOSE
+        return bool(states and truths) and max(map(abs, states[-1].position_error)) < CLOSE
 
     # A machine that stalls for a moment is no fault here.
     patient = "watchdog.state_stop:=1.0"
