@@ -14,7 +14,6 @@ from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
-from rclpy.task import Future
 
 from pidtsm_core.parameters import ParameterError
 from pidtsm_ros.managed_node import ManagedNode
@@ -23,14 +22,10 @@ from pidtsm_ros.security import guarded
 
 _LONGEST_WAIT = 0.1
 """s; Python runs signal handlers only between two waits of the executor."""
-_SHORT = 0.05
-"""s up to which a wait is short, see `spin_for`."""
 _BETWEEN_ATTEMPTS = 0.005
 """s between two looks whether a node can become active."""
 _PATIENCE = 2.0
 """s after which the log says why it cannot."""
-
-_NEVER: Future = Future()
 
 
 class _Stop:
@@ -48,13 +43,9 @@ class _Stop:
 def spin_for(executor: Executor, duration: float) -> None:
     """Execute what is ready, and what becomes ready within `duration` s.
 
-    The events executor's ``spin`` never looks at signals. Waiting for a future that never comes handles any number of
-    events in one call, but every such call loses 32 bytes (rclpy 7.1), 100 MB in an hour of the simulator's; so short
-    waits are made of ``spin_once``, which handles one event a call.
+    The events executor's ``spin`` never looks at signals, and each ``spin_until_future_complete`` loses 32 bytes
+    (rclpy 7.1); ``spin_once`` handles one event a call.
     """
-    if duration > _SHORT:
-        executor.spin_until_future_complete(_NEVER, timeout_sec=duration)
-        return
     end = time.monotonic() + duration
     while duration >= 0.0:
         executor.spin_once(timeout_sec=duration)

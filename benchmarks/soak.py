@@ -1,0 +1,92 @@
+"""Half an hour at 1 kHz with the recorder: does memory grow, does anything drift, is anything lost?"""
+
+import statistics
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import psutil
+
+from pidtsm_experiments.analysis import summarize
+from pidtsm_experiments.commands.bench import Row
+from pidtsm_experiments.experiment import PRACTICAL, make_experiment
+from pidtsm_experiments.recording import METRICS_ONLY, read_recording
+from pidtsm_experiments.runner import EXECUTABLES
+from pidtsm_experiments.runner import run as run_experiment
+
+DURATION = 1800.0
+"""s."""
+_EVERY = 1.0  # s between two looks at the memory
+_MINUTE = 60.0
+_MEGABYTE = 1e6
+
+Memory = dict[str, list[tuple[float, int]]]
+"""By process: when (s), and how many bytes were its own."""
+
+
+@contextmanager
+def _watched() -> Iterator[Memory]:
+    """Look at the memory of the node processes that this process starts, until the end of the block."""
+    memory: Memory = {}
+    stop = threading.Event()
+
+    def watch() -> None:
+        while not stop.wait(_EVERY):
+            for process in psutil.Process().children():
+                try:
+                    names = {Path(word).name for word in process.cmdline()[:2]} & EXECUTABLES.keys()
+                    for name in names:
+                        memory.setdefault(name, []).append((time.monotonic(), process.memory_full_info().uss))
+                except (psutil.NoSuchProcess, psutil.ZombieProcess):
+                    continue
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield memory
+    finally:
+        stop.set()
+        thread.join()
+
+
+def _growth(looks: list[tuple[float, int]], minute: float) -> float:
+    """Growth in MB an hour, from the second minute of a process to its last."""
+    begin, end = looks[0][0] + minute, looks[-1][0]
+    early = [size for when, size in looks if begin <= when < begin + minute]
+    late = [size for when, size in looks if when > end - minute]
+    hours = (end - begin - minute) / 3600.0
+    return (statistics.median(late) - statistics.median(early)) / _MEGABYTE / hours
+
+
+def run(quick: bool) -> Iterator[Row]:
+    """Sines, with encoders of 14 bits, delay and losses, and the practical parameters."""
+    duration = 12.0 if quick else DURATION
+    minute = min(_MINUTE, duration / 4.0)
+    motion = ("trajectory.reference.name=sines",)
+    experiment = make_experiment("loss", params=[PRACTICAL], overrides=motion, duration=duration)
+    with tempfile.TemporaryDirectory(prefix="pidtsm-soak-") as folder:
+        with _watched() as memory:
+            bag = run_experiment(experiment, "realtime", Path(folder), lambda _: None)
+        recording = read_recording(bag, METRICS_ONLY)
+    for name, looks in memory.items():
+        growth = _growth(looks, minute)
+        yield Row(f"memory of {name}: growth", growth, "MB/h", "allowed", 1.0, growth, "<= 1")
+        yield Row(f"memory of {name}: at the end", looks[-1][1] / _MEGABYTE, "MB")
+
+    found = summarize(recording)
+    rate = found["timing"]["rate"]
+    yield Row("off 1000 Hz", abs(rate - 1000.0), "Hz", "allowed", 1.0, abs(rate - 1000.0), "<= 1")
+    for topic, count in found["lost"].items():
+        yield Row(f"{topic}: samples that are not in the bag", count, "", note=f"of {found['samples']}")
+    end = recording.time[-1]
+    second = (recording.time >= minute) & (recording.time < 2 * minute)
+    last = recording.time >= end - minute
+    for joint, error in zip(recording.joints, recording.error.T, strict=True):
+        early, late = (float(np.sqrt(np.mean(np.square(error[part])))) for part in (second, last))
+        yield Row(f"RMSE of {joint}, last minute", late, "rad", "the second minute", early, late / early, "<= 1.1")
+        largest = float(np.abs(error[recording.time >= minute]).max())
+        yield Row(f"largest error of {joint} after the first minute", largest, "rad")
