@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
 
 from pidtsm_core.rollout import rollout
 from pidtsm_core.signals import Signal
+from pidtsm_experiments.bag_writer import BagWriter
 from pidtsm_experiments.commands.bench import Row
+from pidtsm_experiments.recorder import FLUSH_PERIOD, MAX_BAG_DURATION, MAX_BAG_SIZE
 from pidtsm_experiments.recording import typestore
 
 _ANALYZE = "from pidtsm_experiments.analysis import analyze; analyze(bag)"
@@ -59,7 +60,7 @@ def _measured(work: str, bag: Path) -> tuple[float, float]:
 
 
 def write_bag(path: Path, seconds: int) -> None:
-    """A recording of `seconds`, whose samples repeat a rollout of at most 30 s.
+    """A bag as the recorder writes it, of `seconds` whose samples repeat a rollout of at most 30 s.
 
     Messages are made by writing the stamp over that of a serialized one: an hour has 18 million.
     """
@@ -87,11 +88,15 @@ def write_bag(path: Path, seconds: int) -> None:
         [bytearray(store.serialize_cdr(message, kinds[topic])) for topic, message in messages(k).items()]
         for k in range(run.time.size)
     ]
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections = [writer.add_connection(f"/{topic}", kind, typestore=store) for topic, kind in kinds.items()]
-        for k in range(seconds * 1000):
-            stamp = k * 1_000_000
-            encoded = np.array(divmod(stamp, 1_000_000_000), dtype="<u4").tobytes()
-            for connection, payload in zip(connections, payloads[k % len(payloads)], strict=True):
-                payload[4:12] = encoded
-                writer.write(connection, stamp, bytes(payload))
+    writer = BagWriter(path, "", MAX_BAG_SIZE, MAX_BAG_DURATION)
+    topics = [writer.add_topic(f"/{topic}", kind) for topic, kind in kinds.items()]
+    flush_period = round(FLUSH_PERIOD * 1e9)
+    for k in range(seconds * 1000):
+        stamp = k * 1_000_000
+        encoded = np.array(divmod(stamp, 1_000_000_000), dtype="<u4").tobytes()
+        for topic, payload in zip(topics, payloads[k % len(payloads)], strict=True):
+            payload[4:12] = encoded
+            writer.write(topic, stamp, bytes(payload))
+        if stamp % flush_period == 0:
+            writer.flush()
+    writer.close()

@@ -35,8 +35,13 @@ BARRIER = "joint_states"
 """Subscribed to last, once every other topic has a publisher: a simulator that waits for its subscribers
 (``start.subscribers``) then starts when nothing can be missed any more."""
 
+MAX_BAG_SIZE = 1_000_000_000
+"""Bytes."""
+MAX_BAG_DURATION = 300.0
+"""s. The index of a file grows in memory until it is finished, by 0.5 MB in that time."""
+FLUSH_PERIOD = 0.2
+"""s between two writes to the file."""
 _BATCH = 0.02  # s
-_FLUSH_PERIOD = 0.2  # s between two writes to the file
 _STATUS_PERIOD = 0.2  # s between two lines on standard output
 _WARNING_PERIOD = 1.0  # s between two lines about lost messages
 _PATIENCE = 10.0  # s of waiting for publishers before the log says so
@@ -82,7 +87,7 @@ class _Topic:
 class Recorder(Node):
     """Subscribes to `TOPICS` as raw bytes and writes them to a bag.
 
-    What has been received is in the file after `_FLUSH_PERIOD`, and readable however the recorder ends. Where nothing
+    What has been received is in the file after `FLUSH_PERIOD`, and readable however the recorder ends. Where nothing
     more can be written, or less than ``min_free_space`` would be left on the disk, the bag ends, and the node goes on
     without, so that a loop that waits for its subscribers is not disturbed.
 
@@ -105,8 +110,10 @@ class Recorder(Node):
         super().__init__("recorder", start_parameter_services=False, parameter_overrides=[_NO_SERVICE])
         output = Path(self._parameter("output", "bag", "folder of the bag to make"))
         metadata = self._parameter("metadata", "", "text stored with the bag")
-        size = self._parameter("max_bag_size", 1_000_000_000, "bytes after which a new file is begun; 0: never")
-        duration = self._parameter("max_bag_duration", 0.0, "seconds after which a new file is begun; 0: never")
+        size = self._parameter("max_bag_size", MAX_BAG_SIZE, "bytes after which a new file is begun; 0: never")
+        duration = self._parameter(
+            "max_bag_duration", MAX_BAG_DURATION, "seconds after which a new file is begun; 0: never"
+        )
         self._reserve: int = self._parameter("min_free_space", 200_000_000, "bytes that recording leaves free")
         if shortage := self._shortage(output):
             raise OSError(f"{shortage}; free some space, record elsewhere, or lower min_free_space")
@@ -231,7 +238,7 @@ def _tell_progress(recorder: Recorder) -> None:
 
 def _record(recorder: Recorder, stopping: Callable[[], bool]) -> None:
     """Record until asked to stop, and then on until nothing arrives any more."""
-    flush = _Every(_FLUSH_PERIOD, recorder.flush)
+    flush = _Every(FLUSH_PERIOD, recorder.flush)
     rest = [_Every(_STATUS_PERIOD, lambda: _tell_progress(recorder)), _Every(_WARNING_PERIOD, recorder.tell_lost)]
     patience = time.monotonic() + _PATIENCE
     while not (stopping() and time.monotonic() - recorder.last > _SILENCE):
