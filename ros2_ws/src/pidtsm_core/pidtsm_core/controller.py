@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.estimators import ESTIMATORS, estimate
+from pidtsm_core.estimators import ESTIMATORS, Sample, estimate
 from pidtsm_core.family import SLOTS
 from pidtsm_core.laws import LAW_NUMBERS, LAWS, STATE_SLOTS, Numbers, advance, command, kernel_number
 from pidtsm_core.parameters import Array, Parameter, Value, chosen, joint_array, prefixed
@@ -139,18 +139,8 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
                 config.freeze_saturated and y[Signal.SATURATED, j] != 0.0,
             )
 
-    estimate(
-        config.estimator,
-        q,
-        truth,
-        dt,
-        y[Signal.EFFORT],
-        config.robot,
-        config.model,
-        config.estimator_parameters,
-        state.estimator,
-        y[: Signal.POSITION_ERROR],
-    )
+    sample = Sample(q, truth, dt, y[Signal.EFFORT], config.robot, config.model)
+    estimate(config.estimator, sample, config.estimator_parameters, state.estimator, y[: Signal.POSITION_ERROR])
 
     for j in range(joints):
         e = y[Signal.POSITION, j] - desired[0, j]

@@ -26,7 +26,7 @@ Nonlinear Control 31(16), 2021.
 import math
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.estimators.base import Estimator
+from pidtsm_core.estimators.base import Estimator, Sample
 from pidtsm_core.parameters import Array, Parameter
 
 # State x: y1, y2, y3, the last two periods (newest first), 1 once there was a first sample.
@@ -50,18 +50,9 @@ def _root(a: float, b: float, c: float, free: float) -> float:
 
 
 @njit
-def estimate(
-    q: Array,
-    truth: Array,
-    dt: float,
-    effort: Array,
-    robot: int,
-    model: Array,
-    p: Array,
-    x: Array,
-    estimates: Array,
-) -> None:
+def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
     """The estimates start from rest: q' and q'' are 0 at the first sample."""
+    q, dt = sample.q, sample.dt
     for j in range(q.size):
         if x[j, 5] == 1.0 and dt > 0.0:
             last = x[j, 3] if x[j, 3] > 0.0 else dt
