@@ -7,7 +7,7 @@ from pidtsm_core.parameters import Array
 
 @njit
 def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
-    """Q'' at a sample is the one under the torque held before it, 0 at the start."""
+    """The true q'' at a sample is the one under the torque held before it, 0 at the start."""
     for j in range(sample.q.size):
         estimates[0, j] = sample.q[j]
         estimates[1, j] = sample.truth[0, j]

@@ -66,7 +66,7 @@ def _correct(innovation: float, dt: float, bandwidth: float) -> tuple[float, flo
 
 @njit
 def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
-    """Q'' is the one under the torque held before the sample.
+    """The estimated q'' is the one under the torque held before the sample.
 
     The arm counts as at rest at the first sample, after a silence of more than a second, and after a measurement so
     absurd that the states run away.
