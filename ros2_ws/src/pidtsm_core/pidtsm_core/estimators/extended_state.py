@@ -18,8 +18,9 @@ n sqrt(w T) times 1.4 in q, 1.3 w in q' and 0.43 w^2 in d, plus what the model m
 torque's noise, which grows with the inertia, is what the motors can bear: heavier joints get a lower one.
 
 Han, "From PID to active disturbance rejection control", IEEE Transactions on Industrial Electronics 56(3), 2009; one
-bandwidth: Gao, American Control Conference 2003; sampled gains ("current" form): Miklosovic, Radke and Gao, "Discrete
-implementation and generalization of the extended state observer", American Control Conference 2006.
+bandwidth: Gao, "Scaling and bandwidth-parameterization based controller tuning", American Control Conference 2003;
+sampled gains ("current" form): Miklosovic, Radke and Gao, "Discrete implementation and generalization of the extended
+state observer", American Control Conference 2006.
 """
 
 import math

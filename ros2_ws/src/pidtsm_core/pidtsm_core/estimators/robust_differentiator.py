@@ -16,11 +16,10 @@ those, hence each integrator has a period of its own, the distance of its neighb
 longer period.
 
 Levant, "Higher-order sliding modes, differentiation and output-feedback control", International Journal of Control
-76(9/10), 2003; gains: Levant and Livne, "Robust exact filtering differentiators", European Journal of Control 55,
-2020; implicit form and its outputs: Seeber, "Proper implicit discretization of arbitrary-order robust exact
-differentiators", arXiv:2404.02770, 2024; comparison of forms: Mojallizadeh, Brogliato and Acary, "Time-discretizations
-of differentiators: design of implicit algorithms and comparative analysis", International Journal of Robust and
-Nonlinear Control 31(16), 2021.
+76(9/10), 2003; gains: Levant and Livne, "Robust exact filtering differentiators", European Journal of Control, 2020;
+implicit form and its outputs: Seeber, "Proper implicit discretization of arbitrary-order robust exact
+differentiators", arXiv:2404.02770, 2024; comparison of forms: Mojallizadeh, Brogliato and Acary, "Discrete-time
+differentiators: design and comparative analysis", hal-02960923, 2020.
 """
 
 import math
