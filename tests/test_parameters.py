@@ -18,6 +18,8 @@ BAD_AT_START = [
     ("simulator", "clock:=sundial", "clock: 'sundial' must be one of realtime, lockstep"),
     ("simulator", "robot.r1:=0.0", "robot.r1 (m): 0.0 must be > 0"),
     ("trajectory", "reference.name:=circle", "reference.name: 'circle' must be one of"),
+    ("recorder", "max_bag_size:=-1", "max_bag_size out of range"),
+    ("visualization", "robot_description:=3", "'robot_description' to '3' of type 'INTEGER', expecting type 'STRING'"),
 ]
 
 
@@ -27,7 +29,17 @@ def test_bad_parameter_at_the_start_is_one_line(bench: Bench, node: str, paramet
     assert process.wait() == 2
     lines = process.log.read_text().splitlines()
     assert len(lines) == 1
+    assert lines[0].startswith("cannot start: ")
     assert cause in lines[0]
+
+
+def test_arguments_that_ros_cannot_read_are_one_line(bench: Bench) -> None:
+    process = bench.start("visualization", "no_value")
+    assert process.wait() == 2
+    lines = [line for line in process.log.read_text().splitlines() if "[rcl]" not in line]
+    assert len(lines) == 1
+    assert lines[0].startswith("cannot start: ")
+    assert "Couldn't parse parameter override rule: '-p no_value'" in lines[0]
 
 
 def double(name: str, value: float) -> Parameter:

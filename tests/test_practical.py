@@ -12,22 +12,13 @@ from pidtsm_core.signals import Signal
 from pidtsm_experiments.errors import UsageError
 from pidtsm_experiments.experiment import PRACTICAL, make_experiment
 from pidtsm_experiments.recording import read_recording
+from pidtsm_experiments.robustness import FULL, LATE, ROWS, Row
 from pidtsm_experiments.runner import run
 
-LIGHT = ("simulator.model_error.mass=-0.25", "simulator.model_error.inertia=-0.25")
-# Scenario and settings; then at most: RMSE and ECI relative to ideal sensing, error after 10 s (rad), torque
-# variation (N m a sample).
-ROWS = {
-    "17 bits": ("encoder_17", (), 1.01, 1.005, 4e-4, 0.05),
-    "14 bits, delay": ("encoder_14_delay", (), 1.01, 1.005, 6e-4, 0.12),
-    "12 bits, delay": ("encoder_12_delay", (), 1.02, 1.005, 1.5e-3, 0.30),
-    "noise": ("noise", (), 1.02, 1.005, 2e-3, 0.50),
-    "losses": ("loss", (), 1.01, 1.005, 1e-3, 0.12),
-    "slow drives, heavy arm": ("hard", (), 1.10, np.inf, 1e-3, 0.25),
-    "slow drives, light arm": ("hard", LIGHT, 1.10, np.inf, 1e-3, 0.25),
-}
-EACH = pytest.mark.parametrize("row", ROWS.values(), ids=ROWS)
-SEEDS = 20
+EACH = pytest.mark.parametrize(
+    ("row", "scenario", "overrides"),
+    [pytest.param(row, *run, id=" ".join((run[0], *run[1]))) for row in ROWS for run in row.runs],
+)
 
 
 def roll(scenario: str, overrides: tuple[str, ...] = (), duration: float = 30.0) -> Rollout:
@@ -55,32 +46,29 @@ def test_with_ideal_sensors_it_tracks_as_the_article_does(ideal: dict[str, Array
 
 @EACH
 def test_with_real_sensors_and_drives_it_stays_within_its_limits(
-    ideal: dict[str, Array], row: tuple[str, tuple[str, ...], float, float, float, float]
+    ideal: dict[str, Array], row: Row, scenario: str, overrides: tuple[str, ...]
 ) -> None:
-    scenario, overrides, rmse, eci, largest, variation = row
     found, worst = [], 0.0
-    for seed in range(SEEDS):
+    for seed in range(FULL.seeds if row.random else 1):
         result = roll(scenario, (*overrides, f"simulator.seed={seed}"))
         found.append(judged(result))
-        worst = max(worst, np.abs(error(result)[result.time >= 10.0]).max())
+        worst = max(worst, np.abs(error(result)[result.time >= LATE]).max())
         assert not result.signals[1000:, Signal.SATURATED].any()
     mean = {name: np.mean([each[name] for each in found], axis=0) for name in ideal}
-    assert (mean["rmse"] <= rmse * ideal["rmse"]).all()
-    assert (mean["eci"] <= eci * ideal["eci"]).all()
-    assert (mean["torque_variation"] <= variation).all()
-    assert worst <= largest
+    assert (mean["rmse"] <= row.limits["rmse"] * ideal["rmse"]).all()
+    assert (mean["eci"] <= row.limits["eci"] * ideal["eci"]).all()
+    assert (mean["torque_variation"] <= row.limits["torque_variation"]).all()
+    assert worst <= row.limits["late_error"]
 
 
 @EACH
-def test_the_adaptive_gain_stays_bounded_for_ten_minutes(
-    row: tuple[str, tuple[str, ...], float, float, float, float],
-) -> None:
-    scenario, overrides, *_, variation = row
+def test_the_adaptive_gain_stays_bounded_for_ten_minutes(row: Row, scenario: str, overrides: tuple[str, ...]) -> None:
     result = roll(scenario, overrides, 600.0)
     assert result.signals[:, Signal.ADAPTIVE_GAIN].max() <= 20.0
     # And what is bounded does no harm.
     late = slice(-30_000, None)
-    assert (np.abs(np.diff(result.effort[late], axis=0)).mean(axis=0) <= variation).all()
+    variation = np.abs(np.diff(result.effort[late], axis=0)).mean(axis=0)
+    assert (variation <= row.limits["torque_variation"]).all()
 
 
 @pytest.mark.parametrize("scenario", ["loss", "hard"])

@@ -1,4 +1,4 @@
-"""One Numba decorator for the whole package, with a cache that cannot go stale.
+"""The Numba decorators of the whole package, with a cache that cannot go stale.
 
 Numba caches a compiled function beside the *file it stands in*; an edit to a function it calls, in another
 file, is not noticed. The cache therefore lives in a folder named after the content of every source file of
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.extending import register_jitable
 
 _KEPT_CACHES = 6
 
@@ -72,6 +73,8 @@ _use_own_cache()
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
+_OPTIONS = {"error_model": "numpy", "_nrt": False, "forceinline": True}
+
 
 def njit(function: _Function) -> _Function:
     """Compile `function` to machine code on its first call, cached on disk, without the GIL.
@@ -82,6 +85,12 @@ def njit(function: _Function) -> _Function:
     Compiled code allocates nothing, so it need not count references to its arrays either (half of a tick's time):
     a function that makes an array, also as a whole assignment (``a[:] = b``; write the loop), does not compile.
     """
-    return cast(
-        _Function, numba.njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)(function)
-    )
+    return cast(_Function, numba.njit(cache=True, nogil=True, **_OPTIONS)(function))
+
+
+def inlined(function: _Function) -> _Function:
+    """Compile `function` into whatever compiled function calls it; called from Python it runs as Python.
+
+    For what takes less time than a call into compiled code, which is up to a microsecond, and is needed on both sides.
+    """
+    return cast(_Function, register_jitable(**_OPTIONS)(function))

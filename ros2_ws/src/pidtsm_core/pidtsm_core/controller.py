@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.compiled import njit
-from pidtsm_core.estimators import ESTIMATORS, estimate
+from pidtsm_core.compiled import inlined, njit
+from pidtsm_core.estimators import ESTIMATORS, Sample, estimate
 from pidtsm_core.family import SLOTS
 from pidtsm_core.laws import LAW_NUMBERS, LAWS, STATE_SLOTS, Numbers, advance, command, kernel_number
 from pidtsm_core.parameters import Array, Parameter, Value, chosen, joint_array, prefixed
@@ -61,13 +61,12 @@ _SIGNALS = len(Signal)
 _BEFORE_LAW = 8  # Of the numbers, see `parts`.
 
 
-@njit
 def memory_size(joints: int, model: int, law: int) -> int:
     """Length of the memory of `parts`, for a model and a law (of one joint) with so many parameters."""
     return model + joints * (law + SLOTS + 1 + SLOTS + STATE_SLOTS + _SIGNALS + 2)
 
 
-@njit
+@inlined
 def parts(memory: Array, numbers: Numbers) -> tuple[ControllerConfig, ControllerState]:
     """A controller's configuration and state as views of its memory.
 
@@ -139,18 +138,8 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
                 config.freeze_saturated and y[Signal.SATURATED, j] != 0.0,
             )
 
-    estimate(
-        config.estimator,
-        q,
-        truth,
-        dt,
-        y[Signal.EFFORT],
-        config.robot,
-        config.model,
-        config.estimator_parameters,
-        state.estimator,
-        y[: Signal.POSITION_ERROR],
-    )
+    sample = Sample(q, truth, dt, y[Signal.EFFORT], config.robot, config.model)
+    estimate(config.estimator, sample, config.estimator_parameters, state.estimator, y[: Signal.POSITION_ERROR])
 
     for j in range(joints):
         e = y[Signal.POSITION, j] - desired[0, j]
@@ -223,8 +212,7 @@ class Controller:
             ]
         )
         self.memory = np.zeros(memory_size(self.joints, model.size, gains.shape[1]))
-        # The same views in Python, without a detour through compiled code.
-        self.config, self.state = parts.py_func(self.memory, self.numbers)  # type: ignore[attr-defined]
+        self.config, self.state = parts(self.memory, self.numbers)
         self.config.model[:] = model
         self.config.law[:] = gains
         self.config.estimator_parameters[:] = estimator.pack(values, "estimator", self.joints)

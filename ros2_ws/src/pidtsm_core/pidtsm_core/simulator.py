@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.hardware import actuator, channel, randomness, sensor
 from pidtsm_core.hardware.actuator import ActuatorConfig, actuator_config, drive
 from pidtsm_core.hardware.channel import (
@@ -105,7 +105,7 @@ def _sense_into(config: SimulatorConfig, state: SimulatorState, draws: Array, sa
     return acquired
 
 
-@njit
+@inlined
 def _take(state: SimulatorState, effort: Array) -> None:
     """A command has arrived."""
     for j in range(effort.size):
@@ -271,11 +271,10 @@ class SimulatedRobot:
 
     def act(self, sample: int, commanded: bool, effort: Array) -> None:
         """Move the arm to the next sample, see `act`."""
-        # In Python: a call into compiled code would take ten times as long.
-        t, dt = seconds.py_func(sample * self._period), self._dt  # type: ignore[attr-defined]
+        t, dt = seconds(sample * self._period), self._dt
         if self._ideal:
             if commanded:
-                _take.py_func(self.state, effort)  # type: ignore[attr-defined]
+                _take(self.state, effort)
             if self.state.released[0]:
                 self._plant.step(effort, t, dt)
             else:

@@ -1,6 +1,6 @@
 """Time as integer nanoseconds, and its one conversion to seconds (nodes and rollout must agree to the last bit)."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 
 NANOSECONDS = 1_000_000_000
 
@@ -10,7 +10,7 @@ def period_nanoseconds(rate: int) -> int:
     return NANOSECONDS // rate
 
 
-@njit
+@inlined
 def seconds(nanoseconds: int) -> float:
     """Nanoseconds as s; one correctly rounded division."""
     return nanoseconds / 1e9

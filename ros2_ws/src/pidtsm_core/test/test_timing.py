@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pidtsm_core.compiled import njit
 from pidtsm_core.timing import period_nanoseconds, seconds
+
+
+@njit
+def compiled_seconds(nanoseconds: int) -> float:
+    return seconds(nanoseconds)
 
 
 @pytest.mark.parametrize(
@@ -17,10 +23,11 @@ def test_period_of_a_rate(rate: int, period: int) -> None:
 
 @settings(deadline=None, max_examples=100)
 @given(st.integers(min_value=-(10**18), max_value=10**18))
-def test_seconds_are_correctly_rounded_alike_for_numbers_and_arrays(nanoseconds: int) -> None:
+def test_seconds_are_correctly_rounded_alike_for_numbers_arrays_and_compiled_code(nanoseconds: int) -> None:
     # Python divides integers with one correct rounding; 10**18 needs more bits than a float has.
     assert seconds(nanoseconds) == float(nanoseconds) / 1e9
     assert (np.array([nanoseconds]) / 1e9)[0] == seconds(nanoseconds)
+    assert compiled_seconds(nanoseconds) == seconds(nanoseconds)
 
 
 def test_a_whole_millisecond_is_the_nearest_float() -> None:

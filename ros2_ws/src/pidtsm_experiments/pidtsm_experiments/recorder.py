@@ -2,26 +2,24 @@
 
 import contextlib
 import gc
-import signal
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
 from pidtsm_experiments.bag_writer import BagWriter, free_space
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.qos import RECORDER
-from pidtsm_ros.security import guarded
+from pidtsm_ros.startup import Stop, refuse, start_ros
 
 TOPICS = {
     "joint_states": JointState,
@@ -236,12 +234,12 @@ def _tell_progress(recorder: Recorder) -> None:
         print(f"recorded {recorder.samples}", flush=True)
 
 
-def _record(recorder: Recorder, stopping: Callable[[], bool]) -> None:
+def _record(recorder: Recorder, stop: Stop) -> None:
     """Record until asked to stop, and then on until nothing arrives any more."""
     flush = _Every(FLUSH_PERIOD, recorder.flush)
     rest = [_Every(_STATUS_PERIOD, lambda: _tell_progress(recorder)), _Every(_WARNING_PERIOD, recorder.tell_lost)]
     patience = time.monotonic() + _PATIENCE
-    while not (stopping() and time.monotonic() - recorder.last > _SILENCE):
+    while not (stop.requested and time.monotonic() - recorder.last > _SILENCE):
         # Waking for batches costs a fraction of waking for every message; the queues hold far more than a batch.
         time.sleep(_BATCH)
         recorder.connect()
@@ -267,28 +265,18 @@ class _Every:
 
 
 def main() -> None:
-    """Entry point of ``ros2 run pidtsm_experiments recorder``; exit code 1 where the bag is not complete."""
-    stop = False
-
-    def request(number: int, frame: FrameType | None) -> None:
-        nonlocal stop
-        stop = True
-
-    signal.signal(signal.SIGINT, request)
-    signal.signal(signal.SIGTERM, request)
-    try:
-        rclpy.init(args=guarded(), signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:
-        print(f"cannot start: {' '.join(str(error).split())}", file=sys.stderr)
-        sys.exit(2)
+    """Entry point of ``ros2 run pidtsm_experiments recorder``; exit code 1: an incomplete bag, 2: bad parameters."""
+    stop = start_ros()
     try:
         recorder = Recorder()
+    except ParameterException as error:
+        refuse(error)
     except Exception as error:
         print(f"cannot record: {error}", file=sys.stderr)
         sys.exit(1)
     gc.freeze()
     try:
-        _record(recorder, lambda: stop)
+        _record(recorder, stop)
     finally:
         recorder.close()
         _tell_progress(recorder)

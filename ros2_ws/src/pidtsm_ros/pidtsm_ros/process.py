@@ -2,23 +2,19 @@
 
 import gc
 import math
-import signal
-import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from types import FrameType
 
 import rclpy
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.signals import SignalHandlerOptions
 
 from pidtsm_core.parameters import ParameterError
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.scheduling import run_in_real_time
-from pidtsm_ros.security import guarded
+from pidtsm_ros.startup import Stop, refuse, start_ros
 
 _LONGEST_WAIT = 0.1
 """s; Python runs signal handlers only between two waits of the executor."""
@@ -26,18 +22,6 @@ _BETWEEN_ATTEMPTS = 0.005
 """s between two looks whether a node can become active."""
 _PATIENCE = 2.0
 """s after which the log says why it cannot."""
-
-
-class _Stop:
-    """Set by SIGINT and SIGTERM, so that the loop ends where it is safe to."""
-
-    def __init__(self) -> None:
-        self.requested = False
-        signal.signal(signal.SIGINT, self._request)
-        signal.signal(signal.SIGTERM, self._request)
-
-    def _request(self, number: int, frame: FrameType | None) -> None:
-        self.requested = True
 
 
 def spin_for(executor: Executor, duration: float) -> None:
@@ -60,24 +44,21 @@ def run(make_nodes: Sequence[Callable[[], ManagedNode]], args: Sequence[str] | N
         args: command line; the process's own where None.
 
     Returns:
-        Exit code: 0 ended as asked, 1 the work failed, 2 bad parameters (said in one line on standard error).
+        Exit code: 0 ended as asked, 1 the work failed.
+
+    Raises:
+        SystemExit: bad arguments or parameters, see `refuse`.
 
     The events executor wakes for what arrived, instead of rebuilding a wait set for every message.
     """
-    stop = _Stop()
-    try:
-        rclpy.init(args=guarded(args), signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:
-        print(f"cannot start: {_one_line(error)}", file=sys.stderr)
-        return 2
+    stop = start_ros(args)
     nodes: list[ManagedNode] = []
     try:
         try:
             for make_node in make_nodes:
                 nodes.append(make_node())
         except ParameterError as error:
-            print(f"cannot start: {error}", file=sys.stderr)
-            return 2
+            refuse(error)
         return _spin(nodes, stop)
     finally:
         for node in nodes:
@@ -85,7 +66,7 @@ def run(make_nodes: Sequence[Callable[[], ManagedNode]], args: Sequence[str] | N
         rclpy.try_shutdown()
 
 
-def _spin(nodes: Sequence[ManagedNode], stop: _Stop) -> int:
+def _spin(nodes: Sequence[ManagedNode], stop: Stop) -> int:
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)
@@ -140,7 +121,3 @@ def _activate(waiting: list[ManagedNode]) -> bool:
                 return False
         waiting.remove(node)
     return True
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

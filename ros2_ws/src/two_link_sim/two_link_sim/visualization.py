@@ -1,22 +1,19 @@
 """Visualization node: what RViz and Foxglove need to show the arm, its reference and its torques."""
 
 import math
-import signal
-import sys
 import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from types import FrameType
 
 import numpy as np
 import rclpy
 from ament_index_python.packages import get_package_share_directory
 from geometry_msgs.msg import Point, TransformStamped
+from rclpy.exceptions import ParameterException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header, String
@@ -25,7 +22,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from pidtsm_core.parameters import Array
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.process import spin_for
-from pidtsm_ros.security import SecurityError, guarded
+from pidtsm_ros.startup import refuse, start_ros
 from two_link_sim.kinematics import Joint, UrdfError, link_poses, read_urdf
 
 try:
@@ -164,24 +161,15 @@ def _arc(joint: Joint, pose: Array, share: float) -> Array:
 
 
 def main() -> None:
-    """Entry point of ``ros2 run two_link_sim visualization``."""
-    stop = False
-
-    def request(number: int, frame: FrameType | None) -> None:
-        nonlocal stop
-        stop = True
-
-    signal.signal(signal.SIGINT, request)
-    signal.signal(signal.SIGTERM, request)
+    """Entry point of ``ros2 run two_link_sim visualization``; exit code 2: bad parameters."""
+    stop = start_ros()
     try:
-        rclpy.init(args=guarded(), signal_handler_options=SignalHandlerOptions.NO)
         node = Visualization()
-    except (SecurityError, UrdfError) as error:
-        print(f"cannot start: {error}", file=sys.stderr)
-        sys.exit(2)
+    except (ParameterException, UrdfError) as error:
+        refuse(error)
     executor = EventsExecutor()
     executor.add_node(node)
-    while not stop:
+    while not stop.requested:
         time.sleep(_PERIOD)
         spin_for(executor, 0.0)
         node.show()

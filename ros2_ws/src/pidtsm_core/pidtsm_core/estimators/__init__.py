@@ -3,7 +3,7 @@
 from numba import literal_unroll
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.estimators.base import Estimator
+from pidtsm_core.estimators.base import Estimator, Sample
 from pidtsm_core.estimators.exact import EXACT
 from pidtsm_core.estimators.extended_state import EXTENDED_STATE_OBSERVER
 from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
@@ -11,7 +11,7 @@ from pidtsm_core.estimators.robust_differentiator import ROBUST_DIFFERENTIATOR
 from pidtsm_core.family import Family
 from pidtsm_core.parameters import Array
 
-__all__ = ["ESTIMATORS", "Estimator", "estimate"]
+__all__ = ["ESTIMATORS", "Estimator", "Sample", "estimate"]
 
 ESTIMATORS: Family[Estimator] = Family.of(Estimator, globals())
 
@@ -19,21 +19,10 @@ _ESTIMATE = tuple(estimator.estimate for estimator in ESTIMATORS.members)
 
 
 @njit
-def estimate(
-    number: int,
-    q: Array,
-    truth: Array,
-    dt: float,
-    effort: Array,
-    robot: int,
-    model: Array,
-    p: Array,
-    x: Array,
-    estimates: Array,
-) -> None:
+def estimate(number: int, sample: Sample, p: Array, x: Array, estimates: Array) -> None:
     """Write q, q', q'': see `Estimator.estimate`; `number` is the estimator's place in `ESTIMATORS`."""
     i = 0
     for function in literal_unroll(_ESTIMATE):
         if i == number:
-            function(q, truth, dt, effort, robot, model, p, x, estimates)
+            function(sample, p, x, estimates)
         i += 1

@@ -1,27 +1,17 @@
 """The simulation's own derivatives: what the article assumes, and no sensor delivers."""
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.estimators.base import Estimator
+from pidtsm_core.estimators.base import Estimator, Sample
 from pidtsm_core.parameters import Array
 
 
 @njit
-def estimate(
-    q: Array,
-    truth: Array,
-    dt: float,
-    effort: Array,
-    robot: int,
-    model: Array,
-    p: Array,
-    x: Array,
-    estimates: Array,
-) -> None:
-    """Q'' at a sample is the one under the torque held before it, 0 at the start."""
-    for j in range(q.size):
-        estimates[0, j] = q[j]
-        estimates[1, j] = truth[0, j]
-        estimates[2, j] = truth[1, j]
+def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
+    """The true q'' at a sample is the one under the torque held before it, 0 at the start."""
+    for j in range(sample.q.size):
+        estimates[0, j] = sample.q[j]
+        estimates[1, j] = sample.truth[0, j]
+        estimates[2, j] = sample.truth[1, j]
 
 
 EXACT = Estimator(

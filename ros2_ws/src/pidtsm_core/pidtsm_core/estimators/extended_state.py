@@ -18,14 +18,15 @@ n sqrt(w T) times 1.4 in q, 1.3 w in q' and 0.43 w^2 in d, plus what the model m
 torque's noise, which grows with the inertia, is what the motors can bear: heavier joints get a lower one.
 
 Han, "From PID to active disturbance rejection control", IEEE Transactions on Industrial Electronics 56(3), 2009; one
-bandwidth: Gao, American Control Conference 2003; sampled gains ("current" form): Miklosovic, Radke and Gao, "Discrete
-implementation and generalization of the extended state observer", American Control Conference 2006.
+bandwidth: Gao, "Scaling and bandwidth-parameterization based controller tuning", American Control Conference 2003;
+sampled gains ("current" form): Miklosovic, Radke and Gao, "Discrete implementation and generalization of the extended
+state observer", American Control Conference 2006.
 """
 
 import math
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.estimators.base import Estimator
+from pidtsm_core.estimators.base import Estimator, Sample
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.robots import forward_dynamics
 
@@ -37,17 +38,15 @@ _SILENCE = 1.0  # s; after a longer one nothing is known of where the arm is goi
 
 
 @njit
-def _predict(
-    dt: float, effort: Array, robot: int, model: Array, x: Array, q: Array, dq: Array, acceleration: Array
-) -> None:
-    """q and q' after dt under the held effort; `acceleration` is scratch."""
-    steps = math.ceil(dt / _STEP)
-    h = dt / steps
+def _predict(sample: Sample, x: Array, q: Array, dq: Array, acceleration: Array) -> None:
+    """q and q' at the sample under the held effort; `acceleration` is scratch."""
+    steps = math.ceil(sample.dt / _STEP)
+    h = sample.dt / steps
     for j in range(q.size):
         q[j] = x[j, 0]
         dq[j] = x[j, 1]
     for _ in range(steps):
-        forward_dynamics(robot, q, dq, effort, model, acceleration)
+        forward_dynamics(sample.robot, q, dq, sample.effort, sample.model, acceleration)
         for j in range(q.size):
             ddq = acceleration[j] + x[j, 2]
             q[j] += h * (dq[j] + 0.5 * h * ddq)
@@ -67,26 +66,17 @@ def _correct(innovation: float, dt: float, bandwidth: float) -> tuple[float, flo
 
 
 @njit
-def estimate(
-    q: Array,
-    truth: Array,
-    dt: float,
-    effort: Array,
-    robot: int,
-    model: Array,
-    p: Array,
-    x: Array,
-    estimates: Array,
-) -> None:
-    """Q'' is the one under the torque held before the sample.
+def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
+    """The estimated q'' is the one under the torque held before the sample.
 
     The arm counts as at rest at the first sample, after a silence of more than a second, and after a measurement so
     absurd that the states run away.
     """
+    q, dt = sample.q, sample.dt
     position, velocity, acceleration = estimates[0], estimates[1], estimates[2]
     known = x[0, 3] == 1.0 and 0.0 < dt <= _SILENCE
     if known:
-        _predict(dt, effort, robot, model, x, position, velocity, acceleration)
+        _predict(sample, x, position, velocity, acceleration)
         for j in range(q.size):
             of_q, of_dq, of_d = _correct(q[j] - position[j], dt, p[j, 0])
             position[j] += of_q
@@ -94,7 +84,7 @@ def estimate(
             x[j, 0] = position[j]
             x[j, 1] = velocity[j]
             x[j, 2] += of_d
-        forward_dynamics(robot, position, velocity, effort, model, acceleration)
+        forward_dynamics(sample.robot, position, velocity, sample.effort, sample.model, acceleration)
         for j in range(q.size):
             acceleration[j] += x[j, 2]
             for row in range(3):

@@ -3,7 +3,7 @@
 import math
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.estimators.base import Estimator
+from pidtsm_core.estimators.base import Estimator, Sample
 from pidtsm_core.parameters import Array, Parameter
 
 # State x: last q, last q' estimate, last q'' estimate, 1 once there was a first sample; then of both filters
@@ -20,21 +20,12 @@ def _forget(exponent: float, x: Array, slot: int) -> float:
 
 
 @njit
-def estimate(
-    q: Array,
-    truth: Array,
-    dt: float,
-    effort: Array,
-    robot: int,
-    model: Array,
-    p: Array,
-    x: Array,
-    estimates: Array,
-) -> None:
+def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
     """First-order low-pass filters, discretised exactly, of the differences of q and of the q' so found.
 
     The estimates start from rest: q' and q'' are 0 at the first sample.
     """
+    q, dt = sample.q, sample.dt
     for j in range(q.size):
         if x[j, 3] == 1.0 and dt > 0.0:
             forget = _forget(-p[j, 0] * dt, x[j], 4)

@@ -16,17 +16,16 @@ those, hence each integrator has a period of its own, the distance of its neighb
 longer period.
 
 Levant, "Higher-order sliding modes, differentiation and output-feedback control", International Journal of Control
-76(9/10), 2003; gains: Levant and Livne, "Robust exact filtering differentiators", European Journal of Control 55,
-2020; implicit form and its outputs: Seeber, "Proper implicit discretization of arbitrary-order robust exact
-differentiators", arXiv:2404.02770, 2024; comparison of forms: Mojallizadeh, Brogliato and Acary, "Time-discretizations
-of differentiators: design of implicit algorithms and comparative analysis", International Journal of Robust and
-Nonlinear Control 31(16), 2021.
+76(9/10), 2003; gains: Levant and Livne, "Robust exact filtering differentiators", European Journal of Control, 2020;
+implicit form and its outputs: Seeber, "Proper implicit discretization of arbitrary-order robust exact
+differentiators", arXiv:2404.02770, 2024; comparison of forms: Mojallizadeh, Brogliato and Acary, "Discrete-time
+differentiators: design and comparative analysis", hal-02960923, 2020.
 """
 
 import math
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.estimators.base import Estimator
+from pidtsm_core.estimators.base import Estimator, Sample
 from pidtsm_core.parameters import Array, Parameter
 
 # State x: y1, y2, y3, the last two periods (newest first), 1 once there was a first sample.
@@ -50,18 +49,9 @@ def _root(a: float, b: float, c: float, free: float) -> float:
 
 
 @njit
-def estimate(
-    q: Array,
-    truth: Array,
-    dt: float,
-    effort: Array,
-    robot: int,
-    model: Array,
-    p: Array,
-    x: Array,
-    estimates: Array,
-) -> None:
+def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
     """The estimates start from rest: q' and q'' are 0 at the first sample."""
+    q, dt = sample.q, sample.dt
     for j in range(q.size):
         if x[j, 5] == 1.0 and dt > 0.0:
             last = x[j, 3] if x[j, 3] > 0.0 else dt

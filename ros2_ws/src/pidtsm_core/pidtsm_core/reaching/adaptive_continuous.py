@@ -20,19 +20,19 @@ def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
 
 @njit
 def advance(sigma: float, p: Array, x: Array, dt: float, frozen: bool) -> None:
-    """Euler of tau_sw' = -k tau_sw - (Y + xi) sign(sigma), Y' = |sigma| / kappa - leakage Y, and Y <= maximum.
+    """Euler of tau_sw' = -k tau_sw - (Y + xi) sign(sigma), Y' = |sigma| / kappa - leakage Y, and Y <= gain_maximum.
 
     Y grows outside the dead zone only; it leaks everywhere, also while `frozen`, since that winds nothing up. The
     leakage is taken implicitly, so that Y never changes its sign. Leakage and bound 0 are the article's law.
     """
-    k, kappa, xi, upsilon, leakage, maximum = p[0], p[1], p[2], p[3], p[4], p[5]
+    k, kappa, xi, upsilon, leakage, gain_maximum = p[0], p[1], p[2], p[3], p[4], p[5]
     x[0] += dt * (-k * x[0] - (x[1] + xi) * sign(sigma))
     if abs(sigma) > upsilon and not frozen:
         x[1] += dt * abs(sigma) / kappa
     if leakage > 0.0:
         x[1] /= 1.0 + dt * leakage
-    if 0.0 < maximum < x[1]:
-        x[1] = maximum
+    if 0.0 < gain_maximum < x[1]:
+        x[1] = gain_maximum
 
 
 ADAPTIVE_CONTINUOUS = ReachingLaw(
@@ -48,7 +48,7 @@ ADAPTIVE_CONTINUOUS = ReachingLaw(
         Parameter(
             "leakage", 0.0, "rate at which the adaptive gain fades (sigma modification)", "1/s", 0.0, per_joint=True
         ),
-        Parameter("maximum", 0.0, "bound of the adaptive gain, 0 is none", minimum=0.0, per_joint=True),
+        Parameter("gain_maximum", 0.0, "bound of the adaptive gain, 0 is none", minimum=0.0, per_joint=True),
     ),
     switch=switch,
     advance=advance,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.estimators import ESTIMATORS, Estimator, estimate
+from pidtsm_core.estimators import ESTIMATORS, Estimator, Sample, estimate
 from pidtsm_core.family import SLOTS
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import ROBOTS
@@ -35,7 +35,7 @@ def run(estimator: Estimator, positions: Array, dts: Array, truth: Array | None 
     number, robot, effort = ESTIMATORS.number(estimator.name), ROBOTS.number(TWO_LINK.name), np.zeros(joints)
     for k, q in enumerate(positions):
         dt = float(dts[k]) if k else 0.0
-        estimate(number, q, truth[k], dt, effort, robot, FREE, p, x, estimates[k])
+        estimate(number, Sample(q, truth[k], dt, effort, robot, FREE), p, x, estimates[k])
     return estimates
 
 

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_lyapunov
 
+from pidtsm_core.estimators import Sample
 from pidtsm_core.estimators.extended_state import EXTENDED_STATE_OBSERVER
 from pidtsm_core.family import SLOTS
 from pidtsm_core.parameters import Array
@@ -30,7 +31,7 @@ def observe(times: Array, positions: Array, efforts: Array, model: Array, bandwi
     estimates = np.zeros((len(times), 3, 2))
     for k, q in enumerate(positions):
         dt, held = (float(times[k] - times[k - 1]), efforts[k - 1]) if k else (0.0, efforts[0])
-        EXTENDED_STATE_OBSERVER.estimate(q, np.zeros((2, 2)), dt, held, ROBOT, model, p, x, estimates[k])
+        EXTENDED_STATE_OBSERVER.estimate(Sample(q, np.zeros((2, 2)), dt, held, ROBOT, model), p, x, estimates[k])
     return estimates
 
 

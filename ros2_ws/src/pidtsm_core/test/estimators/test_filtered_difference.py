@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pidtsm_core.estimators import Sample
 from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
 from pidtsm_core.parameters import Array
 
@@ -22,7 +23,7 @@ def run(times: Array, positions: Array, velocity_cutoff: float, acceleration_cut
     found = []
     for k, q in enumerate(positions):
         dt = float(times[k] - times[k - 1]) if k else 0.0
-        FILTERED_DIFFERENCE.estimate(np.array([q]), truth, dt, NO_EFFORT, 0, NO_MODEL, p, x, estimates)
+        FILTERED_DIFFERENCE.estimate(Sample(np.array([q]), truth, dt, NO_EFFORT, 0, NO_MODEL), p, x, estimates)
         assert estimates[0, 0] == q
         found.append(estimates[1:, 0].copy())
     return np.array(found)[:, 0], np.array(found)[:, 1]

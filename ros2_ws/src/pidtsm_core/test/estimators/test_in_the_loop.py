@@ -10,7 +10,7 @@ from pidtsm_core.signals import Signal
 
 def roll(estimator: str, **simulator: float) -> Rollout:
     settings = {name.replace("__", "."): value for name, value in simulator.items()}
-    return rollout({"controller": {"estimator.name": estimator, "law.maximum": 20.0}, "simulator": settings}, 15.0)
+    return rollout({"controller": {"estimator.name": estimator, "law.gain_maximum": 20.0}, "simulator": settings}, 15.0)
 
 
 def settled_error(result: Rollout) -> float:

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pidtsm_core.estimators import Sample
 from pidtsm_core.estimators.robust_differentiator import ROBUST_DIFFERENTIATOR
 from pidtsm_core.family import SLOTS
 from pidtsm_core.parameters import Array
@@ -19,7 +20,7 @@ def run(times: Array, positions: Array, jerk: float) -> tuple[Array, Array, Arra
     truth, estimates = np.zeros((2, 1)), np.zeros((len(times), 3, 1))
     for k, q in enumerate(positions):
         dt = float(times[k] - times[k - 1]) if k else 0.0
-        ROBUST_DIFFERENTIATOR.estimate(np.array([q]), truth, dt, NO_EFFORT, 0, NO_MODEL, p, x, estimates[k])
+        ROBUST_DIFFERENTIATOR.estimate(Sample(np.array([q]), truth, dt, NO_EFFORT, 0, NO_MODEL), p, x, estimates[k])
     return estimates[:, 0, 0], estimates[:, 1, 0], estimates[:, 2, 0]
 
 
