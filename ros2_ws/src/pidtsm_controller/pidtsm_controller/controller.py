@@ -230,7 +230,7 @@ class ControllerNode(ManagedNode):
         if first:
             hold(self._table, self._position[0])
         reference_age = stamp - self._reference_stamp
-        if not self._following or self._fault or reference_age > self._reference_timeout:
+        if not self._following or self._fault or abs(reference_age) > self._reference_timeout:
             self._choose_desired(stamp)
         violations = answer(
             *self._arrays, reference_age, period, stamp - self._followed_since, self._holding, self._fault != 0
@@ -264,19 +264,20 @@ class ControllerNode(ManagedNode):
     def _choose_desired(self, stamp: int) -> None:
         """Follow the reference while there is one that is not too old, else hold the position desired last."""
         known = self._reference_stamp >= 0
-        fresh = known and stamp - self._reference_stamp <= self._reference_timeout
+        age = stamp - self._reference_stamp
+        fresh = known and abs(age) <= self._reference_timeout
         if self._fault:
             fresh = False
         if fresh and not self._following:
-            begin_following(self._table, stamp - self._reference_stamp)
+            begin_following(self._table, age)
             self._followed_since = stamp
             if self._holding:
                 self.get_logger().info("following the reference")
         elif not fresh and not self._holding:
             hold(self._table, self._table[Row.DESIRED].copy())
             if self._following and not self._fault:
-                old = (stamp - self._reference_stamp) * 1e-9
-                self.get_logger().warning(f"holding position: the reference is {old:.3g} s old")
+                distance = f"{abs(age) * 1e-9:.3g} s {'old' if age > 0 else 'ahead'}"
+                self.get_logger().warning(f"holding position: the reference is {distance}")
         self._following, self._holding = fresh, not fresh
 
     def _violated(self, violations: int) -> None:

@@ -142,7 +142,7 @@ _CONTROLLER = (
     Parameter(
         "watchdog.reference",
         0.1,
-        "a reference older than this is not followed: the arm holds its position (reference.match: latest)",
+        "a reference older, or ahead by more, is not followed: the arm holds its position (reference.match: latest)",
         "s",
         minimum=0.0,
         exclusive=True,

@@ -76,6 +76,7 @@ class Diagnostics:
     def publish(self, readings: list[Reading], idle: str = "", idle_level: bytes = DiagnosticStatus.WARN) -> None:
         """Publish; `idle` says why the loop does not run as it should, where it does not, and how bad that is."""
         self._next = time.monotonic() + _PERIOD
+        readings = [*readings, Reading("messages rejected since the start", self._node.rejected)]
         if idle:
             level, message = idle_level, idle
         else:

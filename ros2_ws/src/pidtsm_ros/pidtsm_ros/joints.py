@@ -60,9 +60,10 @@ class JointOrder:
         order = self.match(names)
         if len(values) != len(self.joints):
             raise MessageError(f"{field} has {len(values)} values for {len(self.joints)} joints")
-        for value in values:
+        for name, value in zip(names, values, strict=True):
             if not -ABSURD < value < ABSURD:
+                # Not the value: the log gets every cause once, and no two values are alike.
                 reason = "is absurd" if math.isfinite(value) else "is not finite"
-                raise MessageError(f"{field} {reason}: {list(values)}")
+                raise MessageError(f"{field} {reason}: {name}")
         for j, place in enumerate(order):
             target[j] = values[place]

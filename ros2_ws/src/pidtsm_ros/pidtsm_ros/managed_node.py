@@ -20,6 +20,7 @@ from pidtsm_ros.joints import MessageError
 from pidtsm_ros.qos import OVERRIDABLE, PUBLISHER, READER
 
 _REASONS_LOGGED = 100
+_LONGEST_REASON = 200  # characters; names in a message may be many, and long
 _FLUSH_TIME = Duration(seconds=5)
 """Readers acknowledge within 0.1 s (see fastdds.xml) unless they lag behind or have died."""
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -238,6 +239,8 @@ class ManagedNode(LifecycleNode):
     def reject(self, reason: str) -> None:
         """Count a message that cannot be used; the log gets every cause once."""
         self.rejected += 1
+        if len(reason) > _LONGEST_REASON:
+            reason = f"{reason[:_LONGEST_REASON]} ..."
         if reason not in self._reasons and len(self._reasons) < _REASONS_LOGGED:
             self._reasons.add(reason)
             self.get_logger().error(f"rejected {reason}")

@@ -207,7 +207,7 @@ class Simulator(ManagedNode):
         stamp = serialized_nanoseconds(data)
         answered, remainder = divmod(stamp - self._first_stamp, self._period) if self._sample >= 0 else (0, 1)
         if remainder or answered > self._acquired:
-            raise MessageError(f"stamp {stamp} ns is that of no joint state sent")
+            raise MessageError("the stamp is that of no joint state sent")
         if answered <= self._answered:
             return  # A late reply to a sample that is past.
         self._incoming.read(data, self._received)
