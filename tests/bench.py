@@ -2,16 +2,20 @@
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 import rclpy
 from lifecycle_msgs.srv import GetState
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
+from pidtsm_experiments.domain import own_domain
 from pidtsm_experiments.runner import Process, Processes
 
 DEADLINE = 60.0
@@ -69,8 +73,25 @@ class Bench:
         self.node.destroy_client(client)
         return next(future.result() for future in futures if future.done())
 
+    def set(self, node: str, values: Mapping[str, Any]) -> None:
+        """Set parameters of a node together."""
+        messages = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        request = SetParametersAtomically.Request(parameters=messages)
+        result = self.call(SetParametersAtomically, f"{node}/set_parameters_atomically", request).result
+        assert result.successful, result.reason
+
     def close(self) -> None:
         self.executor.remove_node(self.node)
         self.executor.shutdown()
         self.node.destroy_node()
         self.context.try_shutdown()
+
+
+@contextmanager
+def open_bench(folder: Path) -> Iterator[Bench]:
+    """A bench that keeps its logs in this folder; its processes end with the block."""
+    with pytest.MonkeyPatch.context() as patch, own_domain() as domain, Processes() as processes:
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        bench = Bench(folder, domain, processes)
+        yield bench
+        bench.close()

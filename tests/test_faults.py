@@ -1,245 +1,403 @@
-"""What the controller does when something goes wrong around it: each fault, and the reaction expected."""
+"""The fault matrix, where nothing depends on timing: what controller and simulator do when something goes wrong.
+
+A row is a fault, injected into a real node, and the reaction expected; docs/faults.md tells the same to users. Every
+row ends with a node that lives, that has published nothing beyond a limit and nothing that is not finite, and that does
+bit by bit what it did before, once the fault has gone.
+"""
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from bench import Bench
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
-from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
+from diagnostic_msgs.msg import DiagnosticStatus
+from rig import MS, NAMES, SECOND, ControllerRig, Rigs, SimulatorRig, document_rows, safe_effort
 
-from pidtsm_core.robots.two_link import TWO_LINK
-from pidtsm_msgs.msg import ControllerState, JointReference
-from pidtsm_ros.stamps import set_stamp
+from pidtsm_core.node_parameters import controller_node_schema, simulator_node_schema
+from pidtsm_core.parameters import resolve
+from pidtsm_core.simulator import SimulatedRobot
+from pidtsm_msgs.msg import ControllerState
 
-NAMES = ["joint1", "joint2"]
-LIMITS = np.array([100.0, 50.0])
-START = [0.2, -0.1]
-STOP = 5.0  # s: far more than a busy machine takes between two messages of the test
+PAGE = Path(__file__).parents[1] / "docs" / "faults.md"
+SETTLED = 20  # ticks before a fault
+HOUR = 3600 * SECOND
+FOLLOWING, HOLDING, STOPPED = ControllerState.FOLLOWING, ControllerState.HOLDING, ControllerState.STOPPED
 
-
-def gravity(position: list[float]) -> Any:
-    values = {f"robot.{p.name}": p.default for p in TWO_LINK.parameters}
-    effort = np.zeros((1, 2))
-    TWO_LINK.inverse_dynamics(np.array(position), np.zeros(2), np.zeros((1, 2)), TWO_LINK.pack_model(values), effort)
-    return effort[0]
-
-
-def change(bench: Bench, transition: int) -> bool:
-    request = ChangeState.Request(transition=Transition(id=transition))
-    return bool(bench.call(ChangeState, "controller/change_state", request).success)
-
-
-@dataclass
-class Rig:
-    """A controller that takes the newest reference, and a test that is its arm; time is what the test says it is."""
-
-    bench: Bench
-    parameters: tuple[str, ...] = ()
-    wait: bool = True
-    time: float = 10.0
-    commands: list[JointState] = field(default_factory=list)
-    states: list[ControllerState] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        node = self.bench.node
-        self.joint_states = node.create_publisher(JointState, "joint_states", 10)
-        self.references = node.create_publisher(JointReference, "reference", 10)
-        node.create_subscription(JointState, "joint_commands", self.commands.append, 10)
-        node.create_subscription(ControllerState, "controller/state", self.states.append, 10)
-        self.process = self.bench.start("controller", f"watchdog.state_stop:={STOP}", *self.parameters)
-        if self.wait:
-            self.connect()
-
-    def connect(self) -> None:
-        self.bench.spin_until(
-            lambda: self.joint_states.get_subscription_count() and self.references.get_subscription_count(),
-            "the controller",
-        )
-
-    def refer(self, position: list[float]) -> None:
-        message = JointReference(name=NAMES, position=position, velocity=[0.0, 0.0], acceleration=[0.0, 0.0])
-        set_stamp(message.header.stamp, round(self.time * 1e9))
-        self.references.publish(message)
-
-    def step(self, position: list[float], dt: float = 0.001) -> ControllerState:
-        """A joint state dt later, and what the controller makes of it."""
-        self.time += dt
-        before = len(self.states), len(self.commands)
-        message = JointState(name=NAMES, position=position)
-        set_stamp(message.header.stamp, round(self.time * 1e9))
-        self.joint_states.publish(message)
-        self.bench.spin_until(
-            lambda: len(self.states) > before[0] and len(self.commands) > before[1], f"an answer at {self.time:.3f} s"
-        )
-        effort = np.array(self.commands[-1].effort)
-        assert np.all(np.abs(effort) <= LIMITS), "no torque beyond a limit is ever published"
-        assert np.isfinite(effort).all()
-        return self.states[-1]
-
-    def follow(self, position: list[float]) -> ControllerState:
-        """Joint states until a reference here is followed."""
-        state = self.step(position)
-        for _ in range(100):
-            self.refer(position)
-            state = self.step(position)
-            if state.mode == ControllerState.FOLLOWING:
-                return state
-        pytest.fail("the reference is not followed")
-
-    def reset(self) -> Trigger.Response:
-        return self.bench.call(Trigger, "controller/reset_fault", Trigger.Request())
-
-    def says(self, text: str) -> None:
-        self.bench.spin_until(lambda: text in self.process.log.read_text(), f"{text!r} in the log")
-
-
-@pytest.fixture
-def rig(bench: Bench) -> Rig:
-    return Rig(bench)
-
-
-def test_it_begins_by_holding_the_arm_where_it_is(rig: Rig) -> None:
-    rig.says("configured")
-    first = rig.step(START)
-    assert first.mode == ControllerState.HOLDING
-    np.testing.assert_allclose(first.effort, gravity(START), rtol=1e-9)
-
-
-def test_a_reference_far_away_is_approached_without_a_step_of_torque(rig: Rig) -> None:
-    last = np.array(rig.step(START).effort)
-    for _ in range(30):
-        rig.refer([0.6, -0.5])
-        effort = np.array(rig.step(START).effort)
-        assert np.abs(effort - last).max() < 10.0
-        last = effort
-    assert rig.states[-1].mode == ControllerState.FOLLOWING
-
-
-@pytest.mark.parametrize(("lost", "stops"), [(1, False), (5, False), (20, False), (6000, True)])
-def test_joint_states_that_are_lost(rig: Rig, lost: int, stops: bool) -> None:
-    rig.follow(START)
-    rig.refer(START)
-    state = rig.step(START, 0.001 * (lost + 1))
-    assert (state.mode == ControllerState.STOPPED) == stops
-    assert (state.fault == ControllerState.STATE_STALE) == stops
-    if stops:
-        np.testing.assert_allclose(state.effort, gravity(START), rtol=1e-6)
-        rig.says("stopped: no joint state for 6 s")
-
-
-def test_an_old_reference_is_not_followed_and_a_new_one_is(rig: Rig) -> None:
-    rig.follow(START)
-    state = rig.step(START, 0.2)
-    assert state.mode == ControllerState.HOLDING
-    np.testing.assert_allclose(state.effort, gravity(START), atol=1e-3)
-    rig.says("holding position: the reference is 0.2")
-    assert rig.follow(START).mode == ControllerState.FOLLOWING
-
-
-def test_stamps_that_go_back_are_refused_and_a_source_started_anew_is_not(rig: Rig) -> None:
-    rig.follow(START)
-    message = JointState(name=NAMES, position=START)
-    set_stamp(message.header.stamp, round((rig.time - 0.5) * 1e9))
-    rig.joint_states.publish(message)
-    rig.says("rejected joint_states: the stamp goes back")
-    assert rig.step(START).mode == ControllerState.FOLLOWING
-    state = rig.step(START, -5.0)
-    assert state.mode == ControllerState.HOLDING
-    np.testing.assert_allclose(state.effort, gravity(START), rtol=1e-9)
-    rig.says("time went back: starting afresh")
-
-
-LIMITED = {
-    "position": ("limits.position:=0.5", ControllerState.POSITION_LIMIT, [0.6, -0.1]),
-    "velocity": ("limits.velocity:=1.0", ControllerState.VELOCITY_LIMIT, [0.21, -0.1]),
-    "tracking_error": ("limits.tracking_error:=0.1", ControllerState.TRACKING_LIMIT, [0.35, -0.1]),
+LOCKSTEP: dict[str, Any] = {"reference.match": "stamp"}
+LATEST: dict[str, Any] = {"watchdog.state_stop": 30.0}
+"""A controller that takes the newest reference; a machine that stalls is no fault here."""
+DEFAULTS = resolve(controller_node_schema, {}, 2)
+SUMMARIES = {
+    FOLLOWING: None,
+    HOLDING: (DiagnosticStatus.WARN, "holding position: no reference, or an old one"),
+    STOPPED: (DiagnosticStatus.ERROR, "stopped by a fault; ~/reset_fault ends it"),
 }
 
 
-@pytest.mark.parametrize("limit", LIMITED)
-def test_beyond_a_limit_it_stops_until_it_is_reset(bench: Bench, limit: str) -> None:
-    parameter, fault, beyond = LIMITED[limit]
-    rig = Rig(bench, (parameter,))
-    rig.follow(START)
-    assert not rig.reset().success
-    state = rig.step(beyond)
-    assert (state.mode, state.fault) == (ControllerState.STOPPED, fault)
-    rig.says(f"stopped: a joint is beyond limits.{limit}")
-    # Latched: back within the limits it stays so, with a torque that carries the arm.
-    for _ in range(3):
-        rig.refer(START)
-        state = rig.step(START)
-    assert (state.mode, state.fault) == (ControllerState.STOPPED, fault)
-    assert rig.reset().success
-    assert rig.follow(START).fault == ControllerState.NO_FAULT
+@pytest.fixture(scope="module")
+def rigs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rigs]:
+    rigs = Rigs(tmp_path_factory.mktemp("rigs"))
+    yield rigs
+    rigs.close()
 
 
-def test_a_limit_may_only_warn(bench: Bench) -> None:
-    rig = Rig(bench, ("limits.position:=0.5", "limits.position_action:=warn"))
-    rig.follow(START)
-    rig.refer(START)
-    assert rig.step([0.6, -0.1]).mode == ControllerState.FOLLOWING
-    rig.says("a joint is beyond limits.position")
+@dataclass(frozen=True)
+class Row:
+    """A fault of the controller's surroundings, and its reaction.
+
+    Attributes:
+        inject: the fault; returns the controller's first state under it.
+        mode: of that state.
+        fault: of that state.
+        log: how the lines begin that the fault brings about.
+        rejected: number of messages that are rejected.
+        late: number of joint states that are called late.
+        unnoticed: the torques are those of a row without a fault.
+        settings: parameters during the row.
+        node: parameters of the node.
+    """
+
+    inject: Callable[[ControllerRig], ControllerState]
+    mode: int = FOLLOWING
+    fault: int = ControllerState.NO_FAULT
+    log: tuple[str, ...] = ()
+    rejected: int = 0
+    late: int = 0
+    unnoticed: bool = False
+    settings: dict[str, Any] = field(default_factory=dict)
+    node: dict[str, Any] = field(default_factory=lambda: LOCKSTEP)
 
 
-def test_the_rate_of_the_torque_can_be_limited(bench: Bench) -> None:
-    rig = Rig(bench, ("limits.effort_rate:=1000.0", "activation.blend:=0.0"))
-    last = np.array(rig.step(START).effort)
-    for _ in range(20):
-        rig.refer([0.6, -0.5])
-        effort = np.array(rig.step(START).effort)
-        assert np.abs(effort - last).max() <= 1.0 + 1e-9
-        last = effort
-    assert np.abs(last - gravity(START)).max() > 5.0
+# Messages that no node can use: values for the joints named, and the cause that the log gives.
+
+NAN, INF = math.nan, math.inf
+MANY = 10_000
+BAD: dict[str, tuple[list[float], list[str], str]] = {
+    "nan": ([0.2, NAN], NAMES, "is not finite: joint2"),
+    "infinite": ([-INF, 0.2], NAMES, "is not finite: joint1"),
+    "absurd": ([0.2, 1e6], NAMES, "is absurd: joint2"),
+    "too few values": ([0.2], NAMES, "has 1 values for 2 joints"),
+    "too many values": ([0.2] * 3, NAMES, "has 3 values for 2 joints"),
+    "no names": ([0.2, 0.2], [], "joints joint1, joint2 are missing"),
+    "a joint missing": ([0.2], ["joint1"], "joints joint2 are missing"),
+    "an unknown joint": ([0.2, 0.2], ["joint1", "elbow"], "unknown joints elbow, missing joint2"),
+    "a joint twice": ([0.2, 0.2], ["joint1", "joint1"], "a joint is named twice"),
+    "oversized": ([0.2] * MANY, [f"link{i}" for i in range(MANY)], "unknown joints link0, link1, "),
+}
 
 
-def test_silence_stops_the_arm(bench: Bench) -> None:
-    rig = Rig(bench, ("watchdog.state_stop:=0.3",))
-    rig.follow(START)
-    rig.says("stopped: no joint state for")
-    np.testing.assert_allclose(rig.commands[-1].effort, gravity(START), atol=0.1)
-    assert not rig.reset().success, "nothing has come since"
+def cause(topic: str, fieldname: str, reason: str) -> str:
+    """The line of the log for a bad message."""
+    return f"rejected {topic}: {fieldname + ' ' if reason.startswith(('is', 'has')) else ''}{reason}"
 
 
-def test_without_a_joint_state_it_does_not_become_active(bench: Bench) -> None:
-    process = bench.start("controller", "autostart:=false")
+def bad_row(topic: str, what: str) -> Row:
+    values, names, reason = BAD[what]
 
-    assert change(bench, Transition.TRANSITION_CONFIGURE)
-    assert not change(bench, Transition.TRANSITION_ACTIVATE)
-    bench.spin_until(lambda: "not activated: no joint state so far" in process.log.read_text(), "the reason")
+    def inject(rig: ControllerRig) -> ControllerState:
+        publisher, make = {
+            "joint_states": (rig.joint_states, rig.joint_state),
+            "reference": (rig.references, rig.reference),
+        }[topic]
+        for i in range(2):
+            # Two that differ, of one cause.
+            publisher.publish(make([value + i for value in values], names))
+        return rig.step()
 
-
-def test_far_from_its_reference_it_does_not_become_active(bench: Bench) -> None:
-    rig = Rig(bench, ("activation.distance:=0.1", "autostart:=false"), wait=False)
-    assert change(bench, Transition.TRANSITION_CONFIGURE)
-    rig.connect()
-    rig.refer([0.4, -0.1])
-
-    def refused() -> bool:
-        rig.time += 0.001
-        message = JointState(name=NAMES, position=START)
-        set_stamp(message.header.stamp, round(rig.time * 1e9))
-        rig.joint_states.publish(message)
-        assert not change(bench, Transition.TRANSITION_ACTIVATE)
-        return "joint1 is 0.2 rad from its reference (activation.distance 0.1)" in rig.process.log.read_text()
-
-    bench.spin_until(refused, "the reason")
+    return Row(inject, log=(cause(topic, "position", reason),), rejected=2, unnoticed=True)
 
 
-def test_its_last_torque_carries_the_arm(rig: Rig) -> None:
-    rig.follow(START)
-    rig.refer([0.4, -0.1])
-    rig.step([0.2001, -0.1])
-    count = len(rig.commands)
-    rig.process.interrupt()
-    rig.bench.spin_until(lambda: len(rig.commands) > count, "the last command")
-    velocity = np.array(rig.states[-1].velocity)
-    expected = np.clip(gravity([0.2001, -0.1]) - 20.0 * velocity, -LIMITS, LIMITS)
-    np.testing.assert_allclose(rig.commands[-1].effort, expected, rtol=1e-6)
-    assert rig.process.wait() == 0
-    assert all(map(math.isfinite, rig.commands[-1].effort))
+def no_message(topic: str) -> Row:
+    """Bytes that are no message."""
+
+    def inject(rig: ControllerRig) -> ControllerState:
+        publisher = rig.joint_states if topic == "joint_states" else rig.references
+        for _ in range(2):
+            publisher.publish(bytes([0, 1, 0, 0, 7]))
+        return rig.step()
+
+    return Row(inject, log=(f"rejected {topic}: ",), rejected=2, unnoticed=True)
+
+
+def lose(samples: int) -> Callable[[ControllerRig], ControllerState]:
+    return lambda rig: rig.step(dt=(samples + 1) * MS)
+
+
+def permute(rig: ControllerRig) -> ControllerState:
+    for _ in range(10):
+        state = rig.step(rig.measured()[::-1], names=NAMES[::-1], desired=rig.start[::-1])
+    return state
+
+
+def repeat(rig: ControllerRig) -> ControllerState:
+    rig.joint_states.publish(rig.joint_state(rig.measured(), dt=0))
+    return rig.step()
+
+
+def go_back(rig: ControllerRig) -> ControllerState:
+    rig.joint_states.publish(rig.joint_state(rig.measured(), dt=-SECOND // 2))
+    return rig.step()
+
+
+def one_stamp_ahead(rig: ControllerRig) -> ControllerState:
+    rig.step(dt=HOUR)
+    return rig.step(dt=MS - HOUR)
+
+
+def crowd(rig: ControllerRig) -> ControllerState:
+    for _ in range(10):
+        state = rig.step(dt=1)
+    return state
+
+
+def jump(rig: ControllerRig) -> ControllerState:
+    rig.step([1000.0, -1000.0])
+    return rig.step()
+
+
+def lose_references(rig: ControllerRig) -> ControllerState:
+    rig.referred = False
+    for _ in range(101):
+        state = rig.step()
+    return state
+
+
+def lose_some_references(rig: ControllerRig) -> ControllerState:
+    rig.referred = False
+    rig.drive(50)
+    rig.referred = True
+    return rig.step()
+
+
+def refer_from_tomorrow(rig: ControllerRig) -> ControllerState:
+    rig.referred = False
+    reference = rig.reference(dt=HOUR)
+    reference.velocity = [0.1, 0.1]
+    rig.references.publish(reference)
+    return next(state for state in iter(rig.step, None) if state.mode != FOLLOWING)
+
+
+def fall_silent(rig: ControllerRig) -> ControllerState:
+    """No joint state: the watchdog needs none to act."""
+    heard = rig.watch.heard["joint_commands"]
+    count = len(heard)
+    rig.bench.spin_until(lambda: len(heard) > count, "the safe torque")
+    np.testing.assert_allclose(rig.watch.last("joint_commands").effort, safe_effort(rig.watch.last("controller/state")))
+    return rig.step()
+
+
+def leave(*position: float) -> Callable[[ControllerRig], ControllerState]:
+    return lambda rig: rig.step(position)
+
+
+def saturate(rig: ControllerRig) -> ControllerState:
+    """Somebody holds the arm for 5 s, and lets it go."""
+    held = [rig.start[0] + 1.0, rig.start[1] - 1.0]
+    states = [rig.step(held) for _ in range(5000)]
+    saturated = np.array([state.saturated for state in states])
+    assert saturated[100:].all()
+    gains = np.array([state.adaptive_gain for state in states])
+    # What the law did not cause it does not learn.
+    np.testing.assert_array_equal(gains[-1], gains[100])
+
+    arm = SimulatedRobot(resolve(simulator_node_schema, {"initial_position": held, "disturbance.name": "none"}, 2))
+    state = states[-1]
+    for sample in range(5000):
+        arm.act(sample, True, np.array(state.effort))
+        state = rig.step(list(arm.state.arm.position))
+        if max(map(abs, (*state.position_error, *state.velocity_error))) < 0.02:
+            return state
+    pytest.fail("the arm does not come back to its reference")
+
+
+LOST = "stopped: no joint state for {} s; safe torque until ~/reset_fault is called"
+BEYOND = "stopped: a joint is beyond limits.{}; safe torque until ~/reset_fault is called"
+SILENT = LOST.partition("{")[0]
+RESET = "fault reset"
+
+
+def stale(seconds: str, **others: Any) -> dict[str, Any]:
+    return {
+        "mode": STOPPED,
+        "fault": ControllerState.STATE_STALE,
+        "log": (LOST.format(seconds), RESET),
+        **others,
+    }
+
+
+ROWS = {
+    "1 joint state lost": Row(lose(1)),
+    "5 joint states lost": Row(lose(5), late=1),
+    "20 joint states lost": Row(lose(20), late=1, **stale("0.021")),
+    "1000 joint states lost": Row(lose(1000), late=1, **stale("1")),
+    "a gap of 10 ms": Row(lambda rig: rig.step(dt=10 * MS), late=1),
+    "silence": Row(fall_silent, node=LATEST, settings={"watchdog.state_stop": 0.5}, **stale("", log=(SILENT, RESET))),
+    "a stamp twice (dt = 0)": Row(
+        repeat, log=("rejected joint_states: two joint states have the same stamp",), rejected=1, unnoticed=True
+    ),
+    "stamps 1 ns apart": Row(crowd),
+    "a stamp that goes back by 0.5 s": Row(
+        go_back, log=("rejected joint_states: the stamp goes back",), rejected=1, unnoticed=True
+    ),
+    "stamps that go back by 5 s": Row(lambda rig: rig.step(dt=-5 * SECOND), log=("time went back: starting afresh",)),
+    "clock jumps back by 1 h": Row(lambda rig: rig.step(dt=-HOUR), log=("time went back: starting afresh",)),
+    "clock jumps ahead by 1 h": Row(lambda rig: rig.step(dt=HOUR), late=1, **stale("3.6e+03")),
+    "one stamp ahead by 1 h": Row(
+        one_stamp_ahead,
+        late=1,
+        **stale("", log=(LOST.format("3.6e+03"), "time went back: starting afresh", RESET)),
+    ),
+    **{f"`joint_states`: {what}": bad_row("joint_states", what) for what in BAD},
+    "`joint_states`: no message": no_message("joint_states"),
+    **{f"`reference`: {what}": bad_row("reference", what) for what in BAD},
+    "`reference`: no message": no_message("reference"),
+    "joints in another order": Row(permute, unnoticed=True),
+    "`reference` lost for 50 ms": Row(lose_some_references, node=LATEST, unnoticed=True),
+    "`reference` lost for more than 100 ms": Row(
+        lose_references,
+        mode=HOLDING,
+        log=("holding position: the reference is 0.101 s old", "following the reference"),
+        node=LATEST,
+    ),
+    "`reference` ahead by 1 h": Row(
+        refer_from_tomorrow,
+        mode=HOLDING,
+        log=("holding position: the reference is 3.6e+03 s ahead", "following the reference"),
+        node=LATEST,
+    ),
+    "a measurement far off": Row(jump),
+    "saturation for 5 s": Row(saturate),
+    "beyond `limits.position`": Row(
+        leave(0.6, -0.1),
+        mode=STOPPED,
+        fault=ControllerState.POSITION_LIMIT,
+        log=(BEYOND.format("position"), RESET),
+        settings={"limits.position": 0.5},
+    ),
+    "beyond `limits.velocity`": Row(
+        leave(0.3, -0.1),
+        mode=STOPPED,
+        fault=ControllerState.VELOCITY_LIMIT,
+        log=(BEYOND.format("velocity"), RESET),
+        settings={"limits.velocity": 2.0},
+    ),
+    "beyond `limits.tracking_error`": Row(
+        leave(0.35, -0.1),
+        mode=STOPPED,
+        fault=ControllerState.TRACKING_LIMIT,
+        log=(BEYOND.format("tracking_error"), RESET),
+        settings={"limits.tracking_error": 0.1},
+    ),
+    "beyond a limit that only warns": Row(
+        leave(0.6, -0.1),
+        log=("a joint is beyond limits.position",),
+        settings={"limits.position": 0.5, "limits.position_action": "warn"},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_the_controller(rigs: Rigs, name: str) -> None:
+    row = ROWS[name]
+    rig: ControllerRig = rigs.get(ControllerRig, row.node)
+    with rig.row():
+        undisturbed = rig.undisturbed
+        rig.begin()
+        np.testing.assert_array_equal(rig.drive(SETTLED), undisturbed[:SETTLED])
+        rig.bench.set("controller", row.settings)
+        rig.says()
+        state = row.inject(rig)
+        assert (state.mode, state.fault) == (row.mode, row.fault)
+        for _ in range(5):
+            if row.mode == STOPPED:
+                np.testing.assert_allclose(state.effort, safe_effort(state), rtol=1e-9)
+            if row.unnoticed:
+                np.testing.assert_array_equal(state.effort, undisturbed[rig.tick - 1])
+            state = rig.step()
+            assert (state.mode, state.fault) == (row.mode, row.fault), "latched"
+        rig.rejected += row.rejected
+        rig.late += row.late
+        report = rig.reports()
+        counted = {pair.key: float(pair.value) for pair in report.values}
+        assert counted["messages rejected since the start"] == rig.rejected
+        assert counted["late joint states since activation"] == rig.late
+        if summary := SUMMARIES[row.mode]:
+            assert (report.level, report.message) == summary
+
+        # The fault has gone.
+        rig.referred = True
+        if row.fault:
+            assert rig.reset().success
+        else:
+            assert rig.follow().fault == ControllerState.NO_FAULT
+        rig.check_log(row.log)
+        rig.bench.set("controller", {name: {**DEFAULTS, **row.node}[name] for name in row.settings})
+        if not row.fault:
+            assert not rig.reset().success, "there was no fault"
+            rig.begin()
+        np.testing.assert_array_equal(rig.drive(SETTLED), undisturbed[:SETTLED])
+        assert rig.follow().fault == ControllerState.NO_FAULT
+
+
+# The simulator.
+
+
+@dataclass(frozen=True)
+class SimulatorRow:
+    """Something wrong with the commands; attributes as those of `Row`."""
+
+    inject: Callable[[SimulatorRig], object]
+    log: tuple[str, ...] = ()
+    rejected: int = 0
+
+
+def bad_command(what: str) -> SimulatorRow:
+    values, names, reason = BAD[what]
+
+    def inject(rig: SimulatorRig) -> None:
+        for i in range(2):
+            rig.commands.publish(rig.command([value + i for value in values], names))
+
+    return SimulatorRow(inject, (cause("joint_commands", "effort", reason),), 2)
+
+
+SIMULATOR_ROWS = {
+    **{f"`joint_commands`: {what}": bad_command(what) for what in BAD},
+    "`joint_commands`: no message": SimulatorRow(
+        lambda rig: rig.commands.publish(bytes([0, 1, 0, 0, 7])), ("rejected joint_commands: ",), 1
+    ),
+    "a command for a joint state never sent": SimulatorRow(
+        lambda rig: rig.commands.publish(rig.command(sample=rig.sample + 1)),
+        ("rejected joint_commands: the stamp is that of no joint state sent",),
+        1,
+    ),
+    "a second command for a joint state": SimulatorRow(
+        lambda rig: rig.commands.publish(rig.command((0.0, 0.0), sample=rig.sample - 1))
+    ),
+    "a command beyond the limits": SimulatorRow(lambda rig: rig.step((1000.0, -1000.0))),
+    "commands in another order": SimulatorRow(lambda rig: rig.step((20.0, 7.0), NAMES[::-1])),
+}
+
+
+@pytest.mark.parametrize("name", SIMULATOR_ROWS)
+def test_the_simulator(rigs: Rigs, name: str) -> None:
+    row = SIMULATOR_ROWS[name]
+    rig: SimulatorRig = rigs.get(SimulatorRig)
+    with rig.row():
+        rig.step()
+        rig.says()
+        row.inject(rig)
+        rig.rejected += row.rejected
+        for _ in range(5):
+            rig.step()
+        counted = {pair.key: float(pair.value) for pair in rig.reports().values}
+        assert counted["messages rejected since the start"] == rig.rejected
+        rig.check_log(row.log)
+
+
+@pytest.mark.parametrize(("section", "rows"), [("The controller", ROWS), ("The simulator", SIMULATOR_ROWS)])
+def test_the_page_has_these_rows(section: str, rows: dict[str, Any]) -> None:
+    assert document_rows(PAGE, section) == list(rows)

@@ -1,14 +1,11 @@
 """The simulator while it runs: reset, payload and push, and brakes where commands stay out."""
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
 from bench import Bench
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -48,13 +45,6 @@ class Arm:
         self.bench.spin_until(lambda: len(self.states) > sample, f"joint state {sample}")
         return list(self.states[sample].position)
 
-    def set(self, **values: Any) -> None:
-        """Set parameters together; names with two underscores for the dot."""
-        messages = [Parameter(n.replace("__", "."), value=v).to_parameter_msg() for n, v in values.items()]
-        request = SetParametersAtomically.Request(parameters=messages)
-        result = self.bench.call(SetParametersAtomically, "simulator/set_parameters_atomically", request).result
-        assert result.successful, result.reason
-
     def reset(self) -> Trigger.Response:
         return self.bench.call(Trigger, "simulator/reset", Trigger.Request())
 
@@ -63,8 +53,8 @@ class Arm:
 
 
 CHANGES = {
-    "payload": {"payload__mass": 0.5},
-    "push": {"push__effort": [5.0, -3.0], "push__duration": 1e6},
+    "payload": {"payload.mass": 0.5},
+    "push": {"push.effort": [5.0, -3.0], "push.duration": 1e6},
 }
 
 
@@ -78,10 +68,8 @@ def test_payload_and_push_come_and_go_as_parameters_while_it_runs(bench: Bench, 
         assert arm.position(k) == robot.state.arm.position.tolist()
         if k in (10, 20):
             values = on if k == 10 else off
-            arm.set(**values)
-            robot.set_parameters(
-                resolve(simulator_node_schema, {n.replace("__", "."): v for n, v in values.items()}, 2)
-            )
+            bench.set("simulator", values)
+            robot.set_parameters(resolve(simulator_node_schema, values, 2))
         robot.sense(k)
         robot.act(k, True, np.array(EFFORT))
         arm.command()
@@ -101,7 +89,7 @@ def test_a_reset_brings_the_arm_back_while_time_goes_on(bench: Bench) -> None:
         assert arm.position(10 + k) == first[k]
         arm.command()
     assert nanoseconds(arm.states[19].header.stamp) == 19_000_000
-    arm.set(initial_position=[0.5, 0.25])
+    bench.set("simulator", {"initial_position": [0.5, 0.25]})
     assert arm.reset().success
     arm.position(20)
     robot = SimulatedRobot(resolve(simulator_node_schema, {"initial_position": [0.5, 0.25]}, 2))
@@ -133,3 +121,10 @@ def test_brakes_stop_the_arm_when_commands_stay_out_and_open_with_the_next(bench
         dt = (nanoseconds(after.header.stamp) - nanoseconds(before.header.stamp)) * 1e-9
         speed = np.abs([before.velocity, after.velocity]).max(axis=0)
         assert (np.abs(np.subtract(after.position, before.position)) <= 1.01 * speed * dt + 1e-5).all(), "a jump"
+
+
+def test_in_lockstep_silence_ends_the_run_with_the_name_of_who_is_silent(bench: Bench) -> None:
+    arm = Arm(bench, "clock:=lockstep", "lockstep.timeout:=0.5")
+    arm.position(0)
+    assert arm.process.wait() == 1
+    assert "no command for t = 0 s within 0.5 s: /stranger is silent" in arm.process.log.read_text()

@@ -1,0 +1,310 @@
+"""Rigs: a real node on the bench, and the test in the place of everything around it, its time included."""
+
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bench import Bench, open_bench
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from pidtsm_core.node_parameters import simulator_node_schema
+from pidtsm_core.parameters import Array, resolve
+from pidtsm_core.robots.two_link import TWO_LINK
+from pidtsm_core.simulator import SimulatedRobot
+from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds, set_stamp
+
+NAMES = ["joint1", "joint2"]
+LIMITS = np.array([100.0, 50.0])
+"""N m."""
+DAMPING = 20.0
+"""Of the safe torque, N m s/rad."""
+MS = 1_000_000
+SECOND = 1000 * MS
+"""ns."""
+
+_UNDISTURBED = 100  # ticks
+_QUEUE = QoSProfile(depth=5000)
+
+
+def gravity(position: Sequence[float] | Array) -> Array:
+    """Torque that carries the arm at rest, N m, shape (2,)."""
+    values = {f"robot.{p.name}": p.default for p in TWO_LINK.parameters}
+    effort = np.zeros((1, 2))
+    model = TWO_LINK.pack_model(values)
+    TWO_LINK.inverse_dynamics(np.array(position), np.zeros(2), np.zeros((1, 2)), model, effort)
+    return effort[0]
+
+
+def safe_effort(state: ControllerState) -> Array:
+    """The torque of a controller that has stopped, N m, shape (2,)."""
+    return np.clip(gravity(state.position) - DAMPING * np.array(state.velocity), -LIMITS, LIMITS)
+
+
+def document_rows(page: Path, section: str) -> list[str]:
+    """The first column of the table in a section of a page."""
+    text = page.read_text(encoding="utf-8").partition(f"\n## {section}\n")[2].partition("\n## ")[0]
+    rows = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("|")]
+    return rows[2:]
+
+
+class Watch:
+    """Keeps every message of some topics, and finds what must never be in one."""
+
+    def __init__(self, bench: Bench, topics: Mapping[str, type]) -> None:
+        self._types = dict(topics)
+        self.heard: dict[str, list[bytes]] = {topic: [] for topic in topics}
+        for topic, kind in topics.items():
+            # Taken apart later: a test that listens to everything must not keep the nodes from running.
+            bench.node.create_subscription(kind, topic, self.heard[topic].append, _QUEUE, raw=True)
+
+    def last(self, topic: str) -> Any:
+        return deserialize_message(self.heard[topic][-1], self._types[topic])
+
+    def messages(self, topic: str) -> list[Any]:
+        return [deserialize_message(data, self._types[topic]) for data in self.heard[topic]]
+
+    def check(self) -> None:
+        """No torque beyond a limit, and nothing that is not finite, in any message so far, which are then forgotten."""
+        for topic, heard in self.heard.items():
+            assert heard, f"nothing came on {topic}"
+            for message in self.messages(topic):
+                assert all(map(math.isfinite, _numbers(message))), f"not finite: {message}"
+                if getattr(message, "effort", ()):
+                    assert list(message.name) == NAMES
+                    assert (np.abs(message.effort) <= LIMITS).all(), f"beyond a limit: {message}"
+            heard.clear()
+
+
+def _numbers(message: Any) -> Iterator[float]:
+    if isinstance(message, DiagnosticArray):
+        for status in message.status:
+            yield from (float(pair.value) for pair in status.values)
+        return
+    for field, kind in message.get_fields_and_field_types().items():
+        if kind == "double":
+            yield getattr(message, field)
+        elif kind == "sequence<double>":
+            yield from getattr(message, field)
+
+
+class Rig:
+    """A node on the bench for many tests in turn.
+
+    Attributes:
+        watch: what the node publishes.
+        sound: no test has failed on it.
+        rejected: number of messages that the node should have rejected so far.
+    """
+
+    node: str
+
+    def __init__(self, bench: Bench, topics: Mapping[str, type], *parameters: str) -> None:
+        self.bench = bench
+        self.sound = True
+        self.rejected = 0
+        self.watch = Watch(bench, {**topics, "/diagnostics": DiagnosticArray})
+        self.process = bench.start(self.node, *parameters)
+        self._said = 0
+
+    def step(self) -> Any:
+        """One sample in which nothing is wrong."""
+        raise NotImplementedError
+
+    @contextmanager
+    def row(self) -> Iterator[None]:
+        """A row of a table: the node lives, and has published nothing that it must not."""
+        self.sound = False
+        yield
+        assert self.process.process.poll() is None, self.process.tail()
+        self.watch.check()
+        self.sound = True
+
+    def says(self) -> list[str]:
+        """What the node's log got since the last call."""
+        text = self.process.log.read_text()
+        new, self._said = text[self._said :], len(text)
+        assert "Traceback" not in new, new
+        return [line.partition(f"[{self.node}]: ")[2] for line in new.splitlines()]
+
+    def check_log(self, expected: Sequence[str]) -> None:
+        """The log got lines that begin like these, each once, and no other, since the last look."""
+        said = self.says()
+        assert len(said) == len(expected), said
+        for line, begin in zip(said, expected, strict=True):
+            assert line.startswith(begin)
+
+    def reports(self) -> DiagnosticStatus:
+        """What the node says of itself on /diagnostics, in a second that ends after now, while samples go on."""
+        now, heard = time.time_ns(), self.watch.heard["/diagnostics"]
+        while not heard or nanoseconds(self.watch.last("/diagnostics").header.stamp) < now:
+            self.step()
+        return self.watch.last("/diagnostics").status[0]
+
+
+class ControllerRig(Rig):
+    """A controller, and the test as its arm, its reference and its clock.
+
+    Attributes:
+        stamp: of the last joint state, ns.
+        referred: joint states come with a reference of the same stamp.
+        late: number of joint states that were late so far.
+    """
+
+    node = "controller"
+    start = (0.2, -0.1)
+
+    def __init__(self, bench: Bench, *parameters: str) -> None:
+        super().__init__(bench, {"joint_commands": JointState, "controller/state": ControllerState}, *parameters)
+        self.joint_states = bench.node.create_publisher(JointState, "joint_states", 10)
+        self.references = bench.node.create_publisher(JointReference, "reference", 10)
+        bench.spin_until(
+            lambda: self.joint_states.get_subscription_count() and self.references.get_subscription_count(),
+            "the controller",
+        )
+        self.stamp = 1_000_000 * SECOND
+        self.tick = 0
+        self.referred = True
+        self.late = 0
+
+    @cached_property
+    def undisturbed(self) -> Array:
+        """Torques at the first ticks after `begin`, where nothing goes wrong, shape (ticks, 2), N m."""
+        self.begin()
+        efforts = self.drive(_UNDISTURBED)
+        assert (np.abs(efforts) < LIMITS).all()
+        return efforts
+
+    def joint_state(self, position: Sequence[float], names: Sequence[str] = NAMES, dt: int = MS) -> JointState:
+        """A joint state dt (ns) after the last."""
+        message = JointState(name=list(names), position=list(position))
+        set_stamp(message.header.stamp, self.stamp + dt)
+        return message
+
+    def reference(
+        self, position: Sequence[float] = start, names: Sequence[str] = NAMES, dt: int = MS
+    ) -> JointReference:
+        """A reference for a joint state dt (ns) after the last."""
+        rest = [0.0] * len(position)
+        message = JointReference(name=list(names), position=list(position), velocity=rest, acceleration=rest)
+        set_stamp(message.header.stamp, self.stamp + dt)
+        return message
+
+    def measured(self) -> list[float]:
+        """Where the arm is at this tick: it swings, gently, beside its reference."""
+        return [q + 0.005 * (1.0 - math.cos(0.02 * self.tick)) for q in self.start]
+
+    def step(
+        self, position: Sequence[float] = (), dt: int = MS, names: Sequence[str] = NAMES, desired: Any = start
+    ) -> ControllerState:
+        """A joint state dt (ns) after the last, and what the controller makes of it."""
+        message = self.joint_state(position or self.measured(), names, dt)
+        if self.referred:
+            self.references.publish(self.reference(desired, names, dt))
+        self.joint_states.publish(message)
+        self.stamp += dt
+        self.tick += 1
+        heard = [self.watch.heard[topic] for topic in ("joint_commands", "controller/state")]
+
+        def answered() -> bool:
+            return all(h and serialized_nanoseconds(h[-1]) == self.stamp for h in heard)
+
+        self.bench.spin_until(answered, f"an answer to {self.stamp}")
+        return self.watch.last("controller/state")
+
+    def drive(self, ticks: int) -> Array:
+        """The torques of so many ticks."""
+        return np.array([self.step().effort for _ in range(ticks)])
+
+    def follow(self, *position: float) -> ControllerState:
+        """Go on until the reference is followed."""
+        for _ in range(100):
+            state = self.step(position)
+            if state.mode == ControllerState.FOLLOWING:
+                return state
+        pytest.fail("the reference is not followed")
+
+    def begin(self) -> None:
+        """Time goes back, and the controller forgets what was."""
+        self.stamp -= 100 * SECOND
+        self.tick = 0
+
+    def reset(self) -> Trigger.Response:
+        """Call ~/reset_fault."""
+        self.tick = 0
+        return self.bench.call(Trigger, "controller/reset_fault", Trigger.Request())
+
+
+class SimulatorRig(Rig):
+    """A simulator in lockstep, and the test as its controller; `twin` is the arm as it should move."""
+
+    node = "simulator"
+    effort = (30.0, -5.0)
+
+    def __init__(self, bench: Bench) -> None:
+        topics = {"joint_states": JointState, "simulator/ground_truth": JointState}
+        super().__init__(bench, topics, "clock:=lockstep", "start.subscribers:=1", "lockstep.timeout:=60.0")
+        self.commands = bench.node.create_publisher(JointState, "joint_commands", 10)
+        self.twin = SimulatedRobot(resolve(simulator_node_schema, {}, 2))
+        self.sample = 0
+        self._wait()
+
+    def command(
+        self, effort: Sequence[float] = effort, names: Sequence[str] = NAMES, sample: int | None = None
+    ) -> JointState:
+        """A command that answers this sample; by default the last."""
+        message = JointState(name=list(names), effort=list(effort))
+        set_stamp(message.header.stamp, (self.sample if sample is None else sample) * MS)
+        return message
+
+    def _wait(self) -> None:
+        heard = self.watch.heard["joint_states"]
+        self.bench.spin_until(
+            lambda: heard and serialized_nanoseconds(heard[-1]) == self.sample * MS, f"sample {self.sample}"
+        )
+        _, expected = self.twin.sense(self.sample)
+        assert list(self.watch.last("joint_states").position) == list(expected)
+
+    def step(self, effort: Sequence[float] = effort, names: Sequence[str] = NAMES) -> None:
+        """Answer the last joint state; the arm moves as its twin does."""
+        self.commands.publish(self.command(effort, names))
+        self.twin.act(self.sample, True, np.array([effort[names.index(name)] for name in NAMES]))
+        self.sample += 1
+        self._wait()
+
+
+class Rigs:
+    """One rig of each kind for many tests, replaced when a test has failed on it."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._rigs: dict[Any, tuple[Rig, ExitStack]] = {}
+        self._made = 0
+
+    def get(self, kind: Any, settings: Mapping[str, Any] | None = None) -> Any:
+        """A rig of this class, its node started with these parameters."""
+        parameters = tuple(f"{name}:={value}" for name, value in (settings or {}).items())
+        key = (kind, parameters)
+        rig, stack = self._rigs.get(key, (None, ExitStack()))
+        if rig is None or not rig.sound:
+            stack.close()
+            folder = self._folder / str(self._made)
+            folder.mkdir()
+            self._made += 1
+            rig = kind(stack.enter_context(open_bench(folder)), *parameters)
+            self._rigs[key] = rig, stack
+        return rig
+
+    def close(self) -> None:
+        for _, stack in self._rigs.values():
+            stack.close()
