@@ -26,7 +26,12 @@ ASK_AGAIN = 3.0
 
 
 class Bench:
-    """A ROS domain of its own with real node processes, and a node of the test's."""
+    """A ROS domain of its own with real node processes, and a node of the test's.
+
+    Attributes:
+        folder: for logs and what else a test writes.
+        node: of the test's, spun in `spin_until`.
+    """
 
     def __init__(self, folder: Path, domain: int, processes: Processes) -> None:
         self.folder = folder
@@ -37,6 +42,12 @@ class Bench:
         self.node = Node("stranger", context=self.context)
         self.executor = EventsExecutor(context=self.context)
         self.executor.add_node(self.node)
+        self._listeners: list[Node] = []
+
+    def listener(self) -> Node:
+        """Another node of the test's, in no executor."""
+        self._listeners.append(Node("listener", context=self.context))
+        return self._listeners[-1]
 
     def start(self, name: str, *parameters: str) -> Process:
         """Start one of our nodes with parameters ``name:=value``."""
@@ -84,6 +95,8 @@ class Bench:
         self.executor.remove_node(self.node)
         self.executor.shutdown()
         self.node.destroy_node()
+        for node in self._listeners:
+            node.destroy_node()
         self.context.try_shutdown()
 
 

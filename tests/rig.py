@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from bench import Bench, open_bench
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
@@ -22,6 +23,7 @@ from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.robots.two_link import TWO_LINK
 from pidtsm_core.simulator import SimulatedRobot
 from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.qos import RECORDER
 from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds, set_stamp
 
 NAMES = ["joint1", "joint2"]
@@ -34,7 +36,6 @@ SECOND = 1000 * MS
 """ns."""
 
 _UNDISTURBED = 100  # ticks
-_QUEUE = QoSProfile(depth=5000)
 
 
 def gravity(position: Sequence[float] | Array) -> Array:
@@ -61,18 +62,34 @@ def document_rows(page: Path, section: str) -> list[str]:
 class Watch:
     """Keeps every message of some topics, and finds what must never be in one."""
 
-    def __init__(self, bench: Bench, topics: Mapping[str, type]) -> None:
+    def __init__(self, node: Node, topics: Mapping[str, type]) -> None:
+        """Listen; messages are heard as the node's executor spins, and where it has none, when they are taken."""
         self._types = dict(topics)
         self.heard: dict[str, list[bytes]] = {topic: [] for topic in topics}
-        for topic, kind in topics.items():
-            # Taken apart later: a test that listens to everything must not keep the nodes from running.
-            bench.node.create_subscription(kind, topic, self.heard[topic].append, _QUEUE, raw=True)
+        self._subscriptions = {
+            topic: node.create_subscription(
+                kind,
+                topic,
+                self.heard[topic].append,
+                # Nodes keep what they said before their readers were found, but for diagnostics.
+                QoSProfile(depth=10) if topic == "/diagnostics" else RECORDER,
+                raw=True,
+            )
+            for topic, kind in topics.items()
+        }
+
+    def take(self) -> None:
+        """Take all that has come, at a fraction of what an executor costs: a test must not keep the nodes waiting."""
+        for topic, subscription in self._subscriptions.items():
+            while (taken := subscription.handle.take_message(self._types[topic], True)) is not None:
+                self.heard[topic].append(taken[0])
 
     def last(self, topic: str) -> Any:
         return deserialize_message(self.heard[topic][-1], self._types[topic])
 
-    def messages(self, topic: str) -> list[Any]:
-        return [deserialize_message(data, self._types[topic]) for data in self.heard[topic]]
+    def messages(self, topic: str, since: int = 0) -> list[Any]:
+        """Those from a place in `heard` on."""
+        return [deserialize_message(data, self._types[topic]) for data in self.heard[topic][since:]]
 
     def check(self) -> None:
         """No torque beyond a limit, and nothing that is not finite, in any message so far, which are then forgotten."""
@@ -113,7 +130,7 @@ class Rig:
         self.bench = bench
         self.sound = True
         self.rejected = 0
-        self.watch = Watch(bench, {**topics, "/diagnostics": DiagnosticArray})
+        self.watch = Watch(bench.node, {**topics, "/diagnostics": DiagnosticArray})
         self.process = bench.start(self.node, *parameters)
         self._said = 0
 

@@ -240,7 +240,7 @@ class Simulator(ManagedNode):
 
         A sample that was late is followed by the next after half a period at the earliest, so that lateness is made
         up for and no burst meets the others. Beyond `_LATEST_CATCH_UP` the samples that nobody took are skipped:
-        the arm moves on under the torque it has, as one of steel does.
+        the arm moves on under the torque it has, as one of steel does, and its brakes close in time.
         """
         now = time.monotonic_ns()
         due = self._began + (self._sample + 1) * self._period
@@ -257,7 +257,7 @@ class Simulator(ManagedNode):
         return max(0, due - now, earliest - now) / 1e9
 
     def _watch_commands(self) -> None:
-        """Stop the arm where commands stay out for too long; samples skipped do not count, as nobody was asked."""
+        """Stop the arm where commands stay out for too long, be it that this process did not run."""
         self._unanswered += 1
         timeout = number(self.values["command.timeout"])
         silence = seconds(self._unanswered * self._period)
@@ -282,6 +282,7 @@ class Simulator(ManagedNode):
     def _skip(self, samples: int) -> None:
         """Let samples pass without telling anybody."""
         for _ in range(min(samples, self._samples - 2 - self._sample) if self._samples else samples):
+            self._watch_commands()
             self._act()
             self._sample += 1
             self._skipped += 1

@@ -1,0 +1,347 @@
+"""The fault matrix of the whole system in realtime: processes are killed, stopped, interrupted and starved.
+
+Simulator, trajectory, controller and recorder run as they do for users. Expected are conditions, and times of the
+data's own stamps; where those show that the machine stood still, a row is tried again.
+"""
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from subprocess import Popen
+from typing import Any
+
+import numpy as np
+import pytest
+from bench import Bench
+from diagnostic_msgs.msg import DiagnosticArray
+from rig import SECOND, Rigs, Watch, document_rows, gravity, safe_effort
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds
+
+PAGE = Path(__file__).parents[1] / "docs" / "faults.md"
+STEP = 10.0  # N m
+CLOSE = 0.02  # rad
+ATTEMPTS = 3
+RATE = 500
+"""Hz; half the usual, as all of it shares a machine with other tests."""
+STALL = 0.02  # s; command.timeout of the simulator, whose brakes then stop the arm
+PATIENCE = 1.0  # s; a machine that stalls for a moment is no fault here
+FOLLOWING, HOLDING, STOPPED = ControllerState.FOLLOWING, ControllerState.HOLDING, ControllerState.STOPPED
+
+
+@pytest.fixture(scope="module")
+def rigs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rigs]:
+    rigs = Rigs(tmp_path_factory.mktemp("systems"))
+    yield rigs
+    rigs.close()
+
+
+class System:
+    """The whole system under way, and a watch over all its topics.
+
+    Attributes:
+        sound: no test has failed on it.
+    """
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.sound = True
+        topics = {
+            "joint_states": JointState,
+            "reference": JointReference,
+            "joint_commands": JointState,
+            "controller/state": ControllerState,
+            "simulator/ground_truth": JointState,
+            "/diagnostics": DiagnosticArray,
+        }
+        self.watch = Watch(bench.listener(), topics)
+        self._bags = 0
+        self._logged: dict[str, int] = {}
+        for node in ("simulator", "trajectory", "controller", "recorder"):
+            self.start(node)
+
+    def start(self, node: str) -> None:
+        self._logged[node] = 0
+        parameters = []
+        if node == "controller":
+            parameters = [f"watchdog.state_stop:={PATIENCE}"]
+        elif node == "simulator":
+            parameters = [f"rate:={RATE}"]
+        elif node == "recorder":
+            self._bags += 1
+            parameters = [f"output:={self.bench.folder / f'bag{self._bags}'}"]
+        self.bench.start(node, *parameters)
+
+    def kill(self, node: str) -> None:
+        process = self.bench.processes.running.pop(node)
+        process.process.kill()
+        process.wait()
+
+    def send(self, node: str, number: signal.Signals) -> None:
+        self.bench.processes.running[node].process.send_signal(number)
+
+    def until(self, condition: Callable[[], Any], what: str) -> None:
+        """Wait for a condition on what is heard."""
+
+        def holds() -> Any:
+            self.watch.take()
+            return condition()
+
+        self.bench.spin_until(holds, what)
+
+    def says(self, node: str, text: str) -> None:
+        """Wait for a text in the log of a node since the row began."""
+        log = self.bench.processes.running[node].log
+        self.until(lambda: text in log.read_text()[self._logged[node] :], f"{text!r} in the log of {node}")
+
+    def state(self, condition: Callable[[ControllerState], bool], what: str) -> ControllerState:
+        """A state of the controller from now on."""
+        now, heard = time.time_ns(), self.watch.heard["controller/state"]
+
+        def arrived() -> bool:
+            return bool(
+                heard and serialized_nanoseconds(heard[-1]) > now and condition(self.watch.last("controller/state"))
+            )
+
+        self.until(arrived, what)
+        return self.watch.last("controller/state")
+
+    def brakes(self) -> None:
+        """Wait until the simulator's brakes hold the arm."""
+        heard = self.watch.heard["simulator/ground_truth"]
+        count = len(heard)
+        self.until(
+            lambda: len(heard) > count and not any(self.watch.last("simulator/ground_truth").effort), "the brakes"
+        )
+        self.says("simulator", "(command.timeout): the brakes stop the arm")
+
+    def follows(self) -> None:
+        """Wait until the reference is followed."""
+
+        def close(state: ControllerState) -> bool:
+            return state.mode == FOLLOWING and max(map(abs, state.position_error)) < CLOSE
+
+        self.state(close, "the reference is followed")
+
+    def pass_time(self, seconds: float, topic: str = "simulator/ground_truth") -> None:
+        """Let so much of a topic's time pass, from its next message on."""
+        heard = self.watch.heard[topic]
+        count = len(heard)
+        self.until(
+            lambda: (
+                len(heard) > count
+                and serialized_nanoseconds(heard[-1]) - serialized_nanoseconds(heard[count]) > seconds * SECOND
+            ),
+            f"{seconds} s of {topic}",
+        )
+
+    def reset(self) -> None:
+        assert self.bench.call(Trigger, "controller/reset_fault", Trigger.Request()).success
+
+    @contextmanager
+    def row(self) -> Iterator[None]:
+        """A row of the table: it begins and ends with a system that runs, and nothing bad was ever published."""
+        self.sound = False
+        self.follows()
+        self._logged = {name: len(process.log.read_text()) for name, process in self.bench.processes.running.items()}
+        yield
+        self.follows()
+        self.bench.processes.check()
+        for process in self.bench.processes.running.values():
+            assert "Traceback" not in process.log.read_text()
+        self.until(lambda: self.watch.heard["/diagnostics"], "diagnostics")
+        self.watch.check()
+        self.sound = True
+
+
+def stalled(states: list[ControllerState]) -> bool:
+    """The machine stood still: samples are missing, or were answered late."""
+    gaps = np.diff([nanoseconds(state.header.stamp) for state in states]) / SECOND
+    return bool(gaps.max() > STALL or max(state.state_age for state in states) > STALL)
+
+
+def attempt(act: Callable[[], list[ControllerState]], judge: Callable[[list[ControllerState]], None]) -> None:
+    """Judge the states that an act leads to; again where the machine has stalled."""
+    for left in reversed(range(ATTEMPTS)):
+        states = act()
+        try:
+            judge(states)
+        except AssertionError:
+            if not left or not stalled(states):
+                raise
+        else:
+            return
+
+
+def restart_controller(system: System) -> None:
+    def act() -> list[ControllerState]:
+        system.follows()
+        system.kill("controller")
+        system.brakes()
+        system.pass_time(0.5)
+        count = len(system.watch.heard["controller/state"])
+        system.start("controller")
+        system.pass_time(2.0, "controller/state")
+        return system.watch.messages("controller/state", count)
+
+    attempt(act, check_restart)
+
+
+def check_restart(states: list[ControllerState]) -> None:
+    """The first two seconds of a controller: no step of torque, and close to the reference after one of them."""
+    efforts = np.array([state.effort for state in states])
+    held = np.array(states[0].position)
+    desired = held - states[0].position_error
+    np.testing.assert_allclose(desired, held, atol=1e-9, err_msg="it begins where the arm is")
+    assert np.abs(efforts[0] - gravity(held)).max() < STEP
+    assert np.abs(np.diff(efforts, axis=0)).max() < STEP
+    stamps = np.array([nanoseconds(state.header.stamp) for state in states]) / SECOND
+    begun = np.argmax([state.mode == FOLLOWING for state in states])
+    late = stamps > stamps[begun] + 1.0
+    assert late.any()
+    assert np.abs([state.position_error for state in states])[late].max() < CLOSE
+
+
+def restart_simulator(system: System) -> None:
+    commands = system.watch.heard["joint_commands"]
+    system.kill("simulator")
+    count = len(commands)
+    # The last joint states, and the safe torque that nothing asked for.
+    system.says("controller", "stopped: no joint state for")
+    system.until(lambda: len(commands) > count, "the safe torque")
+    last = system.watch.last("controller/state")
+    np.testing.assert_allclose(system.watch.last("joint_commands").effort, safe_effort(last), rtol=1e-6)
+    system.start("simulator")
+    state = system.state(lambda state: True, "the controller answers")
+    assert (state.mode, state.fault) == (STOPPED, ControllerState.STATE_STALE), "latched"
+    system.reset()
+
+
+def stop_simulator(system: System) -> None:
+    truth = system.watch.heard["simulator/ground_truth"]
+    count = len(truth)
+    system.send("simulator", signal.SIGSTOP)
+    system.says("controller", "stopped: no joint state for")
+    system.send("simulator", signal.SIGCONT)
+    system.pass_time(0.1)
+    messages = system.watch.messages("simulator/ground_truth", count)
+    stop = np.diff([nanoseconds(message.header.stamp) for message in messages]).argmax()
+    before, after = messages[stop], messages[stop + 1]
+    # Its motors held the last torque no longer than command.timeout.
+    assert np.abs(np.subtract(after.position, before.position)).max() < 0.05
+    state = system.state(lambda state: True, "the controller answers")
+    assert (state.mode, state.fault) == (STOPPED, ControllerState.STATE_STALE), "latched"
+    system.reset()
+
+
+def stay_calm(system: System, act: Callable[[], None]) -> None:
+    """Two seconds in which the controller goes on as if nothing had happened."""
+
+    def observe() -> list[ControllerState]:
+        system.follows()
+        count = len(system.watch.heard["controller/state"])
+        act()
+        system.pass_time(2.0)
+        return system.watch.messages("controller/state", count)
+
+    def judge(states: list[ControllerState]) -> None:
+        assert all(state.mode == FOLLOWING for state in states)
+        assert np.abs([state.position_error for state in states]).max() < CLOSE
+        assert np.abs(np.diff([state.effort for state in states], axis=0)).max() < STEP
+
+    attempt(observe, judge)
+
+
+def kill_recorder(system: System) -> None:
+    def act() -> None:
+        if "recorder" not in system.bench.processes.running:
+            system.start("recorder")
+        # It is connected, and has something to lose.
+        bag = system.bench.folder / f"bag{system._bags}" / f"bag{system._bags}_0.mcap"
+        system.until(lambda: bag.exists() and bag.stat().st_size > 10_000, "a recording")
+        system.kill("recorder")
+
+    stay_calm(system, act)
+    system.start("recorder")
+
+
+def restart_trajectory(system: System) -> None:
+    system.kill("trajectory")
+    state = system.state(lambda state: state.mode == HOLDING, "the position is held")
+    system.says("controller", "holding position: the reference is")
+    system.pass_time(0.5)
+    later = system.state(lambda state: True, "half a second later")
+    assert later.mode == HOLDING
+    assert np.abs(np.subtract(state.position, later.position)).max() < CLOSE
+    system.start("trajectory")
+
+
+def stop_controller(system: System) -> None:
+    system.bench.set("controller", {"watchdog.state_stop": 0.02})
+    system.send("controller", signal.SIGSTOP)
+    system.pass_time(0.5)
+    system.brakes()
+    system.send("controller", signal.SIGCONT)
+    system.state(lambda state: state.fault == ControllerState.STATE_STALE, "the gap is a fault")
+    system.bench.set("controller", {"watchdog.state_stop": PATIENCE})
+    system.reset()
+
+
+def hog(system: System) -> None:
+    busy = [Popen(["timeout", "60", sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
+    try:
+        system.pass_time(3.0)
+    finally:
+        for process in busy:
+            process.terminate()
+            process.wait()
+    state = system.state(lambda state: True, "the controller answers")
+    assert (state.mode == STOPPED) == (state.fault != ControllerState.NO_FAULT)
+    if state.fault:
+        system.says("controller", "stopped: no joint state for")
+        system.reset()
+
+
+def interrupt_controller(system: System) -> None:
+    process = system.bench.processes.running.pop("controller")
+    process.interrupt()
+    assert process.wait() == 0
+    commands, states = system.watch.heard["joint_commands"], system.watch.heard["controller/state"]
+    # The safe torque has the stamp of the command before it.
+    system.until(
+        lambda: len({serialized_nanoseconds(data) for data in (*commands[-2:], states[-1])}) == 1, "the safe torque"
+    )
+    last = system.watch.last("controller/state")
+    np.testing.assert_allclose(system.watch.last("joint_commands").effort, safe_effort(last), rtol=1e-6)
+    system.brakes()
+    system.start("controller")
+
+
+ROWS: dict[str, Callable[[System], None]] = {
+    "controller killed and started again": restart_controller,
+    "controller stopped (SIGSTOP) and continued": stop_controller,
+    "controller interrupted (SIGINT) and started again": interrupt_controller,
+    "simulator killed and started again": restart_simulator,
+    "simulator stopped (SIGSTOP) and continued": stop_simulator,
+    "trajectory killed and started again": restart_trajectory,
+    "recorder killed": kill_recorder,
+    "every core busy": hog,
+}
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_the_system(rigs: Rigs, name: str) -> None:
+    system: System = rigs.get(System)
+    with system.row():
+        ROWS[name](system)
+
+
+def test_the_page_has_these_rows() -> None:
+    assert document_rows(PAGE, "The whole system") == list(ROWS)
