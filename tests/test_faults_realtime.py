@@ -32,7 +32,7 @@ CLOSE = 0.02  # rad
 ATTEMPTS = 3
 RATE = 500
 """Hz; half the usual, as all of it shares a machine with other tests."""
-STALL = 0.02  # s; command.timeout of the simulator, whose brakes then stop the arm
+STALL = 0.005  # s; from there on torques step because samples came late
 PATIENCE = 1.0  # s; a machine that stalls for a moment is no fault here
 FOLLOWING, HOLDING, STOPPED = ControllerState.FOLLOWING, ControllerState.HOLDING, ControllerState.STOPPED
 
