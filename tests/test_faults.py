@@ -27,8 +27,8 @@ HOUR = 3600 * SECOND
 FOLLOWING, HOLDING, STOPPED = ControllerState.FOLLOWING, ControllerState.HOLDING, ControllerState.STOPPED
 
 LOCKSTEP: dict[str, Any] = {"reference.match": "stamp"}
-LATEST: dict[str, Any] = {"watchdog.state_stop": 30.0}
-"""A controller that takes the newest reference; a machine that stalls is no fault here."""
+LATEST: dict[str, Any] = {"watchdog.state_stop": 3600.0}
+"""A controller that takes the newest reference; a machine that stalls is no fault here, nor other rows meanwhile."""
 DEFAULTS = resolve(controller_node_schema, {}, 2)
 SUMMARIES = {
     FOLLOWING: None,

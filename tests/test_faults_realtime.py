@@ -29,7 +29,7 @@ from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds
 PAGE = Path(__file__).parents[1] / "docs" / "faults.md"
 STEP = 10.0  # N m
 CLOSE = 0.02  # rad
-ATTEMPTS = 3
+ATTEMPTS = 2
 RATE = 500
 """Hz; half the usual, as all of it shares a machine with other tests."""
 STALL = 0.005  # s; from there on torques step because samples came late
@@ -129,7 +129,7 @@ class System:
         def close(state: ControllerState) -> bool:
             return state.mode == FOLLOWING and max(map(abs, state.position_error)) < CLOSE
 
-        for _ in range(ATTEMPTS):
+        for _ in range(10):
             state = self.state(lambda state: close(state) or state.mode == STOPPED, "the reference is followed")
             if state.mode == FOLLOWING:
                 return
