@@ -221,15 +221,21 @@ def check_restart(states: list[ControllerState]) -> None:
     assert np.abs([state.position_error for state in states])[late].max() < CLOSE
 
 
-def restart_simulator(system: System) -> None:
-    commands = system.watch.heard["joint_commands"]
-    system.kill("simulator")
-    count = len(commands)
-    # The last joint states, and the safe torque that nothing asked for.
-    system.says("controller", "stopped: no joint state for")
-    system.until(lambda: len(commands) > count, "the safe torque")
+def ends_safely(system: System) -> None:
+    """The controller's last command, of its own accord, is the safe torque."""
+    commands, states = system.watch.heard["joint_commands"], system.watch.heard["controller/state"]
+    # It has the stamp of the command before it.
+    system.until(
+        lambda: len({serialized_nanoseconds(data) for data in (*commands[-2:], states[-1])}) == 1, "the safe torque"
+    )
     last = system.watch.last("controller/state")
     np.testing.assert_allclose(system.watch.last("joint_commands").effort, safe_effort(last), rtol=1e-6)
+
+
+def restart_simulator(system: System) -> None:
+    system.kill("simulator")
+    system.says("controller", "stopped: no joint state for")
+    ends_safely(system)
     system.start("simulator")
     state = system.state(lambda state: True, "the controller answers")
     assert (state.mode, state.fault) == (STOPPED, ControllerState.STATE_STALE), "latched"
@@ -321,13 +327,7 @@ def interrupt_controller(system: System) -> None:
     process = system.bench.processes.running.pop("controller")
     process.interrupt()
     assert process.wait() == 0
-    commands, states = system.watch.heard["joint_commands"], system.watch.heard["controller/state"]
-    # The safe torque has the stamp of the command before it.
-    system.until(
-        lambda: len({serialized_nanoseconds(data) for data in (*commands[-2:], states[-1])}) == 1, "the safe torque"
-    )
-    last = system.watch.last("controller/state")
-    np.testing.assert_allclose(system.watch.last("joint_commands").effort, safe_effort(last), rtol=1e-6)
+    ends_safely(system)
     system.brakes()
     system.start("controller")
 
