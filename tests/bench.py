@@ -59,11 +59,9 @@ class Bench:
         end = time.monotonic() + DEADLINE
         while not condition():
             if time.monotonic() > end:
-                logs = "\n".join(
-                    f"{p.name} ({'runs' if p.process.poll() is None else f'ended with {p.process.poll()}'}):\n{p.tail()}"
-                    for p in self.processes.running.values()
-                )
-                pytest.fail(f"not within {DEADLINE:g} s: {what}\n{logs}")
+                codes = {p.name: p.process.poll() for p in self.processes.running.values()}
+                logs = "\n".join(f"{p.name}:\n{p.tail()}" for p in self.processes.running.values())
+                pytest.fail(f"not within {DEADLINE:g} s: {what}; exit codes {codes}\n{logs}")
             self.executor.spin_once(timeout_sec=0.02)
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
