@@ -25,6 +25,7 @@ from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros import process
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import serialized_nanoseconds
+from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import OutgoingMessage
 from two_link_sim.simulator import Simulator
 
@@ -288,4 +289,4 @@ if __name__ == "__main__":
     names, _, alternative = sys.argv[1].partition("+")
     if alternative:
         ALTERNATIVES[alternative]()
-    sys.exit(process.run([NODES[name] for name in names.split(",")], sys.argv[1:]))
+    sys.exit(process.run([NODES[name] for name in names.split(",")], Stop(), sys.argv[1:]))

@@ -1,10 +1,14 @@
 """Every node's process ends cleanly when asked, at any moment."""
 
 import signal
+import time
+from pathlib import Path
 
 import pytest
 from bench import Bench
 from lifecycle_msgs.srv import GetState
+
+from pidtsm_experiments.runner import Process
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -23,11 +27,19 @@ def test_a_signal_ends_a_started_node_cleanly(bench: Bench, node: str, number: s
     assert "Traceback" not in process.log.read_text()
 
 
-@pytest.mark.parametrize("node", ["simulator", "controller", "trajectory", "recorder"])
-def test_a_signal_while_starting_ends_a_node_cleanly(bench: Bench, node: str) -> None:
+def takes_signals(process: Process) -> bool:
+    """It has replaced Python's handlers; that of SIGINT alone is always there."""
+    status = Path(f"/proc/{process.process.pid}/status").read_text()
+    caught = int(next(line for line in status.splitlines() if line.startswith("SigCgt")).split()[1], 16)
+    return bool(caught >> (signal.SIGTERM - 1) & 1)
+
+
+@pytest.mark.parametrize("node", ["simulator", "controller", "trajectory", "recorder", "visualization", "composed"])
+@pytest.mark.parametrize("after", [0.0, 0.3, 0.8])
+def test_a_signal_at_any_moment_of_the_start_ends_a_node_cleanly(bench: Bench, node: str, after: float) -> None:
     process = bench.start(node, *([f"output:={bench.folder / 'bag'}"] if node == "recorder" else []))
-    # Somewhere on its way up: as soon as others can see it.
-    bench.spin_until(lambda: node in bench.node.get_node_names(), f"{node} appears")
+    bench.spin_until(lambda: takes_signals(process), f"{node} takes signals")
+    time.sleep(after)  # What happens at this moment is left to chance.
     process.interrupt()
     assert process.wait() == 0
     assert "Traceback" not in process.log.read_text()

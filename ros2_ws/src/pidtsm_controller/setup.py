@@ -18,8 +18,8 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
-            "controller = pidtsm_controller.controller:main",
-            "trajectory = pidtsm_controller.trajectory:main",
+            "controller = pidtsm_controller.main:controller",
+            "trajectory = pidtsm_controller.main:trajectory",
         ],
         "pidtsm_ros.nodes": [
             "controller = pidtsm_controller.controller:ControllerNode",

@@ -21,7 +21,7 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
-            "recorder = pidtsm_experiments.recorder:main",
+            "recorder = pidtsm_experiments.main:recorder",
         ],
     },
     zip_safe=True,

@@ -15,7 +15,7 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
-            "composed = pidtsm_ros.composed:main",
+            "composed = pidtsm_ros.main:composed",
         ],
     },
     zip_safe=False,

@@ -19,8 +19,8 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
-            "simulator = two_link_sim.simulator:main",
-            "visualization = two_link_sim.visualization:main",
+            "simulator = two_link_sim.main:simulator",
+            "visualization = two_link_sim.main:visualization",
         ],
         "pidtsm_ros.nodes": [
             "simulator = two_link_sim.simulator:Simulator",

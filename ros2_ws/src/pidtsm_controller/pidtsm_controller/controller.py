@@ -1,6 +1,5 @@
 """Controller node: joint states and references in, effort commands out."""
 
-import sys
 import time
 
 import numpy as np
@@ -22,7 +21,6 @@ from pidtsm_ros.effort_topics import EFFORT_TOPICS
 from pidtsm_ros.joints import MessageError
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.process import run
 from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 
@@ -340,8 +338,3 @@ class ControllerNode(ManagedNode):
             idle = "holding position: no reference, or an old one"
         assert self._diagnostics is not None
         self._diagnostics.publish(readings, idle, level)
-
-
-def main() -> None:
-    """Entry point of ``ros2 run pidtsm_controller controller``."""
-    sys.exit(run([ControllerNode]))

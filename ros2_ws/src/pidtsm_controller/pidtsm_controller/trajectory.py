@@ -1,7 +1,5 @@
 """Trajectory node: publishes the reference for every joint state, and takes trajectories that replace it."""
 
-import sys
-
 import numpy as np
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -14,7 +12,6 @@ from pidtsm_core.timing import seconds
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.joints import JointOrder, MessageError
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.process import run
 from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds
 from pidtsm_ros.wire import OutgoingMessage
 
@@ -119,8 +116,3 @@ def _fields(point: JointTrajectoryPoint) -> tuple[str, ...]:
             "or accelerations with both are wanted"
         )
     return fields
-
-
-def main() -> None:
-    """Entry point of ``ros2 run pidtsm_controller trajectory``."""
-    sys.exit(run([Trajectory]))

@@ -19,7 +19,8 @@ from sensor_msgs.msg import JointState
 from pidtsm_experiments.bag_writer import BagWriter, free_space
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.qos import RECORDER
-from pidtsm_ros.startup import Stop, refuse, start_ros
+from pidtsm_ros.startup import refuse, start_ros
+from pidtsm_ros.stop import Stop
 
 TOPICS = {
     "joint_states": JointState,
@@ -264,16 +265,20 @@ class _Every:
             self._work()
 
 
-def main() -> None:
-    """Entry point of ``ros2 run pidtsm_experiments recorder``; exit code 1: an incomplete bag, 2: bad parameters."""
-    stop = start_ros()
+def run(stop: Stop) -> int:
+    """Record until a signal comes; returns the exit code: 1 for a bag that is not complete.
+
+    Raises:
+        SystemExit: bad parameters, see `refuse`.
+    """
+    start_ros(stop)
     try:
         recorder = Recorder()
     except ParameterException as error:
         refuse(error)
     except Exception as error:
         print(f"cannot record: {error}", file=sys.stderr)
-        sys.exit(1)
+        return 1
     gc.freeze()
     try:
         _record(recorder, stop)
@@ -282,4 +287,4 @@ def main() -> None:
         _tell_progress(recorder)
         recorder.destroy_node()
         rclpy.try_shutdown()
-    sys.exit(1 if recorder.failure else 0)
+    return 1 if recorder.failure else 0

@@ -2,11 +2,12 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run
+from pidtsm_ros.stop import Stop
 
 GROUP = "pidtsm_ros.nodes"
 """Entry points of this group, in a package's setup.py, are nodes that can be composed: NAME = MODULE:CLASS."""
@@ -14,9 +15,9 @@ _DEFAULT = "simulator,trajectory,controller"
 _ROS_ARGUMENTS = "--ros-args"
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point of ``ros2 run pidtsm_ros composed``."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
+def run_chosen(stop: Stop) -> int:
+    """Run the nodes that the command line names; returns as `run` does."""
+    words = sys.argv[1:]
     own, ros = (words[: words.index(_ROS_ARGUMENTS)], words) if _ROS_ARGUMENTS in words else (words, [])
     known = {point.name: point for point in entry_points(group=GROUP)}
     parser = argparse.ArgumentParser(
@@ -32,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     unknown = [name for name in chosen if name not in known]
     if unknown or not chosen:
         parser.error(f"unknown nodes {', '.join(unknown)}; known are {', '.join(sorted(known))}")
-    sys.exit(run([_maker(known[name]) for name in chosen], [sys.argv[0], *ros]))
+    return run([_maker(known[name]) for name in chosen], stop, [sys.argv[0], *ros])
 
 
 def _maker(point: EntryPoint) -> Callable[[], ManagedNode]:

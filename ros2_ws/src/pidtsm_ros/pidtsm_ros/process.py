@@ -14,7 +14,8 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from pidtsm_core.parameters import ParameterError
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.scheduling import run_in_real_time
-from pidtsm_ros.startup import Stop, refuse, start_ros
+from pidtsm_ros.startup import refuse, start_ros
+from pidtsm_ros.stop import Stop
 
 _LONGEST_WAIT = 0.1
 """s; Python runs signal handlers only between two waits of the executor."""
@@ -36,11 +37,12 @@ def spin_for(executor: Executor, duration: float) -> None:
         duration = end - time.monotonic()
 
 
-def run(make_nodes: Sequence[Callable[[], ManagedNode]], args: Sequence[str] | None = None) -> int:
+def run(make_nodes: Sequence[Callable[[], ManagedNode]], stop: Stop, args: Sequence[str] | None = None) -> int:
     """Run nodes in this process until one has finished, or SIGINT or SIGTERM ends it.
 
     Args:
         make_nodes: each called once ROS is initialised.
+        stop: made at the beginning of the process.
         args: command line; the process's own where None.
 
     Returns:
@@ -51,7 +53,7 @@ def run(make_nodes: Sequence[Callable[[], ManagedNode]], args: Sequence[str] | N
 
     The events executor wakes for what arrived, instead of rebuilding a wait set for every message.
     """
-    stop = start_ros(args)
+    start_ros(stop, args)
     nodes: list[ManagedNode] = []
     try:
         try:

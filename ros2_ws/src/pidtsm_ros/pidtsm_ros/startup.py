@@ -1,48 +1,31 @@
-"""How every process of ours starts: it says in one line why it cannot, and notes when it is to end."""
+"""How every process of ours starts, or says in one line why it cannot."""
 
-import signal
 import sys
 from collections.abc import Sequence
-from types import FrameType
 from typing import NoReturn
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from pidtsm_ros.security import guarded
+from pidtsm_ros.stop import Stop
 
 
-class Stop:
-    """Set by SIGINT and SIGTERM, so that the loop ends where it is safe to.
-
-    Attributes:
-        requested: one of them has come.
-    """
-
-    def __init__(self) -> None:
-        self.requested = False
-        signal.signal(signal.SIGINT, self._request)
-        signal.signal(signal.SIGTERM, self._request)
-
-    def _request(self, number: int, frame: FrameType | None) -> None:
-        self.requested = True
-
-
-def start_ros(args: Sequence[str] | None = None) -> Stop:
-    """Initialise ROS, and take its signals over.
+def start_ros(stop: Stop, args: Sequence[str] | None = None) -> None:
+    """Initialise ROS, but for its signals.
 
     Args:
+        stop: takes the signals, and is deferred from now on.
         args: command line; the process's own where None.
 
     Raises:
         SystemExit: ROS cannot start so, see `refuse`.
     """
-    stop = Stop()
+    stop.defer()
     try:
         rclpy.init(args=guarded(args), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
         refuse(error)
-    return stop
 
 
 def refuse(error: Exception) -> NoReturn:

@@ -1,6 +1,5 @@
 """Simulator node: publishes what the sensors say, takes effort commands, integrates the arm."""
 
-import sys
 import time
 
 import numpy as np
@@ -18,7 +17,6 @@ from pidtsm_ros.effort_topics import EFFORT_TOPICS
 from pidtsm_ros.joints import JointOrder, MessageError
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.process import run
 from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 
@@ -320,8 +318,3 @@ class Simulator(ManagedNode):
             Reading("samples since the last command's", self._sample - self._answered),
         ]
         self._diagnostics.publish(readings, idle)
-
-
-def main() -> None:
-    """Entry point of ``ros2 run two_link_sim simulator``."""
-    sys.exit(run([Simulator]))

@@ -23,6 +23,7 @@ from pidtsm_core.parameters import Array
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.process import spin_for
 from pidtsm_ros.startup import refuse, start_ros
+from pidtsm_ros.stop import Stop
 from two_link_sim.kinematics import Joint, UrdfError, link_poses, read_urdf
 
 try:
@@ -160,9 +161,13 @@ def _arc(joint: Joint, pose: Array, share: float) -> Array:
     return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 
-def main() -> None:
-    """Entry point of ``ros2 run two_link_sim visualization``; exit code 2: bad parameters."""
-    stop = start_ros()
+def run(stop: Stop) -> None:
+    """Show what is heard until a signal comes.
+
+    Raises:
+        SystemExit: bad parameters, see `refuse`.
+    """
+    start_ros(stop)
     try:
         node = Visualization()
     except (ParameterException, UrdfError) as error:
