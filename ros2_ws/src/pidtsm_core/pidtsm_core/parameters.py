@@ -7,7 +7,8 @@ apply may depend on values (`law.name` decides the gains), so a schema is a func
 
 import difflib
 import functools
-import math
+import sys
+from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -81,8 +82,8 @@ class Parameter:
         """
         if isinstance(self.default, tuple) and isinstance(self.default[0], str):
             return self._check_texts(value, joints)
-        if np.ndim(value) > 0:  # type: ignore[arg-type]
-            return self._check_sequence(list(value), joints)  # type: ignore[call-overload]
+        if isinstance(value, (list, tuple, array, np.ndarray)):
+            return self._check_sequence(list(value), joints)
         return self._check_scalar(value)
 
     def _check_texts(self, value: object, joints: int) -> Value:
@@ -117,7 +118,7 @@ class Parameter:
             return value
         if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
             raise self._error(value, "must be a number")
-        if not math.isfinite(value):
+        if not abs(value) <= sys.float_info.max:  # A whole number may be larger than any float.
             raise self._error(value, "must be finite")
         if isinstance(self.default, int) and int(value) != value:
             raise self._error(value, "must be a whole number")
