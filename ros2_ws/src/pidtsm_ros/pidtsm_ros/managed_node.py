@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, resolve
 from pidtsm_ros.joints import MessageError
 from pidtsm_ros.qos import OVERRIDABLE, PUBLISHER, READER
+from pidtsm_ros.wire import deserialize
 
 _REASONS_LOGGED = 100
 _LONGEST_REASON = 200  # characters; names in a message may be many, and long
@@ -209,19 +210,19 @@ class ManagedNode(LifecycleNode):
         """A subscription, until the node is cleaned up, that reports what `callback` rejects with MessageError.
 
         With `raw` the callback gets the serialized message. Messages to an inactive node are dropped, unless it
-        wants them.
+        wants them. All arrive serialized: what rclpy cannot deserialize would end the executor.
         """
 
-        def checked(message: Any) -> None:
+        def checked(data: bytes) -> None:
             if not (self.active or while_inactive):
                 return
             try:
-                callback(message)
+                callback(data if raw else deserialize(data, message_type))
             except MessageError as error:
                 self.reject(f"{topic}: {error}")
 
         subscription = self.create_subscription(
-            message_type, topic, checked, copy(READER), raw=raw, qos_overriding_options=OVERRIDABLE
+            message_type, topic, checked, copy(READER), raw=True, qos_overriding_options=OVERRIDABLE
         )
         self._own_subscriptions.append(subscription)
         return subscription
