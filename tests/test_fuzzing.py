@@ -14,6 +14,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -21,6 +23,8 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_experiments.experiment import load_ros_parameters, practical_parameters
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.stamps import nanoseconds
 
@@ -32,6 +36,8 @@ BATCH = 200
 """Messages that are sent before somebody looks whether they were taken."""
 QUEUE = 1000
 """Messages that a reader keeps, so that none is dropped."""
+PRACTICAL = load_ros_parameters(practical_parameters(None))
+"""With the article's own, what a stranger brings about stays in the adaptive gain."""
 LIMITS = (100.0, 50.0)
 NODES = ("simulator", "controller", "trajectory")
 STRIKING = (math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, 1.8e308, -1e300, 999_999.0, 1e6, 1e-9)
@@ -147,13 +153,21 @@ class Loop:
         self.absurd: list[str] = []
         node = bench.node
         parameters = {
-            "simulator": ["rate:=250", "realtime.priority:=0", f"input.type:={form}"],
-            "controller": ["watchdog.state_stop:=5.0", "realtime.priority:=0", f"output.type:={form}"],
+            # A busy machine is no fault.
+            "simulator": ["rate:=250", "realtime.priority:=0", "command.timeout:=1.0", f"input.type:={form}"],
+            "controller": [
+                "watchdog.state_stop:=5.0",
+                "watchdog.reference:=1.0",
+                "realtime.priority:=0",
+                f"output.type:={form}",
+            ],
             "trajectory": [],
         }
         for topic, *_, readers in KINDS[form]:
             for name in readers:
                 parameters[name].append(f"qos_overrides./{topic}.subscription.depth:={QUEUE}")
+        for name, values in PRACTICAL.items():
+            parameters[name] += [f"{key}:={value}" for key, value in values.items()]
         self.processes = {name: bench.start(name, *parameters[name]) for name in NODES}
         listened = {
             "joint_states": (JointState, self._on_joint_state),
@@ -265,6 +279,16 @@ class Loop:
         self.errors.clear()
         self.bench.spin_until(self.tracks, "a loop that tracks")
 
+    def end(self) -> None:
+        """The nodes are all there, and end as asked."""
+        assert not self.absurd, self.absurd
+        for process in self.processes.values():
+            assert process.process.poll() is None
+            process.interrupt()
+        for process in self.processes.values():
+            assert process.wait() == 0
+            assert "Traceback" not in process.log.read_text()
+
     def _change(self, name: str, transition: int) -> bool:
         request = ChangeState.Request(transition=Transition(id=transition))
         return bool(self.bench.call(ChangeState, f"{name}/change_state", request).success)
@@ -277,10 +301,79 @@ def test_any_message_leaves_the_loop_running(bench: Bench, form: str) -> None:
     for kind in KINDS[form]:
         loop.fuzz(kind)
         loop.recover()
-    assert not loop.absurd
-    for process in loop.processes.values():
-        assert process.process.poll() is None
-        process.interrupt()
-    for process in loop.processes.values():
-        assert process.wait() == 0
-        assert "Traceback" not in process.log.read_text()
+    loop.end()
+
+
+# Parameters.
+
+WORDS = ("article", "piddtsm", "conditional", "none", "stop", "warn", "gravity", "", "x" * 1000, "ö\n")
+WHOLE = (0, 1, 2, -1, 1000, 2**63 - 1, -(2**63))
+values = st.one_of(
+    st.floats(0.0, 5.0).map(lambda v: ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=v)),
+    numbers.map(lambda v: ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=v)),
+    arrays.map(lambda v: ParameterValue(type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=v)),
+    st.sampled_from(WHOLE).map(lambda v: ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=v)),
+    st.lists(st.sampled_from(WHOLE), max_size=3).map(
+        lambda v: ParameterValue(type=ParameterType.PARAMETER_INTEGER_ARRAY, integer_array_value=v)
+    ),
+    st.sampled_from(WORDS).map(lambda v: ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=v)),
+    st.lists(st.sampled_from(WORDS), max_size=3).map(
+        lambda v: ParameterValue(type=ParameterType.PARAMETER_STRING_ARRAY, string_array_value=v)
+    ),
+    st.booleans().map(lambda v: ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=v)),
+    st.just(ParameterValue(type=ParameterType.PARAMETER_BYTE_ARRAY, byte_array_value=[b"a"])),
+    st.just(ParameterValue(type=ParameterType.PARAMETER_NOT_SET)),
+    st.just(ParameterValue(type=200)),
+)
+SETS = {"controller": 2000, "simulator": 300, "trajectory": 100}
+
+
+def fuzz_parameters(bench: Bench, name: str) -> None:
+    """Set those of a node, see that each set is taken whole or refused whole, and set them back."""
+    own = [p.name for p in NODE_SCHEMAS[name](PRACTICAL.get(name, {}))]
+    services = {
+        kind: bench.node.create_client(kind, f"{name}/{topic}")
+        for kind, topic in ((SetParametersAtomically, "set_parameters_atomically"), (GetParameters, "get_parameters"))
+    }
+    bench.spin_until(lambda: all(client.service_is_ready() for client in services.values()), "the services")
+
+    def call(kind: Any, **request: Any) -> Any:
+        future = services[kind].call_async(kind.Request(**request))
+        bench.spin_until(future.done, f"{name} answers")
+        return future.result()
+
+    def get() -> dict[str, Any]:
+        return dict(zip(own, call(GetParameters, names=own).values, strict=True))
+
+    before = start = get()
+    taken = 0
+
+    @fuzzed(SETS[name])
+    @given(st.lists(st.tuples(st.sampled_from([*own, *own, "law.kk", "", "use_sim_time"]), values), max_size=4))
+    def change(pairs: list[tuple[str, Any]]) -> None:
+        nonlocal before, taken
+        parameters = [Parameter(name=key, value=value) for key, value in pairs]
+        result = call(SetParametersAtomically, parameters=parameters).result
+        wanted = {key: value for key, value in pairs if key in before} if result.successful else {}
+        assert result.successful or result.reason
+        after = get()
+        assert after == before | wanted, pairs
+        taken += bool(wanted)
+        before = after
+
+    change()
+    assert taken > 10 or name == "trajectory"
+    back = [Parameter(name=key, value=start[key]) for key in own if before[key] != start[key]]
+    assert call(SetParametersAtomically, parameters=back).result.successful
+    assert get() == start
+
+
+def test_any_parameter_set_is_taken_whole_or_refused_whole_and_the_loop_runs_on(bench: Bench) -> None:
+    loop = Loop(bench, "joint_state")
+    bench.spin_until(loop.tracks, "a loop that tracks")
+    for name in SETS:
+        fuzz_parameters(bench, name)
+        # Who changes the arm's masses and the torque limits gets what was asked for.
+        loop.absurd.clear()
+        loop.recover()
+    loop.end()

@@ -7,7 +7,7 @@ apply may depend on values (`law.name` decides the gains), so a schema is a func
 
 import difflib
 import functools
-import sys
+import math
 from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 Scalar: TypeAlias = bool | int | float | str
 Value: TypeAlias = Scalar | Sequence[Scalar]
 Array: TypeAlias = NDArray[np.float64]
+
+_LARGEST = 2.0**62
+"""No parameter is that large, in any SI unit; products of two do not overflow, and whole numbers fit 64 bits."""
 
 
 class ParameterError(ValueError):
@@ -118,8 +121,10 @@ class Parameter:
             return value
         if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
             raise self._error(value, "must be a number")
-        if not abs(value) <= sys.float_info.max:  # A whole number may be larger than any float.
+        if not abs(value) < math.inf:  # isfinite cannot take a whole number larger than any float.
             raise self._error(value, "must be finite")
+        if abs(value) > _LARGEST:
+            raise self._error(value, f"is absurd: larger than {_LARGEST:.0e}, either way")
         if isinstance(self.default, int) and int(value) != value:
             raise self._error(value, "must be a whole number")
         if not self._in_range(float(value)):

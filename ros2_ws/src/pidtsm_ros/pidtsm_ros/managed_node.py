@@ -6,9 +6,11 @@ from copy import copy
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter_service import ParameterService
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.service import Service
@@ -58,6 +60,28 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
     return described
 
 
+class _ParameterService(ParameterService):
+    """Refuses values of a type that there is none of; rclpy's own would raise, which ends the executor."""
+
+    def _set_parameters_callback(
+        self, request: SetParameters.Request, response: SetParameters.Response
+    ) -> SetParameters.Response:
+        for parameter in request.parameters:
+            alone = SetParametersAtomically.Request(parameters=[parameter])
+            answer = self._set_parameters_atomically_callback(alone, SetParametersAtomically.Response())
+            response.results.append(answer.result)
+        return response
+
+    def _set_parameters_atomically_callback(
+        self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
+    ) -> SetParametersAtomically.Response:
+        try:
+            return super()._set_parameters_atomically_callback(request, response)
+        except ValueError as error:
+            response.result = SetParametersResult(successful=False, reason=str(error))
+            return response
+
+
 class ManagedNode(LifecycleNode):
     """A lifecycle node with checked parameters.
 
@@ -84,7 +108,7 @@ class ManagedNode(LifecycleNode):
         Raises:
             ParameterError: a parameter given at the start is unknown or has a bad value.
         """
-        super().__init__(name)
+        super().__init__(name, start_parameter_services=False)
         self._schema = schema
         self._joint_count = joints
         self.finished = False
@@ -103,6 +127,7 @@ class ManagedNode(LifecycleNode):
             self.declare_parameter(
                 parameter.name, _ros_value(self.values[parameter.name]), descriptor(parameter), ignore_override=True
             )
+        self._parameter_services = _ParameterService(self)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
 
