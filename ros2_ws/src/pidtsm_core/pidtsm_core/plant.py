@@ -197,10 +197,7 @@ class Plant:
             push=joint_array(values["push.effort"], self.joints),
             push_begin=number(values["push.time"]),
             # To the nanosecond, as the time of a sample: else 0.1 s + 0.2 s ends a sample late.
-            # In Python, whose whole numbers have no end.
-            push_end=seconds.py_func(  # type: ignore[attr-defined]
-                round((number(values["push.time"]) + number(values["push.duration"])) * 1e9)
-            ),
+            push_end=seconds(round((number(values["push.time"]) + number(values["push.duration"])) * 1e9)),
             friction=friction_config(values, self.joints),
             accelerations=self._accelerations,
         )
