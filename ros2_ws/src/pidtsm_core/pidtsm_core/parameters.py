@@ -8,6 +8,7 @@ apply may depend on values (`law.name` decides the gains), so a schema is a func
 import difflib
 import functools
 import math
+from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -18,6 +19,9 @@ from numpy.typing import NDArray
 Scalar: TypeAlias = bool | int | float | str
 Value: TypeAlias = Scalar | Sequence[Scalar]
 Array: TypeAlias = NDArray[np.float64]
+
+_LARGEST = 2.0**62
+"""No parameter is that large, in any SI unit; products of two do not overflow, and whole numbers fit 64 bits."""
 
 
 class ParameterError(ValueError):
@@ -81,8 +85,8 @@ class Parameter:
         """
         if isinstance(self.default, tuple) and isinstance(self.default[0], str):
             return self._check_texts(value, joints)
-        if np.ndim(value) > 0:  # type: ignore[arg-type]
-            return self._check_sequence(list(value), joints)  # type: ignore[call-overload]
+        if isinstance(value, (list, tuple, array, np.ndarray)):
+            return self._check_sequence(list(value), joints)
         return self._check_scalar(value)
 
     def _check_texts(self, value: object, joints: int) -> Value:
@@ -117,8 +121,10 @@ class Parameter:
             return value
         if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
             raise self._error(value, "must be a number")
-        if not math.isfinite(value):
+        if not abs(value) < math.inf:  # isfinite cannot take a whole number larger than any float.
             raise self._error(value, "must be finite")
+        if abs(value) > _LARGEST:
+            raise self._error(value, f"is absurd: larger than {_LARGEST:.0e}, either way")
         if isinstance(self.default, int) and int(value) != value:
             raise self._error(value, "must be a whole number")
         if not self._in_range(float(value)):

@@ -35,6 +35,12 @@ NAMES = Parameter("joints", ("joint1", "joint2"), "names")
 EACH = Parameter("limits.effort", (100.0, 50.0), "limits", "N m", minimum=0.0, exclusive=True, per_joint=True)
 
 
+@pytest.mark.parametrize("value", [10**400, -(10**400), 2**64, 1e300, [[1.0], [2.0, 3.0]], [10**400, 1.0]])
+def test_what_no_arithmetic_can_take_is_refused(value: object) -> None:
+    with pytest.raises(ParameterError, match=r"must be|is absurd"):
+        Parameter("gain", 1.0, "a gain", per_joint=True).check(value, 2)
+
+
 @pytest.mark.parametrize(
     ("parameter", "given_value", "result"),
     [

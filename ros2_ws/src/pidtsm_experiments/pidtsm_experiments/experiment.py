@@ -1,7 +1,9 @@
 """What is to be run: a scenario, a law, and the parameters of every node that follow from them."""
 
 import re
+import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,10 +29,38 @@ NODES = ("simulator", "controller", "trajectory")
 _SCENARIO_KEYS = ("description", "duration", *NODES)
 
 
+_DEEPEST = 20
+"""Levels of a file; PyYAML takes seconds for thousands of them, and then finds no way back."""
+
+
 class _Loader(yaml.SafeLoader):
-    """Takes 1e-3 for a number, as ROS does; to YAML 1.1 it is a text."""
+    """Takes 1e-3 for a number, as ROS does; to YAML 1.1 it is a text.
+
+    Refuses aliases, as ROS does: a few lines of them can stand for more than fits in memory, or for no end of it.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._level = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases (*NAME) are not allowed")
+        if self._level == _DEEPEST:
+            raise yaml.YAMLError(f"more than {_DEEPEST} levels")
+        self._level += 1
+        node = super().compose_node(parent, index)
+        self._level -= 1
+        return node
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        value = super().construct_yaml_int(node)
+        if not -(2**63) <= value < 2**63:
+            raise yaml.YAMLError("a whole number has at most 64 bits")
+        return value
 
 
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
 )
@@ -223,16 +253,26 @@ def _scenario_folder() -> Path:
 
 
 def _scenario_file(scenario: str) -> Path:
-    by_name = _scenario_folder() / f"{scenario}.yaml"
-    if by_name.is_file():
-        return by_name
-    if Path(scenario).is_file():
-        return Path(scenario)
+    if scenario in scenario_names():
+        return _scenario_folder() / f"{scenario}.yaml"
+    with suppress(OSError):  # A name too long, or a folder that nobody may read.
+        if Path(scenario).is_file():
+            return Path(scenario)
     raise UsageError(f"no scenario {scenario}: neither a file nor one of {', '.join(scenario_names())}")
 
 
 def _read_yaml(text: str) -> Any:
-    return yaml.load(text, _Loader)  # noqa: S506  It is a safe loader.
+    """The content of a YAML text.
+
+    Raises:
+        YAMLError: it is none, or a value is not what it says.
+    """
+    try:
+        return yaml.load(text, _Loader)  # noqa: S506  It is a safe loader.
+    except yaml.YAMLError:
+        raise
+    except Exception as error:  # PyYAML meets !!int x, !!bool x or 2001-02-30 with Python's exceptions.
+        raise yaml.YAMLError(f"a value cannot be read: {error}") from None
 
 
 def _load_scenario(file: Path) -> dict[str, Any]:
@@ -267,6 +307,6 @@ def _parse_override(text: str) -> tuple[str, str, Any]:
 
 
 def _positive(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < float("inf"):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= sys.float_info.max:
         raise UsageError(f"{where}: {value!r} must be a positive number of seconds")
     return float(value)

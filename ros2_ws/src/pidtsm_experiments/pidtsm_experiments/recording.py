@@ -178,6 +178,8 @@ def read_recording(path: Path, only: frozenset[str] | None = None) -> Recording:
         return _read(path, only)
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error.__cause__
+    except Exception as error:  # Broken files are met with many exceptions, rosbags' own and Python's.
+        raise RecordingError(f"{path}: {_damaged('not a whole bag', error)}") from error
 
 
 def _read(path: Path, only: frozenset[str] | None) -> Recording:
@@ -317,13 +319,8 @@ def _open(path: Path, bag: Readable) -> AnyReader:
         raise RecordingError("not a bag: no metadata.yaml, and no .mcap or .db3 file")
     if not bag.files:
         raise RecordingError(f"the bag was not finished, and nothing in it can be read: {'; '.join(bag.flaws)}")
-    try:
-        reader = AnyReader(bag.files, default_typestore=typestore())
-        reader.open()
-    except RecordingError:
-        raise
-    except Exception as error:  # rosbags meets broken files with many exceptions, its own and Python's
-        raise _damaged("not a whole bag", error) from error
+    reader = AnyReader(bag.files, default_typestore=typestore())
+    reader.open()
     if reader.message_count == 0:
         reader.close()
         if bag.flaws:
@@ -333,7 +330,8 @@ def _open(path: Path, bag: Readable) -> AnyReader:
 
 
 def _damaged(what: str, error: Exception) -> RecordingError:
-    return RecordingError(f"{what}: {error} (`mcap recover FILE.mcap -o SAVED.mcap` saves the rest of an MCAP file)")
+    said = str(error) or type(error).__name__
+    return RecordingError(f"{what}: {said} (`mcap recover FILE.mcap -o SAVED.mcap` saves the rest of an MCAP file)")
 
 
 def _find_topics(connections: Sequence[Connection]) -> dict[_Topic, list[Connection]]:
@@ -362,7 +360,7 @@ def _messages(reader: AnyReader, connections: Sequence[Connection]) -> Iterator[
     try:
         for connection, _, payload in reader.messages(connections):
             yield connection.topic, payload
-    except Exception as error:  # as in _open
+    except Exception as error:  # as in read_recording
         raise _damaged("the messages cannot be read", error) from error
 
 
@@ -420,7 +418,7 @@ def _rows(columns: _Columns, rows: NDArray[np.intp], topic: _Topic) -> _Columns:
 def _parse(reader: AnyReader, payload: bytes, topic: _Topic) -> Any:
     try:
         return reader.deserialize(payload, topic.msgtype)
-    except Exception as error:  # as in _open
+    except Exception as error:  # as in read_recording
         raise _damaged(f"a message of {topic.name} cannot be read", error) from error
 
 

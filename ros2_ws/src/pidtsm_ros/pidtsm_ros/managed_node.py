@@ -6,9 +6,11 @@ from copy import copy
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter_service import ParameterService
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.service import Service
@@ -18,6 +20,7 @@ from std_srvs.srv import Trigger
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, resolve
 from pidtsm_ros.joints import MessageError
 from pidtsm_ros.qos import OVERRIDABLE, PUBLISHER, READER
+from pidtsm_ros.wire import deserialize
 
 _REASONS_LOGGED = 100
 _LONGEST_REASON = 200  # characters; names in a message may be many, and long
@@ -57,6 +60,28 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
     return described
 
 
+class _ParameterService(ParameterService):
+    """Refuses values of a type that there is none of; rclpy's own would raise, which ends the executor."""
+
+    def _set_parameters_callback(
+        self, request: SetParameters.Request, response: SetParameters.Response
+    ) -> SetParameters.Response:
+        for parameter in request.parameters:
+            alone = SetParametersAtomically.Request(parameters=[parameter])
+            answer = self._set_parameters_atomically_callback(alone, SetParametersAtomically.Response())
+            response.results.append(answer.result)
+        return response
+
+    def _set_parameters_atomically_callback(
+        self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
+    ) -> SetParametersAtomically.Response:
+        try:
+            return super()._set_parameters_atomically_callback(request, response)
+        except ValueError as error:
+            response.result = SetParametersResult(successful=False, reason=str(error))
+            return response
+
+
 class ManagedNode(LifecycleNode):
     """A lifecycle node with checked parameters.
 
@@ -83,7 +108,7 @@ class ManagedNode(LifecycleNode):
         Raises:
             ParameterError: a parameter given at the start is unknown or has a bad value.
         """
-        super().__init__(name)
+        super().__init__(name, start_parameter_services=False)
         self._schema = schema
         self._joint_count = joints
         self.finished = False
@@ -102,6 +127,7 @@ class ManagedNode(LifecycleNode):
             self.declare_parameter(
                 parameter.name, _ros_value(self.values[parameter.name]), descriptor(parameter), ignore_override=True
             )
+        self._parameter_services = _ParameterService(self)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
 
@@ -209,19 +235,19 @@ class ManagedNode(LifecycleNode):
         """A subscription, until the node is cleaned up, that reports what `callback` rejects with MessageError.
 
         With `raw` the callback gets the serialized message. Messages to an inactive node are dropped, unless it
-        wants them.
+        wants them. All arrive serialized: what rclpy cannot deserialize would end the executor.
         """
 
-        def checked(message: Any) -> None:
+        def checked(data: bytes) -> None:
             if not (self.active or while_inactive):
                 return
             try:
-                callback(message)
+                callback(data if raw else deserialize(data, message_type))
             except MessageError as error:
                 self.reject(f"{topic}: {error}")
 
         subscription = self.create_subscription(
-            message_type, topic, checked, copy(READER), raw=raw, qos_overriding_options=OVERRIDABLE
+            message_type, topic, checked, copy(READER), raw=True, qos_overriding_options=OVERRIDABLE
         )
         self._own_subscriptions.append(subscription)
         return subscription

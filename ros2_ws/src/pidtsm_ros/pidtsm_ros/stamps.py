@@ -24,11 +24,13 @@ def serialized_nanoseconds(data: bytes) -> int:
     """The stamp in ns of a serialized message that begins with a std_msgs/Header.
 
     Raises:
-        MessageError: the message is too short to have one.
+        MessageError: the message is too short to have one, or its nanoseconds are more than a second.
     """
     if len(data) < STAMP_END:
         raise MessageError(f"{len(data)} bytes are no message")
     sec, nanosec = _STAMP["<" if data[1] == _LITTLE_ENDIAN else ">"].unpack_from(data)
+    if nanosec >= NANOSECONDS:
+        raise MessageError(f"{nanosec} ns are no part of a second")
     return int(sec * NANOSECONDS + nanosec)
 
 

@@ -35,6 +35,18 @@ _START = 4  # Place of a message among whole words.
 _ENCODING = 2  # The first two bytes of a CDR message say how it is encoded; nobody reads the next two.
 
 
+def deserialize(data: bytes, message_type: type) -> Any:
+    """The message.
+
+    Raises:
+        MessageError: the bytes are none of this type.
+    """
+    try:
+        return deserialize_message(data, message_type)
+    except Exception as error:  # rclpy's own, and Python's where a text is not UTF-8.
+        raise MessageError(f"cannot be deserialized: {' '.join(str(error).split())}") from None
+
+
 def _marks(count: int) -> Array:
     """Numbers that occur nowhere else in a message."""
     return np.arange(1, count + 1, dtype=np.float64) * np.float64(-math.pi * 1e-200)
@@ -212,10 +224,7 @@ class IncomingMessages:
         self._read_slowly(data, target)
 
     def _read_slowly(self, data: bytes, target: Array) -> None:
-        try:
-            message = deserialize_message(data, self._type)
-        except Exception as error:
-            raise MessageError(f"cannot be deserialized: {error}") from None
+        message = deserialize(data, self._type)
         for row, name in zip(self._values, self._fields, strict=True):
             self._order.read(message.name, getattr(message, name), name, row)
         target[:] = self._values
