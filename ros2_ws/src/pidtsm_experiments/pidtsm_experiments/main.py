@@ -1,4 +1,4 @@
-"""Entry point of ``ros2 run``, in a file of their own: signals are taken before the imports, see `Stop`."""
+"""Entry point of ``ros2 run``, in a file of its own: signals are taken before the imports, see `Stop`."""
 
 import sys
 
