@@ -32,6 +32,9 @@ _SCENARIO_KEYS = ("description", "duration", *NODES)
 _DEEPEST = 20
 """Levels of a file; PyYAML takes seconds for thousands of them, and then finds no way back."""
 
+_LONGEST = 100
+"""Digits; Python refuses to write numbers of thousands of them."""
+
 
 class _Loader(yaml.SafeLoader):
     """Takes 1e-3 for a number, as ROS does; to YAML 1.1 it is a text.
@@ -53,14 +56,13 @@ class _Loader(yaml.SafeLoader):
         self._level -= 1
         return node
 
-    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
-        value = super().construct_yaml_int(node)
-        if not -(2**63) <= value < 2**63:
-            raise yaml.YAMLError("a whole number has at most 64 bits")
-        return value
+    def compose_scalar_node(self, anchor: str | None) -> yaml.ScalarNode:
+        node = super().compose_scalar_node(anchor)
+        if node.tag.endswith(":int") and len(node.value) > _LONGEST:
+            raise yaml.YAMLError(f"a whole number of more than {_LONGEST} digits")
+        return node
 
 
-_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
 )
