@@ -54,11 +54,7 @@ class _Loader(yaml.SafeLoader):
         self._level += 1
         node = super().compose_node(parent, index)
         self._level -= 1
-        return node
-
-    def compose_scalar_node(self, anchor: str | None) -> yaml.ScalarNode:
-        node = super().compose_scalar_node(anchor)
-        if node.tag.endswith(":int") and len(node.value) > _LONGEST:
+        if isinstance(node, yaml.ScalarNode) and node.tag.endswith(":int") and len(node.value) > _LONGEST:
             raise yaml.YAMLError(f"a whole number of more than {_LONGEST} digits")
         return node
 
