@@ -7,15 +7,19 @@ from pathlib import Path
 
 from pidtsm_experiments.errors import UsageError
 
+_UNHURRIED = ("ros2_ws/src", "tests/test_documentation.py", "tests/test_practical.py", "tests/test_reproduction.py")
+"""Tests that do not mind what else the machine does."""
+
+_AGAIN = ("--reruns", "2", "-rR")
+"""A machine that stands still for a moment is told from a defect by another try, which the summary names."""
+
 _CHECKS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    # Nothing in the packages' own tests minds what else the machine does.
-    ("pytest", "--numprocesses", "auto", "ros2_ws/src"),
-    # These are real nodes in real time: a machine that stands still for a moment is told from a defect by a second try,
-    # which the summary names.
-    ("pytest", "--reruns", "2", "-rR", "tests"),
+    ("pytest", *_AGAIN, "--numprocesses", "auto", "--dist", "worksteal", *_UNHURRIED),
+    # The others are real nodes in real time, one test after the other.
+    ("pytest", *_AGAIN, "tests", *(f"--ignore={path}" for path in _UNHURRIED)),
 )
 
 
