@@ -137,6 +137,15 @@ def repeat(rig: ControllerRig) -> ControllerState:
     return rig.step()
 
 
+def ask_again(rig: ControllerRig) -> ControllerState:
+    commands = rig.watch.heard["joint_commands"]
+    count = len(commands)
+    rig.joint_states.publish(rig.joint_state(rig.measured(), dt=0))
+    rig.bench.spin_until(lambda: len(commands) > count, "the answer once more")
+    assert commands[-1] == commands[-2]
+    return rig.step()
+
+
 def go_back(rig: ControllerRig) -> ControllerState:
     rig.joint_states.publish(rig.joint_state(rig.measured(), dt=-SECOND // 2))
     return rig.step()
@@ -236,8 +245,13 @@ ROWS = {
     "a gap of 10 ms": Row(lambda rig: rig.step(dt=10 * MS), late=1),
     "silence": Row(fall_silent, node=LATEST, settings={"watchdog.state_stop": 0.5}, **stale("", log=(SILENT, RESET))),
     "a stamp twice (dt = 0)": Row(
-        repeat, log=("rejected joint_states: two joint states have the same stamp",), rejected=1, unnoticed=True
+        repeat,
+        log=("rejected joint_states: two joint states have the same stamp",),
+        rejected=1,
+        unnoticed=True,
+        node=LATEST,
     ),
+    "a stamp twice in lockstep": Row(ask_again, unnoticed=True),
     "stamps 1 ns apart": Row(crowd),
     "a stamp that goes back by 0.5 s": Row(
         go_back, log=("rejected joint_states: the stamp goes back",), rejected=1, unnoticed=True

@@ -191,6 +191,11 @@ class ControllerNode(ManagedNode):
         stamp = serialized_nanoseconds(data)
         elapsed = stamp - self._state_stamp
         if elapsed <= 0 and self._state_stamp >= 0:
+            if not elapsed and self._by_stamp:
+                # Lockstep asks again for an answer that did not arrive.
+                if stamp == self._last_stamp:
+                    self._commands.publish(self._command.to_bytes(stamp))
+                return
             if not elapsed:
                 raise MessageError("two joint states have the same stamp")
             if elapsed > -_RESTARTED * NANOSECONDS:

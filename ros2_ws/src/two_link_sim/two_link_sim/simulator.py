@@ -29,6 +29,9 @@ _PATIENCE = 2.0
 """s of waiting for others before the log says so."""
 _LATEST_CATCH_UP = 20
 """Periods that realtime may be late before it gives up making up for them."""
+_ASK_AGAIN = 1.0
+"""s without an answer to the first sample of all in lockstep. A recorder may be connected when who answers is not yet:
+then somebody has published to a reader that nobody waited for, and one message is lost for good."""
 _LONGEST_SILENCE = 1000
 """Samples without a measurement that lockstep goes through before others get a turn."""
 
@@ -70,9 +73,9 @@ class Simulator(ManagedNode):
         if self._lockstep:
             self._clock_topic = self.advertise(Clock, "/clock")
         self._input = EFFORT_TOPICS[str(values["input.type"])]
-        stamped = self._input.message_type is JointState
-        on_command = self._on_command if stamped else self._on_array
-        self._commands = self.listen(self._input.message_type, self._input.name, on_command, raw=stamped)
+        self._stamped = self._input.message_type is JointState
+        on_command = self._on_command if self._stamped else self._on_array
+        self._commands = self.listen(self._input.message_type, self._input.name, on_command, raw=self._stamped)
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset", self._reset)
 
@@ -156,7 +159,7 @@ class Simulator(ManagedNode):
         acquired, measured = self._robot.sense(sample)
         self._asked = acquired >= 0
         self._sample = sample
-        self._sent = time.monotonic_ns()
+        self._sent = self._sent_last = time.monotonic_ns()
         if self._asked:
             self._acquired = acquired
             self._measured.arrays[0] = measured
@@ -289,7 +292,12 @@ class Simulator(ManagedNode):
     def _check_silence(self) -> None:
         """Lockstep: a command that does not come ends the run, with the name of who is silent."""
         timeout = number(self.values["lockstep.timeout"])
-        if time.monotonic_ns() - self._sent <= timeout * 1e9:
+        now = time.monotonic_ns()
+        if now - self._sent <= timeout * 1e9:
+            # An array could be the answer to either.
+            if not self._commands_taken and self._stamped and now - self._sent_last > _ASK_AGAIN * 1e9:
+                self._sent_last = now
+                self._joint_states.publish(self._measured.to_bytes(self._stamp(self._acquired)))
             return
         writers = [
             f"{i.node_namespace.rstrip('/')}/{i.node_name}"
