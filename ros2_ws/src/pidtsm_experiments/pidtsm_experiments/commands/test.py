@@ -7,17 +7,19 @@ from pathlib import Path
 
 from pidtsm_experiments.errors import UsageError
 
-_UNHURRIED = ("ros2_ws/src", "tests/test_documentation.py", "tests/test_practical.py", "tests/test_reproduction.py")
-"""Tests that do not mind what else the machine does."""
-
+_UNHURRIED = ("tests/test_documentation.py", "tests/test_practical.py", "tests/test_reproduction.py")
+"""Tests of whole runs that do not mind what else the machine does."""
+_PARALLEL = ("--numprocesses", "auto", "--dist", "worksteal")
 _AGAIN = ("--reruns", "2", "-rR")
-"""A machine that stands still for a moment is told from a defect by another try, which the summary names."""
+"""For real processes: a machine that stands still is told from a defect by another try, which the summary names."""
 
 _CHECKS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    ("pytest", *_AGAIN, "--numprocesses", "auto", "--dist", "worksteal", *_UNHURRIED),
+    # The packages' own tests depend on nothing but the code: they get one try.
+    ("pytest", *_PARALLEL, "ros2_ws/src"),
+    ("pytest", *_AGAIN, *_PARALLEL, *_UNHURRIED),
     # The others are real nodes in real time, one test after the other.
     ("pytest", *_AGAIN, "tests", *(f"--ignore={path}" for path in _UNHURRIED)),
 )
