@@ -10,7 +10,6 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -19,19 +18,18 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.highlevel import AnyReader
+from watching import FLOOR_NODES, watched
 
 from pidtsm_experiments.analysis import summarize
 from pidtsm_experiments.commands.bench import Row
 from pidtsm_experiments.domain import own_domain
 from pidtsm_experiments.experiment import make_experiment
 from pidtsm_experiments.recording import read_recording, typestore
-from pidtsm_experiments.runner import EXECUTABLES, Processes
+from pidtsm_experiments.runner import Processes
 from pidtsm_experiments.runner import run as run_experiment
 
-_FLOOR_NODES = Path(__file__).with_name("floor_nodes.py")
 RATES = (250, 500, 1000, 1500, 2000, 3000, 4000)
 """Hz."""
-_CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
 _PERCENTILES = ("p50", "p99", "p99.9", "max")
 _START_WITHIN = 120.0  # s
 _JITTER_NOTE = "of the commands at who sends the states"
@@ -48,7 +46,7 @@ def _started(folder: Path, environment: dict[str, str], groups: Sequence[Sequenc
             with (folder / f"{i}-{words[0]}.log").open("w") as log:
                 running.append(
                     subprocess.Popen(
-                        [sys.executable, str(_FLOOR_NODES), *words], env=environment, stdout=log, stderr=log
+                        [sys.executable, str(FLOOR_NODES), *words], env=environment, stdout=log, stderr=log
                     )
                 )
         yield running
@@ -281,11 +279,8 @@ def _timed_run(parts: dict[str, list[str]], composed: bool, within: float) -> di
         groups = [[",".join(parts), "--ros-args", *(w for some in words.values() for w in some)]]
     else:
         groups = [[node, "--ros-args", *some] for node, some in words.items()]
-    with _place() as (folder, environment), _started(folder, environment, groups) as processes:
-        with _cpu(
-            {",".join(parts) if composed else name: p.pid for name, p in zip(parts, processes, strict=False)}
-        ) as cpu:
-            _wait(processes[0], within + _START_WITHIN, folder)
+    with _place() as (folder, environment), _started(folder, environment, groups) as processes, _cpu() as cpu:
+        _wait(processes[0], within + _START_WITHIN, folder)
         said = _DONE.search(next(folder.glob("0-*.log")).read_text())
     if said is None:
         raise RuntimeError("the simulator did not say that it is done")
@@ -299,33 +294,15 @@ def _timed_run(parts: dict[str, list[str]], composed: bool, within: float) -> di
 
 
 @contextmanager
-def _cpu(pids: dict[str, int]) -> Iterator[dict[str, float]]:
-    """CPU time of processes in % of one core, over the time they use much (the start is left out)."""
-    used: dict[str, list[tuple[float, float]]] = {}
+def _cpu() -> Iterator[dict[str, float]]:
+    """CPU time of node processes in % of one core, over the second half of the block: by then all have started."""
     result: dict[str, float] = {}
-    stop = threading.Event()
-
-    def watch() -> None:
-        while not stop.wait(0.5):
-            for name, pid in list(pids.items()):
-                try:
-                    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-                except OSError:
-                    continue
-                used.setdefault(name, []).append((time.monotonic(), (int(fields[11]) + int(fields[12])) / _CLOCK_TICKS))
-
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    try:
+    with watched(lambda process: float(sum(process.cpu_times()[:2])), every=0.5) as used:
         yield result
-    finally:
-        stop.set()
-        thread.join()
-        for name, rows in used.items():
-            # The second half: everything has started by then.
-            half = rows[len(rows) // 2 :]
-            if len(half) > 1:
-                result[name] = 100.0 * (half[-1][1] - half[0][1]) / (half[-1][0] - half[0][0])
+    for name, looks in used.items():
+        (first, early), (last, late) = looks[len(looks) // 2], looks[-1]
+        if last > first:
+            result[name] = 100.0 * (late - early) / (last - first)
 
 
 def realtime(seconds: float = 60.0, composed: bool = False) -> dict[str, Any]:
@@ -335,8 +312,7 @@ def realtime(seconds: float = 60.0, composed: bool = False) -> dict[str, Any]:
         folders = {clock: Path(name, clock) for clock in ("realtime", "lockstep")}
         for folder in folders.values():
             folder.mkdir()
-        pids: dict[str, int] = {}
-        with _cpu(pids) as cpu, _children(pids):
+        with _cpu() as cpu:
             bag = run_experiment(experiment, "realtime", folders["realtime"], lambda _: None, composed=composed)
         rmse = summarize(read_recording(bag))["rmse"]
         expected = summarize(
@@ -366,32 +342,6 @@ def realtime(seconds: float = 60.0, composed: bool = False) -> dict[str, Any]:
         "cpu_percent": dict(cpu),
         "rmse_over_lockstep": [a / b for a, b in zip(rmse, expected, strict=True)],
     }
-
-
-@contextmanager
-def _children(pids: dict[str, int]) -> Iterator[None]:
-    """Keep `pids` filled with the node processes that this process has started."""
-    stop = threading.Event()
-
-    def watch() -> None:
-        while not stop.wait(0.5):
-            for task in Path("/proc/self/task").iterdir():
-                for pid in (task / "children").read_text().split():
-                    try:
-                        words = Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
-                    except OSError:
-                        continue
-                    for word in words[:2]:
-                        if Path(word).name in EXECUTABLES:
-                            pids.setdefault(Path(word).name, int(pid))
-
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
 
 
 def rates(choices: Sequence[int], seconds: float = 5.0) -> dict[str, Any]:

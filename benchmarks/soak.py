@@ -1,20 +1,17 @@
 """Half an hour at 1 kHz with the recorder: does memory grow, does anything drift, is anything lost?"""
 
 import tempfile
-import threading
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import psutil
+from watching import Looks, watched
 
 from pidtsm_experiments.analysis import summarize
 from pidtsm_experiments.commands.bench import Row
 from pidtsm_experiments.experiment import PRACTICAL, make_experiment
 from pidtsm_experiments.recording import METRICS_ONLY, read_recording
-from pidtsm_experiments.runner import EXECUTABLES
 from pidtsm_experiments.runner import run as run_experiment
 
 DURATION = 1800.0
@@ -23,36 +20,12 @@ _EVERY = 1.0  # s between two looks at the memory
 _MINUTE = 60.0
 _MEGABYTE = 1e6
 
-Memory = dict[str, list[tuple[float, int]]]
-"""By process: when (s), and how many bytes were its own."""
+
+def _own_memory(process: psutil.Process) -> float:
+    return float(process.memory_full_info().uss)
 
 
-@contextmanager
-def _watched() -> Iterator[Memory]:
-    """Look at the memory of the node processes that this process starts, until the end of the block."""
-    memory: Memory = {}
-    stop = threading.Event()
-
-    def watch() -> None:
-        while not stop.wait(_EVERY):
-            for process in psutil.Process().children():
-                try:
-                    names = {Path(word).name for word in process.cmdline()[:2]} & EXECUTABLES.keys()
-                    for name in names:
-                        memory.setdefault(name, []).append((time.monotonic(), process.memory_full_info().uss))
-                except (psutil.NoSuchProcess, psutil.ZombieProcess):
-                    continue
-
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    try:
-        yield memory
-    finally:
-        stop.set()
-        thread.join()
-
-
-def _growth(looks: list[tuple[float, int]], minute: float) -> float:
+def _growth(looks: Looks, minute: float) -> float:
     """MB an hour: the slope of the line through all looks after a process's first minute."""
     when, size = np.array([look for look in looks if look[0] >= looks[0][0] + minute]).T
     return float(np.polynomial.Polynomial.fit(when, size, 1).convert().coef[1]) * 3600.0 / _MEGABYTE
@@ -65,7 +38,7 @@ def run(quick: bool) -> Iterator[Row]:
     motion = ("trajectory.reference.name=sines",)
     experiment = make_experiment("loss", params=[PRACTICAL], overrides=motion, duration=duration)
     with tempfile.TemporaryDirectory(prefix="pidtsm-soak-") as folder:
-        with _watched() as memory:
+        with watched(_own_memory, _EVERY) as memory:
             bag = run_experiment(experiment, "realtime", Path(folder), lambda _: None)
         recording = read_recording(bag, METRICS_ONLY)
     for name, looks in memory.items():

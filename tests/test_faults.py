@@ -181,6 +181,14 @@ def lose_some_references(rig: ControllerRig) -> ControllerState:
     return rig.step()
 
 
+def refer_late(rig: ControllerRig) -> ControllerState:
+    rig.referred = False
+    for i in range(50):
+        rig.references.publish(rig.reference(dt=-(98 if i % 2 else 102) * MS))
+        state = rig.step()
+    return state
+
+
 def refer_from_tomorrow(rig: ControllerRig) -> ControllerState:
     rig.referred = False
     reference = rig.reference(dt=HOUR)
@@ -274,6 +282,12 @@ ROWS = {
         lose_references,
         mode=HOLDING,
         log=("holding position: the reference is 0.101 s old", "following the reference"),
+        node=LATEST,
+    ),
+    "`reference` late by about 100 ms": Row(
+        refer_late,
+        mode=HOLDING,
+        log=("holding position: the reference is 0.10", "following the reference"),
         node=LATEST,
     ),
     "`reference` ahead by 1 h": Row(

@@ -1,5 +1,6 @@
 """Every node's process ends cleanly when asked, at any moment."""
 
+import re
 import signal
 import time
 from pathlib import Path
@@ -43,6 +44,18 @@ def test_a_signal_at_any_moment_of_the_start_ends_a_node_cleanly(bench: Bench, n
     process.interrupt()
     assert process.wait() == 0
     assert "Traceback" not in process.log.read_text()
+
+
+@pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
+def test_messages_come_in_by_udp_alone(bench: Bench, discovery: str) -> None:
+    """Shared memory has locks that a reader without the processor, or one that was killed, keeps from a loop."""
+    bench.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = discovery
+    process = bench.start("simulator")
+    bench.spin_until(lambda: "active" in process.log.read_text(), "the simulator is active")
+    threads = Path(f"/proc/{process.process.pid}/task").glob("*/comm")
+    kinds = {name.split(".")[1] for file in threads if re.fullmatch(r"dds\.\w+\.\d+", name := file.read_text().strip())}
+    assert "udp" in kinds
+    assert "shm" not in kinds
 
 
 def test_recorder_says_why_it_cannot_write(bench: Bench) -> None:

@@ -1,5 +1,6 @@
 """The recorder loses nothing that is older than a second, says what is missing, and never ends with its disk."""
 
+import os
 import random
 import resource
 import shutil
@@ -19,6 +20,7 @@ from sensor_msgs.msg import JointState
 from pidtsm_experiments.recorder import TOPICS
 from pidtsm_experiments.recovery import readable
 from pidtsm_experiments.runner import Process
+from pidtsm_ros.middleware import RECEIVERS
 from pidtsm_ros.qos import PUBLISHER
 from pidtsm_ros.stamps import serialized_nanoseconds, set_stamp
 
@@ -39,8 +41,6 @@ class Loop:
         self.namespace = namespace
         self.sent: dict[str, list[int]] = {topic: [] for topic in PUBLISHED}
         self.out: dict[str, list[int]] = {topic: [] for topic in PUBLISHED}
-        # Processes that are killed leave their shared memory behind, so they have none.
-        self._environment = {**bench.environment, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
         self._publishers = {
             topic: bench.node.create_publisher(kind, f"{namespace}/{topic}", PUBLISHER)
             for topic, kind in TOPICS.items()
@@ -53,7 +53,7 @@ class Loop:
         if self.namespace:
             words += ["-r", f"__ns:={self.namespace}"]
         log = self.bench.folder / f"{bag.name}.log"
-        process = self.bench.processes.start("recorder", words, self._environment, log)
+        process = self.bench.processes.start("recorder", words, self.bench.environment, log)
         # There may be several; processes are known by their names.
         self.bench.processes.running[bag.name] = self.bench.processes.running.pop("recorder")
         return process
@@ -133,6 +133,36 @@ def test_killed_at_any_moment_leaves_all_that_is_older_than_a_second(bench: Benc
                 lacking = old - got[topic]
                 assert not lacking, f"{bag.name} killed after {due[bag]:.2f} s lacks {len(lacking)} of {topic}"
     assert checked > 5000
+
+
+def test_what_a_recorder_missed_while_it_was_stopped_it_gets_afterwards(bench: Bench, loop: Loop) -> None:
+    bag = bench.folder / "bag"
+    process = loop.start(bag)
+    loop.wait_for(1)
+    acts = [(1.0, signal.SIGSTOP), (2.0, signal.SIGCONT)]
+    for now in loop.run(3.0):
+        if acts and now >= acts[0][0]:
+            process.process.send_signal(acts.pop(0)[1])
+    process.interrupt()
+    assert process.wait() == 0
+    got = recorded(bag)
+    for topic in PUBLISHED:
+        assert set(loop.sent[topic]) == got[topic]
+
+
+def test_what_takes_messages_in_goes_before_other_work(bench: Bench) -> None:
+    """Else a busy machine misses some, which the loop has to send again."""
+    process = bench.start("recorder", f"output:={bench.folder / 'bag'}")
+    bench.spin_until(lambda: (bench.folder / "bag").exists(), "a recorder")
+    if "SCHED_FIFO is not permitted" in process.log.read_text():
+        pytest.skip("needs the right to real-time scheduling")
+
+    def first_in_first_out() -> bool:
+        threads = Path(f"/proc/{process.process.pid}/task").iterdir()
+        receivers = [thread for thread in threads if (thread / "comm").read_text().startswith(RECEIVERS)]
+        return bool(receivers) and all(os.sched_getscheduler(int(t.name)) == os.SCHED_FIFO for t in receivers)
+
+    bench.spin_until(first_in_first_out, "threads that take messages in")
 
 
 # Full disks.

@@ -265,10 +265,13 @@ class ControllerNode(ManagedNode):
         return ControllerState.FOLLOWING if self._following else ControllerState.HOLDING
 
     def _choose_desired(self, stamp: int) -> None:
-        """Follow the reference while there is one that is not too old, else hold the position desired last."""
+        """Follow the reference while there is one that is not too old, else hold the position desired last.
+
+        Once held, it takes one of half that age: references that are late by about the limit would switch to and fro.
+        """
         known = self._reference_stamp >= 0
         age = stamp - self._reference_stamp
-        fresh = known and abs(age) <= self._reference_timeout
+        fresh = known and abs(age) <= self._reference_timeout / (1 if self._following else 2)
         if self._fault:
             fresh = False
         if fresh and not self._following:

@@ -142,7 +142,8 @@ _CONTROLLER = (
     Parameter(
         "watchdog.reference",
         0.1,
-        "a reference older, or ahead by more, is not followed: the arm holds its position (reference.match: latest)",
+        "a reference older, or ahead by more, is not followed: the arm holds its position, until one comes that is not "
+        "even half so old (reference.match: latest)",
         "s",
         minimum=0.0,
         exclusive=True,

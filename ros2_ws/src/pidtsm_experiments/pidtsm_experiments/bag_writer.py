@@ -15,6 +15,8 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from pidtsm_experiments.recording import METADATA_KEY, typestore
 
 _INFORMATION = "rosbag2_bagfile_information"
+_LARGEST_CHUNK = 300_000
+"""Bytes; a chunk is copied several times on its way to the file, and memory taken once is not given back."""
 
 
 def free_space(path: Path) -> int:
@@ -49,7 +51,7 @@ class BagWriter:
         self._types = typestore()
         self._topics: list[tuple[str, str]] = []
         self._connections: list[Connection] = []
-        self._finished: list[Mapping[str, Any]] = []
+        self._finished: list[str] = []  # Their metadata.yaml: as text they take a tenth of the memory.
         self._part: Writer | None = None
         self._begin_part()
 
@@ -68,6 +70,9 @@ class BagWriter:
         """
         part = self._part or self._begin_part()
         part.write(self._connections[topic], time, data)
+        storage = _storage(part)
+        if storage.chunk.bio.tell() > _LARGEST_CHUNK:
+            storage.close_chunk()
 
     def flush(self) -> None:
         """Hand what was taken to the operating system; begin a new file where this one is long enough.
@@ -93,7 +98,8 @@ class BagWriter:
         """
         self._finish_part()
         temporary = self._folder / ".metadata.yaml.tmp"
-        temporary.write_text(yaml.safe_dump({_INFORMATION: _merged(self._finished)}, sort_keys=False), "utf-8")
+        parts = [yaml.safe_load(text)[_INFORMATION] for text in self._finished]
+        temporary.write_text(yaml.safe_dump({_INFORMATION: _merged(parts)}, sort_keys=False), "utf-8")
         temporary.replace(self._folder / "metadata.yaml")
 
     def abort(self) -> None:
@@ -131,7 +137,7 @@ class BagWriter:
             return
         self._part.close()
         said = self._part.metapath
-        self._finished.append(yaml.safe_load(said.read_text("utf-8"))[_INFORMATION])
+        self._finished.append(said.read_text("utf-8"))
         said.unlink()
         self._part = None
 

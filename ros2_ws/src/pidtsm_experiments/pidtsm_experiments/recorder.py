@@ -18,7 +18,9 @@ from sensor_msgs.msg import JointState
 
 from pidtsm_experiments.bag_writer import BagWriter, free_space
 from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.middleware import RECEIVERS, set_defaults
 from pidtsm_ros.qos import RECORDER
+from pidtsm_ros.scheduling import run_in_real_time
 from pidtsm_ros.startup import refuse, start_ros
 from pidtsm_ros.stop import Stop
 
@@ -45,6 +47,9 @@ _STATUS_PERIOD = 0.2  # s between two lines on standard output
 _WARNING_PERIOD = 1.0  # s between two lines about lost messages
 _PATIENCE = 10.0  # s of waiting for publishers before the log says so
 _SILENCE = 0.3  # s without a message after which everything sent has arrived
+_PRIORITY = 20
+"""Of the threads that take messages in, below the loop's: the buffers of their sockets hold 50 ms, and what is missed
+has to be sent again by those who have no time for it."""
 _NO_SERVICE = Parameter("start_type_description_service", value=False)
 
 
@@ -271,6 +276,7 @@ def run(stop: Stop) -> int:
     Raises:
         SystemExit: bad parameters, see `refuse`.
     """
+    set_defaults("fastdds_recorder.xml")
     start_ros(stop)
     try:
         recorder = Recorder()
@@ -280,6 +286,8 @@ def run(stop: Stop) -> int:
         print(f"cannot record: {error}", file=sys.stderr)
         return 1
     gc.freeze()
+    if refused := run_in_real_time(_PRIORITY, RECEIVERS):
+        recorder.get_logger().info(refused)
     try:
         _record(recorder, stop)
     finally:

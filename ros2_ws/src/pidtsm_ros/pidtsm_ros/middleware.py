@@ -3,15 +3,17 @@
 import os
 from pathlib import Path
 
-_DEFAULTS = {
-    "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).with_name("fastdds.xml")),
-    # For small messages UDP takes a tenth less time than shared memory (./pidtsm bench), and a reader that is killed
-    # leaves no lock behind that a writer waits for.
-    "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
-}
+RECEIVERS = "dds.udp."
+"""How the names of Fast DDS's threads begin that take messages in."""
 
 
-def set_defaults() -> None:
-    """To be called before ROS starts."""
-    for name, value in _DEFAULTS.items():
-        os.environ.setdefault(name, value)
+def set_defaults(profiles: str = "fastdds.xml") -> None:
+    """To be called before ROS starts; what is set stays as it is.
+
+    Args:
+        profiles: a file beside this one.
+    """
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name(profiles)))
+    # UDP instead of shared memory. Where discovery is limited to this machine ROS chooses by itself, and only the
+    # profile has a say.
+    os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")

@@ -133,6 +133,8 @@ def _load(name: str, file: Path) -> Callable[[bool], Iterable[Row]]:
     assert spec.loader is not None
     module: Any = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # Dataclasses and pickle look there.
+    if str(file.parent) not in sys.path:
+        sys.path.append(str(file.parent))  # For what benchmarks share.
     spec.loader.exec_module(module)
     return cast(Callable[[bool], Iterator[Row]], module.run)
 
