@@ -163,6 +163,7 @@ _CONTROLLER = (
 
 _TRAJECTORY = (
     AUTOSTART,
+    PRIORITY,
     Parameter(
         "start_tolerance",
         0.05,
