@@ -251,7 +251,7 @@ def lockstep(seconds: float = 10.0, repeats: int = 3, composed: bool = False) ->
     """Simulated seconds a second, without a recorder; floor: the same exchange without plant and law."""
     project = {
         "simulator": ["clock:=lockstep", f"duration:={seconds}"],
-        "trajectory": ["realtime.priority:=0"],
+        "trajectory": [],
         "controller": ["reference.match:=stamp"],
     }
     floor = {

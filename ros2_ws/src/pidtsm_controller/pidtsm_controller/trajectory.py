@@ -4,7 +4,7 @@ import numpy as np
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from pidtsm_core.node_parameters import PRIORITY, trajectory_node_schema
+from pidtsm_core.node_parameters import trajectory_node_schema
 from pidtsm_core.parameters import Array, names, number
 from pidtsm_core.references import ReferenceMotion, reference_joints
 from pidtsm_core.references.trajectory import MotionUnderWay, TrajectoryError
@@ -27,10 +27,6 @@ class Trajectory(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("trajectory", trajectory_node_schema, reference_joints)
-
-    @property
-    def priority(self) -> int:
-        return int(number(self.values[PRIORITY.name]))
 
     def configure(self) -> None:
         joints = list(names(self.values["joints"]))

@@ -163,7 +163,6 @@ _CONTROLLER = (
 
 _TRAJECTORY = (
     AUTOSTART,
-    PRIORITY,
     Parameter(
         "start_tolerance",
         0.05,

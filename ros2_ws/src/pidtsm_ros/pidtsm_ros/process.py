@@ -106,7 +106,7 @@ def _settle(nodes: Sequence[ManagedNode]) -> None:
     # What is there by now stays: the collector need not walk it again in the loop.
     gc.collect()
     gc.freeze()
-    priority = min(node.priority for node in nodes)  # In lockstep not all nodes know that it is.
+    priority = max(node.priority for node in nodes)
     if priority:
         refused = run_in_real_time(priority)
         if refused:
