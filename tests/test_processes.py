@@ -1,4 +1,4 @@
-"""Every node's process ends cleanly when asked, at any moment."""
+"""Every node's process ends cleanly when asked, at any moment, and gets its messages by UDP."""
 
 import re
 import signal
@@ -48,7 +48,7 @@ def test_a_signal_at_any_moment_of_the_start_ends_a_node_cleanly(bench: Bench, n
 
 @pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
 def test_messages_come_in_by_udp_alone(bench: Bench, discovery: str) -> None:
-    """Shared memory has locks that a reader without the processor, or one that was killed, keeps from a loop."""
+    """Shared memory has locks, which a reader that is killed leaves closed."""
     bench.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = discovery
     process = bench.start("simulator")
     bench.spin_until(lambda: "active" in process.log.read_text(), "the simulator is active")
