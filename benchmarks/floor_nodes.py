@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
@@ -24,6 +25,7 @@ from pidtsm_core.signals import Signal
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros import process
 from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.qos import READER, STREAM
 from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import OutgoingMessage
@@ -46,6 +48,11 @@ class Floor(ManagedNode):
     def priority(self) -> int:
         return int(number(self.values[PRIORITY.name]))
 
+    @property
+    def qos(self) -> QoSProfile:
+        """Of samples, as the project's nodes have it: lockstep is without priority."""
+        return STREAM if self.priority else READER
+
 
 class EchoController(Floor):
     """Answers every joint state, when `match` after the reference of the same stamp."""
@@ -64,8 +71,8 @@ class EchoController(Floor):
         self._states = self.advertise(ControllerState, "echo/state")
         self._match = bool(self.values["match"])
         self._stamp = self._reference = -1
-        self.listen(JointState, "joint_states", self._on_state, raw=True)
-        self.listen(JointReference, "reference", self._on_reference, raw=True)
+        self.listen(JointState, "joint_states", self._on_state, raw=True, qos=self.qos)
+        self.listen(JointReference, "reference", self._on_reference, raw=True, qos=self.qos)
 
     def _on_state(self, data: bytes) -> None:
         self._stamp = serialized_nanoseconds(data)
@@ -91,7 +98,7 @@ class EchoTrajectory(Floor):
     def configure(self) -> None:
         self._message = OutgoingMessage(JointReference(name=JOINTS), MOTION, joints=len(JOINTS))
         self._references = self.advertise(JointReference, "reference")
-        self.listen(JointState, "joint_states", self._on_state, raw=True)
+        self.listen(JointState, "joint_states", self._on_state, raw=True, qos=self.qos)
 
     def _on_state(self, data: bytes) -> None:
         self._references.publish(self._message.to_bytes(serialized_nanoseconds(data)))
@@ -109,8 +116,8 @@ class PlainController(Floor):
         self._state = ControllerState(name=JOINTS, **rows)
         self._commands = self.advertise(JointState, "joint_commands")
         self._states = self.advertise(ControllerState, "plain/state")
-        self.listen(JointState, "joint_states", self._on_state)
-        self.listen(JointReference, "reference", lambda message: None)
+        self.listen(JointState, "joint_states", self._on_state, qos=self.qos)
+        self.listen(JointReference, "reference", lambda message: None, qos=self.qos)
 
     def _on_state(self, state: JointState) -> None:
         self._command.header.stamp = self._state.header.stamp = state.header.stamp
@@ -127,7 +134,7 @@ class PlainTrajectory(Floor):
     def configure(self) -> None:
         self._message = JointReference(name=JOINTS, **{name: [0.0] * len(JOINTS) for name in MOTION})
         self._references = self.advertise(JointReference, "reference")
-        self.listen(JointState, "joint_states", self._on_state)
+        self.listen(JointState, "joint_states", self._on_state, qos=self.qos)
 
     def _on_state(self, state: JointState) -> None:
         self._message.header.stamp = state.header.stamp
@@ -149,7 +156,7 @@ class EchoSimulator(Floor):
         self._states = self.advertise(JointState, "joint_states")
         self._truths = self.advertise(JointState, "echo/ground_truth")
         self._clocks = self.advertise(Clock, "/clock")
-        self._commands = self.listen(JointState, "joint_commands", self._on_command, raw=True)
+        self._commands = self.listen(JointState, "joint_commands", self._on_command, raw=True, qos=self.qos)
         self._samples = int(number(self.values["samples"]))
         self._sample = -1
 
@@ -201,7 +208,7 @@ class Driver(Floor):
         self._message.arrays[0] = [0.1, -0.1]
         self._states = [self.advertise(JointState, f"{t}/joint_states") for t in self._targets]
         self._sources = [
-            self.listen(JointState, f"{t}/joint_commands", self._on_command, raw=True) for t in self._targets
+            self.listen(JointState, f"{t}/joint_commands", self._on_command, raw=True, qos=self.qos) for t in self._targets
         ]
         self._sent = np.zeros(self._total, np.int64)
         self._received = np.zeros(self._total, np.int64)

@@ -97,7 +97,7 @@ def run(quick: bool) -> Iterator[Row]:
     """Round trips, what was chosen for them, lockstep, a recorded minute, the rates and the start."""
     for composed in (False, True):
         yield from _round_trip_rows(round_trips(2.0 if quick else 60.0, composed), composed)
-    choices = ("law", "wait_set", "unfrozen", "best_effort")
+    choices = ("law", "wait_set", "unfrozen", "reliable")
     yield from _choice_rows(round_trips(1.0 if quick else 20.0, names=choices))
     for composed in (False, True):
         yield from _lockstep_rows(lockstep(1.0 if quick else 10.0, 1 if quick else 3, composed), composed)
@@ -138,7 +138,7 @@ def _choice_rows(result: dict[str, Any]) -> Iterator[Row]:
     for name, beside in (
         ("wait_set", "an executor with wait sets"),
         ("unfrozen", "garbage collection of everything"),
-        ("best_effort", "best effort instead of reliable"),
+        ("reliable", "reliable instead of best effort"),
     ):
         theirs, lost = result[name]["round_trip_us"], f"{result[name]['lost']} lost"
         for p in ("p50", "p99", "p99.9"):
@@ -192,10 +192,10 @@ def _rate_rows(result: dict[str, Any]) -> Iterator[Row]:
     yield Row("highest rate sustained", result["highest_sustained"] or 0, "Hz")
 
 
-_BEST_EFFORT = [
+_RELIABLE = [
     word
     for node, topic in (("controller", "joint_states"), ("controller", "reference"), ("trajectory", "joint_states"))
-    for word in ("-p", f"{node}:qos_overrides./best_effort/{topic}.subscription.reliability:=best_effort")
+    for word in ("-p", f"{node}:qos_overrides./reliable/{topic}.subscription.reliability:=reliable")
 ]
 # Who answers, by namespace: nodes, the alternative they run with, and words of their command lines.
 _ANSWERERS: dict[str, tuple[tuple[str, str], str, list[str]]] = {
@@ -204,7 +204,7 @@ _ANSWERERS: dict[str, tuple[tuple[str, str], str, list[str]]] = {
     "plain": (("plain_controller", "plain_trajectory"), "", []),
     "unfrozen": (("controller", "trajectory"), "+unfrozen", []),
     "wait_set": (("controller", "trajectory"), "+wait_set", []),
-    "best_effort": (("controller", "trajectory"), "", _BEST_EFFORT),
+    "reliable": (("controller", "trajectory"), "", _RELIABLE),
 }
 
 
@@ -251,7 +251,7 @@ def lockstep(seconds: float = 10.0, repeats: int = 3, composed: bool = False) ->
     """Simulated seconds a second, without a recorder; floor: the same exchange without plant and law."""
     project = {
         "simulator": ["clock:=lockstep", f"duration:={seconds}"],
-        "trajectory": [],
+        "trajectory": ["clock:=lockstep"],
         "controller": ["reference.match:=stamp"],
     }
     floor = {

@@ -182,7 +182,10 @@ class ControllerRig(Rig):
     start = (0.2, -0.1)
 
     def __init__(self, bench: Bench, *parameters: str) -> None:
-        super().__init__(bench, {"joint_commands": JointState, "controller/state": ControllerState}, *parameters)
+        # Every message counts, also where the controller, by its parameters, runs in realtime.
+        asked_for = [f"qos_overrides./{t}.subscription.reliability:=reliable" for t in ("joint_states", "reference")]
+        topics = {"joint_commands": JointState, "controller/state": ControllerState}
+        super().__init__(bench, topics, *parameters, *asked_for)
         self.joint_states = bench.node.create_publisher(JointState, "joint_states", 10)
         self.references = bench.node.create_publisher(JointReference, "reference", 10)
         bench.spin_until(

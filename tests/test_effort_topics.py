@@ -18,7 +18,7 @@ from pidtsm_ros.stamps import nanoseconds
 
 def record(bench: Bench, topic: str, message_type: Any, duration: float, *parameters: str) -> list[Any]:
     """Every message of the topic in a run in lockstep; parameters begin with the node's name and a colon."""
-    given = {"controller": ["reference.match:=stamp"], "trajectory": []}
+    given = {"controller": ["reference.match:=stamp"], "trajectory": ["clock:=lockstep"]}
     given["simulator"] = ["clock:=lockstep", f"duration:={duration}", "start.subscribers:=3"]
     for parameter in parameters:
         node, _, text = parameter.partition(":")

@@ -165,7 +165,8 @@ class Loop:
         }
         for topic, *_, readers in KINDS[form]:
             for name in readers:
-                parameters[name].append(f"qos_overrides./{topic}.subscription.depth:={QUEUE}")
+                override = f"qos_overrides./{topic}.subscription"
+                parameters[name] += [f"{override}.depth:={QUEUE}", f"{override}.reliability:=reliable"]
         for name, values in PRACTICAL.items():
             parameters[name] += [f"{key}:={value}" for key, value in values.items()]
         self.processes = {name: bench.start(name, *parameters[name]) for name in NODES}

@@ -170,7 +170,7 @@ def test_the_graph_runs_under_its_policy(bench: Bench, tmp_path: Path, monkeypat
     bench.environment |= {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_KEYSTORE": str(keystore)}
     bench.start("simulator", "clock:=lockstep", "duration:=0.1")
     bench.start("controller", "reference.match:=stamp")
-    bench.start("trajectory")
+    bench.start("trajectory", "clock:=lockstep")
     assert bench.processes.running["simulator"].wait() == 0
 
 

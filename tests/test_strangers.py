@@ -129,7 +129,7 @@ def article(t: Vector) -> NDArray[np.float64]:
 def test_our_controller_tracks_on_a_strangers_plant(bench: Bench) -> None:
     plant = StrangersPlant(bench, 3000)
     bench.start("controller", "reference.match:=stamp")
-    bench.start("trajectory")
+    bench.start("trajectory", "clock:=lockstep")
     bench.spin_until(
         lambda: plant.states.get_subscription_count() == 2 and bench.node.count_subscribers("reference") == 1,
         "controller and trajectory",

@@ -52,7 +52,7 @@ def test_a_quintic_from_point_to_point_is_followed(bench: Bench) -> None:
     # The article's disturbance acts. With the article's own gains joint2 is worse, see docs/trajectories.md.
     arguments = ["--params-file", str(PRACTICAL), "-p", "reference.match:=stamp"]
     bench.processes.start("controller", arguments, bench.environment, bench.folder / "controller.log")
-    process = bench.start("trajectory")
+    process = bench.start("trajectory", "clock:=lockstep")
     bench.spin_until(publisher.get_subscription_count, "the trajectory node")
     # The third subscriber: the run begins.
     node.create_subscription(JointState, "joint_states", lambda message: None, 10)
@@ -84,7 +84,7 @@ class Rig:
         self.joint_states = node.create_publisher(JointState, "joint_states", 10)
         self.trajectories = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
         node.create_subscription(JointReference, "reference", self.references.append, 10)
-        self.process = self.bench.start("trajectory", "reference.name:=sines")
+        self.process = self.bench.start("trajectory", "reference.name:=sines", "clock:=lockstep")
         self.bench.spin_until(
             lambda: (
                 self.joint_states.get_subscription_count()

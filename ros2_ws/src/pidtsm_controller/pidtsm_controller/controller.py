@@ -21,6 +21,7 @@ from pidtsm_ros.effort_topics import EFFORT_TOPICS
 from pidtsm_ros.joints import MessageError
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.qos import READER, STREAM
 from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 
@@ -92,8 +93,9 @@ class ControllerNode(ManagedNode):
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset_fault", self._reset_fault)
         # What comes before activation is needed for it.
-        self.listen(JointState, "joint_states", self._on_joint_state, raw=True, while_inactive=True)
-        self.listen(JointReference, "reference", self._on_reference, raw=True, while_inactive=True)
+        qos = READER if self._by_stamp else STREAM
+        self.listen(JointState, "joint_states", self._on_joint_state, raw=True, while_inactive=True, qos=qos)
+        self.listen(JointReference, "reference", self._on_reference, raw=True, while_inactive=True, qos=qos)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._diagnostics = None

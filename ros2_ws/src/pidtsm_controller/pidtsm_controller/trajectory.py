@@ -12,6 +12,7 @@ from pidtsm_core.timing import seconds
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.joints import JointOrder, MessageError
 from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.qos import READER, STREAM
 from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds
 from pidtsm_ros.wire import OutgoingMessage
 
@@ -43,7 +44,8 @@ class Trajectory(ManagedNode):
         self._reference = OutgoingMessage(JointReference(name=joints), fields, joints=len(joints))
 
         self._references = self.advertise(JointReference, "reference")
-        self.listen(JointState, "joint_states", self._on_joint_state, raw=True)
+        qos = READER if self.values["clock"] == "lockstep" else STREAM
+        self.listen(JointState, "joint_states", self._on_joint_state, raw=True, qos=qos)
         self.listen(JointTrajectory, "joint_trajectory", self._on_trajectory)
 
     def activate(self) -> None:

@@ -164,6 +164,14 @@ _CONTROLLER = (
 _TRAJECTORY = (
     AUTOSTART,
     Parameter(
+        "clock",
+        "realtime",
+        "realtime: a joint state that was missed is of no interest; "
+        "lockstep: every one is answered, since the simulator waits for it",
+        choices=("realtime", "lockstep"),
+        fixed=True,
+    ),
+    Parameter(
         "start_tolerance",
         0.05,
         "a commanded trajectory is refused if the point that is due at its start is farther from the present reference",

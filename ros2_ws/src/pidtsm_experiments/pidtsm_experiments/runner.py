@@ -246,6 +246,7 @@ def node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, V
             "activation.blend": 0.0,
             "watchdog.state_stop": 1.0,
         },
+        "trajectory": {"clock": clock},
     }
     settings = {node: {**of_the_run.get(node, {}), **given} for node, given in experiment.settings.items()}
     return replace(experiment, settings=settings).resolved(NODE_SCHEMAS)

@@ -231,6 +231,7 @@ class ManagedNode(LifecycleNode):
         callback: Callable[[Any], None],
         raw: bool = False,
         while_inactive: bool = False,
+        qos: QoSProfile = READER,
     ) -> Subscription:
         """A subscription, until the node is cleaned up, that reports what `callback` rejects with MessageError.
 
@@ -247,7 +248,7 @@ class ManagedNode(LifecycleNode):
                 self.reject(f"{topic}: {error}")
 
         subscription = self.create_subscription(
-            message_type, topic, checked, copy(READER), raw=True, qos_overriding_options=OVERRIDABLE
+            message_type, topic, checked, copy(qos), raw=True, qos_overriding_options=OVERRIDABLE
         )
         self._own_subscriptions.append(subscription)
         return subscription

@@ -17,6 +17,7 @@ from pidtsm_ros.effort_topics import EFFORT_TOPICS
 from pidtsm_ros.joints import JointOrder, MessageError
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.qos import READER, STREAM
 from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 
@@ -75,7 +76,8 @@ class Simulator(ManagedNode):
         self._input = EFFORT_TOPICS[str(values["input.type"])]
         self._stamped = self._input.message_type is JointState
         on_command = self._on_command if self._stamped else self._on_array
-        self._commands = self.listen(self._input.message_type, self._input.name, on_command, raw=self._stamped)
+        qos = READER if self._lockstep else STREAM
+        self._commands = self.listen(self._input.message_type, self._input.name, on_command, raw=self._stamped, qos=qos)
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset", self._reset)
 
