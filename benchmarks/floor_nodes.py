@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
@@ -25,7 +24,6 @@ from pidtsm_core.signals import Signal
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros import process
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.qos import READER, STREAM
 from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import OutgoingMessage
@@ -45,13 +43,13 @@ class Floor(ManagedNode):
         super().__init__(name, lambda _: (AUTOSTART, PRIORITY, *self.OWN), lambda _: len(JOINTS))
 
     @property
-    def priority(self) -> int:
-        return int(number(self.values[PRIORITY.name]))
+    def lockstep(self) -> bool:
+        # The project's nodes have no priority in lockstep.
+        return not self.priority
 
     @property
-    def qos(self) -> QoSProfile:
-        """Of samples, as the project's nodes have it: lockstep is without priority."""
-        return STREAM if self.priority else READER
+    def priority(self) -> int:
+        return int(number(self.values[PRIORITY.name]))
 
 
 class EchoController(Floor):
@@ -71,8 +69,8 @@ class EchoController(Floor):
         self._states = self.advertise(ControllerState, "echo/state")
         self._match = bool(self.values["match"])
         self._stamp = self._reference = -1
-        self.listen(JointState, "joint_states", self._on_state, raw=True, qos=self.qos)
-        self.listen(JointReference, "reference", self._on_reference, raw=True, qos=self.qos)
+        self.listen(JointState, "joint_states", self._on_state, raw=True)
+        self.listen(JointReference, "reference", self._on_reference, raw=True)
 
     def _on_state(self, data: bytes) -> None:
         self._stamp = serialized_nanoseconds(data)
@@ -98,7 +96,7 @@ class EchoTrajectory(Floor):
     def configure(self) -> None:
         self._message = OutgoingMessage(JointReference(name=JOINTS), MOTION, joints=len(JOINTS))
         self._references = self.advertise(JointReference, "reference")
-        self.listen(JointState, "joint_states", self._on_state, raw=True, qos=self.qos)
+        self.listen(JointState, "joint_states", self._on_state, raw=True)
 
     def _on_state(self, data: bytes) -> None:
         self._references.publish(self._message.to_bytes(serialized_nanoseconds(data)))
@@ -116,8 +114,8 @@ class PlainController(Floor):
         self._state = ControllerState(name=JOINTS, **rows)
         self._commands = self.advertise(JointState, "joint_commands")
         self._states = self.advertise(ControllerState, "plain/state")
-        self.listen(JointState, "joint_states", self._on_state, qos=self.qos)
-        self.listen(JointReference, "reference", lambda message: None, qos=self.qos)
+        self.listen(JointState, "joint_states", self._on_state)
+        self.listen(JointReference, "reference", lambda message: None)
 
     def _on_state(self, state: JointState) -> None:
         self._command.header.stamp = self._state.header.stamp = state.header.stamp
@@ -134,7 +132,7 @@ class PlainTrajectory(Floor):
     def configure(self) -> None:
         self._message = JointReference(name=JOINTS, **{name: [0.0] * len(JOINTS) for name in MOTION})
         self._references = self.advertise(JointReference, "reference")
-        self.listen(JointState, "joint_states", self._on_state, qos=self.qos)
+        self.listen(JointState, "joint_states", self._on_state)
 
     def _on_state(self, state: JointState) -> None:
         self._message.header.stamp = state.header.stamp
@@ -156,7 +154,7 @@ class EchoSimulator(Floor):
         self._states = self.advertise(JointState, "joint_states")
         self._truths = self.advertise(JointState, "echo/ground_truth")
         self._clocks = self.advertise(Clock, "/clock")
-        self._commands = self.listen(JointState, "joint_commands", self._on_command, raw=True, qos=self.qos)
+        self._commands = self.listen(JointState, "joint_commands", self._on_command, raw=True)
         self._samples = int(number(self.values["samples"]))
         self._sample = -1
 
@@ -208,7 +206,7 @@ class Driver(Floor):
         self._message.arrays[0] = [0.1, -0.1]
         self._states = [self.advertise(JointState, f"{t}/joint_states") for t in self._targets]
         self._sources = [
-            self.listen(JointState, f"{t}/joint_commands", self._on_command, raw=True, qos=self.qos) for t in self._targets
+            self.listen(JointState, f"{t}/joint_commands", self._on_command, raw=True) for t in self._targets
         ]
         self._sent = np.zeros(self._total, np.int64)
         self._received = np.zeros(self._total, np.int64)

@@ -21,7 +21,6 @@ from pidtsm_ros.effort_topics import EFFORT_TOPICS
 from pidtsm_ros.joints import MessageError
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.qos import READER, STREAM
 from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 
@@ -54,8 +53,12 @@ class ControllerNode(ManagedNode):
         self._polled = self._attentive_since = 0
 
     @property
+    def lockstep(self) -> bool:
+        return self.values["reference.match"] == "stamp"
+
+    @property
     def priority(self) -> int:
-        return 0 if self.values["reference.match"] == "stamp" else int(number(self.values[PRIORITY.name]))
+        return 0 if self.lockstep else int(number(self.values[PRIORITY.name]))
 
     def configure(self) -> None:
         joints = list(names(self.values["joints"]))
@@ -63,7 +66,6 @@ class ControllerNode(ManagedNode):
         self._table = np.zeros((ROWS, len(joints)))
         self._position = self._table[Row.MEASURED : Row.MEASURED + 1]
         self._reference = self._table[Row.REFERENCE : Row.REFERENCE + 3]
-        self._by_stamp = self.values["reference.match"] == "stamp"
         self._statistics = LoopStatistics(number(self.values["diagnostics.deadline"]))
 
         topic = EFFORT_TOPICS[str(self.values["output.type"])]
@@ -93,9 +95,8 @@ class ControllerNode(ManagedNode):
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset_fault", self._reset_fault)
         # What comes before activation is needed for it.
-        qos = READER if self._by_stamp else STREAM
-        self.listen(JointState, "joint_states", self._on_joint_state, raw=True, while_inactive=True, qos=qos)
-        self.listen(JointReference, "reference", self._on_reference, raw=True, while_inactive=True, qos=qos)
+        self.listen(JointState, "joint_states", self._on_joint_state, raw=True, while_inactive=True)
+        self.listen(JointReference, "reference", self._on_reference, raw=True, while_inactive=True)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._diagnostics = None
@@ -105,7 +106,7 @@ class ControllerNode(ManagedNode):
         if self._state_stamp < 0:
             return "no joint state so far"
         silence = (time.monotonic_ns() - self._arrived) * 1e-9
-        if not self._by_stamp and silence > number(self.values["watchdog.state_stop"]):
+        if not self.lockstep and silence > number(self.values["watchdog.state_stop"]):
             return f"the last joint state came {silence:.3g} s ago (watchdog.state_stop)"
         if self._reference_stamp >= 0:
             distance = np.abs(self._reference[0] - self._position[0])
@@ -128,7 +129,7 @@ class ControllerNode(ManagedNode):
 
     def deactivate(self) -> None:
         """Leave the arm with a safe torque; where every stamp has one command, none is left to take it."""
-        if self._last_stamp >= 0 and not self._by_stamp:
+        if self._last_stamp >= 0 and not self.lockstep:
             self._publish_safe(self._last_stamp)
 
     def parameters_changed(self) -> None:
@@ -170,7 +171,7 @@ class ControllerNode(ManagedNode):
             return super().poll()
         if self._waiting_stamp >= 0:
             self._answer()
-        if self._by_stamp:
+        if self.lockstep:
             return _CHECK if self._waiting_stamp >= 0 else super().poll()
         # Where this process was not running itself, what arrived meanwhile comes after this.
         now = time.monotonic_ns()
@@ -193,7 +194,7 @@ class ControllerNode(ManagedNode):
         stamp = serialized_nanoseconds(data)
         elapsed = stamp - self._state_stamp
         if elapsed <= 0 and self._state_stamp >= 0:
-            if not elapsed and self._by_stamp:
+            if not elapsed and self.lockstep:
                 # Lockstep asks again for an answer that did not arrive.
                 if stamp == self._last_stamp:
                     self._commands.publish(self._command.to_bytes(stamp))
@@ -221,7 +222,7 @@ class ControllerNode(ManagedNode):
     def _answer(self) -> None:
         """Answer the joint state that waits, once there is a reference for it and somebody to hear the answer."""
         stamp = self._waiting_stamp
-        if self._by_stamp and self._reference_stamp != stamp:
+        if self.lockstep and self._reference_stamp != stamp:
             return
         first = self._last_stamp < 0
         if first and self._commands.get_subscription_count() == 0:
@@ -248,7 +249,7 @@ class ControllerNode(ManagedNode):
         self._commands.publish(self._command.to_bytes(stamp))
 
         # What follows nobody waits for.
-        age = 0.0 if self._by_stamp else (time.time_ns() - stamp) * 1e-9
+        age = 0.0 if self.lockstep else (time.time_ns() - stamp) * 1e-9
         statistics = self._statistics
         statistics.tick(time.monotonic_ns(), age, compute_time)
         self._ticks += 1
@@ -323,7 +324,7 @@ class ControllerNode(ManagedNode):
 
     def _publish_diagnostics(self) -> None:
         ticks, self._ticks = self._ticks, 0
-        window, judged = self._statistics.last, not self._by_stamp
+        window, judged = self._statistics.last, not self.lockstep
         saturated = self._table[Row.SATURATED] / max(ticks, 1)
         self._table[Row.SATURATED] = 0.0
         readings = [

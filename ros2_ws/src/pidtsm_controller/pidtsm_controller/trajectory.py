@@ -12,7 +12,6 @@ from pidtsm_core.timing import seconds
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.joints import JointOrder, MessageError
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.qos import READER, STREAM
 from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds
 from pidtsm_ros.wire import OutgoingMessage
 
@@ -29,6 +28,10 @@ class Trajectory(ManagedNode):
     def __init__(self) -> None:
         super().__init__("trajectory", trajectory_node_schema, reference_joints)
 
+    @property
+    def lockstep(self) -> bool:
+        return self.values["clock"] == "lockstep"
+
     def configure(self) -> None:
         joints = list(names(self.values["joints"]))
         self._order = JointOrder(joints)
@@ -44,9 +47,8 @@ class Trajectory(ManagedNode):
         self._reference = OutgoingMessage(JointReference(name=joints), fields, joints=len(joints))
 
         self._references = self.advertise(JointReference, "reference")
-        qos = READER if self.values["clock"] == "lockstep" else STREAM
-        self.listen(JointState, "joint_states", self._on_joint_state, raw=True, qos=qos)
-        self.listen(JointTrajectory, "joint_trajectory", self._on_trajectory)
+        self.listen(JointState, "joint_states", self._on_joint_state, raw=True)
+        self.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, once=True)
 
     def activate(self) -> None:
         self._start = -1

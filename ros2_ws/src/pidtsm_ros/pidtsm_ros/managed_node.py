@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, resolve
 from pidtsm_ros.joints import MessageError
-from pidtsm_ros.qos import OVERRIDABLE, PUBLISHER, READER
+from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, OVERRIDABLE, PUBLISHER, READER, RELIABLE_READER
 from pidtsm_ros.wire import deserialize
 
 _REASONS_LOGGED = 100
@@ -162,6 +162,11 @@ class ManagedNode(LifecycleNode):
         return 0.1
 
     @property
+    def lockstep(self) -> bool:
+        """Whether every sample is waited for, so that none may be missed."""
+        return False
+
+    @property
     def priority(self) -> int:
         """SCHED_FIFO priority that the loop asks for; 0: none."""
         return 0
@@ -219,7 +224,8 @@ class ManagedNode(LifecycleNode):
 
     def advertise(self, message_type: type, topic: str, depth: int | None = None) -> Publisher:
         """A publisher that lives until the node is cleaned up; `depth`, where given, instead of what topics have."""
-        qos = copy(PUBLISHER) if depth is None else QoSProfile(depth=depth)  # Overriding changes the profile.
+        samples = LOCKSTEP_PUBLISHER if self.lockstep else PUBLISHER
+        qos = copy(samples) if depth is None else QoSProfile(depth=depth)  # Overriding changes the profile.
         publisher = self.create_publisher(message_type, topic, qos, qos_overriding_options=OVERRIDABLE)
         self._own_publishers.append(publisher)
         return publisher
@@ -231,11 +237,12 @@ class ManagedNode(LifecycleNode):
         callback: Callable[[Any], None],
         raw: bool = False,
         while_inactive: bool = False,
-        qos: QoSProfile = READER,
+        once: bool = False,
     ) -> Subscription:
         """A subscription, until the node is cleaned up, that reports what `callback` rejects with MessageError.
 
-        With `raw` the callback gets the serialized message. Messages to an inactive node are dropped, unless it
+        With `raw` the callback gets the serialized message. What is said `once`, and not with every sample, must not be
+        missed in realtime either. Messages to an inactive node are dropped, unless it
         wants them. All arrive serialized: what rclpy cannot deserialize would end the executor.
         """
 
@@ -247,8 +254,9 @@ class ManagedNode(LifecycleNode):
             except MessageError as error:
                 self.reject(f"{topic}: {error}")
 
+        qos = copy(RELIABLE_READER if once or self.lockstep else READER)
         subscription = self.create_subscription(
-            message_type, topic, checked, copy(qos), raw=True, qos_overriding_options=OVERRIDABLE
+            message_type, topic, checked, qos, raw=True, qos_overriding_options=OVERRIDABLE
         )
         self._own_subscriptions.append(subscription)
         return subscription

@@ -1,11 +1,13 @@
 """Quality of service of the topics.
 
-Publishers are reliable and keep their last samples for readers that ask for them (the recorder does, so that it misses
-nothing, also not what was said before discovery is through). Other readers ask for less, so that they match anybody's
-publishers. All have some depth: a loop of depth one loses replies whenever a late process catches up.
+Publishers are reliable and keep their last samples for readers that ask for them. The recorder does, so that it misses
+nothing, also not what was said before discovery is through. In lockstep, where every sample is waited for, the other
+readers are reliable too. In realtime they are not, since a sample that was missed is of no use later: to ask for it
+would hold up those that follow, and a node that has not run for a moment would keep the loop busy with sending again.
+All have some depth: a loop of depth one loses replies whenever a late process catches up.
 
 Every node takes another quality for a topic as parameters, such as
-``qos_overrides./joint_states.subscription.reliability:=best_effort``.
+``qos_overrides./joint_states.subscription.reliability:=reliable``.
 """
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
@@ -15,30 +17,17 @@ OVERRIDABLE = QoSOverridingOptions(
     (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
 )
 
-PUBLISHER = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10_000,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-STREAM = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=100,
-    reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DurabilityPolicy.VOLATILE,
-)
-"""For samples in realtime. A sample that was missed is of no use later: to ask for it would hold up those that follow,
-and whoever has not run for a moment would keep the publisher, which is the loop itself, sending again."""
-READER = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=100,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
-"""For samples in lockstep, each of which is waited for, and for what is said once."""
-RECORDER = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=20_000,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+
+def _profile(depth: int, reliability: ReliabilityPolicy, durability: DurabilityPolicy) -> QoSProfile:
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=reliability, durability=durability)
+
+
+PUBLISHER = _profile(2_000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+"""In realtime. With every message, Fast DDS goes through all that a reader has received since the first one it lacks;
+where more than a few seconds are kept, a reader that has missed them never catches up."""
+LOCKSTEP_PUBLISHER = _profile(10_000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+READER = _profile(100, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
+"""In realtime; matches anybody's publishers, as it asks for the least."""
+RELIABLE_READER = _profile(100, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
+"""In lockstep, and of what is said once."""
+RECORDER = _profile(20_000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)

@@ -17,7 +17,6 @@ from pidtsm_ros.effort_topics import EFFORT_TOPICS
 from pidtsm_ros.joints import JointOrder, MessageError
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.qos import READER, STREAM
 from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 
@@ -54,7 +53,6 @@ class Simulator(ManagedNode):
         self._joints_of_arm = list(names(values["joints"]))
         self._period = period_nanoseconds(int(number(values["rate"])))
         self._samples = round(number(values["duration"]) * 1e9 / self._period)
-        self._lockstep = values["clock"] == "lockstep"
         # Compile before the loop.
         SimulatedRobot(values).compile()
 
@@ -71,19 +69,22 @@ class Simulator(ManagedNode):
 
         self._joint_states = self.advertise(JointState, "joint_states")
         self._ground_truth = self.advertise(JointState, "~/ground_truth")
-        if self._lockstep:
+        if self.lockstep:
             self._clock_topic = self.advertise(Clock, "/clock")
         self._input = EFFORT_TOPICS[str(values["input.type"])]
         self._stamped = self._input.message_type is JointState
         on_command = self._on_command if self._stamped else self._on_array
-        qos = READER if self._lockstep else STREAM
-        self._commands = self.listen(self._input.message_type, self._input.name, on_command, raw=self._stamped, qos=qos)
+        self._commands = self.listen(self._input.message_type, self._input.name, on_command, raw=self._stamped)
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset", self._reset)
 
     @property
+    def lockstep(self) -> bool:
+        return self.values["clock"] == "lockstep"
+
+    @property
     def priority(self) -> int:
-        return 0 if self.values["clock"] == "lockstep" else int(number(self.values[PRIORITY.name]))
+        return 0 if self.lockstep else int(number(self.values[PRIORITY.name]))
 
     def activate(self) -> None:
         self._robot = SimulatedRobot(self.values)
@@ -119,7 +120,7 @@ class Simulator(ManagedNode):
             if not self._others_ready():
                 return _POLL
             self._start()
-        if not self._lockstep:
+        if not self.lockstep:
             return self._keep_time()
         if not self._asked:
             self._go_on()
@@ -134,9 +135,9 @@ class Simulator(ManagedNode):
         listening = self._joint_states.get_subscription_count()
         commanded = self._commands.get_publisher_count()
         # In lockstep nothing goes on without a command.
-        if listening >= wanted and (commanded > 0 or (wanted == 0 and not self._lockstep)):
+        if listening >= wanted and (commanded > 0 or (wanted == 0 and not self.lockstep)):
             self._connected_since = self._connected_since or time.monotonic()
-            return self._lockstep or wanted == 0 or time.monotonic() - self._connected_since > _SETTLE
+            return self.lockstep or wanted == 0 or time.monotonic() - self._connected_since > _SETTLE
         self._connected_since = 0.0
         if not self._told and time.monotonic() - self._waiting_since > _PATIENCE:
             self._told = True
@@ -147,7 +148,7 @@ class Simulator(ManagedNode):
         return False
 
     def _start(self) -> None:
-        self._first_stamp = 0 if self._lockstep else time.time_ns()
+        self._first_stamp = 0 if self.lockstep else time.time_ns()
         self._began = time.monotonic_ns()
         self._publish_sample(0)
 
@@ -166,7 +167,7 @@ class Simulator(ManagedNode):
             self._acquired = acquired
             self._measured.arrays[0] = measured
             self._joint_states.publish(self._measured.to_bytes(self._stamp(acquired)))
-        if self._lockstep:
+        if self.lockstep:
             self._clock_topic.publish(self._clock_message.to_bytes(self._stamp(sample)))
         self._statistics.tick(self._sent, 0.0, self._compute_time)
 
@@ -218,7 +219,7 @@ class Simulator(ManagedNode):
 
     def _on_array(self, message: Float64MultiArray) -> None:
         """Without a stamp it answers the joint state sent last; in lockstep only one that waits for its answer."""
-        if self._sample < 0 or (self._lockstep and self._answered == self._acquired):
+        if self._sample < 0 or (self.lockstep and self._answered == self._acquired):
             return
         self._order.read(self._joints_of_arm, message.data, self._input.field, self._received[0])
         self._take(self._acquired)
@@ -233,7 +234,7 @@ class Simulator(ManagedNode):
         self._answered = answered
         self._commands_taken += 1
         self._commanded = True
-        if self._lockstep and answered == self._acquired:
+        if self.lockstep and answered == self._acquired:
             self._go_on()
 
     # Clocks.
@@ -321,7 +322,7 @@ class Simulator(ManagedNode):
             idle = "no sample for a second"
         self._reported = self._sample
         readings = [
-            *loop_readings(self._statistics, judged=not self._lockstep),
+            *loop_readings(self._statistics, judged=not self.lockstep),
             Reading("samples", self._sample + 1),
             Reading("samples skipped", self._skipped),
             Reading("stops by the brakes since activation", self._brakings),
