@@ -22,7 +22,7 @@ def _profile(depth: int, reliability: ReliabilityPolicy, durability: DurabilityP
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=reliability, durability=durability)
 
 
-PUBLISHER = _profile(2_000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+PUBLISHER = _profile(4_000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
 """In realtime. With every message, Fast DDS goes through all that a reader has received since the first one it lacks;
 where more than a few seconds are kept, a reader that has missed them never catches up."""
 LOCKSTEP_PUBLISHER = _profile(10_000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
