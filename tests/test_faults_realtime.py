@@ -301,6 +301,19 @@ def restart_trajectory(system: System) -> None:
     system.start("trajectory")
 
 
+def starve_trajectory(system: System) -> None:
+    """Less than it needs to answer every joint state."""
+
+    def act() -> None:
+        for _ in range(100):
+            system.send("trajectory", signal.SIGSTOP)
+            time.sleep(0.02)
+            system.send("trajectory", signal.SIGCONT)
+            time.sleep(0.002)
+
+    stay_calm(system, act)
+
+
 def stop_controller(system: System) -> None:
     system.bench.set("controller", {"watchdog.state_stop": 0.02})
     system.send("controller", signal.SIGSTOP)
@@ -339,6 +352,7 @@ ROWS: dict[str, Callable[[System], None]] = {
     "simulator killed and started again": restart_simulator,
     "simulator stopped (SIGSTOP) and continued": stop_simulator,
     "trajectory killed and started again": restart_trajectory,
+    "trajectory short of processor time": starve_trajectory,
     "recorder killed": kill_recorder,
     "every core busy": hog,
 }

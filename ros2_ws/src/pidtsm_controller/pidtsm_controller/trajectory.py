@@ -15,6 +15,9 @@ from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds
 from pidtsm_ros.wire import OutgoingMessage
 
+_WAITING = 20
+"""Joint states that may wait while the node does not run: one that falls behind skips some, so that it is never later
+than the controller allows (``watchdog.reference``)."""
 _FIELDS = ("positions", "velocities", "accelerations")
 
 
@@ -47,7 +50,7 @@ class Trajectory(ManagedNode):
         self._reference = OutgoingMessage(JointReference(name=joints), fields, joints=len(joints))
 
         self._references = self.advertise(JointReference, "reference")
-        self.listen(JointState, "joint_states", self._on_joint_state, raw=True)
+        self.listen(JointState, "joint_states", self._on_joint_state, raw=True, depth=_WAITING)
         self.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, once=True)
 
     def activate(self) -> None:

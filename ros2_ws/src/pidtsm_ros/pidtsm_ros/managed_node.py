@@ -238,12 +238,14 @@ class ManagedNode(LifecycleNode):
         raw: bool = False,
         while_inactive: bool = False,
         once: bool = False,
+        depth: int | None = None,
     ) -> Subscription:
         """A subscription, until the node is cleaned up, that reports what `callback` rejects with MessageError.
 
         With `raw` the callback gets the serialized message. What is said `once`, and not with every sample, must not be
-        missed in realtime either. Messages to an inactive node are dropped, unless it
-        wants them. All arrive serialized: what rclpy cannot deserialize would end the executor.
+        missed in realtime either. `depth`: so many may wait, where given, instead of what topics have. Messages to an
+        inactive node are dropped, unless it wants them. All arrive serialized: what rclpy cannot deserialize would end
+        the executor.
         """
 
         def checked(data: bytes) -> None:
@@ -255,6 +257,7 @@ class ManagedNode(LifecycleNode):
                 self.reject(f"{topic}: {error}")
 
         qos = copy(RELIABLE_READER if once or self.lockstep else READER)
+        qos.depth = depth or qos.depth
         subscription = self.create_subscription(
             message_type, topic, checked, qos, raw=True, qos_overriding_options=OVERRIDABLE
         )
