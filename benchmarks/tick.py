@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numba
 import numpy as np
 
-from pidtsm_core.controller import Controller, ControllerConfig, ControllerState, controller_schema, tick
+from pidtsm_core.control import Controller, ControllerConfig, ControllerState, controller_schema, tick
 from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.plant import Plant, PlantConfig, PlantState, plant_schema, step
 from pidtsm_experiments.commands.bench import Row, medians

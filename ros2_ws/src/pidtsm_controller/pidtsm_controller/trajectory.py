@@ -10,7 +10,7 @@ from pidtsm_core.references import ReferenceMotion, reference_joints
 from pidtsm_core.references.trajectory import MotionUnderWay, TrajectoryError
 from pidtsm_core.timing import seconds
 from pidtsm_msgs.msg import JointReference
-from pidtsm_ros.joints import JointOrder, MessageError
+from pidtsm_core.joints import JointOrder, MessageError
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds
 from pidtsm_ros.wire import OutgoingMessage
@@ -49,6 +49,7 @@ class Trajectory(ManagedNode):
 
         fields = ("position", "velocity", "acceleration")
         self._reference = OutgoingMessage(JointReference(name=joints), fields, joints=len(joints))
+        self._none = OutgoingMessage(JointReference())
 
         self._references = self.advertise(JointReference, "reference")
         self.listen(JointState, "joint_states", self._on_joint_state, raw=True, depth=_WAITING)
@@ -79,6 +80,11 @@ class Trajectory(ManagedNode):
             self._waiting = stamp
             return
         self._waiting = -1
+        if self._built_in.drops_out(seconds(stamp - self._start)):
+            # In lockstep the controller waits for an answer.
+            if self.lockstep:
+                self._references.publish(self._none.to_bytes(stamp))
+            return
         self._motion.evaluate(stamp, self._desired)
         self._reference.arrays[:] = self._desired
         self._references.publish(self._reference.to_bytes(stamp))

@@ -5,7 +5,7 @@ They stand here, without ROS, so that whoever starts nodes can check and complet
 
 from collections.abc import Mapping
 
-from pidtsm_core.controller import ESTIMATOR_NAME, controller_schema
+from pidtsm_core.control import ESTIMATOR_NAME, controller_schema
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, chosen
 from pidtsm_core.references import reference_schema
@@ -28,18 +28,6 @@ def _thresholds(name: str, warn: float, error: float, description: str, unit: st
     return tuple(
         Parameter(f"diagnostics.{name}.{level}", value, f"{description}: {level} from here on", unit, minimum=0.0)
         for level, value in (("warn", warn), ("error", error))
-    )
-
-
-def _limit(name: str, description: str, unit: str) -> tuple[Parameter, Parameter]:
-    return (
-        Parameter(f"limits.{name}", 0.0, f"{description}; 0: none", unit, minimum=0.0, per_joint=True),
-        Parameter(
-            f"limits.{name}_action",
-            "stop",
-            f"what a joint beyond limits.{name} brings about: stop, a fault, or a warning",
-            choices=("stop", "warn"),
-        ),
     )
 
 
@@ -73,14 +61,6 @@ _SIMULATOR = (
         fixed=True,
     ),
     _form_of_commands("input.type", "form of the commands taken"),
-    Parameter(
-        "command.timeout",
-        0.02,
-        "without a command the last torque is held for so long, then brakes stop the arm until the next (realtime); "
-        "0: held for ever",
-        "s",
-        minimum=0.0,
-    ),
     Parameter("duration", 0.0, "end after this time; 0 runs for ever", "s", minimum=0.0, fixed=True),
     Parameter(
         "start.subscribers",
@@ -108,57 +88,6 @@ _CONTROLLER = (
     ),
     _form_of_commands("output.type", "form of the commands"),
     Parameter("state.decimation", 1, "~/state is published every so many ticks", minimum=1),
-    Parameter(
-        "activation.distance",
-        1.0,
-        "activation is refused while a joint is farther from its reference",
-        "rad",
-        minimum=0.0,
-        exclusive=True,
-    ),
-    Parameter(
-        "activation.blend",
-        0.8,
-        "how long the way takes from where the arm is to a reference that it begins to follow; 0: at once",
-        "s",
-        minimum=0.0,
-    ),
-    Parameter(
-        "watchdog.state_hold",
-        0.002,
-        "joint states later than this are reported; the last torque stays",
-        "s",
-        minimum=0.0,
-        exclusive=True,
-    ),
-    Parameter(
-        "watchdog.state_stop",
-        0.02,
-        "joint states that stay out for longer stop the arm: a fault",
-        "s",
-        minimum=0.0,
-        exclusive=True,
-    ),
-    Parameter(
-        "watchdog.reference",
-        0.1,
-        "a reference older, or ahead by more, is not followed: the arm holds its position, until one comes that is not "
-        "even half so old (reference.match: latest)",
-        "s",
-        minimum=0.0,
-        exclusive=True,
-    ),
-    Parameter(
-        "stop.effort",
-        "gravity_damping",
-        "safe torque after a fault, and the last before the node ends: gravity compensation, damping, both or nothing",
-        choices=("gravity_damping", "gravity", "damping", "zero"),
-    ),
-    Parameter("stop.damping", 20.0, "damping of the safe torque", "N m s/rad", minimum=0.0, per_joint=True),
-    Parameter("limits.effort_rate", 0.0, "largest change of the torque; 0: none", "N m/s", minimum=0.0, per_joint=True),
-    *_limit("position", "largest angle, either way", "rad"),
-    *_limit("velocity", "largest estimated velocity, either way", "rad/s"),
-    *_limit("tracking_error", "largest error, either way", "rad"),
 )
 
 _TRAJECTORY = (
@@ -207,7 +136,7 @@ def trajectory_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, .
 
 
 NODE_ONLY = {"simulator": _SIMULATOR, "controller": _CONTROLLER, "trajectory": _TRAJECTORY}
-"""What a rollout does not know, by the name of the node."""
+"""What changes no torque, and hence does not exist in a rollout, by the name of the node."""
 
 NODE_SCHEMAS: dict[str, Schema] = {
     "simulator": simulator_node_schema,

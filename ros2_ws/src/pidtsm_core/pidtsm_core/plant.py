@@ -1,5 +1,6 @@
 """The simulated arm: rigid dynamics, disturbance, friction, torque limits, payload and pushes, integrated by RK4."""
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ from pidtsm_core.hardware import friction
 from pidtsm_core.hardware.friction import FrictionConfig, add_friction, friction_config
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, joint_array, number
 from pidtsm_core.robots import ROBOT_NAME, ROBOTS, attach, forward_dynamics, robot_schema
-from pidtsm_core.timing import seconds
+from pidtsm_core.timing import sum_of_times
 
 # Units of what a model error is an error of, see `Robot.pack_model`.
 _ERRORS = {"mass": "kg", "inertia": "kg m^2", "length": "m"}
@@ -19,6 +20,7 @@ _ERRORS = {"mass": "kg", "inertia": "kg m^2", "length": "m"}
 _LOADS = (
     Parameter("payload.mass", 0.0, "mass picked up at payload.time (Case 2: 0.5)", "kg", minimum=0.0),
     Parameter("payload.time", 0.0, "when the payload is picked up, from the start", "s", minimum=0.0),
+    Parameter("payload.duration", 0.0, "how long until it is dropped; 0: never", "s", minimum=0.0),
     Parameter("push.effort", 0.0, "torque of somebody who pushes the arm", "N m", per_joint=True),
     Parameter("push.time", 0.0, "when the push begins, from the start", "s", minimum=0.0),
     Parameter("push.duration", 0.0, "how long it lasts; 0 is no push", "s", minimum=0.0),
@@ -62,7 +64,8 @@ class PlantConfig(NamedTuple):
     robot: int
     model: Array  # shape (model parameters,)
     loaded_model: Array  # the same with the payload
-    payload_time: float  # s
+    payload_begin: float  # s
+    payload_end: float  # s
     disturbance: int
     effort_limit: Array  # shape (joints,), N m
     push: Array  # shape (joints,), N m
@@ -100,10 +103,10 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
 
     `effort` has shape (joints,), N m.
 
-    Payload, which counts as picked up from payload_time on, and push are those of the start of the step.
+    Payload and push are those of the start of the step.
     """
     joints = effort.size
-    model = config.loaded_model if t >= config.payload_time else config.model
+    model = config.loaded_model if config.payload_begin <= t < config.payload_end else config.model
     q, dq, held = state.position, state.derivatives[0], state.effort
     net, stage_q, stage_dq, k1, k2, k3, k4, pushed = (
         state.work[0],
@@ -187,17 +190,19 @@ class Plant:
         model = robot.pack_model(values, factors=factors)
         loaded = np.empty_like(model)
         attach(place, model, number(values["payload.mass"]), loaded)
+        picked_up, carried = number(values["payload.time"]), number(values["payload.duration"])
+        pushed = number(values["push.time"])
         self.config = PlantConfig(
             robot=place,
             model=model,
             loaded_model=loaded,
-            payload_time=number(values["payload.time"]),
+            payload_begin=picked_up,
+            payload_end=sum_of_times(picked_up, carried) if carried else math.inf,
             disturbance=DISTURBANCES.number(str(values["disturbance.name"])),
             effort_limit=joint_array(values["limits.effort"], self.joints),
             push=joint_array(values["push.effort"], self.joints),
-            push_begin=number(values["push.time"]),
-            # To the nanosecond, as the time of a sample: else 0.1 s + 0.2 s ends a sample late.
-            push_end=seconds(round((number(values["push.time"]) + number(values["push.duration"])) * 1e9)),
+            push_begin=pushed,
+            push_end=sum_of_times(pushed, number(values["push.duration"])),
             friction=friction_config(values, self.joints),
             accelerations=self._accelerations,
         )

@@ -20,5 +20,60 @@ class Signal(IntEnum):
     SWITCHING_TERM = 8  # tau_sw in the unit of sigma, eq. (25)
     ACCELERATION_COMMAND = 9  # a_cmd, rad/s^2
     EQUIVALENT_EFFORT = 10  # a_cmd without the switching term, as torque, N m: -phi^-1 tau_eq of eq. (20)
-    EFFORT = 11  # commanded torque within the limits, N m
-    SATURATED = 12  # 1 where the torque is at its limit, else 0
+    EFFORT = 11  # commanded effort within the limits, N m
+    SATURATED = 12  # what holds the effort back: 0 nothing, 1 its limit, 2 the limit of its rate, 3 both
+
+
+class Status(IntEnum):
+    """Places of what the controller says of itself at one sample, shape (len(Status),), whole numbers.
+
+    The names are those of the fields of pidtsm_msgs/ControllerState, and so are the values.
+    """
+
+    MODE = 0  # see `Mode`
+    FAULT = 1  # see `Fault`
+    FAULT_JOINT = 2  # the joint that caused the fault, counted from 1; 0: none in particular
+    VIOLATIONS = 3  # limits that are exceeded, see `Violation`
+
+
+class Mode(IntEnum):
+    """What the controller does."""
+
+    FOLLOWING = 0  # the reference
+    HOLDING = 1  # a position, as there is no reference, or only an old one
+    STOPPED = 2  # by a fault: the safe effort
+
+
+class Fault(IntEnum):
+    """Why the controller has stopped."""
+
+    NO_FAULT = 0
+    STATE_STALE = 1
+    POSITION_LIMIT = 2
+    VELOCITY_LIMIT = 3
+    TRACKING_LIMIT = 4
+    EFFORT_RATE_LIMIT = 5
+
+
+class Violation(IntEnum):
+    """Limits that a joint exceeds: powers of two, to be added."""
+
+    POSITION = 1
+    VELOCITY = 2
+    TRACKING = 4
+
+
+class Limited(IntEnum):
+    """What held a joint's effort back, the values of `Signal.SATURATED`: to be added."""
+
+    EFFORT = 1
+    RATE = 2
+
+
+
+class Adaptation(IntEnum):
+    """What a law may learn of the disturbances."""
+
+    NORMAL = 0
+    APPROACHING = 1  # on its way to a reference: the sliding variables are small from the start
+    FROZEN = 2  # on its way since the effort could not follow: what the law did not cause it does not learn

@@ -31,6 +31,15 @@ from pidtsm_core.timing import period_nanoseconds, seconds
 _BRAKING = 0.002
 """s; time constant with which the brakes stop the arm."""
 
+_COMMAND_TIMEOUT = Parameter(
+    "command.timeout",
+    0.02,
+    "without a new command the last torque is held for so long, then brakes stop the arm until the next command; "
+    "0: it is held for ever",
+    "s",
+    minimum=0.0,
+)
+
 
 def simulator_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the simulated robot; ``robot.name`` decides which there are."""
@@ -38,6 +47,7 @@ def simulator_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         *plant_schema(settings),
         *sensor.PARAMETERS,
         *channel.PARAMETERS,
+        _COMMAND_TIMEOUT,
         *actuator.PARAMETERS,
         *randomness.PARAMETERS,
     )
@@ -49,6 +59,7 @@ class SimulatorConfig(NamedTuple):
     sensor: SensorConfig
     measurements: ChannelConfig
     commands: ChannelConfig
+    patience: int  # samples without a new command after which the brakes close
     actuator: ActuatorConfig
     plant: PlantConfig
 
@@ -60,6 +71,7 @@ class SimulatorState(NamedTuple):
     commands: ChannelState  # packets: effort, shape (1, joints)
     command: Array  # the effort that arrived last, shape (joints,), N m
     released: NDArray[np.bool_]  # shape (1,): the brakes are open, as a command has arrived
+    silence: NDArray[np.int64]  # shape (1,): samples since the last one with a command, that one counted; 0: none yet
     motor: Array  # position at the motors' side of the backlash, shape (joints,), rad
     lagging: Array  # torque of the drives at the end of the sample, shape (joints,), N m
     effort: Array  # torque of the motors over the sample, before the limits, shape (joints,), N m
@@ -89,7 +101,7 @@ def sense(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: 
     for i in range(2):
         for j in range(arm.position.size):
             packet[1 + i, j] = arm.derivatives[i, j]
-    if not loses(config.measurements, channel, draws[Column.MEASUREMENT_LOSS], draws[Column.MEASUREMENT_BURST]):
+    if not loses(config.measurements, channel, sample, draws[Column.MEASUREMENT_LOSS], draws[Column.MEASUREMENT_BURST]):
         channel.sent[slot] = sample
     acquired = sample - channel.sent.size + 1
     packet = channel.packets[place(channel, acquired)]
@@ -111,6 +123,18 @@ def _take(state: SimulatorState, effort: Array) -> None:
     for j in range(effort.size):
         state.command[j] = effort[j]
     state.released[0] = True
+
+
+@inlined
+def _watch(config: SimulatorConfig, state: SimulatorState, commanded: bool) -> None:
+    """Close the brakes where commands stay out for too long."""
+    if commanded:
+        state.silence[0] = 1
+    elif state.silence[0] > 0:
+        state.silence[0] += 1
+        # At every sample, since a command that is still on its way opens them once more.
+        if state.silence[0] > config.patience:
+            state.released[0] = False
 
 
 @njit
@@ -150,12 +174,13 @@ def act(
         dt: until the next, s.
     """
     torque = effort
+    _watch(config, state, commanded)
     if config.commands.direct:
         if commanded:
             _take(state, effort)
     else:
         channel = state.commands
-        lost = loses(config.commands, channel, draws[Column.COMMAND_LOSS], draws[Column.COMMAND_BURST])
+        lost = loses(config.commands, channel, sample, draws[Column.COMMAND_LOSS], draws[Column.COMMAND_BURST])
         if commanded and not lost:
             slot = place(channel, sample)
             channel.sent[slot] = sample
@@ -195,28 +220,31 @@ class SimulatedRobot:
         """
         self._plant = Plant(values, accelerations)
         self.joints = joints = self._plant.joints
+        self._period = period_nanoseconds(int(number(values["rate"])))
+        self._dt = seconds(self._period)
         self._configure(values)
         self.state = SimulatorState(
             measurements=channel_state(values, "", 3, joints),
             commands=channel_state(values, "command_", 1, joints),
             command=np.zeros(joints),
             released=np.zeros(1, dtype=np.bool_),
+            silence=np.zeros(1, dtype=np.int64),
             motor=self._plant.state.position.copy(),
             lagging=np.zeros(joints),
             effort=np.zeros(joints),
             arm=self._plant.state,
         )
         self.randomness = Randomness(values, joints)
-        self._period = period_nanoseconds(int(number(values["rate"])))
-        self._dt = seconds(self._period)
         self._draws = np.empty(0)
         self._measured = np.zeros(joints)
 
     def _configure(self, values: Mapping[str, Value]) -> None:
+        timeout = number(values[_COMMAND_TIMEOUT.name])
         config = self.config = SimulatorConfig(
             sensor=sensor_config(values, self.joints),
             measurements=channel_config(values, ""),
             commands=channel_config(values, "command_"),
+            patience=min(round(timeout * 1e9) // self._period if timeout else 2**62, 2**62),
             actuator=actuator_config(values, self.joints),
             plant=self._plant.config,
         )
@@ -239,9 +267,15 @@ class SimulatedRobot:
         self._plant.step(self.state.effort, 0.0, seconds(self._period))
         _brake(self.state, seconds(self._period))
 
-    def brake(self) -> None:
-        """Close the brakes until the next command arrives."""
-        self.state.released[0] = False
+    @property
+    def silence(self) -> int:
+        """Samples since the last one with a command, that one counted; 0: there was none."""
+        return int(self.state.silence[0])
+
+    @property
+    def braked(self) -> bool:
+        """The brakes are closed."""
+        return not self.state.released[0]
 
     def reset(self, values: Mapping[str, Value]) -> None:
         """Put the arm where it begins, at rest, with closed brakes; time and what is on its way go on.
@@ -255,7 +289,8 @@ class SimulatedRobot:
         arm.effort[:] = 0.0
         self.state.motor[:] = arm.position
         self.state.lagging[:] = 0.0
-        self.brake()
+        self.state.released[0] = False
+        self.state.silence[0] = 0
 
     def sense(self, sample: int) -> tuple[int, Array]:
         """Begin a sample; every sample is to be begun once, in order.
@@ -273,6 +308,7 @@ class SimulatedRobot:
         """Move the arm to the next sample, see `act`."""
         t, dt = seconds(sample * self._period), self._dt
         if self._ideal:
+            _watch(self.config, self.state, commanded)
             if commanded:
                 _take(self.state, effort)
             if self.state.released[0]:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.controller import Controller, controller_schema
+from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Array, resolve

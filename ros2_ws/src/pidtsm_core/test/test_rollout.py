@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pidtsm_core.controller import Controller, controller_schema
+from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.laws import LAWS
 from pidtsm_core.metrics import metrics
 from pidtsm_core.parameters import ParameterError, resolve

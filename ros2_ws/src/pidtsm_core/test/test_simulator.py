@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pidtsm_core.controller import Controller, controller_schema
+from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.parameters import Array, ParameterError, resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.rollout import Rollout, rollout

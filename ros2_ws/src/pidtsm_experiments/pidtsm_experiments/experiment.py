@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 from ament_index_python.packages import get_package_share_directory
 
-from pidtsm_core.controller import LAW_NAME
+from pidtsm_core.control import LAW_NAME
 from pidtsm_core.laws import LAWS
 from pidtsm_core.node_parameters import NODE_ONLY
 from pidtsm_core.parameters import ParameterError, Schema, Value

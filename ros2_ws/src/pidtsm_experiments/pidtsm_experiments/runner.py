@@ -18,6 +18,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
 from pidtsm_core.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import Value, number
+from pidtsm_core.rollout import EXPERIMENT
 from pidtsm_experiments.domain import own_domain
 from pidtsm_experiments.errors import RunError, UsageError
 from pidtsm_experiments.experiment import Experiment, Settings, ros_parameters
@@ -234,21 +235,13 @@ def node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, V
         UsageError: a parameter that a node would refuse.
     """
     of_the_run: Settings = {
-        # An experiment measures the law: from its first sample on, and not how a watchdog ends it.
-        "simulator": {
-            "clock": clock,
-            "duration": experiment.duration,
-            "start.subscribers": _SUBSCRIBERS,
-            "command.timeout": 1.0,
-        },
-        "controller": {
-            "reference.match": "stamp" if clock == "lockstep" else "latest",
-            "activation.blend": 0.0,
-            "watchdog.state_stop": 1.0,
-        },
+        "simulator": {"clock": clock, "duration": experiment.duration, "start.subscribers": _SUBSCRIBERS},
+        "controller": {"reference.match": "stamp" if clock == "lockstep" else "latest"},
         "trajectory": {"clock": clock},
     }
-    settings = {node: {**of_the_run.get(node, {}), **given} for node, given in experiment.settings.items()}
+    settings = {
+        node: {**EXPERIMENT[node], **of_the_run[node], **given} for node, given in experiment.settings.items()
+    }
     return replace(experiment, settings=settings).resolved(NODE_SCHEMAS)
 
 

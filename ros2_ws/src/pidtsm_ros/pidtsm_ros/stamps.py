@@ -5,7 +5,7 @@ import struct
 from builtin_interfaces.msg import Time
 
 from pidtsm_core.timing import NANOSECONDS
-from pidtsm_ros.joints import MessageError
+from pidtsm_core.joints import MessageError
 
 
 def nanoseconds(stamp: Time) -> int:

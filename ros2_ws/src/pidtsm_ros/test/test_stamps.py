@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
-from pidtsm_ros.joints import MessageError
+from pidtsm_core.joints import MessageError
 from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds, set_stamp
 
 STAMPS = st.integers(min_value=0, max_value=(2**31 - 1) * 10**9 + 999_999_999)

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from pidtsm_msgs.msg import ControllerState, JointReference
-from pidtsm_ros.joints import MessageError
+from pidtsm_core.joints import MessageError
 from pidtsm_ros.stamps import nanoseconds, set_stamp
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 

@@ -14,7 +14,7 @@ from pidtsm_core.simulator import SimulatedRobot
 from pidtsm_core.timing import period_nanoseconds, seconds
 from pidtsm_ros.diagnostics import Diagnostics, Reading, loop_readings
 from pidtsm_ros.effort_topics import EFFORT_TOPICS
-from pidtsm_ros.joints import JointOrder, MessageError
+from pidtsm_core.joints import JointOrder, MessageError
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import serialized_nanoseconds
@@ -99,7 +99,6 @@ class Simulator(ManagedNode):
         self._connected_since = 0.0
         self._skipped = 0
         self._commands_taken = 0
-        self._unanswered = 0
         self._braked = False
         self._brakings = 0
         self._reported = -1
@@ -204,8 +203,21 @@ class Simulator(ManagedNode):
 
     def _act(self) -> None:
         """Move the arm over one period."""
-        self._robot.act(self._sample, self._commanded, self._effort)
-        self._commanded = False
+        commanded, self._commanded = self._commanded, False
+        self._robot.act(self._sample, commanded, self._effort)
+        # Before the first command the brakes are closed anyway.
+        if self._braked or (not commanded and self._robot.silence):
+            self._watch_brakes()
+
+    def _watch_brakes(self) -> None:
+        """Log when the robot closes its brakes for want of commands, and when it opens them."""
+        braked, self._braked = self._braked, self._robot.braked
+        if self._braked and not braked:
+            self._brakings += 1
+            silence = seconds(self._robot.silence * self._period)
+            self.get_logger().warning(f"no command for {silence:.3g} s (command.timeout): the brakes stop the arm")
+        elif braked and not self._braked:
+            self.get_logger().info("command received: brakes released")
 
     def _on_command(self, data: bytes) -> None:
         stamp = serialized_nanoseconds(data)
@@ -227,10 +239,6 @@ class Simulator(ManagedNode):
     def _take(self, answered: int) -> None:
         """The torques received answer this sample."""
         self._effort[:] = self._received[0]
-        self._unanswered = 0
-        if self._braked:
-            self._braked = False
-            self.get_logger().info("a command has come: the brakes are open")
         self._answered = answered
         self._commands_taken += 1
         self._commanded = True
@@ -253,27 +261,11 @@ class Simulator(ManagedNode):
             late = (now - due) // self._period
             if late > _LATEST_CATCH_UP:
                 self._skip(late)
-            self._watch_commands()
             self._advance()
             now = time.monotonic_ns()
             due = self._began + (self._sample + 1) * self._period
             earliest = self._sent + self._period // 2
         return max(0, due - now, earliest - now) / 1e9
-
-    def _watch_commands(self) -> None:
-        """Stop the arm where commands stay out for too long, be it that this process did not run."""
-        self._unanswered += 1
-        timeout = number(self.values["command.timeout"])
-        silence = seconds(self._unanswered * self._period)
-        if not self._commands_taken or not timeout or silence <= timeout:
-            return
-        # At every sample, since what is still on its way to the drives opens them once more.
-        self._robot.brake()
-        if self._braked:
-            return
-        self._braked = True
-        self._brakings += 1
-        self.get_logger().warning(f"no command for {silence:.3g} s (command.timeout): the brakes stop the arm")
 
     def _reset(self) -> str:
         """Put the arm back to its start; returns why not, or nothing."""
@@ -286,7 +278,6 @@ class Simulator(ManagedNode):
     def _skip(self, samples: int) -> None:
         """Let samples pass without telling anybody."""
         for _ in range(min(samples, self._samples - 2 - self._sample) if self._samples else samples):
-            self._watch_commands()
             self._act()
             self._sample += 1
             self._skipped += 1

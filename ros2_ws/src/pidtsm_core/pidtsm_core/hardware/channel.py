@@ -25,6 +25,8 @@ def _parameters(prefix: str, what: str) -> tuple[Parameter, ...]:
         Parameter(
             f"dropout.{prefix}burst_rate", 0.0, f"bursts of lost {what} a second, at random times", "1/s", minimum=0.0
         ),
+        Parameter(f"dropout.{prefix}time", 0.0, f"when {what} stay out, from the start", "s", minimum=0.0),
+        Parameter(f"dropout.{prefix}duration", 0.0, f"how long {what} stay out; 0: not at all", "s", minimum=0.0),
     )
 
 
@@ -37,6 +39,8 @@ class ChannelConfig(NamedTuple):
     loss: float  # probability
     burst_begin: float  # probability that a burst begins at a sample
     burst: int  # samples
+    out_from: int  # sample; from here on everything is lost
+    out_until: int  # sample; to here
     direct: bool  # neither delay nor losses
 
 
@@ -55,16 +59,22 @@ def channel_config(values: Mapping[str, Value], prefix: str) -> ChannelConfig:
         values: `PARAMETERS` and ``rate``, as `resolve` returns them.
         prefix: of the last part of the parameters' names.
     """
-    period = seconds(period_nanoseconds(int(number(values["rate"]))))
+    nanoseconds = period_nanoseconds(int(number(values["rate"])))
+    period = seconds(nanoseconds)
     loss, burst_begin = (
         number(values[f"dropout.{prefix}probability"]),
         number(values[f"dropout.{prefix}burst_rate"]) * period,
     )
+    begin, duration = number(values[f"dropout.{prefix}time"]), number(values[f"dropout.{prefix}duration"])
+    # The first samples at or after these times, to the nanosecond.
+    out_from, out_until = (min(-(-round(t * 1e9) // nanoseconds), 2**62) for t in (begin, begin + duration))
     return ChannelConfig(
         loss=loss,
         burst_begin=burst_begin,
         burst=int(number(values[f"dropout.{prefix}burst"])),
-        direct=not (loss or burst_begin or number(values[f"delay.{prefix}samples"])),
+        out_from=out_from,
+        out_until=out_until,
+        direct=not (loss or burst_begin or duration or number(values[f"delay.{prefix}samples"])),
     )
 
 
@@ -79,17 +89,18 @@ def channel_state(values: Mapping[str, Value], prefix: str, rows: int, joints: i
 
 
 @njit
-def loses(config: ChannelConfig, state: ChannelState, loss: float, burst: float) -> bool:
-    """Whether what is sent at this sample is lost; to be asked once a sample, with two uniform random numbers.
+def loses(config: ChannelConfig, state: ChannelState, sample: int, loss: float, burst: float) -> bool:
+    """Whether what is sent at this sample is lost; to be called once a sample, with two uniform random numbers.
 
     A burst may begin at any sample outside a burst.
     """
+    out = config.out_from <= sample < config.out_until
     if state.burst_left[0] == 0 and burst < config.burst_begin:
         state.burst_left[0] = config.burst
     if state.burst_left[0] > 0:
         state.burst_left[0] -= 1
         return True
-    return loss < config.loss
+    return out or loss < config.loss
 
 
 @njit

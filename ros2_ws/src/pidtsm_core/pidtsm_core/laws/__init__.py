@@ -45,11 +45,11 @@ def command(
 
 @njit
 def advance(
-    kernel: int, e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool
+    kernel: int, e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
 ) -> None:
     """Move the state of one joint over dt: see `Law.advance`."""
     i = 0
     for function in literal_unroll(_ADVANCE):
         if i == kernel:
-            function(e, s, sigma, numbers, p, x, dt, frozen)
+            function(e, s, sigma, numbers, p, x, dt, frozen, adaptation)
         i += 1

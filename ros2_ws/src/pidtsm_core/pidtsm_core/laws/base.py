@@ -19,7 +19,7 @@ Numbers = NDArray[np.int64]
 Command = Callable[
     [float, float, float, float, Numbers, Array, Array, float], tuple[float, float, float, float, float, float]
 ]
-Advance = Callable[[float, float, float, Numbers, Array, Array, float, bool], None]
+Advance = Callable[[float, float, float, Numbers, Array, Array, float, bool, int], None]
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,9 @@ class Law:
         command: compiled ``(e, de, dde, ddq_d, numbers, p, x, dt) -> (a_cmd, a_eq, s, sigma, gain, tau_sw)``;
             errors in rad, rad/s, rad/s^2, x of shape (STATE_SLOTS,), zero at the start, dt the period in s (0 at
             the first sample); a_eq is a_cmd without the switching term.
-        advance: compiled ``(e, s, sigma, numbers, p, x, dt, frozen)``: moves x over dt with these values held;
-            `frozen` is true while the torque saturates and nothing must wind up.
+        advance: compiled ``(e, s, sigma, numbers, p, x, dt, frozen, adaptation)``: moves x over dt with these values
+            held; `frozen` is true while the effort is limited and nothing must wind up, for `adaptation` see
+            `Adaptation`.
         uses_model: False where a_cmd and a_eq are not accelerations but torques (N m), for no robot model to change.
     """
 

@@ -16,7 +16,7 @@ def command(
 
 
 @njit
-def advance(e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool) -> None:
+def advance(e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
     """No state moves."""
 
 

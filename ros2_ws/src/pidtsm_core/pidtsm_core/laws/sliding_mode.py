@@ -84,14 +84,14 @@ def command(
 
 
 @njit
-def advance(e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool) -> None:
+def advance(e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
     """See `Law.advance`; explicit Euler."""
     if not frozen:
         x[0] += dt * s
         x[1] += dt * e
         if numbers[3]:
             x[2] += dt * switch(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)[0]
-    advance_reaching(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt, frozen)
+    advance_reaching(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt, frozen, adaptation)
 
 
 def compose(

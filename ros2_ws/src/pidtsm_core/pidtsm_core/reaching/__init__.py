@@ -34,10 +34,10 @@ def switch(number: int, sigma: float, p: Array, x: Array, dt: float) -> tuple[fl
 
 
 @njit
-def advance_reaching(number: int, sigma: float, p: Array, x: Array, dt: float, frozen: bool) -> None:
+def advance_reaching(number: int, sigma: float, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
     """Move x over dt: see `ReachingLaw.advance`; `number` is the law's place in `REACHING_LAWS`."""
     i = 0
     for function in literal_unroll(_ADVANCE):
         if i == number:
-            function(sigma, p, x, dt, frozen)
+            function(sigma, p, x, dt, frozen, adaptation)
         i += 1

@@ -8,8 +8,13 @@ from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.reaching.base import ReachingLaw
 from pidtsm_core.reaching.static import sign
+from pidtsm_core.signals import Adaptation
 
-# State x: tau_sw, adaptive gain Y.
+# State x: tau_sw, adaptive gain Y, mean of sigma on the way to a reference.
+
+_APPROACHING, _FROZEN = int(Adaptation.APPROACHING), int(Adaptation.FROZEN)
+_MEAN = 0.05
+"""s; noise has no mean over that time."""
 
 
 @njit
@@ -19,16 +24,26 @@ def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
 
 
 @njit
-def advance(sigma: float, p: Array, x: Array, dt: float, frozen: bool) -> None:
+def advance(sigma: float, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
     """Euler of tau_sw' = -k tau_sw - (Y + xi) sign(sigma), Y' = |sigma| / kappa - leakage Y, and Y <= gain_maximum.
 
     Y grows outside the dead zone only; it leaks everywhere, also while `frozen`, since that winds nothing up. The
-    leakage is taken implicitly, so that Y never changes its sign. Leakage and bound 0 are the article's law.
+    leakage is taken implicitly, so that Y never changes its sign. Leakage, bound and layer 0 are the article's law.
+
+    The dead zone is there for the noise of sigma (30). While approaching (see `Adaptation`), sigma is small from the start, and within
+    the dead zone the gain would learn nothing of what disturbs the arm; so there its mean over _MEAN counts instead.
     """
-    k, kappa, xi, upsilon, leakage, gain_maximum = p[0], p[1], p[2], p[3], p[4], p[5]
-    x[0] += dt * (-k * x[0] - (x[1] + xi) * sign(sigma))
-    if abs(sigma) > upsilon and not frozen:
-        x[1] += dt * abs(sigma) / kappa
+    k, kappa, xi, upsilon, leakage, gain_maximum, layer = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
+    if layer > 0.0:
+        x[0] += dt * (-k * x[0] - (x[1] + xi) * min(max(sigma / layer, -1.0), 1.0))
+    else:
+        x[0] += dt * (-k * x[0] - (x[1] + xi) * sign(sigma))
+    x[2] = x[2] + (sigma - x[2]) * min(dt / _MEAN, 1.0) if adaptation == _APPROACHING else 0.0
+    if not frozen and adaptation != _FROZEN:
+        if abs(sigma) > upsilon:
+            x[1] += dt * abs(sigma) / kappa
+        elif adaptation == _APPROACHING:
+            x[1] += dt * abs(x[2]) / kappa
     if leakage > 0.0:
         x[1] /= 1.0 + dt * leakage
     if 0.0 < gain_maximum < x[1]:
@@ -49,6 +64,13 @@ ADAPTIVE_CONTINUOUS = ReachingLaw(
             "leakage", 0.0, "rate at which the adaptive gain fades (sigma modification)", "1/s", 0.0, per_joint=True
         ),
         Parameter("gain_maximum", 0.0, "bound of the adaptive gain, 0 is none", minimum=0.0, per_joint=True),
+        Parameter(
+            "layer",
+            0.0,
+            "half width of a layer in which sign(sigma) is sigma / layer instead; 0: the sign, as in eq. (25)",
+            minimum=0.0,
+            per_joint=True,
+        ),
     ),
     switch=switch,
     advance=advance,

@@ -11,5 +11,5 @@ def sign(x: float) -> float:
 
 
 @njit
-def keep(sigma: float, p: Array, x: Array, dt: float, frozen: bool) -> None:
+def keep(sigma: float, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
     """No state moves; see `ReachingLaw.advance`."""

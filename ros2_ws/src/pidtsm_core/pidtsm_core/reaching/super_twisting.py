@@ -36,7 +36,7 @@ def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
 
 
 @njit
-def advance(sigma: float, p: Array, x: Array, dt: float, frozen: bool) -> None:
+def advance(sigma: float, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
     """v' = -integral_gain sign z."""
     if not frozen:
         _, selection = _implicit(sigma, p, x[0], dt)

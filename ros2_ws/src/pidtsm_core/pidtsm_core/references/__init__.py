@@ -1,23 +1,28 @@
 """References: time to q_d, q_d', q_d''. One reference a file; what is imported here is in `REFERENCES`."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 from numba import literal_unroll
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.family import Family
-from pidtsm_core.parameters import Array, Parameter, Value, chosen, names, prefixed
+from pidtsm_core.parameters import Array, Parameter, Value, chosen, joint_array, names, number, prefixed
 from pidtsm_core.references.article import ARTICLE
 from pidtsm_core.references.base import Reference
 from pidtsm_core.references.chirp import CHIRP
 from pidtsm_core.references.csv import CSV
 from pidtsm_core.references.minimum_jerk import MINIMUM_JERK
 from pidtsm_core.references.sines import SINES
+from pidtsm_core.timing import sum_of_times
 
 __all__ = [
     "REFERENCES",
+    "MotionConfig",
     "Reference",
     "ReferenceMotion",
+    "drops_out",
+    "evaluate_motion",
     "evaluate_reference",
     "extrapolate",
     "reference_joints",
@@ -43,6 +48,14 @@ def reference_joints(settings: Mapping[str, object]) -> int:
     return REFERENCES[chosen(settings, _NAME)].joints or named
 
 
+_EVENTS = (
+    Parameter("jump.position", 0.0, "step of the reference's position at jump.time", "rad", per_joint=True),
+    Parameter("jump.time", 0.0, "when the reference jumps, from its start", "s", minimum=0.0),
+    Parameter("dropout.time", 0.0, "when references stay out, from their start", "s", minimum=0.0),
+    Parameter("dropout.duration", 0.0, "how long they stay out; 0: not at all", "s", minimum=0.0),
+)
+
+
 def reference_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the trajectory; ``reference.name`` decides which there are."""
     reference = REFERENCES[chosen(settings, _NAME)]
@@ -50,6 +63,7 @@ def reference_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         _JOINTS,
         _NAME,
         *prefixed("reference", reference.parameters),
+        *_EVENTS,
     )
 
 
@@ -75,12 +89,38 @@ def extrapolate(desired: Array, dt: float, later: Array) -> None:
         later[2, j] = desired[2, j]
 
 
+class MotionConfig(NamedTuple):
+    """A desired motion, as compiled code reads it."""
+
+    reference: int  # its place in `REFERENCES`
+    parameters: Array  # as `Reference.pack` returns them
+    jump: Array  # shape (joints,), rad
+    jump_time: float  # s
+    dropout_begin: float  # s
+    dropout_end: float  # s
+
+
+@njit
+def evaluate_motion(config: MotionConfig, t: float, desired: Array) -> None:
+    """Write q_d, q_d', q_d'' at t (s from the start) to desired, shape (3, joints), rad, rad/s, rad/s^2."""
+    evaluate_reference(config.reference, t, config.parameters, desired)
+    if t >= config.jump_time:
+        for j in range(desired.shape[1]):
+            desired[0, j] += config.jump[j]
+
+
+@inlined
+def drops_out(config: MotionConfig, t: float) -> bool:
+    """Whether the reference at t (s from the start) stays out."""
+    return config.dropout_begin <= t < config.dropout_end
+
+
 class ReferenceMotion:
     """A desired motion, built from checked parameters.
 
     Attributes:
         joints: number of joints.
-        number, parameters: what `evaluate_reference` takes.
+        config: what `evaluate_motion` takes.
     """
 
     def __init__(self, values: Mapping[str, Value]) -> None:
@@ -94,9 +134,20 @@ class ReferenceMotion:
         """
         reference = REFERENCES[str(values["reference.name"])]
         self.joints = len(names(values["joints"]))
-        self.number = REFERENCES.number(reference.name)
-        self.parameters = reference.pack(values, "reference", self.joints)
+        begin = number(values["dropout.time"])
+        self.config = MotionConfig(
+            reference=REFERENCES.number(reference.name),
+            parameters=reference.pack(values, "reference", self.joints),
+            jump=joint_array(values["jump.position"], self.joints),
+            jump_time=number(values["jump.time"]),
+            dropout_begin=begin,
+            dropout_end=sum_of_times(begin, number(values["dropout.duration"])),
+        )
 
     def evaluate(self, t: float, desired: Array) -> None:
-        """Write q_d, q_d', q_d'' at t (s) to desired, shape (3, joints), rad, rad/s, rad/s^2."""
-        evaluate_reference(self.number, t, self.parameters, desired)
+        """See `evaluate_motion`."""
+        evaluate_motion(self.config, t, desired)
+
+    def drops_out(self, t: float) -> bool:
+        """See `drops_out`."""
+        return drops_out(self.config, t)

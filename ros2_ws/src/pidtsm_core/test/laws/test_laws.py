@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.controller import controller_schema
+from pidtsm_core.control import controller_schema
 from pidtsm_core.family import SLOTS
 from pidtsm_core.laws import LAWS, STATE_SLOTS, advance, command, kernel_number
 from pidtsm_core.laws.sliding_mode import ACCELERATION_BOUND, MANIFOLDS

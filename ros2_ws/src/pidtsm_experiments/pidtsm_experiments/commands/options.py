@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from pidtsm_core.controller import LAW_NAME
+from pidtsm_core.control import LAW_NAME
 from pidtsm_core.laws import LAWS
 from pidtsm_experiments.experiment import Experiment, make_experiment, scenario_names
 from pidtsm_experiments.table import print_metrics

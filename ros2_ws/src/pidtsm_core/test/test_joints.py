@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pidtsm_ros.joints import JointOrder, MessageError
+from pidtsm_core.joints import JointOrder, MessageError
 
 NAMES = ["shoulder", "elbow", "wrist"]
 VALUES = {"shoulder": 1.0, "elbow": 2.0, "wrist": 3.0}

@@ -1,0 +1,228 @@
+"""The controller as an object: checked parameters in, efforts out."""
+
+from collections.abc import Mapping, Sequence
+from enum import Enum, auto
+
+import numpy as np
+
+from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
+from pidtsm_core.control.state import Clock, memory_size, numbers_size, parts
+from pidtsm_core.control.step import begin_afresh, farthest, reset_fault, respond, stop_now
+from pidtsm_core.control.tick import tick
+from pidtsm_core.estimators import ESTIMATORS
+from pidtsm_core.joints import MessageError
+from pidtsm_core.laws import LAWS, kernel_number
+from pidtsm_core.parameters import Array, Value, joint_array, names, number
+from pidtsm_core.robots import ROBOTS
+from pidtsm_core.signals import Signal, Status
+from pidtsm_core.timing import NANOSECONDS
+
+_RESTARTED = NANOSECONDS
+"""ns; stamps that go back by more come from a source that was started anew, others are refused."""
+
+
+class Stamp(Enum):
+    """What the stamp of a joint state says."""
+
+    NEW = auto()
+    REPEATED = auto()
+    RESTARTED = auto()  # It goes back so far that its source was started anew.
+
+
+class Controller:
+    """A controller of one robot, built from checked parameters.
+
+    Whoever runs it writes a measurement to `position` and the newest reference to `reference`, and calls `step`.
+
+    Attributes:
+        joints: number of joints.
+        position: measured q, shape (joints,), rad.
+        reference: q_d, q_d', q_d'', shape (3, joints), rad, rad/s, rad/s^2.
+        effort: the result of the last step, shape (joints,), N m.
+        signals: likewise, shape (len(Signal), joints), order of `Signal`.
+        memory, numbers: what `respond` takes.
+        config, state: the same as what `step` takes.
+    """
+
+    def __init__(
+        self, values: Mapping[str, Value], effort: Array | None = None, signals: Array | None = None
+    ) -> None:
+        """Build it.
+
+        Args:
+            values: every parameter of `controller_schema`, as `resolve` returns them.
+            effort, signals: where results are to be written, instead of to arrays of its own.
+        """
+        self._names = names(values["joints"])
+        self.joints = len(self._names)
+        self.effort = np.zeros(self.joints) if effort is None else effort
+        self.signals = np.zeros((len(Signal), self.joints)) if signals is None else signals
+        model, gains = _packed(values, self.joints)
+        self.memory = np.zeros(memory_size(self.joints, model.size, gains.shape[1]))
+        self.numbers = np.zeros(numbers_size(), dtype=np.int64)
+        self.set_parameters(values)
+        self.position, self.reference = self.state.measured, self.state.reference
+
+    def set_parameters(self, values: Mapping[str, Value]) -> None:
+        """Use other gains from the next step on; the state stays.
+
+        Args:
+            values: as for the controller, with the same law, estimator and robot.
+        """
+        robot = ROBOTS[str(values["robot.name"])]
+        law = LAWS[str(values["law.name"])]
+        estimator = ESTIMATORS[str(values["estimator.name"])]
+        model, gains = _packed(values, self.joints)
+        rate = joint_array(values["limits.effort_rate"], self.joints)
+        kind = values["stop.effort"]
+        integers = [
+            self.joints,
+            model.size,
+            gains.shape[1],
+            ROBOTS.number(robot.name),
+            kernel_number(law),
+            ESTIMATORS.number(estimator.name),
+            law.uses_model,
+            values["law.anti_windup"] == "conditional",
+            sum(v for v, name in LIMITS.items() if values[f"limits.{name}_action"] == "stop"),
+            *(_nanoseconds(values[f"watchdog.{name}"]) for name in ("state_hold", "state_stop", "reference")),
+            *(_nanoseconds(values[f"rehearsal.{name}"]) for name in ("reset_fault", "restart")),
+            rate.any(),
+            *law.numbers(values),
+        ]
+        self.numbers[: len(integers)] = integers
+        self.memory[:3] = (
+            number(values["activation.blend"]),
+            number(values["activation.distance"]),
+            kind in ("gravity", "gravity_damping"),
+        )
+        self.config, self.state = parts(self.memory, self.numbers)
+        config = self.config
+        config.model[:] = model
+        config.law[:] = gains
+        config.estimator_parameters[:] = estimator.pack(values, "estimator", self.joints)
+        config.effort_limit[:] = joint_array(values["limits.effort"], self.joints)
+        config.effort_rate[:] = rate
+        config.position_limit[:] = joint_array(values["limits.position"], self.joints)
+        config.velocity_limit[:] = joint_array(values["limits.velocity"], self.joints)
+        config.tracking_limit[:] = joint_array(values["limits.tracking_error"], self.joints)
+        damps = kind in ("damping", "gravity_damping")
+        config.damping[:] = joint_array(values["stop.damping"] if damps else 0.0, self.joints)
+
+    def reset(self) -> None:
+        """Back to the state of the start; measurement and reference stay."""
+        for array in self.state:
+            if array is not self.state.measured and array is not self.state.reference:
+                array[:] = 0
+
+    def compile(self) -> None:
+        """Compile all that a step may call, before the loop; the state is that of the start afterwards."""
+        respond(self.memory, self.numbers, 0, -1, self.effort, self.signals)
+        stop_now(self.memory, self.numbers, 0, -1, self.effort, self.signals)
+        farthest(self.state)
+        reset_fault(self.state)
+        self.reset()
+
+    def judge(self, stamp: int) -> Stamp:
+        """What the stamp of a joint state that arrived (ns) says, beside that of the last one answered.
+
+        Raises:
+            MessageError: it goes back, but not so far that its source could have been started anew.
+        """
+        clock = self.state.clock
+        elapsed = stamp - int(clock[Clock.LAST]) if clock[Clock.COMMANDED] else 1
+        if elapsed > 0:
+            return Stamp.NEW
+        if elapsed == 0:
+            return Stamp.REPEATED
+        if elapsed > -_RESTARTED:
+            raise MessageError("the stamp goes back")
+        return Stamp.RESTARTED
+
+    def step(self, stamp: int, reference_stamp: int) -> tuple[int, int, int, int]:
+        """Answer the measurement in `position`: writes `effort` and `signals`.
+
+        Args:
+            stamp: of the measurement, ns, later than the last.
+            reference_stamp: of the reference in `reference`, ns; negative where there is none.
+
+        Returns:
+            The status, in the order of `Status`.
+        """
+        return respond(self.memory, self.numbers, stamp, reference_stamp, self.effort, self.signals)
+
+    def stop(self, fault: int, elapsed: int) -> None:
+        """Write the safe effort without a joint state; see `stop_now`."""
+        stop_now(self.memory, self.numbers, fault, elapsed, self.effort, self.signals)
+
+    def begin_afresh(self, stamp: int) -> None:
+        """Forget the motion so far: what follows begins where the arm is, at `stamp` (ns); a fault stays."""
+        begin_afresh(self.state)
+        self.state.clock[Clock.LAST] = stamp - 1
+
+    def refusal(self, referred: bool) -> str:
+        """Why the arm must not be moved now; empty where it may be. `referred`: there is a reference."""
+        if not referred:
+            return ""
+        joint = farthest(self.state)
+        distance = abs(self.reference[0, joint] - self.position[joint])
+        if distance <= self.config.distance:
+            return ""
+        name = self._names[joint]
+        return f"{name} is {distance:.3g} rad from its reference (activation.distance {self.config.distance:g})"
+
+    def reset_fault(self) -> None:
+        """Follow again after a fault."""
+        reset_fault(self.state)
+
+    @property
+    def status(self) -> tuple[int, ...]:
+        """What the controller says of itself, in the order of `Status`."""
+        return tuple(self.state.status.tolist())
+
+    @property
+    def fault(self) -> int:
+        """The fault that is latched, see `Fault`."""
+        return int(self.state.status[Status.FAULT])
+
+    @property
+    def commanded(self) -> bool:
+        """Whether there was a step since the last reset."""
+        return bool(self.state.clock[Clock.COMMANDED])
+
+    def clock(self, place: Clock) -> int:
+        """One of the integers that a step keeps."""
+        return int(self.state.clock[place])
+
+    def changes(self, before: Sequence[int] | None) -> list[Change]:
+        """What has happened since the status was `before` (None: at the start), in words."""
+        return changes(before, self.status, self.state.clock, self._names)
+
+    def warnings(self) -> list[str]:
+        """What is wrong with the parameters although each of them is allowed."""
+        return tight_rates(self.config, self._names)
+
+    def tick(self, q: Array, desired: Array, dt: float) -> Array:
+        """Estimator, law and model alone, without what keeps an arm safe but for the effort limit; see `tick`.
+
+        Args:
+            q: measured positions, shape (joints,), rad, finite.
+            desired: q_d, q_d', q_d'', shape (3, joints), finite.
+            dt: time since the last call, s, 0 at the first.
+
+        Returns:
+            The signals, shape (len(Signal), joints), order of `Signal`; overwritten by the next call.
+        """
+        tick(self.config, self.state, q, desired, desired, dt)
+        return self.state.signals
+
+
+def _packed(values: Mapping[str, Value], joints: int) -> tuple[Array, Array]:
+    """Parameters of the model, and of the law, as compiled code reads them."""
+    robot, law = ROBOTS[str(values["robot.name"])], LAWS[str(values["law.name"])]
+    return robot.pack_model(values), law.pack(values, joints)
+
+
+def _nanoseconds(value: Value) -> int:
+    """A time in ns, with room for sums of two."""
+    return min(round(number(value) * NANOSECONDS), 2**62)

@@ -1,0 +1,70 @@
+"""Limits of the effort, and the safe effort of a controller that has stopped."""
+
+import math
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.control.state import ControllerConfig, ControllerState
+from pidtsm_core.parameters import Array
+from pidtsm_core.robots import inverse_dynamics
+from pidtsm_core.signals import Limited, Signal
+
+# As numbers of a row of signals.
+_AT_LIMIT, _AT_RATE = float(Limited.EFFORT), float(Limited.RATE)
+
+
+@njit
+def carry(config: ControllerConfig, state: ControllerState, q: Array) -> None:
+    """Write the effort that carries the arm at rest at q (shape (joints,), rad) to the signals."""
+    y = state.signals
+    for j in range(q.size):
+        state.accelerations[0, j] = 0.0
+        state.accelerations[1, j] = 0.0
+    efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
+    inverse_dynamics(config.robot, q, state.accelerations[0], state.accelerations, config.model, efforts)
+
+
+@njit
+def make_safe(config: ControllerConfig, state: ControllerState) -> None:
+    """Replace the effort by the safe one: gravity's, where wanted, less damping."""
+    y = state.signals
+    carry(config, state, y[Signal.POSITION])
+    for j in range(y.shape[1]):
+        y[Signal.EFFORT, j] = config.gravity * y[Signal.EFFORT, j] - config.damping[j] * y[Signal.VELOCITY, j]
+    limit_effort(config, state)
+
+
+@njit
+def limit_effort(config: ControllerConfig, state: ControllerState) -> None:
+    """Keep the efforts within their limits; one that is not finite becomes 0."""
+    y = state.signals
+    for j in range(y.shape[1]):
+        limit = config.effort_limit[j]
+        effort = y[Signal.EFFORT, j]
+        if math.isfinite(effort):
+            y[Signal.EFFORT, j] = min(max(effort, -limit), limit)
+            y[Signal.SATURATED, j] = _AT_LIMIT if abs(effort) >= limit else 0.0
+        else:
+            y[Signal.EFFORT, j] = 0.0
+            y[Signal.SATURATED, j] = _AT_LIMIT
+
+
+@njit
+def limit_rate(config: ControllerConfig, state: ControllerState, last: Array, dt: float) -> float:
+    """Keep the change of the efforts since `last` (shape (joints,), N m), dt (s) ago, within its limit.
+
+    Returns:
+        How far the effort is behind the one wanted, as the time that the limit needs to get there, s; of the joint
+        that needs longest.
+    """
+    y, behind = state.signals, 0.0
+    for j in range(last.size):
+        rate = config.effort_rate[j]
+        if rate > 0.0:
+            change = rate * dt
+            wanted = y[Signal.EFFORT, j]
+            allowed = min(max(wanted, last[j] - change), last[j] + change)
+            if allowed != wanted:
+                y[Signal.EFFORT, j] = allowed
+                y[Signal.SATURATED, j] += _AT_RATE
+                behind = max(behind, abs(wanted - allowed) / rate)
+    return behind

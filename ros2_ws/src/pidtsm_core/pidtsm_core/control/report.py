@@ -1,0 +1,121 @@
+"""What happens to a controller, in words: for logs, tables and reports."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pidtsm_core.control.state import Clock, ControllerConfig
+from pidtsm_core.robots import inverse_dynamics
+from pidtsm_core.signals import Fault, Mode, Status, Violation
+from pidtsm_core.timing import seconds
+
+LIMITS = {
+    Violation.POSITION: "position",
+    Violation.VELOCITY: "velocity",
+    Violation.TRACKING: "tracking_error",
+}
+"""Parameters ``limits.NAME`` by what exceeding them is."""
+_OF_FAULTS = {
+    Fault.POSITION_LIMIT: Violation.POSITION,
+    Fault.VELOCITY_LIMIT: Violation.VELOCITY,
+    Fault.TRACKING_LIMIT: Violation.TRACKING,
+}
+_FALL = 1.0  # rad
+_CONFIGURATIONS = 500
+
+
+@dataclass(frozen=True)
+class Change:
+    """Something that has happened.
+
+    Attributes:
+        level: of a log: info, warning or error.
+        text: one sentence.
+    """
+
+    level: str
+    text: str
+
+
+def cause(fault: int, joint: int, joints: Sequence[str]) -> str:
+    """Why the controller has stopped.
+
+    Args:
+        fault: see `Fault`.
+        joint: the joint that caused it, counted from 1; 0: none in particular.
+        joints: their names.
+    """
+    if fault == Fault.STATE_STALE:
+        return "no joint state"
+    if fault == Fault.EFFORT_RATE_LIMIT:
+        return "limits.effort_rate is too tight for what the arm does"
+    return f"{joints[joint - 1]} is beyond limits.{LIMITS[_OF_FAULTS[Fault(fault)]]}"
+
+
+def changes(
+    before: Sequence[int] | None, after: Sequence[int], clock: NDArray[np.int64], joints: Sequence[str]
+) -> list[Change]:
+    """What has happened between two statuses.
+
+    Args:
+        before: order of `Status`; None at the start.
+        after: likewise.
+        clock: of the controller, order of `Clock`.
+        joints: names.
+    """
+    return list(_changes([Mode.HOLDING, 0, 0, 0] if before is None else before, after, clock, joints, before is None))
+
+
+def _changes(
+    before: Sequence[int], after: Sequence[int], clock: NDArray[np.int64], joints: Sequence[str], first: bool
+) -> Iterator[Change]:
+    fault = after[Status.FAULT]
+    for violation, name in LIMITS.items():
+        stops = _OF_FAULTS.get(Fault(fault)) == violation
+        if violation & after[Status.VIOLATIONS] & ~before[Status.VIOLATIONS] and not stops:
+            yield Change("warning", f"a joint is beyond limits.{name}")
+    if fault != before[Status.FAULT]:
+        if not fault:
+            yield Change("info", "fault reset")
+        else:
+            reason = cause(fault, after[Status.FAULT_JOINT], joints)
+            if fault == Fault.STATE_STALE:
+                reason += f" for {seconds(int(clock[Clock.GAP])):.3g} s"
+            yield Change("error", f"stopped: {reason}; safe torque until ~/reset_fault is called")
+    modes = before[Status.MODE], after[Status.MODE]
+    if modes == (Mode.HOLDING, Mode.FOLLOWING) and not first:
+        yield Change("info", "following the reference")
+    if modes == (Mode.FOLLOWING, Mode.HOLDING):
+        age = seconds(int(clock[Clock.REFERENCE_AGE]))
+        yield Change("warning", f"holding position: the reference is {abs(age):.3g} s {'old' if age > 0 else 'ahead'}")
+
+
+def tight_rates(config: ControllerConfig, joints: Sequence[str]) -> list[str]:
+    """Which joints a rate limit lets fall: their gravity moves them by a radian before the effort is there.
+
+    Judged from rest, where gravity's torque is largest among configurations drawn at random, but always the same.
+    """
+    random, still, found = np.random.default_rng(0), np.zeros(len(joints)), []
+    accelerations, efforts = np.zeros((2, len(joints))), np.zeros((2, len(joints)))
+    needed = np.zeros((3, len(joints)))  # rate, effort, time
+    for _ in range(_CONFIGURATIONS if config.rate_limited else 0):
+        q = random.uniform(-math.pi, math.pi, len(joints))
+        for j in range(len(joints)):
+            accelerations[1] = 0.0
+            accelerations[1, j] = 1.0
+            inverse_dynamics(config.robot, q, still, accelerations, config.model, efforts)
+            gravity, inertia = abs(efforts[0, j]), efforts[1, j] - efforts[0, j]
+            if gravity > needed[1, j]:
+                fall = math.sqrt(2.0 * _FALL * inertia / gravity)
+                needed[:, j] = gravity / fall, gravity, fall
+    for joint, rate, (least, effort, fall) in zip(joints, config.effort_rate, needed.T, strict=True):
+        if 0.0 < rate < least:
+            found.append(
+                f"limits.effort_rate of {joint} is {rate:g} N m/s: the torque that carries it, up to {effort:.3g} N m, "
+                f"takes {effort / rate:.2g} s, and gravity moves it by {_FALL:g} rad in {fall:.2g} s; at least "
+                f"{least:.2g} N m/s would hold it"
+            )
+    return found

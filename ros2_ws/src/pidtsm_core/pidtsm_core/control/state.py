@@ -1,0 +1,167 @@
+"""What the controller's one step reads and changes, and the two arrays in which all of it stands."""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pidtsm_core.compiled import inlined
+from pidtsm_core.family import SLOTS
+from pidtsm_core.laws import LAW_NUMBERS, STATE_SLOTS, Numbers
+from pidtsm_core.parameters import Array
+from pidtsm_core.signals import Signal, Status
+
+
+class Clock(IntEnum):
+    """Places of the integers that a step changes; times are in ns."""
+
+    ANSWERED = 0  # joint states answered since the controller began afresh
+    LAST = 1  # stamp of the last of them
+    BEGAN = 2  # stamp of the first joint state since the controller was reset, plus 1; 0: there was none
+    WAY_BEGAN = 3  # stamp at which the way to the desired motion began
+    LATE = 4  # joint states that came later than watchdog.state_hold
+    REHEARSED_RESET = 5  # 1: done
+    REHEARSED_RESTART = 6  # 1: done
+    COMMANDED = 7  # 1: there was a command since the controller was reset
+    ADAPTATION = 8  # see `Adaptation`
+    GAP = 9  # time without a joint state before the last command
+    REFERENCE_AGE = 10  # of the reference at the last joint state; negative: it is ahead
+    AT_EFFORT_LIMIT = 11  # steps with a joint at the limit of its effort
+    AT_RATE_LIMIT = 12  # steps with a joint at the limit of its rate
+    BEHIND_SINCE = 13  # stamp since when the rate limit has held the effort back, plus 1; 0: it does not
+
+
+class ControllerConfig(NamedTuple):
+    """What a step reads. Robot, kernel and estimator are places in the registries; a limit of 0 is none."""
+
+    robot: int
+    kernel: int
+    estimator: int
+    uses_model: bool
+    freezes: bool  # integrals and adaptation of a joint stand still while its effort is limited
+    stops: int  # violations that are faults, see `Violation`
+    state_hold: int  # ns
+    state_stop: int  # ns
+    reference_timeout: int  # ns
+    reset_at: int  # ns from the first joint state, 0: never
+    restart_at: int  # ns from the first joint state, 0: never
+    rate_limited: bool  # a joint has a rate limit
+    law_numbers: Numbers  # shape (LAW_NUMBERS,)
+    blend: float  # s
+    distance: float  # rad
+    gravity: float  # 1: the safe effort carries the arm, else 0
+    model: Array  # shape (model parameters,)
+    law: Array  # shape (joints, law parameters)
+    estimator_parameters: Array  # shape (joints, SLOTS)
+    effort_limit: Array  # shape (joints,), N m
+    effort_rate: Array  # shape (joints,), N m/s
+    position_limit: Array  # shape (joints,), rad
+    velocity_limit: Array  # shape (joints,), rad/s
+    tracking_limit: Array  # shape (joints,), rad
+    damping: Array  # of the safe effort, shape (joints,), N m s/rad
+
+
+class ControllerState(NamedTuple):
+    """What a step changes; all zero at the start."""
+
+    clock: NDArray[np.int64]  # shape (len(Clock),)
+    status: NDArray[np.int64]  # shape (len(Status),)
+    measured: Array  # q as measured, written before a step, shape (joints,), rad
+    reference: Array  # q_d, q_d', q_d'' as received, written before a step, shape (3, joints)
+    held: Array  # what is desired while no reference is followed, likewise
+    base: Array  # the reference at the sample, or what is held, likewise
+    desired: Array  # the same with the way to it: what the law follows, likewise
+    way: Array  # coefficients of the quintic from where the arm was to `base`, shape (6, joints)
+    way_duration: Array  # shape (1,), s; 0: there is no way
+    estimator: Array  # shape (joints, SLOTS)
+    law: Array  # shape (joints, STATE_SLOTS)
+    signals: Array  # shape (len(Signal), joints), see `Signal`
+    accelerations: Array  # scratch: a_eq, a_cmd, shape (2, joints)
+    scratch: Array  # shape (6, joints)
+
+
+_CONFIG_NUMBERS = 15  # lengths, and the integers of `ControllerConfig`
+_CLOCK = len(Clock)
+_SCALARS = 4
+# Rows of the table that ends the memory, one number a joint: of the configuration, of the state, signals, scratch.
+_CONFIG, _MOTION, _SCRATCH = 6, 19, 8
+_ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
+
+
+def memory_size(joints: int, model: int, law: int) -> int:
+    """Length of the memory of `parts`, for a model and a law (of one joint) with so many parameters."""
+    return _SCALARS + model + joints * (law + SLOTS + SLOTS + STATE_SLOTS + _ROWS)
+
+
+def numbers_size() -> int:
+    """Length of the numbers of `parts`."""
+    return _CONFIG_NUMBERS + LAW_NUMBERS + _CLOCK + len(Status)
+
+
+@inlined
+def parts(memory: Array, numbers: Numbers) -> tuple[ControllerConfig, ControllerState]:
+    """A controller's configuration and state as views of its two arrays.
+
+    A node calls compiled code a thousand times a second with the processor's caches cold; each array among the
+    arguments then costs about a microsecond. So all of a controller stands in two arrays.
+
+    Args:
+        memory: shape (memory_size,).
+        numbers: shape (numbers_size,): joints, lengths of model and law, the integers of `ControllerConfig` in their
+            order, clock, status.
+    """
+    joints, model, law = numbers[0], numbers[1], numbers[2]
+    a = _SCALARS + model
+    b = a + joints * law
+    c = b + joints * SLOTS
+    d = c + joints * SLOTS
+    e = d + joints * STATE_SLOTS
+    rows = memory[e : e + joints * _ROWS].reshape((_ROWS, joints))
+    motion = rows[_CONFIG : _CONFIG + _MOTION]
+    scratch = rows[_ROWS - _SCRATCH :]
+    clock = _CONFIG_NUMBERS + LAW_NUMBERS
+    config = ControllerConfig(
+        robot=numbers[3],
+        kernel=numbers[4],
+        estimator=numbers[5],
+        uses_model=numbers[6] != 0,
+        freezes=numbers[7] != 0,
+        stops=numbers[8],
+        state_hold=numbers[9],
+        state_stop=numbers[10],
+        reference_timeout=numbers[11],
+        reset_at=numbers[12],
+        restart_at=numbers[13],
+        rate_limited=numbers[14] != 0,
+        law_numbers=numbers[_CONFIG_NUMBERS:clock],
+        blend=memory[0],
+        distance=memory[1],
+        gravity=memory[2],
+        model=memory[_SCALARS:a],
+        law=memory[a:b].reshape((joints, law)),
+        estimator_parameters=memory[b:c].reshape((joints, SLOTS)),
+        effort_limit=rows[0],
+        effort_rate=rows[1],
+        position_limit=rows[2],
+        velocity_limit=rows[3],
+        tracking_limit=rows[4],
+        damping=rows[5],
+    )
+    state = ControllerState(
+        clock=numbers[clock : clock + _CLOCK],
+        status=numbers[clock + _CLOCK :],
+        measured=motion[0],
+        reference=motion[1:4],
+        held=motion[4:7],
+        base=motion[7:10],
+        desired=motion[10:13],
+        way=motion[13:19],
+        way_duration=memory[3:4],
+        estimator=memory[c:d].reshape((joints, SLOTS)),
+        law=memory[d:e].reshape((joints, STATE_SLOTS)),
+        signals=rows[_CONFIG + _MOTION : _ROWS - _SCRATCH],
+        accelerations=scratch[:2],
+        scratch=scratch[2:],
+    )
+    return config, state

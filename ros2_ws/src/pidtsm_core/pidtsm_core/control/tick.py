@@ -1,0 +1,78 @@
+"""Estimator, law and robot model: measured position and desired motion to effort."""
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.control.effort import limit_effort
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
+from pidtsm_core.estimators import Sample, estimate
+from pidtsm_core.laws import advance, command
+from pidtsm_core.parameters import Array
+from pidtsm_core.robots import inverse_dynamics
+from pidtsm_core.signals import Signal, Status
+
+
+@njit
+def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Array, desired: Array, dt: float) -> None:
+    """Write every signal of this sample, the law's effort within its limit among them, to ``state.signals``.
+
+    Args:
+        config: what the tick reads.
+        state: what it changes.
+        q: measured positions, shape (joints,), rad.
+        truth: true q', q'' for an estimator that `needs_truth`, shape (2, joints), else ignored.
+        desired: q_d, q_d', q_d'', shape (3, joints), rad, rad/s, rad/s^2.
+        dt: time since the last tick, s; 0 at the first.
+
+    Absurd positions that overflow give no torque, never one that is not finite.
+    The states of the law first move over dt with the values of the last tick, eqs. (10), (25), (27); so an
+    irregular period integrates what was really held over it. What winds up stands still where the effort was not the
+    law's: at a limit (``law.anti_windup``), and while the controller has stopped.
+    """
+    joints = q.size
+    y = state.signals
+    stopped = state.status[Status.FAULT] != 0
+    adaptation = state.clock[Clock.ADAPTATION]
+    if dt > 0.0:
+        for j in range(joints):
+            advance(
+                config.kernel,
+                y[Signal.POSITION_ERROR, j],
+                y[Signal.SLIDING_VARIABLE, j],
+                y[Signal.MANIFOLD_VARIABLE, j],
+                config.law_numbers,
+                config.law[j],
+                state.law[j],
+                dt,
+                stopped or (config.freezes and y[Signal.SATURATED, j] != 0.0),
+                adaptation,
+            )
+
+    sample = Sample(q, truth, dt, y[Signal.EFFORT], config.robot, config.model)
+    estimate(config.estimator, sample, config.estimator_parameters, state.estimator, y[: Signal.POSITION_ERROR])
+
+    for j in range(joints):
+        e = y[Signal.POSITION, j] - desired[0, j]
+        de = y[Signal.VELOCITY, j] - desired[1, j]
+        dde = y[Signal.ACCELERATION, j] - desired[2, j]
+        a_cmd, a_eq, s, sigma, gain, tau_sw = command(
+            config.kernel, e, de, dde, desired[2, j], config.law_numbers, config.law[j], state.law[j], dt
+        )
+        y[Signal.POSITION_ERROR, j] = e
+        y[Signal.VELOCITY_ERROR, j] = de
+        y[Signal.SLIDING_VARIABLE, j] = s
+        y[Signal.MANIFOLD_VARIABLE, j] = sigma
+        y[Signal.ADAPTIVE_GAIN, j] = gain
+        y[Signal.SWITCHING_TERM, j] = tau_sw
+        state.accelerations[0, j] = a_eq
+        state.accelerations[1, j] = a_cmd
+
+    efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
+    if config.uses_model:
+        q_hat, dq_hat = y[Signal.POSITION], y[Signal.VELOCITY]
+        inverse_dynamics(config.robot, q_hat, dq_hat, state.accelerations, config.model, efforts)
+    for j in range(joints):
+        if config.uses_model:
+            y[Signal.ACCELERATION_COMMAND, j] = state.accelerations[1, j]
+        else:
+            efforts[0, j] = state.accelerations[0, j]
+            efforts[1, j] = state.accelerations[1, j]
+    limit_effort(config, state)
