@@ -117,7 +117,7 @@ def test_brakes_stop_the_arm_when_commands_stay_out_and_open_with_the_next(bench
     bench.spin_until(lambda: any("on the brakes" in s for s in summaries), "word of it on /diagnostics")
 
     arm.obedient = True
-    arm.says("a command has come: the brakes are open")
+    arm.says("command received: brakes released")
     bench.spin_until(lambda: min(map(abs, truth[-1].velocity)) > 0.05, "an arm in motion again")
     for before, after in pairwise(truth):
         dt = (nanoseconds(after.header.stamp) - nanoseconds(before.header.stamp)) * 1e-9

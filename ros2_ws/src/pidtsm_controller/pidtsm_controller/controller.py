@@ -69,9 +69,9 @@ class ControllerNode(ManagedNode):
         self._controller.compile()
         for warning in self._controller.warnings():
             self.get_logger().warning(warning)
-        self._position = self._controller.position[None]  # Messages are read into tables.
+        fields = ("position", "effort") if self._controller.config.feeds_back else ("position",)
         self._statistics = LoopStatistics(number(self.values["diagnostics.deadline"]))
-        self._incoming_state = IncomingMessages(JointState, ("position",), joints)
+        self._incoming_state = IncomingMessages(JointState, fields, joints)
         self._incoming_reference = IncomingMessages(JointReference, _REFERENCE_FIELDS, joints)
         self._take_parameters()
         self._reference_stamp = self._answered_stamp = self._state_stamp = self._waiting_stamp = -1
@@ -125,7 +125,7 @@ class ControllerNode(ManagedNode):
 
     def poll(self) -> float:
         if self._diagnostics is not None and self._diagnostics.due:
-            self._publish_diagnostics()
+            self.diagnose()
         if not self.active:
             return super().poll()
         if self._waiting_stamp >= 0:
@@ -161,7 +161,7 @@ class ControllerNode(ManagedNode):
             if self.active:
                 self._commands.publish(self._command.to_bytes(stamp))
             return
-        self._incoming_state.read(data, self._position)
+        self._incoming_state.read(data, self._controller.measured)
         self._state_stamp = self._waiting_stamp = stamp
         if judged is Stamp.RESTARTED:
             self.get_logger().warning("time went back: starting afresh")
@@ -234,7 +234,9 @@ class ControllerNode(ManagedNode):
         self._report(self._controller.status)
         return ""
 
-    def _publish_diagnostics(self) -> None:
+    def diagnose(self) -> None:
+        if self._diagnostics is None:
+            return
         ticks, self._ticks = self._ticks, 0
         window, judged = self._statistics.last, not self.lockstep
         at_limit = self._controller.clock(Clock.AT_EFFORT_LIMIT)
@@ -259,5 +261,4 @@ class ControllerNode(ManagedNode):
             idle, level = "stopped by a fault; ~/reset_fault ends it", DiagnosticStatus.ERROR
         elif self._status is not None and self._status[Status.MODE] == Mode.HOLDING:
             idle = "holding position: no reference, or an old one"
-        assert self._diagnostics is not None
         self._diagnostics.publish(readings, idle, level)

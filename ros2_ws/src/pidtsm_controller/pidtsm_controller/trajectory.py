@@ -1,16 +1,18 @@
 """Trajectory node: publishes the reference for every joint state, and takes trajectories that replace it."""
 
 import numpy as np
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from pidtsm_core.joints import JointOrder, MessageError
 from pidtsm_core.node_parameters import trajectory_node_schema
 from pidtsm_core.parameters import Array, names, number
 from pidtsm_core.references import ReferenceMotion, reference_joints
 from pidtsm_core.references.trajectory import MotionUnderWay, TrajectoryError
 from pidtsm_core.timing import seconds
 from pidtsm_msgs.msg import JointReference
-from pidtsm_core.joints import JointOrder, MessageError
+from pidtsm_ros.diagnostics import Diagnostics, Reading
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds
 from pidtsm_ros.wire import OutgoingMessage
@@ -31,6 +33,7 @@ class Trajectory(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("trajectory", trajectory_node_schema, reference_joints)
+        self._diagnostics: Diagnostics | None = None
 
     @property
     def lockstep(self) -> bool:
@@ -52,6 +55,8 @@ class Trajectory(ManagedNode):
         self._none = OutgoingMessage(JointReference())
 
         self._references = self.advertise(JointReference, "reference")
+        self._diagnostics = Diagnostics(self)
+        self._published = 0
         self.listen(JointState, "joint_states", self._on_joint_state, raw=True, depth=_WAITING)
         self.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, once=True)
 
@@ -60,7 +65,18 @@ class Trajectory(ManagedNode):
         self._last = -1
         self._waiting = -1
 
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._diagnostics = None
+        return super().on_cleanup(state)
+
+    def diagnose(self) -> None:
+        if self._diagnostics is not None:
+            idle = "" if self.active else "inactive"
+            self._diagnostics.publish([Reading("references published", self._published)], idle)
+
     def poll(self) -> float:
+        if self._diagnostics is not None and self._diagnostics.due:
+            self.diagnose()
         if self.active and self._waiting >= 0:
             self._publish(self._waiting)
             return 0.005
@@ -87,6 +103,7 @@ class Trajectory(ManagedNode):
             return
         self._motion.evaluate(stamp, self._desired)
         self._reference.arrays[:] = self._desired
+        self._published += 1
         self._references.publish(self._reference.to_bytes(stamp))
 
     def _begin(self, stamp: int) -> None:

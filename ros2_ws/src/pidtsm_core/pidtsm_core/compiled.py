@@ -88,6 +88,11 @@ def njit(function: _Function) -> _Function:
     return cast(_Function, numba.njit(cache=True, nogil=True, **_OPTIONS)(function))
 
 
+def outlined(function: _Function) -> _Function:
+    """As `njit`, but called from compiled code instead of inlined: for what is rare, so that the loop stays small."""
+    return cast(_Function, numba.njit(cache=True, nogil=True, **{**_OPTIONS, "forceinline": False})(function))
+
+
 def inlined(function: _Function) -> _Function:
     """Compile `function` into whatever compiled function calls it; called from Python it runs as Python.
 

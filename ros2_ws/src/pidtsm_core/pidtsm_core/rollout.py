@@ -68,15 +68,13 @@ class Rollout:
 
 
 @njit
-def _keep(
-    signals: Array, status: NDArray[np.uint8], start: int, stop: int, controller: ControllerState, places: Places
-) -> None:
-    """Fill rows with what the controller computed last; `places` are its joints' in the rows."""
+def _keep(signals: Array, status: NDArray[np.uint8], start: int, stop: int, controller: ControllerState) -> None:
+    """Fill rows with what the controller computed last."""
     y, last = controller.signals, controller.status
     for k in range(start, stop):
         for i in range(y.shape[0]):
             for j in range(y.shape[1]):
-                signals[k, i, places[j]] = y[i, j]
+                signals[k, i, j] = y[i, j]
         for i in range(last.size):
             status[k, i] = last[i]
 
@@ -90,7 +88,6 @@ def _simulate(
     draws: Array,
     motion: MotionConfig,
     places: Places,
-    arranged: Array,
     period: int,
     time: Array,
     position: Array,
@@ -102,65 +99,54 @@ def _simulate(
 ) -> int:
     """Run the loop; returns the number of samples done before a value stopped being finite.
 
-    `places` are the controller's and the reference's joints among the simulator's, shape (2, joints); `arranged` is
-    scratch for what is brought from one order to another, shape (6, joints).
+    `places` are those of the controller's joints among the simulator's and the trajectory's, shape (2, joints); signals
+    are written in the order of the controller, `desired` in that of the trajectory.
     """
     dt = seconds(period)
     arm = robot.arm
     joints = position.shape[1]
+    torque, truth = memory.torque, memory.truth
     last = -1  # sample of the last measurement that reached the controller
     begun = 0  # sample at which the reference begins: that of the first measurement that is not lost
     referred = -1  # stamp of the last reference
-    truth, torque = arranged[3:5], arranged[5]
     for k in range(position.shape[0]):
         for j in range(joints):
             if not math.isfinite(arm.position[j]):
                 return k
         t = seconds(k * period)
         time[k] = t
-        _refer(motion, seconds((k - begun) * period), places[1], arranged, desired[k])
+        evaluate_motion(motion, seconds((k - begun) * period), desired[k])
         for j in range(joints):
             position[k, j] = arm.position[j]
             velocity[k, j] = arm.derivatives[0, j]
-        sample, measured, derivatives = sense(hardware, robot, draws[k], k)
+        sample, measured, derivatives, applied = sense(hardware, robot, draws[k], k)
         if sample >= 0:
             if last < 0 and sample > 0:
                 begun = sample
                 for i in range(k + 1):
-                    _refer(motion, seconds((i - begun) * period), places[1], arranged, desired[i])
+                    evaluate_motion(motion, seconds((i - begun) * period), desired[i])
             if sample > last + 1:
-                _keep(signals, status, last + 1, sample, memory, places[0])
-            stamp = sample * period
-            received = not drops_out(motion, seconds((sample - begun) * period))
-            if received:
-                referred = stamp
+                _keep(signals, status, last + 1, sample, memory)
+            if not drops_out(motion, seconds((sample - begun) * period)):
+                referred = sample * period
+                for i in range(3):
+                    for j in range(joints):
+                        memory.reference[i, j] = desired[sample, i, places[1, j]]
             for j in range(joints):
-                place = places[0, j]
-                memory.measured[j] = measured[place]
-                for i in range(2):
-                    truth[i, j] = derivatives[i, place]
-                if received:
-                    for i in range(3):
-                        memory.reference[i, j] = desired[sample, i, place]
-            step(controller, memory, stamp, referred, truth)
+                memory.measured[j] = measured[places[0, j]]
+                memory.applied[j] = applied[places[0, j]]
+                truth[0, j] = derivatives[0, places[0, j]]
+                truth[1, j] = derivatives[1, places[0, j]]
+            step(controller, memory, sample * period, referred, truth)
             for j in range(joints):
                 torque[places[0, j]] = memory.signals[Signal.EFFORT, j]
-            _keep(signals, status, sample, sample + 1, memory, places[0])
+            _keep(signals, status, sample, sample + 1, memory)
             last = sample
         act(hardware, robot, draws[k], k, sample >= 0, torque, t, dt)
         for j in range(joints):
             effort[k, j] = arm.effort[j]
-    _keep(signals, status, last + 1, position.shape[0], memory, places[0])
+    _keep(signals, status, last + 1, position.shape[0], memory)
     return position.shape[0]
-
-
-@njit
-def _refer(motion: MotionConfig, t: float, places: Places, arranged: Array, desired: Array) -> None:
-    """Write the reference at t (s) in the order of the simulator's joints; `places` are its own among those."""
-    evaluate_motion(motion, t, arranged[:3])
-    for i in range(3):
-        for j in range(places.size):
-            desired[i, places[j]] = arranged[i, j]
 
 
 def resolve_nodes(
@@ -220,18 +206,18 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
             refuses, or a rollout that does not fit in memory.
         DivergedError: the loop left the finite numbers.
     """
-    values = resolve_nodes(SCHEMAS, {node: {**EXPERIMENT.get(node, {}), **settings.get(node, {})} for node in
-                                     dict.fromkeys([*SCHEMAS, *settings])})
+    values = resolve_nodes(SCHEMAS, {**settings, **{n: {**EXPERIMENT[n], **settings.get(n, {})} for n in SCHEMAS}})
     controller = Controller(values["controller"])
     robot = SimulatedRobot(values["simulator"], ESTIMATORS[str(values["controller"]["estimator.name"])].needs_truth)
     motion = ReferenceMotion(values["trajectory"])
+    joints = {node: names(values[node]["joints"]) for node in SCHEMAS}
+    places = np.array([JointOrder(joints["controller"]).match(joints[node]) for node in ("simulator", "trajectory")])
+    _check_start(controller, robot, motion, places)
     period = period_nanoseconds(int(number(values["simulator"]["rate"])))
     if not duration * 1e9 / period >= 0.5 or duration == math.inf:
         raise ParameterError(f"duration: {duration} s is not a time of at least one sample")
     samples = round(duration * 1e9 / period)
-    result = _blank(names(values["simulator"]["joints"]), samples)
-    order = JointOrder(result.joints)
-    places = np.array([np.argsort(order.match(names(values[node]["joints"]))) for node in ("controller", "trajectory")])
+    result = _blank(joints["simulator"], samples)
     done = _simulate(
         controller.config,
         controller.state,
@@ -240,7 +226,6 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
         robot.randomness.draw(samples),
         motion.config,
         places,
-        np.zeros((6, robot.joints)),
         period,
         result.time,
         result.position,
@@ -252,7 +237,24 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
     )
     if done < samples:
         raise DivergedError(f"the loop is not finite any more after {seconds(done * period):g} s")
+    for node, table in (("controller", result.signals), ("trajectory", result.reference)):
+        if joints[node] != result.joints:
+            table[:] = table[..., JointOrder(result.joints).match(joints[node])]
     return result
+
+
+def _check_start(controller: Controller, robot: SimulatedRobot, motion: ReferenceMotion, places: Places) -> None:
+    """Refuse a start that the controller refuses.
+
+    Raises:
+        ParameterError: the arm begins too far from its reference.
+    """
+    begin = np.zeros((3, robot.joints))
+    motion.evaluate(0.0, begin)
+    controller.position[:] = robot.state.arm.position[places[0]]
+    controller.reference[:] = begin[:, places[1]]
+    if refusal := controller.refusal(referred=not motion.drops_out(0.0)):
+        raise ParameterError(f"simulator: initial_position: {refusal}", "simulator.initial_position")
 
 
 def _blank(joints: tuple[str, ...], samples: int) -> Rollout:

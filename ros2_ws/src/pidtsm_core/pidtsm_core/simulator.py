@@ -67,11 +67,11 @@ class SimulatorConfig(NamedTuple):
 class SimulatorState(NamedTuple):
     """What a sample changes."""
 
-    measurements: ChannelState  # packets: measured q, true q', q''; shape (3, joints)
+    measurements: ChannelState  # packets: measured q, true q', q'', applied effort; shape (4, joints)
     commands: ChannelState  # packets: effort, shape (1, joints)
     command: Array  # the effort that arrived last, shape (joints,), N m
     released: NDArray[np.bool_]  # shape (1,): the brakes are open, as a command has arrived
-    silence: NDArray[np.int64]  # shape (1,): samples since the last one with a command, that one counted; 0: none yet
+    silence: NDArray[np.int64]  # shape (1,): samples since the last one to which a command came, inclusive; 0: none yet
     motor: Array  # position at the motors' side of the backlash, shape (joints,), rad
     lagging: Array  # torque of the drives at the end of the sample, shape (joints,), N m
     effort: Array  # torque of the motors over the sample, before the limits, shape (joints,), N m
@@ -79,7 +79,7 @@ class SimulatorState(NamedTuple):
 
 
 @njit
-def sense(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int) -> tuple[int, Array, Array]:
+def sense(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int) -> tuple[int, Array, Array, Array]:
     """Measure the arm, and say what reaches the controller at this sample.
 
     Args:
@@ -90,30 +90,36 @@ def sense(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: 
 
     Returns:
         The sample at which the measurement that arrives was acquired, -1 if none arrives; measured q, shape
-        (joints,), rad; true q' and q'' of that sample, shape (2, joints).
+        (joints,), rad; true q' and q'' of that sample, shape (2, joints); the effort applied before it, as the drives
+        report it, shape (joints,), N m.
     """
     channel, arm = state.measurements, state.arm
     if config.sensor.ideal and config.measurements.direct:
-        return sample, arm.position, arm.derivatives
+        return sample, arm.position, arm.derivatives, arm.effort
     slot = place(channel, sample)
     packet = channel.packets[slot]
     measure(config.sensor, state.motor, arm.position, arm.derivatives[0], draws, packet[0])
     for i in range(2):
         for j in range(arm.position.size):
             packet[1 + i, j] = arm.derivatives[i, j]
+    for j in range(arm.position.size):
+        packet[3, j] = arm.effort[j]
     if not loses(config.measurements, channel, sample, draws[Column.MEASUREMENT_LOSS], draws[Column.MEASUREMENT_BURST]):
         channel.sent[slot] = sample
     acquired = sample - channel.sent.size + 1
     packet = channel.packets[place(channel, acquired)]
-    return acquired if arrived(channel, acquired) else -1, packet[0], packet[1:]
+    return acquired if arrived(channel, acquired) else -1, packet[0], packet[1:3], packet[3]
 
 
 @njit
-def _sense_into(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int, measured: Array) -> int:
+def _sense_into(
+    config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int, measured: Array, applied: Array
+) -> int:
     """`sense` for Python, which must not be given views that compiled code has made."""
-    acquired, q, _ = sense(config, state, draws, sample)
+    acquired, q, _, effort = sense(config, state, draws, sample)
     for j in range(q.size):
         measured[j] = q[j]
+        applied[j] = effort[j]
     return acquired
 
 
@@ -126,13 +132,12 @@ def _take(state: SimulatorState, effort: Array) -> None:
 
 
 @inlined
-def _watch(config: SimulatorConfig, state: SimulatorState, commanded: bool) -> None:
-    """Close the brakes where commands stay out for too long."""
-    if commanded:
+def _watch(config: SimulatorConfig, state: SimulatorState, arrives: bool) -> None:
+    """Close the brakes where no command arrives at the drives for too long."""
+    if arrives:
         state.silence[0] = 1
     elif state.silence[0] > 0:
         state.silence[0] += 1
-        # At every sample, since a command that is still on its way opens them once more.
         if state.silence[0] > config.patience:
             state.released[0] = False
 
@@ -173,8 +178,7 @@ def act(
         t: time of the sample, s.
         dt: until the next, s.
     """
-    torque = effort
-    _watch(config, state, commanded)
+    torque, arrives = effort, commanded
     if config.commands.direct:
         if commanded:
             _take(state, effort)
@@ -187,9 +191,11 @@ def act(
             for j in range(effort.size):
                 channel.packets[slot, 0, j] = effort[j]
         sent = sample - channel.sent.size + 1
-        if arrived(channel, sent):
+        arrives = arrived(channel, sent)
+        if arrives:
             _take(state, channel.packets[place(channel, sent), 0])
         torque = state.command
+    _watch(config, state, arrives)
     if state.released[0]:
         if not config.actuator.ideal:
             drive(config.actuator, state.lagging, torque, state.arm.position, state.effort)
@@ -205,6 +211,7 @@ class SimulatedRobot:
     Attributes:
         joints: number of joints.
         config, state: what `sense` and `act` take.
+        applied: the effort that the drives report with the last measurement, shape (joints,), N m.
         randomness: where their `draws` come from.
     """
 
@@ -224,7 +231,7 @@ class SimulatedRobot:
         self._dt = seconds(self._period)
         self._configure(values)
         self.state = SimulatorState(
-            measurements=channel_state(values, "", 3, joints),
+            measurements=channel_state(values, "", 4, joints),
             commands=channel_state(values, "command_", 1, joints),
             command=np.zeros(joints),
             released=np.zeros(1, dtype=np.bool_),
@@ -237,6 +244,7 @@ class SimulatedRobot:
         self.randomness = Randomness(values, joints)
         self._draws = np.empty(0)
         self._measured = np.zeros(joints)
+        self.applied = np.zeros(joints)
 
     def _configure(self, values: Mapping[str, Value]) -> None:
         timeout = number(values[_COMMAND_TIMEOUT.name])
@@ -262,7 +270,7 @@ class SimulatedRobot:
     def compile(self) -> None:
         """Compile all that `sense` and `act` may call, so that no new parameter makes a node wait; it moves the arm."""
         draws = np.zeros(len(Column) - 1 + self.joints)
-        _sense_into(self.config, self.state, draws, 0, self._measured)
+        _sense_into(self.config, self.state, draws, 0, self._measured, self.applied)
         act(self.config, self.state, draws, 0, True, self.state.effort, 0.0, seconds(self._period))
         self._plant.step(self.state.effort, 0.0, seconds(self._period))
         _brake(self.state, seconds(self._period))
@@ -300,9 +308,11 @@ class SimulatedRobot:
             (joints,), rad, valid until the next call.
         """
         if self._ideal:
+            self.applied[:] = self.state.arm.effort
             return sample, self.state.arm.position
         self._draws = self.randomness.next()
-        return _sense_into(self.config, self.state, self._draws, sample, self._measured), self._measured
+        acquired = _sense_into(self.config, self.state, self._draws, sample, self._measured, self.applied)
+        return acquired, self._measured
 
     def act(self, sample: int, commanded: bool, effort: Array) -> None:
         """Move the arm to the next sample, see `act`."""

@@ -86,7 +86,7 @@ class ManagedNode(LifecycleNode):
     """A lifecycle node with checked parameters.
 
     Subclasses override `configure` (parameters, memory, compilation), `activate` and `deactivate` (the loop),
-    `poll` (work that is due) and `parameters_changed`.
+    `poll` (work that is due), `diagnose` and `parameters_changed`.
 
     Attributes:
         values: every parameter by name, checked.
@@ -154,6 +154,9 @@ class ManagedNode(LifecycleNode):
     def deactivate(self) -> None:
         """End the loop."""
 
+    def diagnose(self) -> None:
+        """Publish what there is to say on /diagnostics; called before the node is deactivated, too."""
+
     def parameters_changed(self) -> None:
         """Take over changed `values` while configured."""
 
@@ -191,6 +194,7 @@ class ManagedNode(LifecycleNode):
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.diagnose()
         self.active = False
         return self._transition(self.deactivate)
 

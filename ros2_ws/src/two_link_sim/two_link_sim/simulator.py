@@ -7,6 +7,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from pidtsm_core.joints import JointOrder, MessageError
 from pidtsm_core.node_parameters import PRIORITY, simulator_node_schema
 from pidtsm_core.parameters import names, number
 from pidtsm_core.robots import robot_joints
@@ -14,7 +15,6 @@ from pidtsm_core.simulator import SimulatedRobot
 from pidtsm_core.timing import period_nanoseconds, seconds
 from pidtsm_ros.diagnostics import Diagnostics, Reading, loop_readings
 from pidtsm_ros.effort_topics import EFFORT_TOPICS
-from pidtsm_core.joints import JointOrder, MessageError
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import serialized_nanoseconds
@@ -57,7 +57,7 @@ class Simulator(ManagedNode):
         SimulatedRobot(values).compile()
 
         joints = len(self._joints_of_arm)
-        self._measured = OutgoingMessage(JointState(name=self._joints_of_arm), ("position",), joints=joints)
+        self._measured = OutgoingMessage(JointState(name=self._joints_of_arm), ("position", "effort"), joints=joints)
         self._truth = OutgoingMessage(
             JointState(name=self._joints_of_arm), ("position", "velocity", "effort"), joints=joints
         )
@@ -114,7 +114,7 @@ class Simulator(ManagedNode):
         if not self.active:
             return _POLL
         if self._diagnostics.due:
-            self._publish_diagnostics()
+            self.diagnose()
         if self._sample < 0:
             if not self._others_ready():
                 return _POLL
@@ -165,6 +165,7 @@ class Simulator(ManagedNode):
         if self._asked:
             self._acquired = acquired
             self._measured.arrays[0] = measured
+            self._measured.arrays[1] = self._robot.applied
             self._joint_states.publish(self._measured.to_bytes(self._stamp(acquired)))
         if self.lockstep:
             self._clock_topic.publish(self._clock_message.to_bytes(self._stamp(sample)))
@@ -191,6 +192,7 @@ class Simulator(ManagedNode):
                 f"done: {self._samples} samples in {took:.4f} s; "
                 f"{self._skipped} skipped, {self._commands_taken} answered"
             )
+            self.diagnose()
             self.finished = True
             self.active = False
 
@@ -206,17 +208,17 @@ class Simulator(ManagedNode):
         commanded, self._commanded = self._commanded, False
         self._robot.act(self._sample, commanded, self._effort)
         # Before the first command the brakes are closed anyway.
-        if self._braked or (not commanded and self._robot.silence):
-            self._watch_brakes()
+        if self._robot.braked != self._braked and self._robot.silence:
+            self._report_brakes()
 
-    def _watch_brakes(self) -> None:
-        """Log when the robot closes its brakes for want of commands, and when it opens them."""
-        braked, self._braked = self._braked, self._robot.braked
-        if self._braked and not braked:
+    def _report_brakes(self) -> None:
+        """Log that the robot has closed its brakes for want of commands, or opened them."""
+        self._braked = self._robot.braked
+        if self._braked:
             self._brakings += 1
             silence = seconds(self._robot.silence * self._period)
             self.get_logger().warning(f"no command for {silence:.3g} s (command.timeout): the brakes stop the arm")
-        elif braked and not self._braked:
+        else:
             self.get_logger().info("command received: brakes released")
 
     def _on_command(self, data: bytes) -> None:
@@ -303,7 +305,7 @@ class Simulator(ManagedNode):
         )
         self.finished = self.failed = True
 
-    def _publish_diagnostics(self) -> None:
+    def diagnose(self) -> None:
         idle = ""
         if self._sample < 0:
             idle = "waiting for the others"

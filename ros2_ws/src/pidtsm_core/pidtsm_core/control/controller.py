@@ -37,6 +37,8 @@ class Controller:
     Attributes:
         joints: number of joints.
         position: measured q, shape (joints,), rad.
+        measured: `position`, and the effort that the drives report (N m) where ``feedback.effort`` wants it, shape
+            (1 or 2, joints).
         reference: q_d, q_d', q_d'', shape (3, joints), rad, rad/s, rad/s^2.
         effort: the result of the last step, shape (joints,), N m.
         signals: likewise, shape (len(Signal), joints), order of `Signal`.
@@ -44,14 +46,13 @@ class Controller:
         config, state: the same as what `step` takes.
     """
 
-    def __init__(
-        self, values: Mapping[str, Value], effort: Array | None = None, signals: Array | None = None
-    ) -> None:
+    def __init__(self, values: Mapping[str, Value], effort: Array | None = None, signals: Array | None = None) -> None:
         """Build it.
 
         Args:
             values: every parameter of `controller_schema`, as `resolve` returns them.
-            effort, signals: where results are to be written, instead of to arrays of its own.
+            effort: where the result is to be written, instead of to an array of its own.
+            signals: likewise.
         """
         self._names = names(values["joints"])
         self.joints = len(self._names)
@@ -62,6 +63,7 @@ class Controller:
         self.numbers = np.zeros(numbers_size(), dtype=np.int64)
         self.set_parameters(values)
         self.position, self.reference = self.state.measured, self.state.reference
+        self.measured = self.state.received
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
         """Use other gains from the next step on; the state stays.
@@ -88,6 +90,7 @@ class Controller:
             *(_nanoseconds(values[f"watchdog.{name}"]) for name in ("state_hold", "state_stop", "reference")),
             *(_nanoseconds(values[f"rehearsal.{name}"]) for name in ("reset_fault", "restart")),
             rate.any(),
+            values["feedback.effort"] == "measured",
             *law.numbers(values),
         ]
         self.numbers[: len(integers)] = integers
@@ -110,9 +113,10 @@ class Controller:
         config.damping[:] = joint_array(values["stop.damping"] if damps else 0.0, self.joints)
 
     def reset(self) -> None:
-        """Back to the state of the start; measurement and reference stay."""
+        """Back to the state of the start; what was measured, and the reference, stay."""
+        kept = (self.state.measured, self.state.applied, self.state.received, self.state.reference)
         for array in self.state:
-            if array is not self.state.measured and array is not self.state.reference:
+            if not any(array is each for each in kept):
                 array[:] = 0
 
     def compile(self) -> None:
@@ -164,8 +168,7 @@ class Controller:
         """Why the arm must not be moved now; empty where it may be. `referred`: there is a reference."""
         if not referred:
             return ""
-        joint = farthest(self.state)
-        distance = abs(self.reference[0, joint] - self.position[joint])
+        joint, distance = farthest(self.state)
         if distance <= self.config.distance:
             return ""
         name = self._names[joint]

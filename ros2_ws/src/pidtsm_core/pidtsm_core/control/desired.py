@@ -2,7 +2,7 @@
 
 import math
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import njit, outlined
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
 from pidtsm_core.laws import command
 from pidtsm_core.parameters import Array
@@ -31,63 +31,55 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
 
     Args:
         config: what is read.
-        state: what is changed; the controller follows nothing yet where nothing was answered.
+        state: what is changed.
         stamp: of the sample, ns.
         reference_stamp: of ``state.reference``, ns; negative where there is none.
     """
-    clock, status = state.clock, state.status
-    begun = clock[Clock.ANSWERED] > 0
-    followed = begun and status[Status.MODE] == Mode.FOLLOWING
+    clock, status, desired = state.clock, state.status, state.desired
+    followed = clock[Clock.ANSWERED] > 0 and status[Status.MODE] == Mode.FOLLOWING
     stopped = status[Status.FAULT] != 0
     age = stamp - reference_stamp
     oldest = config.reference_timeout if followed else config.reference_timeout // 2
     follows = reference_stamp >= 0 and abs(age) <= oldest and not stopped
-    if followed and not follows:
-        _hold(state, state.desired[0])
-    if follows:
-        extrapolate(state.reference, seconds(age), state.base)
-        if not followed:
-            # From the motion desired last; at the very first sample that is rest where the arm is.
-            _begin_way(config, state, state.desired, stamp)
-            clock[Clock.ADAPTATION] = Adaptation.APPROACHING if state.way_duration[0] > 0.0 else Adaptation.NORMAL
-    else:
-        for i in range(3):
-            for j in range(state.measured.size):
-                state.base[i, j] = state.held[i, j]
     status[Status.MODE] = Mode.STOPPED if stopped else (Mode.FOLLOWING if follows else Mode.HOLDING)
-    _write_desired(state, stamp)
+    clock[Clock.REFERENCE_AGE] = age
+    if follows and not followed:
+        # From the motion desired last; at the very first sample that is rest where the arm is.
+        _begin_way(config, state, desired, stamp)
+        clock[Clock.ADAPTATION] = Adaptation.APPROACHING if state.way_duration[0] > 0.0 else Adaptation.NORMAL
+    elif followed and not follows:
+        begin_at(state, desired[0])
+    _write_base(state, desired)
+    duration = state.way_duration[0]
+    if duration > 0.0:
+        t = seconds(stamp - clock[Clock.WAY_BEGAN])
+        if t < duration:
+            add_quintic(state.way, duration, t, desired)
+        else:
+            _end_way(state)
 
 
 @njit
 def begin_at(state: ControllerState, position: Array) -> None:
     """Desire rest at `position`, shape (joints,), rad."""
-    _hold(state, position)
-    for i in range(3):
-        for j in range(position.size):
-            state.desired[i, j] = state.held[i, j]
-
-
-@njit
-def _hold(state: ControllerState, position: Array) -> None:
     _end_way(state)
     for j in range(position.size):
         state.held[0, j] = position[j]
         state.held[1, j] = 0.0
         state.held[2, j] = 0.0
+        for i in range(3):
+            state.desired[i, j] = state.held[i, j]
 
 
 @njit
-def _write_desired(state: ControllerState, stamp: int) -> None:
+def _write_base(state: ControllerState, motion: Array) -> None:
+    """Write the reference at the sample, or what is held instead, to `motion`, shape (3, joints)."""
+    if state.status[Status.MODE] == Mode.FOLLOWING:
+        extrapolate(state.reference, seconds(state.clock[Clock.REFERENCE_AGE]), motion)
+        return
     for i in range(3):
-        for j in range(state.measured.size):
-            state.desired[i, j] = state.base[i, j]
-    duration = state.way_duration[0]
-    if duration > 0.0:
-        t = seconds(stamp - state.clock[Clock.WAY_BEGAN])
-        if t < duration:
-            add_quintic(state.way, duration, t, state.desired)
-        else:
-            _end_way(state)
+        for j in range(motion.shape[1]):
+            motion[i, j] = state.held[i, j]
 
 
 @njit
@@ -96,14 +88,15 @@ def _end_way(state: ControllerState) -> None:
     state.clock[Clock.ADAPTATION] = Adaptation.NORMAL
 
 
-@njit
+@outlined
 def _begin_way(config: ControllerConfig, state: ControllerState, start: Array, stamp: int) -> float:
-    """Plan the way from `start` (q, q', q'', shape (3, joints)) to ``state.base``: their difference dies out.
+    """Plan the way from `start` (q, q', q'', shape (3, joints)) to what is followed or held: their difference dies out.
 
     Returns:
         What `_excess` says of the way; 0 where no rate is limited.
     """
     difference, rest = state.scratch[:3], state.scratch[3:]
+    _write_base(state, state.base)
     for i in range(3):
         for j in range(start.shape[1]):
             difference[i, j] = start[i, j] - state.base[i, j]
@@ -119,10 +112,8 @@ def _begin_way(config: ControllerConfig, state: ControllerState, start: Array, s
 
 
 @njit
-def _duration(
-    config: ControllerConfig, state: ControllerState, difference: Array, rest: Array
-) -> tuple[float, float]:
-    """How long a way must take, s, for its `_excess` to be at most 1, or, where none does, the least; and its excess."""
+def _duration(config: ControllerConfig, state: ControllerState, difference: Array, rest: Array) -> tuple[float, float]:
+    """How long a way must take, s, for an `_excess` of at most 1, or else for the least; and that excess."""
     duration = best = max(config.blend, _SHORTEST_WAY)
     least = math.inf
     while duration < _LONGEST_WAY:
@@ -161,7 +152,7 @@ def _excess(config: ControllerConfig, state: ControllerState, duration: float) -
     return excess
 
 
-@njit
+@outlined
 def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int) -> bool:
     """Begin a way at the arm's estimated motion, with the acceleration for which the law asks for the effort applied.
 
@@ -180,6 +171,7 @@ def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int)
         if abs(learnt) < _ABSURD:
             start[2, j] -= learnt
     excess = _begin_way(config, state, start, stamp)
-    _write_desired(state, stamp)
+    _write_base(state, state.desired)
+    add_quintic(state.way, state.way_duration[0], 0.0, state.desired)
     state.clock[Clock.ADAPTATION] = Adaptation.FROZEN
     return excess < _HOPELESS

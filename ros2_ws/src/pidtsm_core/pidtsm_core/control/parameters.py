@@ -89,6 +89,14 @@ _SAFETY = (
     ),
     Parameter("stop.damping", 20.0, "damping of the safe torque", "N m s/rad", minimum=0.0, per_joint=True),
 )
+_FEEDBACK = Parameter(
+    "feedback.effort",
+    "commanded",
+    "torque that the estimator and the integrals count on: commanded, the controller's own; measured, the effort of "
+    "the joint states, as drives report it, which shows lost commands and closed brakes",
+    choices=("commanded", "measured"),
+    fixed=True,
+)
 _REHEARSAL = (
     Parameter(
         "rehearsal.reset_fault",
@@ -121,5 +129,6 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         *robot_schema(settings),
         *_LIMITS,
         *_SAFETY,
+        _FEEDBACK,
         *_REHEARSAL,
     )

@@ -47,6 +47,7 @@ class ControllerConfig(NamedTuple):
     reset_at: int  # ns from the first joint state, 0: never
     restart_at: int  # ns from the first joint state, 0: never
     rate_limited: bool  # a joint has a rate limit
+    feeds_back: bool  # the effort applied is measured
     law_numbers: Numbers  # shape (LAW_NUMBERS,)
     blend: float  # s
     distance: float  # rad
@@ -68,24 +69,30 @@ class ControllerState(NamedTuple):
     clock: NDArray[np.int64]  # shape (len(Clock),)
     status: NDArray[np.int64]  # shape (len(Status),)
     measured: Array  # q as measured, written before a step, shape (joints,), rad
+    applied: Array  # effort as the drives report it, likewise where it is wanted, N m
     reference: Array  # q_d, q_d', q_d'' as received, written before a step, shape (3, joints)
     held: Array  # what is desired while no reference is followed, likewise
-    base: Array  # the reference at the sample, or what is held, likewise
+    base: Array  # scratch: the reference at the sample, or what is held, likewise
     desired: Array  # the same with the way to it: what the law follows, likewise
-    way: Array  # coefficients of the quintic from where the arm was to `base`, shape (6, joints)
+    way: Array  # coefficients of the quintic from where the arm was to what is followed, shape (6, joints)
     way_duration: Array  # shape (1,), s; 0: there is no way
     estimator: Array  # shape (joints, SLOTS)
     law: Array  # shape (joints, STATE_SLOTS)
     signals: Array  # shape (len(Signal), joints), see `Signal`
+    truth: Array  # true q', q'' of whoever simulates, shape (2, joints), rad/s, rad/s^2
+    torque: Array  # scratch of whoever simulates, shape (joints,), N m
+    received: (
+        Array  # `measured` and, where it is wanted, `applied`: what is read from a joint state, shape (1 or 2, joints)
+    )
     accelerations: Array  # scratch: a_eq, a_cmd, shape (2, joints)
     scratch: Array  # shape (6, joints)
 
 
-_CONFIG_NUMBERS = 15  # lengths, and the integers of `ControllerConfig`
+_CONFIG_NUMBERS = 16  # lengths, and the integers of `ControllerConfig`
 _CLOCK = len(Clock)
 _SCALARS = 4
 # Rows of the table that ends the memory, one number a joint: of the configuration, of the state, signals, scratch.
-_CONFIG, _MOTION, _SCRATCH = 6, 19, 8
+_CONFIG, _MOTION, _SCRATCH = 6, 20, 11
 _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
 
 
@@ -134,6 +141,7 @@ def parts(memory: Array, numbers: Numbers) -> tuple[ControllerConfig, Controller
         reset_at=numbers[12],
         restart_at=numbers[13],
         rate_limited=numbers[14] != 0,
+        feeds_back=numbers[15] != 0,
         law_numbers=numbers[_CONFIG_NUMBERS:clock],
         blend=memory[0],
         distance=memory[1],
@@ -152,16 +160,20 @@ def parts(memory: Array, numbers: Numbers) -> tuple[ControllerConfig, Controller
         clock=numbers[clock : clock + _CLOCK],
         status=numbers[clock + _CLOCK :],
         measured=motion[0],
-        reference=motion[1:4],
-        held=motion[4:7],
-        base=motion[7:10],
-        desired=motion[10:13],
-        way=motion[13:19],
+        applied=motion[1],
+        reference=motion[2:5],
+        held=motion[5:8],
+        base=motion[8:11],
+        desired=motion[11:14],
+        way=motion[14:20],
         way_duration=memory[3:4],
         estimator=memory[c:d].reshape((joints, SLOTS)),
         law=memory[d:e].reshape((joints, STATE_SLOTS)),
         signals=rows[_CONFIG + _MOTION : _ROWS - _SCRATCH],
-        accelerations=scratch[:2],
-        scratch=scratch[2:],
+        truth=scratch[:2],
+        torque=scratch[2],
+        received=motion[: 1 + numbers[15]],
+        accelerations=scratch[3:5],
+        scratch=scratch[5:],
     )
     return config, state

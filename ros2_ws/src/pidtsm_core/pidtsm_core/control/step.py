@@ -1,6 +1,6 @@
 """The controller's one step: everything between a measured position and the commanded effort."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import njit, outlined
 from pidtsm_core.control.desired import begin_at, begin_way_here, choose
 from pidtsm_core.control.effort import carry, limit_rate, make_safe
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, parts
@@ -32,7 +32,6 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
     first = clock[Clock.ANSWERED] == 0
     period = 0 if first else stamp - clock[Clock.LAST]
     clock[Clock.GAP] = period
-    clock[Clock.REFERENCE_AGE] = stamp - reference_stamp
     if period > config.state_hold:
         clock[Clock.LATE] += 1
     if period > config.state_stop:
@@ -45,8 +44,9 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
 
     dt = seconds(period)
     last = state.scratch[0]
-    for j in range(last.size):
-        last[j] = y[Signal.EFFORT, j]
+    if config.rate_limited:
+        for j in range(last.size):
+            last[j] = y[Signal.EFFORT, j]
     tick(config, state, state.measured, truth, state.desired, dt)
     _check_limits(config, state)
     if state.status[Status.FAULT]:
@@ -62,13 +62,12 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
 @njit
 def _count(state: ControllerState) -> None:
     """Count what limited the efforts."""
-    effort = rate = False
+    limited = 0
     for j in range(state.measured.size):
-        limited = int(state.signals[Signal.SATURATED, j])
-        effort = effort or limited & Limited.EFFORT != 0
-        rate = rate or limited & Limited.RATE != 0
-    state.clock[Clock.AT_EFFORT_LIMIT] += effort
-    state.clock[Clock.AT_RATE_LIMIT] += rate
+        limited |= int(state.signals[Signal.SATURATED, j])
+    if limited:
+        state.clock[Clock.AT_EFFORT_LIMIT] += limited & Limited.EFFORT != 0
+        state.clock[Clock.AT_RATE_LIMIT] += limited & Limited.RATE != 0
 
 
 @njit
@@ -80,7 +79,7 @@ def stop(state: ControllerState, fault: int, joint: int) -> None:
         status[Status.FAULT_JOINT] = joint
 
 
-@njit
+@outlined
 def begin_afresh(state: ControllerState) -> None:
     """Forget the motion so far; what follows begins where the arm is. A fault stays, and so does the effort."""
     y, clock = state.signals, state.clock
@@ -97,7 +96,7 @@ def begin_afresh(state: ControllerState) -> None:
     clock[Clock.BEHIND_SINCE] = 0
 
 
-@njit
+@outlined
 def reset_fault(state: ControllerState) -> None:
     """Follow again after a fault."""
     state.status[Status.FAULT] = 0
@@ -105,29 +104,28 @@ def reset_fault(state: ControllerState) -> None:
     begin_afresh(state)
 
 
-@njit
-def farthest(state: ControllerState) -> int:
-    """The joint that is farthest from its reference."""
-    joint = 0
+@outlined
+def farthest(state: ControllerState) -> tuple[int, float]:
+    """The joint that is farthest from its reference, and its distance, rad."""
+    joint, distance = 0, 0.0
     for j in range(state.measured.size):
-        if abs(state.reference[0, j] - state.measured[j]) > abs(state.reference[0, joint] - state.measured[joint]):
-            joint = j
-    return joint
+        error = abs(state.reference[0, j] - state.measured[j])
+        if error > distance:
+            joint, distance = j, error
+    return joint, distance
 
 
 @njit
 def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, reference_stamp: int) -> None:
-    """What the parameters ``rehearsal`` want of this sample."""
+    """Note when the controller began, and do what the parameters ``rehearsal`` want of this sample."""
     clock = state.clock
     if clock[Clock.BEGAN] == 0 or stamp < clock[Clock.BEGAN] - 1:
         clock[Clock.BEGAN] = stamp + 1
     age = stamp + 1 - clock[Clock.BEGAN]
-    if 0 < config.reset_at <= age and clock[Clock.REHEARSED_RESET] == 0 and state.status[Status.FAULT] != 0:
-        joint = farthest(state)
-        near = abs(state.reference[0, joint] - state.measured[joint]) <= config.distance
-        if near or reference_stamp < 0:
-            clock[Clock.REHEARSED_RESET] = 1
-            reset_fault(state)
+    resets = 0 < config.reset_at <= age and clock[Clock.REHEARSED_RESET] == 0 and state.status[Status.FAULT] != 0
+    if resets and (reference_stamp < 0 or farthest(state)[1] <= config.distance):
+        clock[Clock.REHEARSED_RESET] = 1
+        reset_fault(state)
     if 0 < config.restart_at <= age and clock[Clock.REHEARSED_RESTART] == 0:
         clock[Clock.REHEARSED_RESTART] = 1
         clock[Clock.COMMANDED] = 0
@@ -157,7 +155,7 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
     state.status[Status.VIOLATIONS] = violations
 
 
-@njit
+@outlined
 def _keep_up(config: ControllerConfig, state: ControllerState, stamp: int, behind: float) -> None:
     """Take a slower way where the rate limit keeps the effort `behind` (s), and stop where that does not help.
 

@@ -1,6 +1,6 @@
 """Estimator, law and robot model: measured position and desired motion to effort."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.control.effort import limit_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
 from pidtsm_core.estimators import Sample, estimate
@@ -8,6 +8,17 @@ from pidtsm_core.laws import advance, command
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal, Status
+
+_DIFFERENT = 0.05
+"""Share of a joint's effort limit by which the applied effort may differ from the commanded one."""
+
+
+@inlined
+def _held_back(config: ControllerConfig, state: ControllerState, joint: int) -> bool:
+    """Whether something kept the effort of the law from being applied over the last period."""
+    y = state.signals
+    different = abs(state.applied[joint] - y[Signal.EFFORT, joint]) > _DIFFERENT * config.effort_limit[joint]
+    return y[Signal.SATURATED, joint] != 0.0 or (config.feeds_back and different)
 
 
 @njit
@@ -42,11 +53,12 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
                 config.law[j],
                 state.law[j],
                 dt,
-                stopped or (config.freezes and y[Signal.SATURATED, j] != 0.0),
+                stopped or (config.freezes and _held_back(config, state, j)),
                 adaptation,
             )
 
-    sample = Sample(q, truth, dt, y[Signal.EFFORT], config.robot, config.model)
+    effort = state.applied if config.feeds_back else y[Signal.EFFORT]
+    sample = Sample(q, truth, dt, effort, config.robot, config.model)
     estimate(config.estimator, sample, config.estimator_parameters, state.estimator, y[: Signal.POSITION_ERROR])
 
     for j in range(joints):

@@ -30,8 +30,9 @@ def advance(sigma: float, p: Array, x: Array, dt: float, frozen: bool, adaptatio
     Y grows outside the dead zone only; it leaks everywhere, also while `frozen`, since that winds nothing up. The
     leakage is taken implicitly, so that Y never changes its sign. Leakage, bound and layer 0 are the article's law.
 
-    The dead zone is there for the noise of sigma (30). While approaching (see `Adaptation`), sigma is small from the start, and within
-    the dead zone the gain would learn nothing of what disturbs the arm; so there its mean over _MEAN counts instead.
+    The dead zone is there for the noise of sigma (30). While approaching (see `Adaptation`), sigma is small from the
+    start, and the gain would learn nothing of what disturbs the arm; so there the mean of sigma over _MEAN counts
+    within the dead zone.
     """
     k, kappa, xi, upsilon, leakage, gain_maximum, layer = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
     if layer > 0.0:

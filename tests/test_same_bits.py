@@ -1,0 +1,227 @@
+"""What a rollout says is what the nodes do: bit for bit, for every law, whatever limits, faults or imperfections.
+
+The nodes are real, and talk over DDS, but share this process with a witness of what they publish: many short runs.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+from pidtsm_controller.controller import ControllerNode
+from pidtsm_controller.trajectory import Trajectory
+from pidtsm_core.laws import LAWS
+from pidtsm_core.node_parameters import AUTOSTART
+from pidtsm_core.parameters import Array
+from pidtsm_core.rollout import Rollout, rollout
+from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
+from pidtsm_experiments.domain import own_domain
+from pidtsm_experiments.experiment import Experiment, ros_parameters
+from pidtsm_experiments.runner import node_parameters
+from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.process import run
+from pidtsm_ros.stamps import serialized_nanoseconds
+from pidtsm_ros.stop import Stop
+from two_link_sim.simulator import Simulator
+
+SAMPLES = 600
+MS = 1_000_000
+TOPICS = {
+    "joint_states": JointState,
+    "simulator/ground_truth": JointState,
+    "reference": JointReference,
+    "controller/state": ControllerState,
+}
+
+
+class Witness(ManagedNode):
+    """Hears what the nodes publish, by stamp in samples, and ends the run when it has heard enough."""
+
+    def __init__(self) -> None:
+        super().__init__("witness", lambda settings: (AUTOSTART,), lambda settings: 0)
+        self.heard: dict[str, dict[int, bytes]] = {topic: {} for topic in TOPICS}
+
+    @property
+    def lockstep(self) -> bool:
+        return True
+
+    def configure(self) -> None:
+        for topic, kind in TOPICS.items():
+            self.listen(kind, topic, partial(self._hear, self.heard[topic]), raw=True, while_inactive=True)
+
+    def _hear(self, heard: dict[int, bytes], data: bytes) -> None:
+        heard[serialized_nanoseconds(data) // MS] = data
+        self.finished = len(self.heard["simulator/ground_truth"]) >= SAMPLES
+
+
+class Unsignalled(Stop):
+    """Takes no signals: they stay with the tests."""
+
+    def __init__(self) -> None:
+        self.requested = False
+
+    def defer(self) -> None:
+        """Nothing is to be put off."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def domain() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch, own_domain() as domain:
+        patch.setenv("ROS_DOMAIN_ID", str(domain))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield
+
+
+def over_nodes(settings: dict[str, dict[str, Any]], folder: Path) -> dict[str, dict[int, Any]]:
+    """Messages of a run by topic and sample."""
+    experiment = Experiment("test", settings["controller"]["law.name"], 0.0, settings)
+    words = ["--ros-args"]
+    for node, values in node_parameters(experiment, "lockstep").items():
+        file = folder / f"{node}.yaml"
+        file.write_text(ros_parameters(node, values), encoding="utf-8")
+        words += ["--params-file", str(file)]
+    witnesses: list[Witness] = []
+
+    def witness() -> Witness:
+        witnesses.append(Witness())
+        return witnesses[0]
+
+    assert run([witness, Simulator, Trajectory, ControllerNode], Unsignalled(), ["test", *words]) == 0
+    heard = witnesses[0].heard
+    return {
+        topic: {k: deserialize_message(data, kind) for k, data in sorted(heard[topic].items()) if k < SAMPLES}
+        for topic, kind in TOPICS.items()
+    }
+
+
+def table(message: Any, fields: list[str], joints: tuple[str, ...]) -> Array:
+    """Fields of a message, shape (fields, joints), with its joints in this order."""
+    order = [list(message.name).index(joint) for joint in joints]
+    return np.array([getattr(message, field) for field in fields])[:, order]
+
+
+def assert_same_bits(run: dict[str, dict[int, Any]], simulated: Rollout, delay: int) -> None:
+    """Where `delay` measurements (samples) are still on their way when the rollout ends, the nodes go on."""
+    joints, motion = simulated.joints, ["position", "velocity", "acceleration"]
+    for k, message in run["simulator/ground_truth"].items():
+        row = table(message, ["position", "velocity", "effort"], joints)
+        expected = np.array([simulated.position[k], simulated.velocity[k], simulated.effort[k]])
+        assert row.tobytes() == expected.tobytes(), f"ground truth of sample {k}"
+    states = {k: message for k, message in run["controller/state"].items() if k < SAMPLES - delay}
+    assert states
+    for k, message in states.items():
+        signals = table(message, [signal.name.lower() for signal in Signal], joints)
+        assert signals.tobytes() == simulated.signals[k].tobytes(), f"signals of sample {k}"
+        status = [getattr(message, status.name.lower()) for status in Status]
+        assert status == simulated.status[k].tolist(), f"status of sample {k}"
+    for k, message in run["reference"].items():
+        if message.name:  # Else there is none.
+            assert (table(message, motion, joints) == simulated.reference[k]).all(), f"reference of sample {k}"
+
+
+PERMUTED: dict[str, Any] = {
+    "controller": {"joints": ["elbow", "shoulder"]},
+    "simulator": {"joints": ["shoulder", "elbow"], "initial_position": [0.1, -0.1]},
+    "trajectory": {"joints": ["shoulder", "elbow"]},
+}
+CONDITIONS: dict[str, Any] = {
+    "rate limit of 50 N m/s": {"controller": {"limits.effort_rate": 50.0}},
+    "rate limit of 300 N m/s, push": {
+        "controller": {"limits.effort_rate": 300.0},
+        "simulator": {"push.effort": [150.0, -50.0], "push.time": 0.2, "push.duration": 0.1},
+    },
+    "rate limit of 1000 N m/s of one joint, blend": {
+        "controller": {"limits.effort_rate": [1000.0, 0.0], "activation.blend": 0.2}
+    },
+    "blend": {"controller": {"activation.blend": 0.4}},
+    "limits that warn": {
+        "controller": {
+            "limits.tracking_error": 0.1,
+            "limits.tracking_error_action": "warn",
+            "limits.velocity": 0.5,
+            "limits.velocity_action": "warn",
+        }
+    },
+    "tracking limit, reset": {
+        "controller": {"limits.tracking_error": 0.15, "activation.blend": 0.4, "rehearsal.reset_fault": 0.2},
+        "simulator": {"initial_position": [0.39, 0.0]},
+        "trajectory": {"jump.position": 0.2, "jump.time": 0.1},
+    },
+    "velocity limit": {"controller": {"limits.velocity": 1.0, "limits.effort_rate": 1000.0}},
+    "stale reference": {"trajectory": {"dropout.time": 0.1, "dropout.duration": 0.25}},
+    "no reference at first, then one that jumps": {
+        "controller": {"limits.effort_rate": 300.0},
+        "trajectory": {"dropout.duration": 0.1, "jump.position": [0.2, -0.1], "jump.time": 0.3},
+    },
+    "gap in the joint states that is borne": {"simulator": {"dropout.time": 0.2, "dropout.duration": 0.05}},
+    "gap in the joint states that stops, reset": {
+        "controller": {"watchdog.state_stop": 0.02, "rehearsal.reset_fault": 0.4},
+        "simulator": {"dropout.time": 0.2, "dropout.duration": 0.05},
+    },
+    "brakes": {"simulator": {"dropout.command_time": 0.2, "dropout.command_duration": 0.1, "command.timeout": 0.02}},
+    "brakes, with the effort measured": {
+        "controller": {"feedback.effort": "measured"},
+        "simulator": {
+            "dropout.command_time": 0.2,
+            "dropout.command_duration": 0.1,
+            "command.timeout": 0.02,
+            "delay.samples": 2,
+        },
+    },
+    "delay of 1 sample": {"simulator": {"delay.samples": 1, "encoder.bits": 14}},
+    "delays of 40 samples": {"simulator": {"delay.samples": 40, "delay.command_samples": 40}},
+    "loss and bursts": {
+        "simulator": {
+            "dropout.probability": 0.1,
+            "dropout.burst_rate": 4.0,
+            "dropout.burst": 30,
+            "dropout.command_probability": 0.1,
+            "dropout.command_burst_rate": 4.0,
+            "noise.std": 1e-5,
+            "seed": 3,
+        }
+    },
+    "first measurements lost": {"simulator": {"dropout.duration": 0.03, "delay.samples": 3}},
+    "payload picked up and dropped": {"simulator": {"payload.mass": 0.5, "payload.time": 0.1, "payload.duration": 0.3}},
+    "names in other orders": PERMUTED,
+    "restart of the controller": {
+        "controller": {"rehearsal.restart": 0.3, "activation.blend": 0.1, "limits.effort_rate": 1000.0}
+    },
+}
+
+
+@pytest.mark.parametrize("law", LAWS.names)
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_nodes_and_rollout_agree(law: str, condition: str, tmp_path: Path) -> None:
+    settings = {node: dict(CONDITIONS[condition].get(node, {})) for node in ("simulator", "controller", "trajectory")}
+    settings["controller"]["law.name"] = law
+    simulated = rollout(settings, SAMPLES * 1e-3)
+    heard = over_nodes(settings, tmp_path)
+    assert list(heard["simulator/ground_truth"]) == list(range(SAMPLES))
+    assert_same_bits(heard, simulated, settings["simulator"].get("delay.samples", 0))
+
+
+def test_the_conditions_are_what_they_are_called() -> None:
+    """Each of them does something to the default law: else nothing would be compared."""
+    runs = {name: rollout(settings, SAMPLES * 1e-3) for name, settings in CONDITIONS.items()}
+    plain = rollout({}, SAMPLES * 1e-3)
+    for name, condition in runs.items():
+        assert (condition.effort != plain.effort).any() or (condition.status != plain.status).any(), name
+
+    def status(name: str, place: Status) -> set[int]:
+        return set(runs[name].status[:, place].tolist())
+
+    limited = runs["rate limit of 300 N m/s, push"].signals[:, Signal.SATURATED].astype(int)
+    assert (limited & Limited.RATE).any()
+    assert Fault.TRACKING_LIMIT in status("tracking limit, reset", Status.FAULT)
+    assert runs["tracking limit, reset"].status[-1, Status.FAULT] == Fault.NO_FAULT
+    assert Fault.STATE_STALE in status("gap in the joint states that stops, reset", Status.FAULT)
+    assert Mode.HOLDING in status("stale reference", Status.MODE)
+    assert max(status("limits that warn", Status.VIOLATIONS)) > 0
+    assert (runs["brakes"].effort[250:290] == 0.0).all()
