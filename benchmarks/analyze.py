@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pidtsm_core.rollout import rollout
-from pidtsm_core.signals import Signal
+from pidtsm_core.signals import Signal, Status
 from pidtsm_experiments.bag_writer import BagWriter
 from pidtsm_experiments.commands.bench import Row
 from pidtsm_experiments.recorder import FLUSH_PERIOD, MAX_BAG_DURATION, MAX_BAG_SIZE
@@ -71,15 +71,15 @@ def write_bag(path: Path, seconds: int) -> None:
     joint_state = types["sensor_msgs/msg/JointState"]
     reference = types["pidtsm_msgs/msg/JointReference"]
     state = types["pidtsm_msgs/msg/ControllerState"]
-    # After header, name and the signals: mode and fault, then numbers of the loop.
-    others = len(store.get_msgdef("pidtsm_msgs/msg/ControllerState").fields) - len(Signal) - 4
+    # After header, name, signals and status: numbers of the loop.
+    others = len(store.get_msgdef("pidtsm_msgs/msg/ControllerState").fields) - len(Signal) - len(Status) - 2
 
     def messages(k: int) -> dict[str, Any]:
         return {
             "joint_states": joint_state(header, names, run.position[k], run.velocity[k], nothing),
             "reference": reference(header, names, *run.reference[k]),
             "joint_commands": joint_state(header, names, nothing, nothing, run.effort[k]),
-            "controller/state": state(header, names, *run.signals[k], 0, 0, *[2e-5] * others),
+            "controller/state": state(header, names, *run.signals[k], *run.status[k].tolist(), *[2e-5] * others),
             "simulator/ground_truth": joint_state(header, names, run.position[k], run.velocity[k], run.effort[k]),
         }
 

@@ -1,25 +1,30 @@
-"""One tick of the controller and one step of the plant: called from Python as the nodes do, and in a compiled loop."""
+"""One step of the controller and one of the plant: called from Python as the nodes do, and in a compiled loop."""
 
 from collections.abc import Iterator
+from itertools import count as count_from
 
 import numba
 import numpy as np
 
-from pidtsm_core.control import Controller, ControllerConfig, ControllerState, controller_schema, tick
+from pidtsm_core.control import Clock, Controller, ControllerConfig, ControllerState, controller_schema
+from pidtsm_core.control import step as controller_step
 from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.plant import Plant, PlantConfig, PlantState, plant_schema, step
 from pidtsm_experiments.commands.bench import Row, medians
 
 DT = 1e-3
+PERIOD = 1_000_000
+"""ns."""
 
 # Not cached: Numba finds no module of this file when it loads what it has cached.
 _njit = numba.njit(nogil=True, error_model="numpy", _nrt=False)
 
 
 @_njit
-def _ticks(config: ControllerConfig, state: ControllerState, q: Array, desired: Array, count: int) -> None:
+def _ticks(config: ControllerConfig, state: ControllerState, truth: Array, count: int) -> None:
     for _k in range(count):
-        tick(config, state, q, desired, desired, DT)
+        stamp = state.clock[Clock.LAST] + PERIOD
+        controller_step(config, state, stamp, stamp, truth)
 
 
 @_njit
@@ -37,27 +42,30 @@ def run(quick: bool) -> Iterator[Row]:
     count, repetitions = (1000, 3) if quick else (20_000, 15)
     controller = Controller(resolve(controller_schema, {}, 2))
     plant = Plant(resolve(plant_schema, {}, 2))
-    q, desired, effort = np.array([0.1, -0.1]), np.zeros((3, 2)), np.array([30.0, 10.0])
+    controller.position[:] = 0.1, -0.1
+    truth, effort = np.zeros((2, 2)), np.array([30.0, 10.0])
 
     def many(call: str) -> float:
         def repeated() -> None:
+            stamps = count_from(controller.clock(Clock.LAST) + PERIOD, PERIOD)
             for _ in range(count):
                 if call == "tick":
-                    controller.step(q, desired, DT)
+                    stamp = next(stamps)
+                    controller.step(stamp, stamp)
                 elif call == "step":
                     plant.step(effort, 0.0, DT)
                 else:
-                    _ticks(controller.config, controller.state, q, desired, 0)
+                    _ticks(controller.config, controller.state, truth, 0)
 
         return medians(repetitions, repeated)[0] / count * 1e9
 
     inside = medians(
         repetitions,
-        lambda: _ticks(controller.config, controller.state, q, desired, count),
+        lambda: _ticks(controller.config, controller.state, truth, count),
         lambda: _steps(plant.config, plant.state, effort, count),
     )
     empty = many("nothing")
-    for label, call, compiled in zip(("controller tick", "plant step"), ("tick", "step"), inside, strict=True):
+    for label, call, compiled in zip(("controller step", "plant step"), ("tick", "step"), inside, strict=True):
         nanoseconds = many(call)
         yield Row(f"{label}, from Python", nanoseconds, "ns", "the call alone", empty, nanoseconds / empty)
         yield Row(f"{label}, in a compiled loop", compiled / count * 1e9, "ns")

@@ -11,7 +11,7 @@ from pidtsm_core.disturbances import DISTURBANCES
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.family import Family
 from pidtsm_core.laws import LAWS
-from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.node_parameters import NODE_ONLY, NODE_SCHEMAS
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value
 from pidtsm_core.reaching import REACHING_LAWS
 from pidtsm_core.references import REFERENCES
@@ -37,6 +37,10 @@ Made by `scripts/reference.py` from what the nodes declare; `ros2 param describe
 configured; all others can be changed while it runs. In `--set`, in scenarios and in a launch, put the node's name
 before: `controller.law.k1=4.0`.
 """
+_LEFT_OUT = """## What a rollout leaves out
+
+A rollout takes every parameter above that changes a torque. It leaves out these, which only a node has:
+"""
 _ESCAPED = "\\|"
 _TABLE = "| parameter | default | unit | allowed | meaning |\n| --- | --- | --- | --- | --- |\n"
 
@@ -47,7 +51,9 @@ def page() -> str:
     for node, schema in NODE_SCHEMAS.items():
         parts.append(f"## Parameters of the {node}\n")
         parts += _parameters(schema, {})
-    parts.append("## Messages and services\n")
+    parts.append(_LEFT_OUT)
+    parts += [f"* {node}: {', '.join(f'`{p.name}`' for p in some)}" for node, some in NODE_ONLY.items()]
+    parts.append("\n## Messages and services\n")
     interfaces = ROOT / "ros2_ws" / "src" / "pidtsm_msgs"
     for file in sorted([*interfaces.glob("msg/*.msg"), *interfaces.glob("srv/*.srv")]):
         name = f"pidtsm_msgs/{file.parent.name}/{file.stem}"

@@ -224,13 +224,11 @@ class ControllerRig(Rig):
         """Where the arm is at this tick: it swings, gently, beside its reference."""
         return [q + 0.005 * (1.0 - math.cos(0.02 * self.tick)) for q in self.start]
 
-    def step(
-        self, position: Sequence[float] = (), dt: int = MS, names: Sequence[str] = NAMES, desired: Any = start
-    ) -> ControllerState:
+    def step(self, position: Sequence[float] = (), dt: int = MS, desired: Sequence[float] = start) -> ControllerState:
         """A joint state dt (ns) after the last, and what the controller makes of it."""
-        message = self.joint_state(position or self.measured(), names, dt)
+        message = self.joint_state(position or self.measured(), dt=dt)
         if self.referred:
-            self.references.publish(self.reference(desired, names, dt))
+            self.references.publish(self.reference(desired, dt=dt))
         self.joint_states.publish(message)
         self.stamp += dt
         self.tick += 1

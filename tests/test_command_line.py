@@ -70,6 +70,14 @@ BAD_USAGE = [
     (["run", "--params", "nowhere.yaml"], "nowhere.yaml: No such file or directory"),
     (["run", "--out", "occupied"], "holds other files (thesis.tex)"),
     (["run", "--set", "controller.state.decimation=10"], "a run that is recorded needs 1, not 10"),
+    (
+        ["run", "--set", "trajectory.joints=[shoulder, elbow]"],
+        "trajectory: joints are shoulder, elbow; those of the controller are joint1, joint2",
+    ),
+    (
+        ["rollout", "--set", "controller.estimator.bandwidth=30"],
+        "bandwidth belongs to estimator.name extended_state_observer",
+    ),
     (["rollout", "--set", "controller.estimator.velocity_cutoff=0"], "velocity_cutoff (rad/s): 0 must be > 0"),
     (["analyze", "nowhere"], "nowhere"),
     (["analyze", "occupied"], "occupied"),
@@ -139,6 +147,85 @@ def test_rollout_prints_one_json_object(tmp_path: Path) -> None:
     assert metrics["samples"] == 100
     assert metrics["settling_time"] == [None, None]
     assert not list(tmp_path.iterdir())
+
+
+IMPERFECT = (
+    *("--set", "simulator.delay.samples=30"),
+    *("--set", "simulator.dropout.probability=0.05"),
+    *("--set", "simulator.dropout.burst_rate=5.0"),
+    *("--set", "simulator.dropout.burst=20"),
+    *("--set", "trajectory.dropout.time=0.2"),
+    *("--set", "trajectory.dropout.duration=0.25"),
+    *("--set", "controller.limits.tracking_error=[0.0, 0.3]"),
+    *("--set", "trajectory.jump.time=0.7"),
+    *("--set", "trajectory.jump.position=[0.0, 0.5]"),
+    *("--set", "controller.rehearsal.reset_fault=0.8"),
+    *("--set", "controller.activation.blend=0.5"),
+)
+"""Measurements and references that stay out, and a fault that is reset."""
+
+
+def test_run_and_rollout_tell_the_same_to_the_last_digit(tmp_path: Path) -> None:
+    words = ("--duration", "1", *IMPERFECT)
+    run, rollout = call("run", "--out", "mine", *words, cwd=tmp_path), call("rollout", "--json", *words, cwd=tmp_path)
+    told, simulated = json.loads((tmp_path / "mine" / "metrics.json").read_text()), json.loads(rollout.stdout)
+    assert set(told["rejected"]) >= {"controller", "simulator"}
+    assert set(told["rejected"].values()) == {0}
+    assert set(told["lost"].values()) == {0}
+    (fault,) = told["faults"]
+    assert (fault["fault"], fault["joint"]) == ("tracking_limit", "joint2")
+    assert fault["time"] < 0.8 < fault["reset"]
+    assert told["time_holding"] > 0.0
+    of_nodes = ("clock", "lost", "rejected", "timing")
+    assert {key: told[key] for key in told if key not in of_nodes} == {
+        key: simulated[key] for key in simulated if key not in of_nodes
+    }
+    assert (run.returncode, rollout.returncode) == (0, 0), run.stderr + rollout.stderr
+
+
+STOPPING = ("--duration", "0.2", "--set", "controller.limits.tracking_error=0.3")
+REASON = "pidtsm: stopped at 0 s: joint1 is beyond limits.tracking_error"
+
+
+def test_a_run_that_stops_is_reported_whole_and_has_failed(tmp_path: Path) -> None:
+    result = call("run", "--out", "mine", *STOPPING, cwd=tmp_path)
+    assert result.returncode == 1
+    assert result.stderr.splitlines()[-1] == REASON
+    assert "stopped at 0 s: joint1 is beyond limits.tracking_error" in result.stdout
+    assert [p.name for p in tmp_path.iterdir()] == ["mine"]
+    assert json.loads((tmp_path / "mine" / "metrics.json").read_text())["outcome"] == "stopped"
+    assert "What happened" in (tmp_path / "mine" / "report.html").read_text()
+    again = call("analyze", "mine/bag", "--json", cwd=tmp_path)
+    assert (again.returncode, again.stderr) == (0, "")
+    assert json.loads(again.stdout)["outcome"] == "stopped"
+
+
+def test_a_rollout_that_stops_has_failed(tmp_path: Path) -> None:
+    result = call("rollout", "--json", *STOPPING, cwd=tmp_path)
+    assert result.returncode == 1
+    assert result.stderr.splitlines() == [REASON]
+    assert json.loads(result.stdout)["outcome"] == "stopped"
+
+
+def test_what_is_allowed_but_unwise_is_said_before_the_start(tmp_path: Path) -> None:
+    result = call("rollout", "--duration", "0.05", "--set", "controller.limits.effort_rate=20.0", cwd=tmp_path)
+    assert result.stderr.startswith("pidtsm: warning: limits.effort_rate of joint1 is 20 N m/s")
+
+
+def test_the_order_of_settings_is_in_the_help(tmp_path: Path) -> None:
+    for command in ("run", "rollout"):
+        assert "The later wins: scenario, --params, --law, --set." in call(command, "--help", cwd=tmp_path).stdout
+
+
+def test_two_runs_into_one_folder_do_not_meet(tmp_path: Path) -> None:
+    first = start("run", "--duration", "1", "--out", "mine", cwd=tmp_path)
+    wait_for(tmp_path / "mine.unfinished", first)
+    second = call("run", "--duration", "1", "--out", "mine", cwd=tmp_path)
+    assert second.returncode == 2
+    assert f"mine is being written by process {first.pid}" in second.stderr
+    _, err = first.communicate(timeout=DEADLINE)
+    assert first.returncode == 0, err
+    assert [p.name for p in tmp_path.iterdir()] == ["mine"], "no litter"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -43,6 +43,7 @@ def metrics(
         * settling_time: from the first sample until |e| stays below 2 % of its start, before the event, s.
         * recovery_time: from the event until |e| stays below 1e-3 rad, s; only with an event.
         * torque_variation: mean |tau_k - tau_(k-1)|, N m.
+        * torque_variation_rate: the same over the mean period, N m/s, so that runs at other rates compare.
         * torque_jumps: number of samples at which the torque changed by more than 5 N m.
         * saturation: share of the samples at a limit.
 
@@ -68,6 +69,7 @@ def metrics(
         if event_time is not None:
             of_joint["recovery_time"] = _stays_below(t[event:] - event_time, magnitude[event:], RECOVERED_ERROR)
         of_joint["torque_variation"] = float(steps.mean()) if steps.size else None
+        of_joint["torque_variation_rate"] = float(steps.sum() / since_start[-1]) if steps.size else None
         of_joint["torque_jumps"] = int(np.count_nonzero(steps > TORQUE_JUMP))
         of_joint["saturation"] = float(np.mean(limited != 0.0))
         for name, value in of_joint.items():

@@ -9,7 +9,7 @@ import difflib
 import functools
 import math
 from array import array
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -177,8 +177,48 @@ def resolve(schema: Schema, settings: Mapping[str, object], joints: int) -> dict
     parameters = {p.name: p for p in schema(settings)}
     for name in settings:
         if name not in parameters:
-            raise ParameterError(unknown_parameter(name, parameters), name)
+            elsewhere = _where_it_belongs(name, schema, settings)
+            raise ParameterError(
+                f"unknown parameter {name}: {elsewhere}" if elsewhere else unknown_parameter(name, parameters), name
+            )
     return {name: p.check(settings.get(name, p.default), joints) for name, p in parameters.items()}
+
+
+def _where_it_belongs(name: str, schema: Schema, settings: Mapping[str, object]) -> str:
+    """With which other choices the parameter would exist; empty if with none."""
+    for steps in (1, 2):  # A law may have to be chosen before its surface can be.
+        found: dict[str, list[str]] = {}
+        for changed in _other_choices(schema, settings, steps):
+            if any(p.name == name for p in schema(changed)):
+                *first, last = (key for key, value in changed.items() if settings.get(key) != value)
+                chosen_first = "".join(f"{key} {changed[key]} and " for key in first)
+                found.setdefault(f"{chosen_first}{last}", []).append(str(changed[last]))
+        if found:
+            places = "; or ".join(f"{key} {_either(values)}" for key, values in found.items())
+            return f"{name.rpartition('.')[2]} belongs to {places}"
+    return ""
+
+
+def _other_choices(schema: Schema, settings: Mapping[str, object], steps: int) -> Iterator[dict[str, object]]:
+    """The settings with so many choices made otherwise, each of which brings in the next."""
+    before = {p.name for p in schema(settings)}
+    for parameter in schema(settings):
+        for choice in parameter.choices:
+            changed = {**settings, parameter.name: choice}
+            if choice == settings.get(parameter.name, parameter.default):
+                continue
+            try:
+                after = {p.name for p in schema(changed)}
+            except ParameterError:
+                continue  # A node refuses what works in a rollout only.
+            if steps == 1:
+                yield changed
+            elif after != before:
+                yield from _other_choices(schema, changed, steps - 1)
+
+
+def _either(values: Sequence[str]) -> str:
+    return " or ".join(filter(None, (", ".join(values[:-1]), values[-1])))
 
 
 def unknown_parameter(name: str, known: Iterable[str]) -> str:

@@ -115,7 +115,9 @@ def _simulate(
                 return k
         t = seconds(k * period)
         time[k] = t
-        evaluate_motion(motion, seconds((k - begun) * period), desired[k])
+        # Divisions are what costs most here.
+        elapsed = t if begun == 0 else seconds((k - begun) * period)
+        evaluate_motion(motion, elapsed, desired[k])
         for j in range(joints):
             position[k, j] = arm.position[j]
             velocity[k, j] = arm.derivatives[0, j]
@@ -127,7 +129,9 @@ def _simulate(
                     evaluate_motion(motion, seconds((i - begun) * period), desired[i])
             if sample > last + 1:
                 _keep(signals, status, last + 1, sample, memory)
-            if not drops_out(motion, seconds((sample - begun) * period)):
+            if sample < k:
+                elapsed = seconds((sample - begun) * period)
+            if not drops_out(motion, elapsed):
                 referred = sample * period
                 for i in range(3):
                     for j in range(joints):

@@ -70,7 +70,6 @@ class Limited(IntEnum):
     RATE = 2
 
 
-
 class Adaptation(IntEnum):
     """What a law may learn of the disturbances."""
 

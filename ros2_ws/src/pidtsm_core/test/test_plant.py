@@ -67,6 +67,18 @@ def test_the_payload_is_there_from_its_time_on_and_not_before() -> None:
             plant.step(effort, k / 1000, DT)
 
 
+@pytest.mark.parametrize(("time", "duration"), [(0.01, 0.02), (0.1, 0.2), (0.0, 0.005)])
+def test_a_payload_is_dropped_after_its_duration(time: float, duration: float) -> None:
+    effort = np.array([30.0, 10.0])
+    carrying = plant_of(payload__mass=0.5, payload__time=time, payload__duration=duration)
+    by_hand, values = plant_of(), [resolve(plant_schema, {"payload.mass": mass}, 2) for mass in (0.0, 0.5)]
+    for k in range(400):
+        by_hand.set_parameters(values[round(1000 * time) <= k < round(1000 * (time + duration))])
+        for plant in (carrying, by_hand):
+            plant.step(effort, k / 1000, DT)
+        assert state(carrying).tobytes() == state(by_hand).tobytes(), k
+
+
 def test_a_payload_is_a_heavier_last_link() -> None:
     effort = np.array([30.0, 10.0])
     loaded, heavy = plant_of(payload__mass=0.5), plant_of(robot__m2=2.0)
@@ -187,7 +199,14 @@ def test_new_parameters_keep_the_state() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("payload.mass", -1.0), ("payload.time", -1.0), ("rate", 0), ("disturbance.name", "wind"), ("limits.effort", 0.0)],
+    [
+        ("payload.mass", -1.0),
+        ("payload.time", -1.0),
+        ("payload.duration", -1.0),
+        ("rate", 0),
+        ("disturbance.name", "wind"),
+        ("limits.effort", 0.0),
+    ],
 )
 def test_values_without_sense_are_refused(name: str, value: object) -> None:
     with pytest.raises(ParameterError, match=name):

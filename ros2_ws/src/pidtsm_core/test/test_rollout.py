@@ -1,5 +1,6 @@
 """The closed loop: the numbers of the article's cases, determinism, and what it refuses."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,9 @@ from pidtsm_core.laws import LAWS
 from pidtsm_core.metrics import metrics
 from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.plant import Plant, plant_schema
-from pidtsm_core.references import ReferenceMotion, extrapolate, reference_schema
-from pidtsm_core.rollout import DivergedError, Rollout, rollout
-from pidtsm_core.signals import Signal
+from pidtsm_core.references import ReferenceMotion, reference_schema
+from pidtsm_core.rollout import EXPERIMENT, DivergedError, Rollout, rollout
+from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 from pidtsm_core.timing import period_nanoseconds, seconds
 
 ARTICLE = {
@@ -63,9 +64,7 @@ def test_defaults_do_as_well_without_measured_derivatives(default_run: Rollout) 
 
 
 def test_the_loop_is_deterministic(default_run: Rollout) -> None:
-    again = rollout({}, 30.0)
-    for name in ("time", "position", "velocity", "effort", "reference", "signals"):
-        assert getattr(again, name).tobytes() == getattr(default_run, name).tobytes(), name
+    assert_same(rollout({}, 30.0), default_run)
 
 
 def test_rows_belong_together(default_run: Rollout) -> None:
@@ -81,34 +80,153 @@ def test_rows_belong_together(default_run: Rollout) -> None:
     assert (np.abs(run.effort) <= [100.0, 50.0]).all()
 
 
+EVENTS: dict[str, dict[str, Any]] = {
+    "controller": {
+        "limits.effort_rate": 1000.0,
+        "limits.tracking_error": 0.3,
+        "activation.blend": 0.8,
+        "rehearsal.reset_fault": 1.2,
+        "rehearsal.restart": 1.8,
+    },
+    "simulator": {"push.effort": [120.0, -60.0], "push.time": 0.3, "push.duration": 0.3},
+    "trajectory": {"dropout.time": 1.4, "dropout.duration": 0.2, "jump.position": [0.1, -0.1], "jump.time": 1.9},
+}
+"""Something of all that may happen, in two seconds."""
+
+
+def stepped_as_the_nodes_do(settings: dict[str, dict[str, Any]], samples: int, rate: int = 1000) -> Rollout:
+    """A rollout made of the same parts, each called as its node calls it."""
+    period = period_nanoseconds(rate)
+    controller = Controller(resolve(controller_schema, {**EXPERIMENT["controller"], **settings["controller"]}, 2))
+    plant = Plant(resolve(plant_schema, settings["simulator"], 2))
+    motion = ReferenceMotion(resolve(reference_schema, settings.get("trajectory", {}), 2))
+    made = Rollout(
+        joints=("joint1", "joint2"),
+        time=np.empty(samples),
+        position=np.empty((samples, 2)),
+        velocity=np.empty((samples, 2)),
+        effort=np.empty((samples, 2)),
+        reference=np.empty((samples, 3, 2)),
+        signals=np.empty((samples, len(Signal), 2)),
+        status=np.empty((samples, len(Status)), dtype=np.uint8),
+    )
+    referred = -1
+    for k in range(samples):
+        stamp = k * period
+        made.time[k] = seconds(stamp)
+        made.position[k], made.velocity[k] = plant.state.position, plant.state.derivatives[0]
+        motion.evaluate(seconds(stamp), made.reference[k])
+        if not motion.drops_out(seconds(stamp)):
+            controller.reference[:] = made.reference[k]
+            referred = stamp
+        controller.position[:] = plant.state.position
+        made.status[k] = controller.step(stamp, referred)
+        made.signals[k] = controller.signals
+        plant.step(controller.effort, seconds(stamp), seconds(period))
+        made.effort[k] = plant.state.effort
+    return made
+
+
+def assert_same(run: Rollout, other: Rollout) -> None:
+    """Bit for bit."""
+    assert run.joints == other.joints
+    for name in ("time", "position", "velocity", "effort", "reference", "signals", "status"):
+        np.testing.assert_array_equal(getattr(run, name), getattr(other, name), err_msg=name)
+
+
 @pytest.mark.parametrize("law", LAWS.names)
 @pytest.mark.parametrize("rate", [1000, 300])
 def test_stepping_the_parts_as_the_nodes_do_gives_the_same_bits(law: str, rate: int) -> None:
     settings = {"controller": {"law.name": law}, "simulator": {"rate": rate, **CASE_2, "payload.time": 0.5}}
-    samples = 2000
-    period = period_nanoseconds(rate)
-    run = rollout(settings, samples * period / 1e9)
-    assert len(run.time) == samples
+    run = rollout(settings, 2000 * period_nanoseconds(rate) / 1e9)
+    assert_same(run, stepped_as_the_nodes_do(settings, 2000, rate))
 
-    controller = Controller(resolve(controller_schema, settings["controller"], 2))
-    plant = Plant(resolve(plant_schema, settings["simulator"], 2))
-    motion = ReferenceMotion(resolve(reference_schema, {}, 2))
-    reference, desired = np.zeros((3, 2)), np.zeros((3, 2))
-    last = -1
-    for k in range(samples):
-        stamp = k * period
-        measured_position, velocity = plant.state.position.copy(), plant.state.derivatives[0].copy()
-        motion.evaluate(seconds(stamp), reference)
-        extrapolate(reference, seconds(stamp - stamp), desired)
-        signals = controller.step(measured_position, desired, 0.0 if last < 0 else seconds(stamp - last))
-        last = stamp
-        plant.step(signals[Signal.EFFORT].copy(), seconds(stamp), seconds(period))
-        assert run.time[k] == seconds(stamp)
-        assert run.position[k].tobytes() == measured_position.tobytes(), k
-        assert run.velocity[k].tobytes() == velocity.tobytes(), k
-        assert run.reference[k].tobytes() == desired.tobytes(), k
-        assert run.signals[k].tobytes() == signals.tobytes(), k
-        assert run.effort[k].tobytes() == plant.state.effort.tobytes(), k
+
+def test_stepping_the_parts_through_faults_and_limits_gives_the_same_bits() -> None:
+    run = rollout(EVENTS, 2.0)
+    assert set(run.status[:, Status.MODE]) == set(Mode)
+    assert (run.signals[:, Signal.SATURATED] >= Limited.RATE).any()
+    assert set(run.status[:, Status.FAULT]) == {Fault.NO_FAULT, Fault.TRACKING_LIMIT}
+    assert run.status[-1, Status.FAULT] == Fault.NO_FAULT
+    assert_same(run, stepped_as_the_nodes_do(EVENTS, 2000))
+
+
+SINES = {"reference.name": "sines", "reference.amplitude": [0.2, 0.1], "reference.frequency": [0.5, 0.8]}
+
+
+def swapped(settings: dict[str, Any]) -> dict[str, Any]:
+    """With the values of the other joint."""
+    return {name: value[::-1] if isinstance(value, list) else value for name, value in settings.items()}
+
+
+@pytest.mark.parametrize("node", ["controller", "trajectory", "controller and trajectory"])
+def test_joints_go_by_their_names_whatever_their_order(node: str) -> None:
+    """The law is one without a model, whose joints have an order of their own."""
+    settings = {
+        "controller": {"law.name": "pid", "law.kp": [500.0, 300.0], "limits.effort": [100.0, 50.0]},
+        "trajectory": SINES,
+    }
+    order = {"joints": ["joint2", "joint1"]}
+    permuted = {
+        name: {**swapped(given), **order} if name in node else {**given, "joints": ["joint1", "joint2"]}
+        for name, given in settings.items()
+    }
+    assert_same(rollout(permuted, 1.0), rollout(settings, 1.0))
+
+
+def test_joints_may_have_any_names_and_the_trajectory_takes_those_of_the_controller() -> None:
+    joints = {"joints": ["shoulder", "elbow"]}
+    run = rollout({"controller": joints, "simulator": joints, "trajectory": SINES}, 0.5)
+    assert run.joints == ("shoulder", "elbow")
+    assert_same(replace(run, joints=("joint1", "joint2")), rollout({"trajectory": SINES}, 0.5))
+
+
+@pytest.mark.parametrize("node", ["simulator", "trajectory"])
+def test_nodes_with_other_joints_are_refused_by_name(node: str) -> None:
+    reason = f"^{node}: joints are joint1, elbow; those of the controller are joint1, joint2"
+    with pytest.raises(ParameterError, match=reason) as refused:
+        rollout({node: {"joints": ["joint1", "elbow"]}}, 0.01)
+    assert refused.value.parameter == f"{node}.joints"
+
+
+def settled_error(run: Rollout, since: float) -> float:
+    """Largest |e| from then on (s), rad."""
+    return float(np.abs(run.position - run.reference[:, 0])[run.time >= since].max())
+
+
+def test_an_arm_that_is_led_to_its_reference_settles_as_well() -> None:
+    run = rollout({"controller": {"activation.blend": 0.8}}, 30.0)
+    assert settled_error(run, 10.0) <= 1e-4
+
+
+def test_a_reference_that_stays_out_lets_the_arm_stand_until_it_is_back() -> None:
+    run = rollout({"trajectory": {"dropout.time": 1.0, "dropout.duration": 0.5}}, 10.0)
+    # The last one came at 0.999 s, and counts for watchdog.reference.
+    held = np.flatnonzero(run.status[:, Status.MODE] == Mode.HOLDING)
+    np.testing.assert_array_equal(held, np.arange(1100, 1500))
+    assert not run.status[:, Status.FAULT].any()
+    assert np.abs(run.velocity[1400:1500]).max() < 0.1 * np.abs(run.reference[1400:1500, 1]).max()
+    assert settled_error(run, 5.0) < 1e-3
+
+
+def test_a_reference_that_jumps_is_followed() -> None:
+    jump = {"jump.position": [0.1, -0.1], "jump.time": 1.0}
+    run, smooth = rollout({"trajectory": jump}, 10.0), rollout({}, 10.0)
+    np.testing.assert_array_equal(run.reference[:1000], smooth.reference[:1000])
+    np.testing.assert_allclose(run.reference[1000:, 0] - smooth.reference[1000:, 0], [[0.1, -0.1]] * 9000, rtol=1e-12)
+    np.testing.assert_array_equal(run.reference[:, 1:], smooth.reference[:, 1:])
+    assert (run.status[:, Status.MODE] == Mode.FOLLOWING).all()
+    assert settled_error(run, 8.0) < 1e-3
+
+
+def test_a_rehearsed_restart_is_one() -> None:
+    """A controller that has just begun does the same from there on, but for what the reference was before."""
+    run = rollout({"controller": {"rehearsal.restart": 0.5, "activation.blend": 0.8}}, 1.0)
+    controller = Controller(resolve(controller_schema, {"watchdog.state_stop": 1.0}, 2))
+    for k in range(500, 1000):
+        controller.position[:], controller.reference[:] = run.position[k], run.reference[k]
+        controller.step(k * 1_000_000, k * 1_000_000)
+        np.testing.assert_array_equal(controller.signals, run.signals[k], err_msg=str(k))
 
 
 @pytest.mark.parametrize(
@@ -134,6 +252,17 @@ def test_settings_without_sense_are_refused_with_the_name_of_the_node(settings: 
 def test_a_duration_without_samples_or_end_is_refused(duration: float) -> None:
     with pytest.raises(ParameterError, match="duration"):
         rollout({}, duration)
+
+
+def test_a_rollout_that_does_not_fit_in_memory_is_refused_with_its_size() -> None:
+    with pytest.raises(ParameterError, match=r"duration: .*1000000000000 samples takes [\d.e+]+ GB of memory"):
+        rollout({}, 1e9)
+
+
+def test_a_start_far_from_the_reference_is_refused_as_activation_is() -> None:
+    with pytest.raises(ParameterError, match=r"joint1 is .* rad from its reference"):
+        rollout({"simulator": {"initial_position": [2.0, -0.1]}}, 0.1)
+    rollout({"simulator": {"initial_position": [2.0, -0.1]}, "controller": {"activation.distance": 3.0}}, 0.1)
 
 
 def test_one_sample_is_a_run() -> None:

@@ -8,7 +8,7 @@ import pytest
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.parameters import Array, ParameterError, resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
-from pidtsm_core.rollout import Rollout, rollout
+from pidtsm_core.rollout import EXPERIMENT, Rollout, rollout
 from pidtsm_core.signals import Signal
 from pidtsm_core.simulator import SimulatedRobot, simulator_schema
 from pidtsm_core.timing import seconds
@@ -44,6 +44,7 @@ EVERYTHING = {
     "push.duration": 0.1,
     "seed": 3,
 }
+MS = 1_000_000
 CALM = {"estimator.velocity_cutoff": 50.0, "law.upsilon": 1.0}
 
 
@@ -64,22 +65,21 @@ def robot_of(**changes: object) -> SimulatedRobot:
 def test_stepping_the_robot_as_the_node_does_gives_the_bits_of_the_rollout(simulator: dict[str, Any]) -> None:
     whole = run(simulator)
     robot = SimulatedRobot(resolve(simulator_schema, simulator, 2))
-    controller = Controller(resolve(controller_schema, CALM, 2))
+    controller = Controller(resolve(controller_schema, {**EXPERIMENT["controller"], **CALM}, 2))
     motion = ReferenceMotion(resolve(reference_schema, {}, 2))
-    desired, effort, last = np.zeros((3, 2)), np.zeros(2), -1
-    arm = robot.state.arm
+    begun, arm = -1, robot.state.arm
     for k in range(len(whole.time)):
         assert whole.position[k].tobytes() == arm.position.tobytes(), k
         assert whole.velocity[k].tobytes() == arm.derivatives[0].tobytes(), k
         acquired, measured = robot.sense(k)
         if acquired >= 0:
-            motion.evaluate(seconds(acquired * 1_000_000), desired)
-            since = seconds((acquired - last) * 1_000_000) if last >= 0 else 0.0
-            signals = controller.step(measured.copy(), desired, since)
-            effort[:] = signals[Signal.EFFORT]
-            assert whole.signals[acquired].tobytes() == signals.tobytes(), k
-            last = acquired
-        robot.act(k, acquired >= 0, effort)
+            begun = acquired if begun < 0 else begun
+            motion.evaluate(seconds((acquired - begun) * MS), controller.reference)
+            controller.position[:] = measured
+            status = controller.step(acquired * MS, acquired * MS)
+            assert whole.signals[acquired].tobytes() == controller.signals.tobytes(), k
+            assert whole.status[acquired].tolist() == list(status), k
+        robot.act(k, acquired >= 0, controller.effort)
         assert whole.effort[k].tobytes() == arm.effort.tobytes(), k
 
 
@@ -114,14 +114,13 @@ def test_the_arm_stands_on_its_brakes_until_a_command_has_come_all_the_way(measu
 
 @pytest.mark.parametrize("lag", [0.0, 0.01])
 def test_brakes_stop_the_arm_without_a_jump_until_the_next_command(lag: float) -> None:
-    robot, effort = robot_of(actuator__lag=lag), np.array([100.0, -50.0])
+    robot, effort = robot_of(actuator__lag=lag, command__timeout=0.001), np.array([100.0, -50.0])
     arm = robot.state.arm
     for k in range(100):
         robot.sense(k)
         robot.act(k, True, effort)
     velocity = arm.derivatives[0].copy()
     assert np.abs(velocity).min() > 0.1
-    robot.brake()
     for k in range(100, 140):
         before, speed = arm.position.copy(), np.abs(arm.derivatives[0]).copy()
         robot.sense(k)
@@ -136,13 +135,12 @@ def test_brakes_stop_the_arm_without_a_jump_until_the_next_command(lag: float) -
 
 
 def test_what_is_on_its_way_still_arrives_after_the_brakes_are_closed() -> None:
-    robot = robot_of(delay__command_samples=3)
+    robot = robot_of(delay__command_samples=3, command__timeout=0.001)
     for k in range(10):
         robot.sense(k)
         robot.act(k, True, np.array([30.0, 10.0]))
     moved = []
     for k in range(10, 16):
-        robot.brake()
         robot.sense(k)
         robot.act(k, False, np.zeros(2))
         moved.append(bool(robot.state.arm.effort.any()))
@@ -212,6 +210,24 @@ def test_new_parameters_count_from_the_next_sample_on() -> None:
     np.testing.assert_array_equal(measured, robot.state.arm.position + 0.5)
     robot.act(1, True, effort * 2.0)
     np.testing.assert_array_equal(robot.state.arm.effort, effort)
+
+
+@pytest.mark.parametrize("lost", ["dropout.command_", "dropout."], ids=["commands", "measurements"])
+def test_brakes_hold_the_arm_while_commands_stay_out_for_too_long(lost: str) -> None:
+    """Commands may stay out because they are lost, or because the controller has nothing to answer."""
+    braked = run({"command.timeout": 0.05, f"{lost}time": 0.5, f"{lost}duration": 0.2}, 1.0)
+    torque = np.abs(braked.effort).max(axis=1)
+    # The last torque is held for the timeout, counted from the sample of the last command.
+    np.testing.assert_array_equal(braked.effort[500:549], braked.effort[[499] * 49])
+    assert not torque[549:700].any()
+    assert np.abs(braked.velocity[580:700]).max() < 1e-5
+    assert (torque[700:] > 0.0).all()
+    assert np.abs(braked.velocity[-1]).max() > 1e-3
+
+
+def test_without_a_timeout_the_last_torque_is_held_for_ever() -> None:
+    held = run({"command.timeout": 0.0, "dropout.time": 0.1, "dropout.duration": 2.0}, 1.0)
+    np.testing.assert_array_equal(held.effort[100:], held.effort[[99] * 900])
 
 
 def test_the_limits_stand_after_the_drives() -> None:

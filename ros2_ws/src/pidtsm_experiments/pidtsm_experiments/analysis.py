@@ -10,6 +10,7 @@ import numpy as np
 
 from pidtsm_core.metrics import metrics
 from pidtsm_core.signals import Signal
+from pidtsm_experiments.outcome import happenings, time_at_limits
 from pidtsm_experiments.recording import METRICS_ONLY, Recording, read_recording
 
 
@@ -38,9 +39,12 @@ def summarize(recording: Recording) -> dict[str, Any]:
         "duration": span / 1e9,
         "samples": len(stamps),
         "joints": list(recording.joints),
+        **happenings(recording),
         **metrics(recording.time, recording.error, recording.effort, saturated, recording.event_time),
+        **time_at_limits(recording),
         "adaptive_gain": recording.signals[-1, Signal.ADAPTIVE_GAIN].tolist(),
         "lost": dict(recording.lost),
+        "rejected": None if recording.rejected is None else dict(recording.rejected),
         "timing": {
             "rate": 1e9 / float(np.mean(periods)) if periods.size else None,
             "period_max": int(periods.max()) / 1e9 if periods.size else None,

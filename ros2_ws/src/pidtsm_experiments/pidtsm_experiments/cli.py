@@ -28,7 +28,7 @@ _EPILOG = """examples:
   ./pidtsm rollout --scenario case1 --set controller.estimator.name=exact --json
   ./pidtsm analyze results/demo/bag
 
-exit codes: 0 done, 1 the work failed, 2 bad usage or input
+exit codes: 0 done, 1 the work failed, or the controller of a run does not follow at the end, 2 bad usage or input
 """
 
 
@@ -60,7 +60,7 @@ def _parser(command: str | None) -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit code: 0 done, 1 the work failed, 2 bad usage or input, 130 interrupted."""
+    """Run a command; returns the exit code: 0 done, 1 it failed, 2 bad usage or input, 130 interrupted."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     signal.signal(signal.SIGTERM, _interrupt)
     command = next((word for word in words if not word.startswith("-")), None)

@@ -124,14 +124,14 @@ def make_experiment(
     params: Sequence[str] = (),
     overrides: Sequence[str] = (),
 ) -> Experiment:
-    """Put an experiment together; later parts win: parameter files, scenario, law, overrides.
+    """Put an experiment together; later parts win: scenario, parameter files, law, overrides.
 
     Args:
         scenario: a name of `scenario_names`, or the path of a scenario file.
         law: a name in `LAWS`; where None, that of the parts before it, or the default law.
         duration: s, instead of the scenario's.
-        params: paths of ROS parameter files; ``article`` stands for the article's Table 1 of the law, ``practical`` for
-            the set for real sensors and drives.
+        params: paths of ROS parameter files; ``article`` stands for the article's Table 1 of the law (of `law`, or of
+            the parts before), ``practical`` for the set for real sensors and drives.
         overrides: texts ``NODE.PARAMETER=VALUE``.
 
     Raises:
@@ -149,10 +149,12 @@ def make_experiment(
             settings[node].update(parameters)
             files.update({f"{node}.{name}": str(source) for name in parameters})
 
-    for name in params:
-        source = _PARAMETER_SETS[name](law) if name in _PARAMETER_SETS else Path(name)
-        merge(load_ros_parameters(source), source)
     merge({node: flatten(content.get(node) or {}, f"{file}: {node}") for node in NODES}, file)
+    for name in params:
+        before = settings["controller"].get("law.name")
+        of_law = law or (before if before in LAWS.names else None)
+        source = _PARAMETER_SETS[name](of_law) if name in _PARAMETER_SETS else Path(name)
+        merge(load_ros_parameters(source), source)
     if law is not None:
         settings["controller"]["law.name"] = law
     for override in overrides:

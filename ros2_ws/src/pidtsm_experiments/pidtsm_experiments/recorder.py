@@ -9,17 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
 from pidtsm_experiments.bag_writer import BagWriter, free_space
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.middleware import RECEIVERS, set_defaults
-from pidtsm_ros.qos import RECORDER
+from pidtsm_ros.qos import RECORDER, RELIABLE_READER
 from pidtsm_ros.scheduling import run_in_real_time
 from pidtsm_ros.startup import refuse, start_ros
 from pidtsm_ros.stop import Stop
@@ -32,6 +34,8 @@ TOPICS = {
     "simulator/ground_truth": JointState,
 }
 """Relative names, as the nodes publish them."""
+DIAGNOSTICS = "/diagnostics"
+"""Recorded whoever publishes it, nodes of other systems included: nothing waits for it, or counts what is lost."""
 BARRIER = "joint_states"
 """Subscribed to last, once every other topic has a publisher: a simulator that waits for its subscribers
 (``start.subscribers``) then starts when nothing can be missed any more."""
@@ -130,6 +134,7 @@ class Recorder(Node):
         self._writer = BagWriter(output, metadata, size, duration)
         self.connected = False
         self._topics = {topic: self._record(topic) for topic in TOPICS if topic != BARRIER}
+        self._diagnostics = self._subscribe(DIAGNOSTICS, DiagnosticArray, RELIABLE_READER)
         self._told = 0
 
     def _parameter(self, name: str, default: Any, description: str) -> Any:
@@ -141,8 +146,10 @@ class Recorder(Node):
         return self.declare_parameter(name, default, described).value
 
     def _record(self, topic: str) -> _Topic:
-        message_type = TOPICS[topic]
-        subscription = self.create_subscription(message_type, topic, _never_called, RECORDER, raw=True)
+        return self._subscribe(topic, TOPICS[topic], RECORDER)
+
+    def _subscribe(self, topic: str, message_type: Any, qos: QoSProfile) -> _Topic:
+        subscription = self.create_subscription(message_type, topic, _never_called, qos, raw=True)
         type_name = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
         return _Topic(subscription, self._writer.add_topic(subscription.topic_name, type_name))
 
@@ -165,10 +172,11 @@ class Recorder(Node):
     def take(self) -> None:
         """Take everything that has arrived to the bag."""
         with self._writing():
-            for topic in self._topics.values():
+            for topic in (*self._topics.values(), self._diagnostics):
                 while (data := topic.take()) is not None:
                     now = time.monotonic_ns()
-                    self.last = now / 1e9
+                    if topic is not self._diagnostics:
+                        self.last = now / 1e9
                     if self.failure:
                         self._unwritten += 1
                     else:

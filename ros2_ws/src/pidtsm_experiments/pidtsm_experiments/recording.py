@@ -21,19 +21,21 @@ from rosbags.typesys.store import Typestore
 
 from pidtsm_core.parameters import Array
 from pidtsm_core.rollout import Rollout
-from pidtsm_core.signals import Signal
+from pidtsm_core.signals import Signal, Status
 from pidtsm_experiments.recovery import Readable, readable, stored_metadata
+from pidtsm_experiments.reference_gaps import KnownMotion, Stamps, interpolated, known_motion, near
+from pidtsm_experiments.rejections import rejections
 
 METADATA_KEY = "pidtsm"
 """Key of the recorder's JSON text in the bag's custom data."""
 
-Stamps: TypeAlias = NDArray[np.int64]
+Codes: TypeAlias = NDArray[np.uint8]
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _OWN_MESSAGES = ("JointReference", "ControllerState")
 _SIGNALS = tuple(signal.name.lower() for signal in Signal)
+_CODES = tuple(code.name.lower() for code in Status)
 _BLOCK = 2048  # messages decoded at once: enough for NumPy, little enough for memory and for mixed layouts
-_LONGEST_GAP = 100_000_000  # ns without a reference over which one can still be interpolated
 _STAMP = slice(4, 12)  # where a CDR message that starts with std_msgs/Header has its stamp
 
 
@@ -54,6 +56,8 @@ class _Topic:
         msgtype: its type.
         fields: one array a joint that are read.
         scalar: a float64 that is read and is the last field of the message, empty where there is none.
+        codes: whole numbers that are read; 0 where a message of an older version has none.
+        may_be_empty: a message without joints says that there is nothing to say.
         required: without it there is no recording.
     """
 
@@ -61,16 +65,21 @@ class _Topic:
     msgtype: str
     fields: tuple[str, ...] = ()
     scalar: str = ""
+    codes: tuple[str, ...] = ()
+    may_be_empty: bool = False
     required: bool = True
 
 
 _TRUTH = _Topic("simulator/ground_truth", _JOINT_STATE, ("position", "velocity", "effort"))
-_REFERENCE = _Topic("reference", "pidtsm_msgs/msg/JointReference", ("position", "velocity", "acceleration"))
-_STATE = _Topic("controller/state", "pidtsm_msgs/msg/ControllerState", _SIGNALS, "compute_time")
-# Nothing is taken from these two but whether they are complete.
+_REFERENCE = _Topic(
+    "reference", "pidtsm_msgs/msg/JointReference", ("position", "velocity", "acceleration"), may_be_empty=True
+)
+_STATE = _Topic("controller/state", "pidtsm_msgs/msg/ControllerState", _SIGNALS, "compute_time", _CODES)
+# Nothing is taken from the next two but whether they are complete.
 _SENSORS = _Topic("joint_states", _JOINT_STATE, required=False)
 _COMMANDS = _Topic("joint_commands", _JOINT_STATE, required=False)
-_TOPICS = (_TRUTH, _REFERENCE, _STATE, _SENSORS, _COMMANDS)
+_DIAGNOSTICS = _Topic("diagnostics", "diagnostic_msgs/msg/DiagnosticArray", required=False)
+_TOPICS = (_TRUTH, _REFERENCE, _STATE, _SENSORS, _COMMANDS, _DIAGNOSTICS)
 
 
 @dataclass(frozen=True)
@@ -85,11 +94,14 @@ class Recording:
         effort: torque applied from time[k] on, N m, shape (samples, joints).
         reference: q_d, q_d', q_d'', shape (samples, 3, joints), rad, rad/s, rad/s^2.
         signals: what the controller computed, shape (samples, len(Signal), joints), order of `Signal`.
+        status: what the controller said of itself, shape (samples, len(Status)), order of `Status`; 0 where the
+            messages are of a version that did not say it. A fault's joint counts from 1 in the order of `joints`.
         compute_time: of the controller for a command, s, shape (samples,), or (0,) where nobody measured it.
         scenario, law, clock: names, None where the bag does not say.
         event_time: when something happened to the arm, s on the axis of `time`, None without an event.
         lost: number of stamps of the ground truth without a partner, by recorded topic; a stamp without any is that
-            of a measurement that never left its sensor.
+            of a measurement that never left its sensor, and where the reference was to stay out it is not lost.
+        rejected: number of messages that each node could not use, by its name; None where the bag does not say.
     """
 
     joints: tuple[str, ...]
@@ -100,12 +112,14 @@ class Recording:
     effort: Array
     reference: Array
     signals: Array
+    status: Codes
     compute_time: Array
     scenario: str | None
     law: str | None
     clock: str | None
     event_time: float | None
     lost: Mapping[str, int] = field(default_factory=dict)
+    rejected: Mapping[str, int] | None = None
 
     @classmethod
     def of_rollout(cls, rollout: Rollout, scenario: str, law: str, event_time: float | None) -> "Recording":
@@ -119,6 +133,7 @@ class Recording:
             effort=rollout.effort,
             reference=rollout.reference,
             signals=rollout.signals,
+            status=rollout.status,
             compute_time=np.empty(0),
             scenario=scenario,
             law=law,
@@ -160,11 +175,12 @@ METRICS_ONLY = frozenset(("position", "effort", "saturated", "adaptive_gain"))
 def read_recording(path: Path, only: frozenset[str] | None = None) -> Recording:
     """Read a run from a bag.
 
-    Messages belong together when their header stamps are equal. A sample is a stamp at which there are ground
-    truth, reference and controller state, or ground truth alone: that is a measurement that never left its sensor,
-    and there the reference is interpolated and the controller's signals are the last ones, 0 before the first.
-    Joints are matched by name. Of a bag whose recorder was killed, or had no more space, what there is is read, with
-    the warning `UnfinishedBag`.
+    Messages belong together when their header stamps are equal. A sample is a stamp at which there are ground truth
+    and controller state, or ground truth alone: that is a measurement that never left its sensor, and there the
+    controller's signals are the last ones, 0 before the first. Where a sample has no reference, it is computed from the
+    trajectory's parameters that the bag has; where that gives another motion than what was recorded, it is interpolated
+    over a short time, and samples beyond that are left out. Joints are matched by name. Of a bag whose recorder was
+    killed, or had no more space, what there is is read, with the warning `UnfinishedBag`.
 
     Args:
         path: rosbag2 folder (MCAP or SQLite), or one .mcap or .db3 file.
@@ -184,32 +200,27 @@ def read_recording(path: Path, only: frozenset[str] | None = None) -> Recording:
 
 def _read(path: Path, only: frozenset[str] | None) -> Recording:
     with readable(path) as bag, closing(_open(path, bag)) as reader:
-        joints, columns = _read_topics(reader, _find_topics(reader.connections), only)
-        said = _metadata(path, bag)
+        joints, columns, rejected = _read_topics(reader, _find_topics(reader.connections), only)
+        said, trajectory = _metadata(path, bag)
     if bag.flaws:
         warnings.warn(UnfinishedBag(f"{path}: {_missing(bag, columns)}"), stacklevel=3)
     moments = columns[_TRUTH].stamps
     needed = {topic: columns[topic] for topic in (_TRUTH, _REFERENCE, _STATE)}
-    stamps = reduce(_common, (column.stamps for column in needed.values()))
-    if stamps.size == 0:
+    if reduce(_common, (column.stamps for column in needed.values())).size == 0:
         raise RecordingError(
             f"no stamp is in all of {', '.join(t.name for t in needed)}; each must carry the stamp of the joint state "
             "that it belongs to"
         )
     answers = {topic: column for topic, column in columns.items() if topic is not _TRUTH}
-    unsent = _unsent(moments, answers)
-    if unsent.size:
-        stamps = np.union1d(stamps, unsent)
-        truth = _rows(columns[_TRUTH], np.searchsorted(moments, stamps), _TRUTH)
-        reference = _interpolated(columns[_REFERENCE], stamps)
-        state = _held(columns[_STATE], stamps)
+    unsent, known = np.empty(0, dtype=np.int64), None
+    if columns[_REFERENCE].filled.all() and all(np.array_equal(moments, column.stamps) for column in needed.values()):
+        stamps, truth, reference, state = moments, *needed.values()
     else:
-        truth, reference, state = (
-            column
-            if column.stamps.size == stamps.size
-            else _rows(column, np.searchsorted(column.stamps, stamps), topic)
-            for topic, column in needed.items()
-        )
+        unsent = np.setdiff1d(moments, np.concatenate([column.stamps for column in answers.values()]))
+        stamps, reference, known = _referred(moments, unsent, columns, trajectory, joints)
+        unsent = np.intersect1d(unsent, stamps, assume_unique=True)
+        truth = _rows(columns[_TRUTH], np.searchsorted(moments, stamps), _TRUTH)
+        state = _held(columns[_STATE], stamps)
     return Recording(
         joints=joints,
         time=(stamps - moments[0]) / 1e9,
@@ -219,41 +230,62 @@ def _read(path: Path, only: frozenset[str] | None) -> Recording:
         effort=truth.values[2],
         reference=reference.values.swapaxes(0, 1),
         signals=state.values.swapaxes(0, 1),
+        status=state.codes,
         compute_time=state.scalars,
         **said,
-        lost={
-            topic.name: moments.size - unsent.size - _common(moments, column.stamps).size
-            for topic, column in answers.items()
-        },
+        lost=_lost(moments, unsent, answers, known),
+        rejected=rejected,
     )
 
 
-def _unsent(moments: Stamps, answers: Mapping[_Topic, "_Columns"]) -> Stamps:
-    """Stamps of the ground truth that nobody answers, near enough to a reference to know what it was."""
-    reference = answers[_REFERENCE].stamps
-    if reference.size < 2 or all(np.array_equal(moments, column.stamps) for column in answers.values()):
-        return np.empty(0, dtype=np.int64)
-    silent = np.setdiff1d(moments, np.concatenate([column.stamps for column in answers.values()]))
-    after = np.clip(np.searchsorted(reference, silent), 1, reference.size - 1)
-    distance = np.minimum(np.abs(silent - reference[after - 1]), np.abs(silent - reference[after]))
-    return silent[distance <= _LONGEST_GAP]
+def _referred(
+    moments: Stamps, unsent: Stamps, columns: Mapping[_Topic, "_Columns"], trajectory: object, joints: Sequence[str]
+) -> tuple[Stamps, "_Columns", KnownMotion | None]:
+    """The samples of a recording that is not complete, the reference of each, and the motion if it is known.
+
+    Args:
+        moments: stamps of the ground truth.
+        unsent: those that nobody answers.
+        columns: of every topic.
+        trajectory: parameters, see `known_motion`.
+        joints: names.
+
+    Raises:
+        RecordingError: there is no sample.
+    """
+    reference = columns[_REFERENCE]
+    start = int(reference.stamps[0])
+    reference = _rows(reference, np.flatnonzero(reference.filled), _REFERENCE)
+    answered = _common(moments, columns[_STATE].stamps)
+    lacking = np.setdiff1d(np.union1d(answered, unsent), reference.stamps, assume_unique=True)
+    known = None
+    if lacking.size:
+        known = known_motion(trajectory, joints, start, reference.stamps, reference.values, lacking)
+    if known is None:
+        lacking = near(reference.stamps, lacking)
+    spoken = _common(answered, reference.stamps)
+    stamps = np.union1d(spoken, lacking)
+    if stamps.size == 0:
+        raise RecordingError("no controller state has a reference, and nothing says what the reference was")
+    taken = _columns(_REFERENCE, stamps.size, len(joints), reference.kept)
+    taken.stamps[:] = stamps
+    taken.values[:, np.searchsorted(stamps, spoken)] = reference.values[:, np.searchsorted(reference.stamps, spoken)]
+    if lacking.size:
+        filled = known.at(lacking) if known else interpolated(reference.stamps, reference.values, lacking)
+        taken.values[:, np.searchsorted(stamps, lacking)] = filled
+    return stamps, taken, known
 
 
-def _interpolated(reference: "_Columns", stamps: Stamps) -> "_Columns":
-    """The reference at any stamps: what was said there, else the cubic that fits position and velocity beside it."""
-    from scipy.interpolate import CubicHermiteSpline  # Rarely needed, and slow to import.
-
-    known = np.isin(stamps, reference.stamps, assume_unique=True)
-    seconds = (reference.stamps - reference.stamps[0]) / 1e9
-    between = (stamps[~known] - reference.stamps[0]) / 1e9
-    motion = CubicHermiteSpline(seconds, reference.values[0], reference.values[1])
-    filled = _columns(_REFERENCE, stamps.size, reference.values.shape[2], reference.kept)
-    filled.stamps[:] = stamps
-    rows = np.searchsorted(reference.stamps, stamps[known])
-    for i in reference.kept:
-        filled.values[i, known] = reference.values[i, rows]
-        filled.values[i, ~known] = motion(between, i)
-    return filled
+def _lost(
+    moments: Stamps, unsent: Stamps, answers: Mapping[_Topic, "_Columns"], known: KnownMotion | None
+) -> dict[str, int]:
+    """How many stamps of the ground truth lack a partner, by topic."""
+    sent = np.setdiff1d(moments, unsent, assume_unique=True)
+    lost = {}
+    for topic, column in answers.items():
+        wanted = sent[~known.stays_out(sent)] if known and topic is _REFERENCE else sent
+        lost[topic.name] = wanted.size - _common(wanted, column.stamps).size
+    return lost
 
 
 def _held(state: "_Columns", stamps: Stamps) -> "_Columns":
@@ -261,6 +293,7 @@ def _held(state: "_Columns", stamps: Stamps) -> "_Columns":
     rows = np.searchsorted(state.stamps, stamps, side="right") - 1
     held = _rows(state, np.maximum(rows, 0), _STATE)
     held.stamps[:] = stamps
+    held.codes[rows < 0] = 0
     for i in state.kept:
         held.values[i, rows < 0] = 0.0
     return held
@@ -280,17 +313,28 @@ class _Columns:
         values: shape (fields, messages, joints), order of the topic's fields. Memory that nobody writes to, of a field
             that is not kept, is only promised by the operating system.
         scalars: shape (messages,).
+        codes: shape (messages, codes), order of the topic's codes.
+        filled: whether a message has joints and values, shape (messages,).
         kept: numbers of the fields that are kept.
     """
 
     stamps: Stamps
     values: Array
     scalars: Array
+    codes: Codes
+    filled: NDArray[np.bool_]
     kept: Sequence[int]
 
     def rows(self, start: int, stop: int) -> "_Columns":
         """Views of some messages."""
-        return _Columns(self.stamps[start:stop], self.values[:, start:stop], self.scalars[start:stop], self.kept)
+        return _Columns(
+            self.stamps[start:stop],
+            self.values[:, start:stop],
+            self.scalars[start:stop],
+            self.codes[start:stop],
+            self.filled[start:stop],
+            self.kept,
+        )
 
 
 def _columns(topic: _Topic, messages: int, joints: int, kept: Sequence[int]) -> _Columns:
@@ -298,6 +342,8 @@ def _columns(topic: _Topic, messages: int, joints: int, kept: Sequence[int]) -> 
         np.zeros(messages, dtype=np.int64),
         np.zeros((len(topic.fields), messages, joints)),
         np.zeros(messages if topic.scalar else 0),
+        np.zeros((messages, len(topic.codes)), dtype=np.uint8),
+        np.ones(messages, dtype=np.bool_),
         kept,
     )
 
@@ -366,8 +412,10 @@ def _messages(reader: AnyReader, connections: Sequence[Connection]) -> Iterator[
 
 def _read_topics(
     reader: AnyReader, found: Mapping[_Topic, list[Connection]], only: frozenset[str] | None
-) -> tuple[tuple[str, ...], dict[_Topic, _Columns]]:
-    """Joints of the ground truth, and every topic."""
+) -> tuple[tuple[str, ...], dict[_Topic, _Columns], dict[str, int] | None]:
+    """Joints of the ground truth, every topic of samples, and what the nodes rejected."""
+    found = dict(found)
+    diagnostics = found.pop(_DIAGNOSTICS, [])
     _, first = next(_messages(reader, found[_TRUTH]), ("", b""))
     joints = tuple(_parse(reader, first, _TRUTH).name)
     topic_of = {connection.topic: topic for topic, connections in found.items() for connection in connections}
@@ -389,14 +437,22 @@ def _read_topics(
         _decode(pending[topic], topic, joints, reader, columns[topic].rows(start, stop))
         pending[topic], done[topic] = [], stop
 
-    for name, payload in _messages(reader, [c for some in found.values() for c in some]):
-        topic = topic_of[name]
+    reports = []
+    for name, payload in _messages(reader, [c for some in (*found.values(), diagnostics) for c in some]):
+        topic = topic_of.get(name)
+        if topic is None:
+            reports.append(_parse(reader, payload, _DIAGNOSTICS))
+            continue
         pending[topic].append(payload)
         if len(pending[topic]) == _BLOCK:
             decode(topic)
     for topic in found:
         decode(topic)
-    return joints, {topic: _sorted(columns[topic].rows(0, done[topic]), topic) for topic in found}
+        if (missing := columns[topic].stamps.size - done[topic]) > 0:
+            raise _damaged(f"{missing} messages of {topic.name} cannot be read", ValueError("the file has a hole"))
+    namespace = found[_TRUTH][0].topic.removesuffix(_TRUTH.name).strip("/")
+    rejected = rejections(reports, namespace)
+    return joints, {topic: _sorted(columns[topic].rows(0, done[topic]), topic) for topic in found}, rejected
 
 
 def _sorted(columns: _Columns, topic: _Topic) -> _Columns:
@@ -408,6 +464,8 @@ def _sorted(columns: _Columns, topic: _Topic) -> _Columns:
 def _rows(columns: _Columns, rows: NDArray[np.intp], topic: _Topic) -> _Columns:
     taken = _columns(topic, rows.size, columns.values.shape[2], columns.kept)
     taken.stamps[:] = columns.stamps[rows]
+    taken.codes[:] = columns.codes[rows]
+    taken.filled[:] = columns.filled[rows]
     for i in columns.kept:
         taken.values[i] = columns.values[i, rows]
     if topic.scalar:
@@ -438,19 +496,23 @@ def _decode(
     pending = np.arange(len(payloads))
     while pending.size:
         first = payloads[pending[0]]
-        layout, places = _layout(first, topic, joints, reader)
+        layout = _layout(first, topic, joints, reader)
         rows = pending[lengths[pending] == len(first)]
         table = np.frombuffer(b"".join([payloads[row] for row in rows]), np.uint8).reshape(rows.size, len(first))
-        alike = (table[:, layout] == table[0, layout]).all(axis=1)
+        alike = (table[:, layout.fixed] == table[0, layout.fixed]).all(axis=1)
         rows = rows[alike]
-        numbers = table[alike].take(places, axis=1).view("<f8")
+        pending = np.setdiff1d(pending, rows, assume_unique=True)
+        columns.codes[rows] = layout.codes
+        columns.filled[rows] = layout.places.size > 0
+        if not layout.places.size:
+            continue
+        numbers = table[alike].take(layout.places, axis=1).view("<f8")
         size = len(topic.fields) * len(joints)
         values = numbers[:, :size].reshape(rows.size, len(topic.fields), len(joints))
         for i in columns.kept:
             columns.values[i, rows] = values[:, i]
         if topic.scalar:
             columns.scalars[rows] = numbers[:, size]
-        pending = np.setdiff1d(pending, rows, assume_unique=True)
     tables = [columns.values[i] for i in columns.kept] + ([columns.scalars[:, None]] if topic.scalar else [])
     for table in tables:
         finite = np.isfinite(table).all(axis=1)
@@ -459,22 +521,34 @@ def _decode(
             raise RecordingError(f"{topic.name} has values that are not finite, first at stamp {stamp} ns")
 
 
-def _layout(
-    payload: bytes, topic: _Topic, joints: Sequence[str], reader: AnyReader
-) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
-    """Where the numbers of a message are.
+@dataclass(frozen=True)
+class _Layout:
+    """How messages are built that differ in nothing but stamp and numbers.
 
-    Returns:
-        Which bytes say how the message is built (all but the stamp and the numbers), shape (len(payload),), and
-        the places of the bytes of the numbers that are read, in the order fields x joints, scalar.
+    Attributes:
+        fixed: which bytes they share, shape (length,).
+        places: of the bytes of the numbers that are read, in the order fields x joints, scalar; none where there is
+            nothing in the message.
+        codes: that the messages share, in the order of the topic's.
     """
+
+    fixed: NDArray[np.bool_]
+    places: NDArray[np.intp]
+    codes: Sequence[int]
+
+
+def _layout(payload: bytes, topic: _Topic, joints: Sequence[str], reader: AnyReader) -> _Layout:
+    """How a message is built."""
+    fixed = np.ones(len(payload), dtype=np.bool_)
+    fixed[_STAMP] = False
+    if topic.may_be_empty and (end := _end_of_empty(payload, 1 + len(topic.fields))):
+        fixed[end:] = False
+        return _Layout(fixed, np.empty(0, dtype=np.intp), ())
     message = _parse(reader, payload, topic)
     names = list(message.name)
     missing = [joint for joint in joints if joint not in names]
     if missing or not joints:
         raise RecordingError(f"{topic.name} lacks {', '.join(missing) or 'joint names'}; it has {names}")
-    layout = np.ones(len(payload), dtype=np.bool_)
-    layout[_STAMP] = False
     place: dict[str, int] = {}
     for name, value in vars(message).items():
         if isinstance(value, np.ndarray) and value.size:
@@ -483,7 +557,7 @@ def _layout(
                 raise RecordingError(f"{topic.name} is not little-endian CDR")
             body = np.frombuffer(value.base, np.uint8)
             place[name] = len(payload) - body.size + value.ctypes.data - body.ctypes.data
-            layout[place[name] : place[name] + value.nbytes] = False
+            fixed[place[name] : place[name] + value.nbytes] = False
     for name in topic.fields:
         size = np.size(getattr(message, name, ()))
         if size != len(names):
@@ -495,14 +569,37 @@ def _layout(
         # A message object has the constants of its definition too.
         names_in_order = [name for name, _ in reader.typestore.get_msgdef(topic.msgtype).fields]
         floats = [isinstance(getattr(message, name), float) for name in names_in_order]
-        layout[-8 * floats[::-1].index(False) :] = False
+        fixed[-8 * floats[::-1].index(False) :] = False
         if struct.pack("<d", getattr(message, topic.scalar, 0.0)) != payload[-8:]:
             raise RecordingError(f"{topic.name} does not end with {topic.scalar}: recorded with another pidtsm_msgs")
-    return layout, np.add.outer(starts, np.arange(8)).ravel()
+    return _Layout(fixed, np.add.outer(starts, np.arange(8)).ravel(), _codes(message, topic, names, joints))
 
 
-def _metadata(path: Path, bag: Readable) -> dict[str, Any]:
-    """What the recorder says about the run; None where it says nothing."""
+def _end_of_empty(payload: bytes, sequences: int) -> int:
+    """Length of a message of a header and so many sequences, if these are all empty, else 0.
+
+    Fast CDR leaves bytes of any value behind such a message, which rosbags then takes for a damaged one.
+    """
+    frame = struct.Struct("<xB10xI")
+    if len(payload) < frame.size:
+        return 0
+    little_endian, length = frame.unpack_from(payload)
+    begin = (frame.size + length + 3) // 4 * 4
+    end = begin + 4 * sequences
+    return end if little_endian == 1 and payload[begin:end] == bytes(4 * sequences) else 0
+
+
+def _codes(message: Any, topic: _Topic, names: Sequence[str], joints: Sequence[str]) -> list[int]:
+    """The codes of a message; a joint that caused a fault counts in the order of the recording's joints."""
+    codes = [int(getattr(message, name, 0)) for name in topic.codes]
+    if topic is _STATE and codes[Status.FAULT_JOINT]:
+        caused = names[codes[Status.FAULT_JOINT] - 1 : codes[Status.FAULT_JOINT]]
+        codes[Status.FAULT_JOINT] = joints.index(caused[0]) + 1 if caused and caused[0] in joints else 0
+    return codes
+
+
+def _metadata(path: Path, bag: Readable) -> tuple[dict[str, Any], object]:
+    """What the recorder says about the run, None where it says nothing; and the trajectory's parameters."""
     folder = path if path.is_dir() else path.parent
     custom: Mapping[str, str] = {}
     if (folder / "metadata.yaml").exists() and not bag.flaws:
@@ -516,6 +613,6 @@ def _metadata(path: Path, bag: Readable) -> dict[str, Any]:
         return {
             **{key: said.get(key) for key in ("scenario", "law", "clock")},
             "event_time": None if event_time is None else float(event_time),
-        }
+        }, said.get("trajectory")
     except (AttributeError, TypeError, ValueError) as error:
         raise RecordingError(f"custom data {METADATA_KEY} is not what the recorder writes: {error}") from None

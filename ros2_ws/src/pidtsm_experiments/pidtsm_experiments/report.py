@@ -20,6 +20,7 @@ from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Signal
 from pidtsm_experiments.article import CASES, Reproduction, Row, Run, label, law_numbers, number_text
 from pidtsm_experiments.figures import COLOURS, DASHES, decimated
+from pidtsm_experiments.outcome import OF_TRACKING, RAN_AWAY, what_happened
 from pidtsm_experiments.recording import Recording
 
 LINKS = (1.0, 0.85)
@@ -60,8 +61,11 @@ _METRICS = (
     ("settling_time", "settling time, until |e| stays below 2 % of its start", "s", 1.0),
     ("recovery_time", "recovery time, from the event until |e| stays below 1e-3 rad", "s", 1.0),
     ("torque_variation", "torque variation, mean change from sample to sample", "N m", 1.0),
+    ("torque_variation_rate", "torque variation a second", "N m/s", 1.0),
     ("torque_jumps", "torque jumps, samples at which it changes by more than 5 N m", "", 1.0),
-    ("saturation", "torque at its limit, share of the samples", "%", 100.0),
+    ("saturation", "torque at its limit or that of its rate, share of the samples", "%", 100.0),
+    ("time_at_effort_limit", "torque at its limit", "s", 1.0),
+    ("time_at_rate_limit", "torque at the limit of its rate", "s", 1.0),
     ("adaptive_gain", "adaptive gain Υ at the end", "", 1.0),
 )
 
@@ -98,6 +102,7 @@ def write_report(
     }
     arm = _arm(cases, laws, links)
     sections = {
+        "happened": ("What happened", _what_happened(done)),
         "arm": ("The arm", _arm_section(cases) if arm else ""),
         "article": ("Article and project", _comparison_table(rows) if rows else ""),
         "metrics": ("Metrics", _metrics_tables(cases, failed)),
@@ -347,6 +352,16 @@ def _reasons(rows: Iterable[Row]) -> dict[str, list[str]]:
     return reasons
 
 
+def _what_happened(done: Mapping[tuple[str, str], Run]) -> str:
+    """What was not normal, a list a run; empty where everything was."""
+    html = ""
+    for (case, law), (_, metrics) in done.items():
+        if said := what_happened(metrics):
+            head = f"<p>{escape(f'{_case(case)}, {label(law)}')}:</p>\n" if len(done) > 1 else ""
+            html += f"{head}<ul>{''.join(f'<li>{escape(text)}</li>' for text in said)}</ul>\n"
+    return html
+
+
 def _metrics_tables(cases: Mapping[str, Mapping[str, Run]], failed: Mapping[tuple[str, str], str]) -> str:
     html = ""
     for case, runs in cases.items():
@@ -358,8 +373,7 @@ def _metrics_tables(cases: Mapping[str, Mapping[str, Run]], failed: Mapping[tupl
             text = f"{name} ({unit})" if unit else name
             for j, joint in enumerate(joints):
                 head = f'<th scope="rowgroup" rowspan="{len(joints)}">{escape(text)}</th>' if j == 0 else ""
-                values = (metrics[key][j] if key in metrics else None for _, metrics in runs.values())
-                cells = "".join(f"<td>{_cell(value, factor)}</td>" for value in values)
+                cells = "".join(f"<td>{_cell(metrics, key, j, factor)}</td>" for _, metrics in runs.values())
                 body.append(f"<tr>{head}<td>{escape(joint)}</td>{cells}</tr>\n")
         head_row = ("metric", "joint", *map(label, runs))
         html += html_table(f"{_case(case)}: metrics (–: not within the run)", head_row, body)
@@ -368,7 +382,10 @@ def _metrics_tables(cases: Mapping[str, Mapping[str, Run]], failed: Mapping[tupl
     return html
 
 
-def _cell(value: float | None, factor: float) -> str:
+def _cell(metrics: Mapping[str, Any], key: str, joint: int, factor: float) -> str:
+    if metrics["outcome"] == RAN_AWAY and key in OF_TRACKING:
+        return RAN_AWAY
+    value = metrics[key][joint] if key in metrics else None
     return number_text(None if value is None else factor * value)
 
 

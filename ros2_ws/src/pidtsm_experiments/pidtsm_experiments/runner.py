@@ -213,12 +213,17 @@ def _check_security(names: Iterable[str]) -> None:
 
 
 def bag_metadata(experiment: Experiment, clock: str) -> str:
-    """What the recorder stores with the bag, so that an analysis knows what was run: a JSON object."""
+    """What the recorder stores with the bag, so that an analysis knows what was run: a JSON object.
+
+    Raises:
+        UsageError: see `node_parameters`.
+    """
     known = {
         "scenario": experiment.scenario,
         "law": experiment.law,
         "clock": clock,
         "event_time": experiment.event_time,
+        "trajectory": node_parameters(experiment, clock)["trajectory"],
     }
     return json.dumps(known)
 
@@ -239,9 +244,7 @@ def node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, V
         "controller": {"reference.match": "stamp" if clock == "lockstep" else "latest"},
         "trajectory": {"clock": clock},
     }
-    settings = {
-        node: {**EXPERIMENT[node], **of_the_run[node], **given} for node, given in experiment.settings.items()
-    }
+    settings = {node: {**EXPERIMENT[node], **of_the_run[node], **given} for node, given in experiment.settings.items()}
     return replace(experiment, settings=settings).resolved(NODE_SCHEMAS)
 
 

@@ -8,6 +8,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from pidtsm_experiments.outcome import OF_TRACKING, RAN_AWAY, what_happened
+
 _ROWS = (
     ("rmse", "RMSE", "rad"),
     ("eci", "ECI, mean |torque|", "N m"),
@@ -15,11 +17,15 @@ _ROWS = (
     ("settling_time", "settling time", "s"),
     ("recovery_time", "recovery time", "s"),
     ("torque_variation", "torque variation", "N m"),
+    ("torque_variation_rate", "torque variation a second", "N m/s"),
     ("torque_jumps", "torque jumps", ""),
     ("saturation", "saturated", "%"),
+    ("time_at_effort_limit", "at the effort limit", "s"),
+    ("time_at_rate_limit", "at the rate limit", "s"),
     ("adaptive_gain", "adaptive gain, last", ""),
 )
 _FACTOR = {"saturation": 100.0}
+_ONLY_IF_ANY = ("time_at_effort_limit", "time_at_rate_limit")
 
 
 def metrics_table(metrics: Mapping[str, Any]) -> Table:
@@ -37,13 +43,20 @@ def metrics_table(metrics: Mapping[str, Any]) -> Table:
     for joint in metrics["joints"]:
         table.add_column(escape(joint), justify="right")
     for key, label, unit in _ROWS:
-        if key in metrics:
-            table.add_row(label, unit, *(_number(value, _FACTOR.get(key, 1.0)) for value in metrics[key]))
+        if key in metrics and (key not in _ONLY_IF_ANY or any(metrics[key])):
+            table.add_row(label, unit, *_cells(metrics, key))
     return table
 
 
+def _cells(metrics: Mapping[str, Any], key: str) -> list[str]:
+    """A metric of each joint; no number where it would pass for that of a run that tracks."""
+    if metrics["outcome"] == RAN_AWAY and key in OF_TRACKING:
+        return [f"[bold red]{RAN_AWAY}[/]"] * len(metrics[key])
+    return [_number(value, _FACTOR.get(key, 1.0)) for value in metrics[key]]
+
+
 def print_metrics(metrics: Mapping[str, Any], console: Console | None = None) -> None:
-    """Print the table, the timing and what was lost; without a terminal it is plain text.
+    """Print the table, the timing and what was not normal; without a terminal it is plain text.
 
     Args:
         metrics: as in metrics.json.
@@ -58,9 +71,8 @@ def print_metrics(metrics: Mapping[str, Any], console: Console | None = None) ->
         f"compute time {tick} us (p50 / p99 / max)",
         highlight=False,
     )
-    if lost := [f"{topic} {count}" for topic, count in metrics["lost"].items() if count]:
-        text = f"incomplete: stamps of the ground truth that lack {', '.join(lost)}"
-        console.print(text, style="bold red", highlight=False)
+    for text in what_happened(metrics):
+        console.print(text, style="bold red", highlight=False, markup=False)
 
 
 def _number(value: float | None, factor: float = 1.0) -> str:

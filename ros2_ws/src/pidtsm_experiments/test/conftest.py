@@ -1,7 +1,7 @@
 """A run, and bags of it: good ones and broken ones."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -18,8 +18,7 @@ WriteBag: TypeAlias = Callable[..., Path]
 
 METADATA: Mapping[str, Any] = {"scenario": "case1", "law": "piddtsm", "clock": "lockstep", "event_time": None}
 COMPUTE_TIME = 2e-5  # s
-CODES = (0, 0)
-"""mode, fault."""
+REJECTED = "messages rejected since the start"
 LOOP = (0.001, 1000.0, 2e-5, 3e-4, 0.0)  # period, rate, period_jitter, state_age, missed_deadlines
 
 
@@ -44,6 +43,7 @@ def _write_bag(
     lacking: tuple[str, ...] = (),
     plugin: StoragePlugin = StoragePlugin.MCAP,
     start: int = 0,
+    reports: Sequence[Mapping[str, str]] = (),
 ) -> Path:
     """Write a bag as the recorder would.
 
@@ -57,6 +57,7 @@ def _write_bag(
         lacking: topics that are not in the bag.
         plugin: storage.
         start: stamp of the first sample, ns.
+        reports: what comes on /diagnostics in the end: by the name of the node, how many messages it has rejected.
     """
     store = typestore()
     types = store.types
@@ -78,7 +79,7 @@ def _write_bag(
                 "joint_states": joint_state(header, names, run.position[k], run.velocity[k], nothing),
                 "reference": reference(header, names, *run.reference[k]),
                 "joint_commands": joint_state(header, names, nothing, nothing, signals[Signal.EFFORT]),
-                "controller/state": state(header, names, *signals, *CODES, *LOOP, COMPUTE_TIME),
+                "controller/state": state(header, names, *signals, *run.status[k].tolist(), *LOOP, COMPUTE_TIME),
                 "simulator/ground_truth": joint_state(header, names, run.position[k], run.velocity[k], run.effort[k]),
             }.items():
                 if topic in lacking:
@@ -88,4 +89,15 @@ def _write_bag(
                     connections[topic] = writer.add_connection(f"{namespace}/{topic}", kind, typestore=store)
                 if (edited := edit(topic, k, message)) is not None:
                     writer.write(connections[topic], stamp, store.serialize_cdr(edited, kind))
+        for report in reports:
+            kind = "diagnostic_msgs/msg/DiagnosticArray"
+            if "diagnostics" not in connections:
+                connections["diagnostics"] = writer.add_connection("/diagnostics", kind, typestore=store)
+            pair, status = types["diagnostic_msgs/msg/KeyValue"], types["diagnostic_msgs/msg/DiagnosticStatus"]
+            told = [
+                status(0, f"{node}: loop", "running", "", [pair("rate (1/s)", "1"), pair(REJECTED, count)])
+                for node, count in report.items()
+            ]
+            message = types[kind](header, told)
+            writer.write(connections["diagnostics"], stamp, store.serialize_cdr(message, kind))
     return path

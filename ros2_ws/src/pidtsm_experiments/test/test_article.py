@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pidtsm_core.signals import Signal
+from pidtsm_core.signals import Signal, Status
 from pidtsm_experiments import article
 from pidtsm_experiments.analysis import summarize
 from pidtsm_experiments.article import ARTICLE_LAWS, CASES, CLAIMS, Reproduction, Row, Run, compare, markdown
@@ -28,6 +28,7 @@ def made_up_run(case: str, law: str, scale: float = 1.0) -> Run:
         effort=scale * np.array([30.0, 12.0]) * np.ones((time.size, 2)),
         reference=reference,
         signals=np.ones((time.size, len(Signal), 2)) * np.exp(-time)[:, None, None],
+        status=np.zeros((time.size, len(Status)), dtype=np.uint8),
         compute_time=np.empty(0),
         scenario=case,
         law=law,

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pidtsm_core.rollout import Rollout
-from pidtsm_core.signals import Signal
+from pidtsm_core.signals import Signal, Status
 from pidtsm_experiments import figures
 from pidtsm_experiments.recording import Recording, read_recording
 
@@ -39,6 +39,7 @@ def noisy(joints: int, samples: int) -> Recording:
         effort=random.normal(size=(samples, joints)),
         reference=random.normal(size=(samples, 3, joints)),
         signals=signals,
+        status=np.zeros((samples, len(Status)), dtype=np.uint8),
         compute_time=np.full(samples, 1e-5),
         scenario=None,
         law=None,

@@ -1,6 +1,7 @@
 """Bags are read whole, by stamp and joint name, and a bag that cannot be read says why."""
 
 import json
+import re
 import shutil
 import sqlite3
 import tempfile
@@ -17,8 +18,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from pidtsm_core.rollout import Rollout
+from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.parameters import resolve
+from pidtsm_core.references import ReferenceMotion
+from pidtsm_core.rollout import Rollout, rollout
+from pidtsm_core.signals import Fault, Mode, Status
+from pidtsm_core.timing import seconds
 from pidtsm_experiments.bag_writer import BagWriter
 from pidtsm_experiments.recording import (
     METRICS_ONLY,
@@ -48,7 +55,7 @@ def permuted(message: Any) -> Any:
 def assert_is(recording: Recording, run: Rollout) -> None:
     """Bit for bit."""
     assert recording.joints == run.joints
-    for name in ("time", "position", "velocity", "effort", "reference", "signals"):
+    for name in ("time", "position", "velocity", "effort", "reference", "signals", "status"):
         np.testing.assert_array_equal(getattr(recording, name), getattr(run, name), err_msg=name)
 
 
@@ -87,7 +94,7 @@ def test_time_counts_from_the_first_ground_truth(tmp_path: Path, run: Rollout, w
             tmp_path / "bag",
             run,
             start=start,
-            edit=lambda topic, k, message: None if topic == "reference" and k < 3 else message,
+            edit=lambda topic, k, message: None if topic == "controller/state" and k < 3 else message,
         )
     )
     assert_is(recording, replace(run, **{f: getattr(run, f)[3:] for f in vars(run) if f != "joints"}))
@@ -132,7 +139,7 @@ def test_lost_counts_the_stamps_of_the_ground_truth_without_a_partner(
         write_bag(tmp_path / "bag", run, edit=lambda topic, k, m: None if k in dropped.get(topic, ()) else m)
     )
     assert recording.lost == {"reference": 5, "controller/state": 6, "joint_states": 0, "joint_commands": 3}
-    np.testing.assert_array_equal(recording.time, run.time[10:])
+    np.testing.assert_array_equal(recording.time, np.delete(run.time, range(4, 10)))
 
 
 def test_a_message_sent_twice_counts_once(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
@@ -176,7 +183,7 @@ def test_bags_without_message_definitions_are_read(tmp_path: Path, run: Rollout,
 
 @settings(max_examples=20, deadline=None)
 @given(lost=st.fixed_dictionaries({topic: st.sets(st.integers(0, 9)) for topic in TOPICS}))
-def test_samples_are_the_stamps_that_have_everything_or_ground_truth_alone(
+def test_samples_are_the_stamps_of_controller_states_and_of_ground_truth_alone(
     run: Rollout, write_bag: Any, lost: dict[str, set[int]]
 ) -> None:
     short = first(run, 10)
@@ -185,8 +192,10 @@ def test_samples_are_the_stamps_that_have_everything_or_ground_truth_alone(
     complete = set.intersection(*(kept[topic] for topic in REQUIRED))
     alone = truth - set.union(*(kept[topic] for topic in TOPICS[1:]))
     # A single reference says nothing of others.
-    unsent = alone if len(kept["reference"]) > 1 else set()
-    samples = sorted(complete | unsent)
+    unsent, unreferred = set(), set()
+    if len(kept["reference"]) > 1:
+        unsent, unreferred = alone, truth & kept["controller/state"] - kept["reference"]
+    samples = sorted(complete | unsent | unreferred)
     with tempfile.TemporaryDirectory() as folder:
         path = write_bag(Path(folder, "bag"), short, edit=lambda topic, k, m: None if k in lost[topic] else m)
         if not complete:
@@ -227,6 +236,218 @@ def test_a_silence_too_long_to_interpolate_is_lost(tmp_path: Path, run: Rollout,
     recording = read_recording(write_bag(tmp_path / "bag", run, edit=lose(set(silent))))
     assert set(recording.lost.values()) == {50}
     np.testing.assert_array_equal(recording.time, run.time[:-50])
+
+
+# References that lack, where the bag has the trajectory's parameters.
+
+
+def motion(**settings: Any) -> dict[str, Any]:
+    """Every parameter of the trajectory, by name."""
+    return resolve(NODE_SCHEMAS["trajectory"], {name.replace("__", "."): v for name, v in settings.items()}, 2)
+
+
+def knowing(parameters: dict[str, Any]) -> dict[str, Any]:
+    """Metadata of a bag that has them."""
+    return {"scenario": "case1", "trajectory": parameters}
+
+
+def referred(run: Rollout, parameters: dict[str, Any], begun: int = 0) -> Rollout:
+    """The run with another reference, which begins at a sample."""
+    reference, built = np.empty_like(run.reference), ReferenceMotion(parameters)
+    for k in range(len(run.time)):
+        built.evaluate(seconds((k - begun) * 1_000_000), reference[k])
+    return replace(run, reference=reference)
+
+
+def silent(samples: set[int]) -> Callable[[str, int, Any], Any]:
+    """The trajectory says that there is no reference at these samples, as it does in lockstep."""
+
+    def edit(topic: str, k: int, message: Any) -> Any:
+        if topic != "reference" or k not in samples:
+            return message
+        return replace(message, name=[], position=np.empty(0), velocity=np.empty(0), acceleration=np.empty(0))
+
+    return edit
+
+
+LATE = {0, 1, 2, 7, *range(100, 300), 500, 1800, 1998, 1999}
+
+
+def test_the_reference_of_what_never_left_its_sensor_is_exact(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    """It begins at the first measurement that did."""
+    parameters = motion(jump__position=0.1, jump__time=0.2)
+    expected = referred(run, parameters, begun=3)
+    recording = read_recording(write_bag(tmp_path / "bag", expected, edit=lose(LATE), metadata=knowing(parameters)))
+    for name in ("time", "position", "effort", "reference"):
+        np.testing.assert_array_equal(getattr(recording, name), getattr(expected, name), err_msg=name)
+    assert set(recording.lost.values()) == {0}
+
+
+def test_exact_references_follow_the_joints_by_name(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    parameters = motion(joints=["joint2", "joint1"])
+    other = referred(run, parameters)
+    expected = replace(other, reference=other.reference[:, :, ::-1].copy())
+    recording = read_recording(write_bag(tmp_path / "bag", expected, edit=lose({5, 6}), metadata=knowing(parameters)))
+    np.testing.assert_array_equal(recording.reference, expected.reference)
+
+
+def test_samples_without_a_reference_are_kept_and_nothing_is_lost(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    parameters = motion()
+    recording = read_recording(
+        write_bag(tmp_path / "bag", run, edit=silent(LATE - {0, 1, 2}), metadata=knowing(parameters))
+    )
+    assert_is(recording, run)
+    assert set(recording.lost.values()) == {0}
+
+
+def test_messages_without_values_may_have_anything_behind_them(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    """As Fast CDR writes them."""
+    parameters = motion()
+    with (
+        AnyReader([write_bag(tmp_path / "exact", run, silent(LATE), knowing(parameters))]) as reader,
+        Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+    ):
+        writer.set_custom_data("pidtsm", json.dumps(knowing(parameters)))
+        connections = {
+            c.topic: writer.add_connection(c.topic, c.msgtype, typestore=typestore()) for c in reader.connections
+        }
+        for k, (connection, time, payload) in enumerate(reader.messages()):
+            empty = connection.topic == "/reference" and time // 1_000_000 in LATE
+            tail = k.to_bytes(4, "little") * 2 if empty else b""
+            writer.write(connections[connection.topic], time, payload + tail)
+    assert_is(read_recording(tmp_path / "bag"), run)
+
+
+def test_the_motion_begins_with_the_first_reference_even_without_values(
+    tmp_path: Path, run: Rollout, write_bag: Any
+) -> None:
+    recording = read_recording(
+        write_bag(tmp_path / "bag", run, edit=silent(set(range(300))), metadata=knowing(motion()))
+    )
+    assert_is(recording, run)
+
+
+def test_references_that_were_to_stay_out_are_not_lost(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    """In realtime the trajectory then says nothing at all."""
+
+    def edit(topic: str, k: int, message: Any) -> Any:
+        return None if topic == "reference" and (k == 10 or 100 <= k < 400) else message
+
+    parameters = motion(dropout__time=0.1, dropout__duration=0.3)
+    recording = read_recording(write_bag(tmp_path / "bag", run, edit=edit, metadata=knowing(parameters)))
+    assert_is(recording, run)
+    assert recording.lost["reference"] == 1
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        pytest.param(motion(reference__name="sines"), id="another motion"),
+        pytest.param({**motion(), "reference.name": "secret"}, id="an unknown motion"),
+        pytest.param({**motion(), "joints": ("shoulder", "elbow")}, id="other joints"),
+        pytest.param({"reference.name": "csv", "reference.file": "/dev/zero"}, id="no file"),
+        pytest.param([], id="no parameters"),
+    ],
+)
+def test_a_motion_that_is_not_the_recorded_one_is_not_believed(
+    tmp_path: Path, run: Rollout, write_bag: Any, parameters: Any
+) -> None:
+    lost = {7, *range(200, 450)}
+    recording = read_recording(write_bag(tmp_path / "bag", run, edit=lose(lost), metadata=knowing(parameters)))
+    kept = np.delete(np.arange(len(run.time)), range(300, 350))
+    np.testing.assert_array_equal(recording.time, run.time[kept])
+    difference = np.abs(recording.reference[:, 0] - run.reference[kept, 0])
+    assert 0.0 < difference.max() < 1e-3
+
+
+def test_a_motion_that_was_replaced_under_way_is_not_believed(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    """By a trajectory of somebody's, around a gap."""
+    reference = run.reference.copy()
+    reference[990:1010] += 0.5
+    edited = replace(run, reference=reference)
+    path = write_bag(tmp_path / "bag", edited, edit=lose({1000}), metadata=knowing(motion()))
+    np.testing.assert_allclose(read_recording(path).reference[1000, 0], reference[1000, 0], atol=1e-9)
+
+
+# What the controller says of itself.
+
+
+@pytest.fixture(scope="module")
+def stopped() -> Rollout:
+    """The second joint's reference jumps too far."""
+    run = rollout(
+        {
+            "controller": {"limits.tracking_error": [0.0, 0.3]},
+            "trajectory": {"jump.time": 0.3, "jump.position": [0.0, 0.5]},
+        },
+        0.6,
+    )
+    assert run.status[-1].tolist() == [Mode.STOPPED, Fault.TRACKING_LIMIT, 2, 4]
+    return run
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_status_is_read_by_the_names_of_joints(
+    tmp_path: Path, stopped: Rollout, write_bag: Any, turned: bool
+) -> None:
+    def edit(topic: str, k: int, message: Any) -> Any:
+        if topic != "controller/state" or not turned:
+            return message
+        return replace(permuted(message), fault_joint=3 - message.fault_joint if message.fault_joint else 0)
+
+    assert_is(read_recording(write_bag(tmp_path / "bag", stopped, edit=edit)), stopped)
+
+
+def test_the_status_is_held_while_no_measurement_comes(tmp_path: Path, stopped: Rollout, write_bag: Any) -> None:
+    recording = read_recording(write_bag(tmp_path / "bag", stopped, edit=lose({0, 1, *range(310, 320)})))
+    np.testing.assert_array_equal(recording.status, stopped.status)
+
+
+def test_messages_from_before_there_were_joints_of_faults_are_read(
+    tmp_path: Path, stopped: Rollout, write_bag: Any
+) -> None:
+    kind = "pidtsm_msgs/msg/ControllerState"
+    definition = typestore().generate_msgdef(kind)[0]
+    old = get_typestore(Stores.ROS2_JAZZY)
+    old.register(
+        get_types_from_msg(re.sub(r"uint8 (fault_joint|violations)\n", "", definition.split("=" * 80)[0]), kind)
+    )
+    with (
+        AnyReader([write_bag(tmp_path / "new", stopped)]) as reader,
+        Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+    ):
+        connections = {
+            c.topic: writer.add_connection(c.topic, c.msgtype, typestore=old if c.msgtype == kind else typestore())
+            for c in reader.connections
+        }
+        for connection, time, payload in reader.messages():
+            if connection.msgtype == kind:
+                said = vars(reader.deserialize(payload, kind))
+                fields = [name for name, _ in old.get_msgdef(kind).fields]
+                assert "violations" not in fields
+                payload = old.serialize_cdr(old.types[kind](*(said[name] for name in fields)), kind)
+            writer.write(connections[connection.topic], time, payload)
+    recording = read_recording(tmp_path / "bag")
+    known = [Status.MODE, Status.FAULT]
+    np.testing.assert_array_equal(recording.status[:, known], stopped.status[:, known])
+    assert not recording.status[:, [Status.FAULT_JOINT, Status.VIOLATIONS]].any()
+    np.testing.assert_array_equal(recording.signals, stopped.signals)
+
+
+def test_rejected_messages_are_the_last_count_of_the_own_nodes(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    reports = [{"simulator": "0"}, {"lab/controller": "7", "controller": "1"}, {"controller": "12", "odd": "many"}]
+    recording = read_recording(write_bag(tmp_path / "bag", first(run, 3), reports=reports))
+    assert recording.rejected == {"simulator": 0, "controller": 12}
+    assert set(recording.lost) == set(TOPICS[1:])
+    alone = read_recording(write_bag(tmp_path / "lab", first(run, 3), namespace="/lab", reports=reports))
+    assert alone.rejected == {"controller": 7}
+
+
+@pytest.mark.parametrize("reports", [(), [{"other/controller": "3"}]])
+def test_without_own_diagnostics_nobody_knows_what_was_rejected(
+    tmp_path: Path, run: Rollout, write_bag: Any, reports: Any
+) -> None:
+    assert read_recording(write_bag(tmp_path / "bag", first(run, 3), reports=reports)).rejected is None
 
 
 # Bags that cannot be read: how each is made from a good one, and what the message must say.

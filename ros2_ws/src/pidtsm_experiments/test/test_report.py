@@ -14,7 +14,7 @@ import pytest
 from devtools import CHROMIUM, Page, browser
 
 from pidtsm_core.rollout import rollout
-from pidtsm_core.signals import Signal
+from pidtsm_core.signals import Fault, Mode, Signal, Status, Violation
 from pidtsm_experiments.analysis import summarize
 from pidtsm_experiments.article import CASES, Run, compare
 from pidtsm_experiments.recording import Recording
@@ -148,6 +148,7 @@ def test_a_long_reproduction_stays_small(tmp_path: Path) -> None:
             "effort": random.normal(size=(samples, 2)),
             "reference": random.normal(size=(samples, 3, 2)),
             "signals": random.normal(size=(samples, len(Signal), 2)),
+            "status": np.zeros((samples, len(Status)), dtype=np.uint8),
         }
     )
     runs = {(case, f"law{n}"): (noise, metrics) for case in CASES for n in range(6)}
@@ -160,6 +161,41 @@ def test_a_single_run_has_no_comparison(single: Path) -> None:
     assert outline.ids("h2") == ["arm", "metrics", "plots"]
     assert "Case 1, PIDDTSM" in outline.text
     assert ("input", "law") not in [(tag, attributes.get("name")) for tag, attributes in outline.tags]
+
+
+def happened(path: Path) -> str:
+    """What the section says, as HTML."""
+    return path.read_text(encoding="utf-8").partition('<h2 id="happened">')[2].partition("</section>")[0]
+
+
+def test_what_is_not_normal_stands_first(tmp_path: Path) -> None:
+    recording, _ = run("case1", "piddtsm")
+    status = recording.status.copy()
+    status[500:700] = (Mode.STOPPED, Fault.VELOCITY_LIMIT, 1, Violation.VELOCITY)
+    odd = replace(recording, joints=("<b>", "joint2"), status=status, rejected={"controller": 2})
+    write_report(tmp_path / "report.html", (odd, summarize(odd)))
+    assert Outline(tmp_path / "report.html").ids("h2") == ["happened", "arm", "metrics", "plots"]
+    told = happened(tmp_path / "report.html")
+    assert "stopped at 0.5 s: &lt;b&gt; is beyond limits.velocity; reset at 0.7 s" in told
+    assert "messages rejected: controller 2" in told
+
+
+def test_runs_of_which_something_is_told_are_named(tmp_path: Path) -> None:
+    bad, good = run("case1", "dtsm"), run("case1", "piddtsm")
+    lost = replace(bad[0], position=bad[0].position + 4.0)
+    write_report(tmp_path / "report.html", {("case1", "dtsm"): (lost, summarize(lost)), ("case1", "piddtsm"): good})
+    told = happened(tmp_path / "report.html")
+    assert told.count("<ul>") == 1
+    assert "Case 1, DTSM:" in told
+
+
+def test_a_run_that_ran_away_has_no_errors_to_compare(tmp_path: Path) -> None:
+    recording, _ = run("case1", "piddtsm")
+    lost = replace(recording, position=recording.position + 4.0)
+    write_report(tmp_path / "report.html", (lost, summarize(lost)))
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("<td>ran away</td>") == 3 * 2
+    assert f"{summarize(lost)['rmse'][0]:.5g}" not in Outline(tmp_path / "report.html").text
 
 
 def test_a_run_that_says_nothing_of_itself_is_reported(tmp_path: Path) -> None:

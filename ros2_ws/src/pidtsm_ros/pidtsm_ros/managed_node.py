@@ -17,8 +17,8 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
-from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, resolve
 from pidtsm_core.joints import MessageError
+from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, resolve
 from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, OVERRIDABLE, PUBLISHER, READER, RELIABLE_READER
 from pidtsm_ros.wire import deserialize
 

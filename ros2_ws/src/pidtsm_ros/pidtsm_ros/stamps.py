@@ -4,8 +4,8 @@ import struct
 
 from builtin_interfaces.msg import Time
 
-from pidtsm_core.timing import NANOSECONDS
 from pidtsm_core.joints import MessageError
+from pidtsm_core.timing import NANOSECONDS
 
 
 def nanoseconds(stamp: Time) -> int:

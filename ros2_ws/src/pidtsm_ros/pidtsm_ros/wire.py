@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message, serialize_message
 
 from pidtsm_core.compiled import njit
+from pidtsm_core.joints import ABSURD, JointOrder, MessageError
 from pidtsm_core.parameters import Array
 from pidtsm_core.timing import NANOSECONDS
-from pidtsm_core.joints import ABSURD, JointOrder, MessageError
 from pidtsm_ros.stamps import STAMP_END
 
 _STAMP = struct.Struct("=iI")

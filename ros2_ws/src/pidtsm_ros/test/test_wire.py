@@ -14,8 +14,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_core.joints import MessageError
+from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.stamps import nanoseconds, set_stamp
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 
@@ -63,6 +63,19 @@ def test_outgoing_bytes_are_those_of_rclpy(data: st.DataObject, names: list[str]
 def test_a_stamp_alone() -> None:
     message = deserialize_message(OutgoingMessage(Clock()).to_bytes(5_000_000_007), Clock)
     assert nanoseconds(message.clock) == 5_000_000_007
+
+
+def test_codes_are_written_where_they_stand_and_nothing_else_changes() -> None:
+    codes = ("mode", "fault", "fault_joint", "violations")
+    outgoing = OutgoingMessage(ControllerState(name=["a", "b"]), STATE, SCALARS, 2, codes)
+    blank = content(deserialize_message(outgoing.to_bytes(7), ControllerState))
+    for values in ((2, 5, 0, 7), (0, 255, 1, 0)):
+        outgoing.set_codes(*values)
+        message = deserialize_message(outgoing.to_bytes(7), ControllerState)
+        assert tuple(getattr(message, name) for name in codes) == values
+        for name in codes:
+            setattr(message, name, 0)
+        assert content(message) == blank
 
 
 def test_a_message_without_a_stamp() -> None:

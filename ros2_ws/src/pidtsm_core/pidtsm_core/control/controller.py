@@ -91,6 +91,7 @@ class Controller:
             *(_nanoseconds(values[f"rehearsal.{name}"]) for name in ("reset_fault", "restart")),
             rate.any(),
             values["feedback.effort"] == "measured",
+            any(np.any(values[f"limits.{name}"]) for name in LIMITS.values()),
             *law.numbers(values),
         ]
         self.numbers[: len(integers)] = integers
@@ -157,7 +158,7 @@ class Controller:
 
     def stop(self, fault: int, elapsed: int) -> None:
         """Write the safe effort without a joint state; see `stop_now`."""
-        stop_now(self.memory, self.numbers, fault, elapsed, self.effort, self.signals)
+        stop_now(self.memory, self.numbers, int(fault), elapsed, self.effort, self.signals)
 
     def begin_afresh(self, stamp: int) -> None:
         """Forget the motion so far: what follows begins where the arm is, at `stamp` (ns); a fault stays."""

@@ -47,9 +47,10 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
         # From the motion desired last; at the very first sample that is rest where the arm is.
         _begin_way(config, state, desired, stamp)
         clock[Clock.ADAPTATION] = Adaptation.APPROACHING if state.way_duration[0] > 0.0 else Adaptation.NORMAL
+        clock[Clock.STRAYED] = 0
     elif followed and not follows:
         begin_at(state, desired[0])
-    _write_base(state, desired)
+    write_base(state, desired)
     duration = state.way_duration[0]
     if duration > 0.0:
         t = seconds(stamp - clock[Clock.WAY_BEGAN])
@@ -59,7 +60,7 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
             _end_way(state)
 
 
-@njit
+@outlined
 def begin_at(state: ControllerState, position: Array) -> None:
     """Desire rest at `position`, shape (joints,), rad."""
     _end_way(state)
@@ -72,20 +73,23 @@ def begin_at(state: ControllerState, position: Array) -> None:
 
 
 @njit
-def _write_base(state: ControllerState, motion: Array) -> None:
+def write_base(state: ControllerState, motion: Array) -> None:
     """Write the reference at the sample, or what is held instead, to `motion`, shape (3, joints)."""
-    if state.status[Status.MODE] == Mode.FOLLOWING:
-        extrapolate(state.reference, seconds(state.clock[Clock.REFERENCE_AGE]), motion)
+    follows, age = state.status[Status.MODE] == Mode.FOLLOWING, state.clock[Clock.REFERENCE_AGE]
+    if follows and age:
+        extrapolate(state.reference, seconds(age), motion)
         return
+    source = state.reference if follows else state.held
     for i in range(3):
         for j in range(motion.shape[1]):
-            motion[i, j] = state.held[i, j]
+            motion[i, j] = source[i, j]
 
 
 @njit
 def _end_way(state: ControllerState) -> None:
     state.way_duration[0] = 0.0
     state.clock[Clock.ADAPTATION] = Adaptation.NORMAL
+    state.clock[Clock.STRAYED] = 0
 
 
 @outlined
@@ -96,7 +100,7 @@ def _begin_way(config: ControllerConfig, state: ControllerState, start: Array, s
         What `_excess` says of the way; 0 where no rate is limited.
     """
     difference, rest = state.scratch[:3], state.scratch[3:]
-    _write_base(state, state.base)
+    write_base(state, state.base)
     for i in range(3):
         for j in range(start.shape[1]):
             difference[i, j] = start[i, j] - state.base[i, j]
@@ -171,7 +175,9 @@ def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int)
         if abs(learnt) < _ABSURD:
             start[2, j] -= learnt
     excess = _begin_way(config, state, start, stamp)
-    _write_base(state, state.desired)
+    write_base(state, state.desired)
     add_quintic(state.way, state.way_duration[0], 0.0, state.desired)
+    if state.clock[Clock.ADAPTATION] == Adaptation.NORMAL:
+        state.clock[Clock.STRAYED] = 1
     state.clock[Clock.ADAPTATION] = Adaptation.FROZEN
     return excess < _HOPELESS

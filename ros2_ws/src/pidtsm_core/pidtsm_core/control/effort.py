@@ -2,7 +2,7 @@
 
 import math
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import njit, outlined
 from pidtsm_core.control.state import ControllerConfig, ControllerState
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import inverse_dynamics
@@ -12,7 +12,7 @@ from pidtsm_core.signals import Limited, Signal
 _AT_LIMIT, _AT_RATE = float(Limited.EFFORT), float(Limited.RATE)
 
 
-@njit
+@outlined
 def carry(config: ControllerConfig, state: ControllerState, q: Array) -> None:
     """Write the effort that carries the arm at rest at q (shape (joints,), rad) to the signals."""
     y = state.signals
@@ -23,7 +23,7 @@ def carry(config: ControllerConfig, state: ControllerState, q: Array) -> None:
     inverse_dynamics(config.robot, q, state.accelerations[0], state.accelerations, config.model, efforts)
 
 
-@njit
+@outlined
 def make_safe(config: ControllerConfig, state: ControllerState) -> None:
     """Replace the effort by the safe one: gravity's, where wanted, less damping."""
     y = state.signals
@@ -48,7 +48,7 @@ def limit_effort(config: ControllerConfig, state: ControllerState) -> None:
             y[Signal.SATURATED, j] = _AT_LIMIT
 
 
-@njit
+@outlined
 def limit_rate(config: ControllerConfig, state: ControllerState, last: Array, dt: float) -> float:
     """Keep the change of the efforts since `last` (shape (joints,), N m), dt (s) ago, within its limit.
 

@@ -61,9 +61,9 @@ def changes(
     """What has happened between two statuses.
 
     Args:
-        before: order of `Status`; None at the start.
+        before: shape (len(Status),), order of `Status`; None at the start.
         after: likewise.
-        clock: of the controller, order of `Clock`.
+        clock: of the controller, shape (len(Clock),), order of `Clock`, times in ns.
         joints: names.
     """
     return list(_changes([Mode.HOLDING, 0, 0, 0] if before is None else before, after, clock, joints, before is None))

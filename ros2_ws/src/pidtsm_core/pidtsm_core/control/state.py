@@ -29,7 +29,8 @@ class Clock(IntEnum):
     REFERENCE_AGE = 10  # of the reference at the last joint state; negative: it is ahead
     AT_EFFORT_LIMIT = 11  # steps with a joint at the limit of its effort
     AT_RATE_LIMIT = 12  # steps with a joint at the limit of its rate
-    BEHIND_SINCE = 13  # stamp since when the rate limit has held the effort back, plus 1; 0: it does not
+    STRAYED = 13  # 1: a rate limit took the arm off the reference that it followed; it is on its way back
+    BEHIND_SINCE = 14  # stamp since when the rate limit has held the effort back, plus 1; 0: it does not
 
 
 class ControllerConfig(NamedTuple):
@@ -48,6 +49,7 @@ class ControllerConfig(NamedTuple):
     restart_at: int  # ns from the first joint state, 0: never
     rate_limited: bool  # a joint has a rate limit
     feeds_back: bool  # the effort applied is measured
+    watches: bool  # a joint has a limit of position, velocity or error
     law_numbers: Numbers  # shape (LAW_NUMBERS,)
     blend: float  # s
     distance: float  # rad
@@ -88,7 +90,7 @@ class ControllerState(NamedTuple):
     scratch: Array  # shape (6, joints)
 
 
-_CONFIG_NUMBERS = 16  # lengths, and the integers of `ControllerConfig`
+_CONFIG_NUMBERS = 17  # lengths, and the integers of `ControllerConfig`
 _CLOCK = len(Clock)
 _SCALARS = 4
 # Rows of the table that ends the memory, one number a joint: of the configuration, of the state, signals, scratch.
@@ -142,6 +144,7 @@ def parts(memory: Array, numbers: Numbers) -> tuple[ControllerConfig, Controller
         restart_at=numbers[13],
         rate_limited=numbers[14] != 0,
         feeds_back=numbers[15] != 0,
+        watches=numbers[16] != 0,
         law_numbers=numbers[_CONFIG_NUMBERS:clock],
         blend=memory[0],
         distance=memory[1],

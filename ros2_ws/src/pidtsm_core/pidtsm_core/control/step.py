@@ -1,7 +1,7 @@
 """The controller's one step: everything between a measured position and the commanded effort."""
 
 from pidtsm_core.compiled import njit, outlined
-from pidtsm_core.control.desired import begin_at, begin_way_here, choose
+from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_base
 from pidtsm_core.control.effort import carry, limit_rate, make_safe
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, parts
 from pidtsm_core.control.tick import tick
@@ -48,7 +48,8 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         for j in range(last.size):
             last[j] = y[Signal.EFFORT, j]
     tick(config, state, state.measured, truth, state.desired, dt)
-    _check_limits(config, state)
+    if config.watches:
+        _check_limits(config, state)
     if state.status[Status.FAULT]:
         make_safe(config, state)
     if config.rate_limited and state.status[Status.FAULT] != Fault.EFFORT_RATE_LIMIT:
@@ -70,13 +71,16 @@ def _count(state: ControllerState) -> None:
         state.clock[Clock.AT_RATE_LIMIT] += limited & Limited.RATE != 0
 
 
-@njit
+@outlined
 def stop(state: ControllerState, fault: int, joint: int) -> None:
     """Latch a fault, unless there is one already; `joint` is the joint that caused it, from 1, 0: none."""
     status = state.status
     if status[Status.FAULT] == 0:
         status[Status.FAULT] = fault
         status[Status.FAULT_JOINT] = joint
+        if status[Status.MODE] == Mode.FOLLOWING:
+            begin_at(state, state.desired[0])
+        status[Status.MODE] = Mode.STOPPED
 
 
 @outlined
@@ -132,17 +136,25 @@ def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, refe
         reset_fault(state)
 
 
-@njit
+@outlined
 def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
-    """Find exceeded limits; those of `config.stops` are faults."""
-    y, violations = state.signals, 0
+    """Find exceeded limits; those of `config.stops` are faults.
+
+    Of an arm that has strayed from its reference the error is that to the reference, not to the way back.
+    """
+    y, violations, errors = state.signals, 0, state.signals[Signal.POSITION_ERROR]
+    if state.clock[Clock.STRAYED]:
+        errors = state.base[0]
+        write_base(state, state.base)
+        for j in range(errors.size):
+            errors[j] = y[Signal.POSITION, j] - errors[j]
     for j in range(state.measured.size):
         exceeded = 0
         if 0.0 < config.position_limit[j] < abs(state.measured[j]):
             exceeded |= Violation.POSITION
         if 0.0 < config.velocity_limit[j] < abs(y[Signal.VELOCITY, j]):
             exceeded |= Violation.VELOCITY
-        if 0.0 < config.tracking_limit[j] < abs(y[Signal.POSITION_ERROR, j]):
+        if 0.0 < config.tracking_limit[j] < abs(errors[j]):
             exceeded |= Violation.TRACKING
         violations |= exceeded
         exceeded &= config.stops
@@ -174,6 +186,7 @@ def _keep_up(config: ControllerConfig, state: ControllerState, stamp: int, behin
     if not possible:
         status[Status.FAULT] = 0
         stop(state, Fault.EFFORT_RATE_LIMIT, 0)
+        make_safe(config, state)
 
 
 @njit
@@ -214,7 +227,6 @@ def stop_now(memory: Array, numbers: Numbers, fault: int, elapsed: int, effort: 
     config, state = parts(memory, numbers)
     if fault:
         stop(state, fault, 0)
-        state.status[Status.MODE] = Mode.STOPPED
         state.clock[Clock.GAP] = elapsed
     last = state.scratch[0]
     for j in range(last.size):

@@ -17,8 +17,10 @@ _DIFFERENT = 0.05
 def _held_back(config: ControllerConfig, state: ControllerState, joint: int) -> bool:
     """Whether something kept the effort of the law from being applied over the last period."""
     y = state.signals
-    different = abs(state.applied[joint] - y[Signal.EFFORT, joint]) > _DIFFERENT * config.effort_limit[joint]
-    return y[Signal.SATURATED, joint] != 0.0 or (config.feeds_back and different)
+    if y[Signal.SATURATED, joint] != 0.0:
+        return True
+    allowed = _DIFFERENT * config.effort_limit[joint]
+    return config.feeds_back and abs(state.applied[joint] - y[Signal.EFFORT, joint]) > allowed
 
 
 @njit

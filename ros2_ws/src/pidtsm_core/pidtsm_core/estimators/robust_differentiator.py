@@ -1,4 +1,4 @@
-"""Levant's robust exact differentiator of second order, by implicit Euler, which does not chatter in discrete time.
+"""Levant's robust exact differentiator of second order, by implicit Euler, without the chattering of the explicit one.
 
     y1' = y2 + k1 |f - y1|^(2/3) sign(f - y1)          k1 = 2    L^(1/3)
     y2' = y3 + k2 |f - y1|^(1/3) sign(f - y1)          k2 = 2.12 L^(2/3)

@@ -45,7 +45,16 @@ def command(
 
 @njit
 def advance(
-    kernel: int, e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
+    kernel: int,
+    e: float,
+    s: float,
+    sigma: float,
+    numbers: Numbers,
+    p: Array,
+    x: Array,
+    dt: float,
+    frozen: bool,
+    adaptation: int,
 ) -> None:
     """Move the state of one joint over dt: see `Law.advance`."""
     i = 0

@@ -16,7 +16,9 @@ def command(
 
 
 @njit
-def advance(e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
+def advance(
+    e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
+) -> None:
     """No state moves."""
 
 

@@ -32,7 +32,9 @@ def command(
 
 
 @njit
-def advance(e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
+def advance(
+    e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
+) -> None:
     """Explicit Euler of int e."""
     if not frozen:
         x[0] += dt * e

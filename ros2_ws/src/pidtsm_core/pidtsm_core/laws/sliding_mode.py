@@ -84,7 +84,9 @@ def command(
 
 
 @njit
-def advance(e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
+def advance(
+    e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
+) -> None:
     """See `Law.advance`; explicit Euler."""
     if not frozen:
         x[0] += dt * s

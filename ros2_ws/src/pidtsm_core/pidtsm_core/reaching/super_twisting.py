@@ -1,4 +1,4 @@
-"""Super-twisting (Levant 1993), discretised by implicit Euler, which does not chatter in discrete time.
+"""Super-twisting (Levant 1993), discretised by implicit Euler, without the chattering of explicit discretisation.
 
 Brogliato, Polyakov and Efimov, "The implicit discretization of the super-twisting sliding-mode control
 algorithm", IEEE Transactions on Automatic Control 65(8), 2020.

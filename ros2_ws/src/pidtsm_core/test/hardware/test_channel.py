@@ -12,11 +12,13 @@ SAMPLES = 100_000
 PREFIX = pytest.mark.parametrize("prefix", ["", "command_"], ids=["measurements", "commands"])
 
 
-def losses(prefix: str, **changes: object) -> NDArray[np.bool_]:
+def losses(prefix: str, rate: int = 1000, **changes: object) -> NDArray[np.bool_]:
     """Which samples are lost."""
-    values = resolve(simulator_schema, {f"dropout.{prefix}{name}": value for name, value in changes.items()}, 2)
+    given = {f"dropout.{prefix}{name}": value for name, value in changes.items()}
+    values = resolve(simulator_schema, {"rate": rate, **given}, 2)
     config, state = channel_config(values, prefix), channel_state(values, prefix, 1, 2)
-    return np.array([loses(config, state, a, b) for a, b in np.random.default_rng(1).random((SAMPLES, 2))])
+    draws = np.random.default_rng(1).random((SAMPLES, 2))
+    return np.array([loses(config, state, k, a, b) for k, (a, b) in enumerate(draws)])
 
 
 def bursts(lost: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -47,6 +49,19 @@ def test_both_at_once() -> None:
     assert both.mean() == pytest.approx(1.0 - 0.95 * (1.0 - 0.02 / 1.02), rel=0.1)
     assert (bursts(both) >= 20).any()
     assert (bursts(both) == 1).any()
+
+
+@PREFIX
+@pytest.mark.parametrize(
+    ("rate", "time", "duration", "first", "end"),
+    [(1000, 0.5, 0.2, 500, 700), (1000, 0.1, 0.2, 100, 300), (1000, 0.0, 0.0015, 0, 2), (300, 0.1, 0.1, 31, 61)],
+)
+def test_a_window_loses_exactly_the_samples_within_it(
+    prefix: str, rate: int, time: float, duration: float, first: int, end: int
+) -> None:
+    """A period of 300 Hz is a little shorter than a third of 10 ms, so its 30th sample comes before 0.1 s."""
+    lost = losses(prefix, rate, time=time, duration=duration)
+    np.testing.assert_array_equal(np.flatnonzero(lost), np.arange(first, end))
 
 
 @pytest.mark.parametrize(("probability", "share"), [(0.0, 0.0), (1.0, 1.0)])

@@ -14,6 +14,7 @@ from pidtsm_core.laws import LAWS, STATE_SLOTS, advance, command, kernel_number
 from pidtsm_core.laws.sliding_mode import ACCELERATION_BOUND, MANIFOLDS
 from pidtsm_core.parameters import Value, resolve
 from pidtsm_core.reaching import REACHING_LAWS
+from pidtsm_core.signals import Adaptation
 from pidtsm_core.surfaces import SURFACES, evaluate_surface
 
 PROPERTY = settings(deadline=None, max_examples=60)
@@ -46,7 +47,7 @@ class OneJoint:
         return command(kernel_number(self.law), e, de, dde, ddq_d, self.numbers, self.p, self.x, 0.001)
 
     def advance(self, e: float, s: float, sigma: float, dt: float, frozen: bool) -> None:
-        advance(kernel_number(self.law), e, s, sigma, self.numbers, self.p, self.x, dt, frozen)
+        advance(kernel_number(self.law), e, s, sigma, self.numbers, self.p, self.x, dt, frozen, Adaptation.NORMAL)
 
 
 @EACH_SLIDING

@@ -9,23 +9,30 @@ from hypothesis import strategies as st
 
 from pidtsm_core.parameters import Array
 from pidtsm_core.reaching.adaptive_continuous import ADAPTIVE_CONTINUOUS
+from pidtsm_core.signals import Adaptation
 
 K, KAPPA, XI, UPSILON = 2.0, 0.1, 0.3, 0.2
 P = np.array([K, KAPPA, XI, UPSILON, 0.0, 0.0, 0.0, 0.0])
 
 
 def hold(
-    sigma: float, time: float, steps: int, x: Array | None = None, frozen: bool = False, p: Array = P
+    sigma: float,
+    time: float,
+    steps: int,
+    x: Array | None = None,
+    frozen: bool = False,
+    p: Array = P,
+    adaptation: Adaptation = Adaptation.NORMAL,
 ) -> tuple[float, float]:
     x = np.zeros(8) if x is None else x
     for _ in range(steps):
-        ADAPTIVE_CONTINUOUS.advance(sigma, p, x, time / steps, frozen)
+        ADAPTIVE_CONTINUOUS.advance(sigma, p, x, time / steps, frozen, adaptation)
     return ADAPTIVE_CONTINUOUS.switch(sigma, p, x, 0.001)
 
 
-def bounded(leakage: float = 0.0, maximum: float = 0.0) -> Array:
+def bounded(leakage: float = 0.0, maximum: float = 0.0, layer: float = 0.0) -> Array:
     p = P.copy()
-    p[4:6] = leakage, maximum
+    p[4:7] = leakage, maximum, layer
     return p
 
 
@@ -105,6 +112,42 @@ def test_the_gain_stays_within_its_bound_and_is_the_article_s_below_it(sigmas: l
 
 def test_without_leakage_and_bound_nothing_limits_the_gain() -> None:
     assert hold(1.5, 1e6, 100)[1] == pytest.approx(1.5e6 / KAPPA)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.01, -0.01, 0.05, 1.5, -1.5])
+def test_within_the_layer_the_sign_rises_straight_and_beyond_it_is_the_article_s(sigma: float) -> None:
+    layer = 0.02
+    tau_sw, gain = hold(sigma, 1.0, 1000, p=bounded(layer=layer))
+    article, article_gain = hold(math.copysign(max(abs(sigma), layer), sigma), 1.0, 1000)
+    if abs(sigma) >= layer:
+        assert (tau_sw, gain) == (article, article_gain)
+    else:
+        assert tau_sw == pytest.approx(-sigma / layer * abs(article), rel=1e-12)
+        assert gain == 0.0
+
+
+@pytest.mark.parametrize("sigma", [0.1, -0.1])
+def test_on_the_way_to_a_reference_the_gain_learns_within_the_dead_zone_too(sigma: float) -> None:
+    _, gain = hold(sigma, 1.0, 1000, adaptation=Adaptation.APPROACHING)
+    # The mean follows the held sigma within 0.05 s.
+    assert gain == pytest.approx((1.0 - 0.05) * abs(sigma) / KAPPA, rel=0.01)
+    assert hold(sigma, 1.0, 1000)[1] == 0.0
+
+
+def test_on_the_way_to_a_reference_noise_within_the_dead_zone_teaches_little() -> None:
+    x, noise = np.zeros(8), np.random.default_rng(1).normal(scale=0.05, size=1000)
+    for sigma in noise:
+        hold(sigma, 0.001, 1, x, adaptation=Adaptation.APPROACHING)
+    assert 0.0 < x[1] < 0.2 * np.abs(noise).mean() / KAPPA
+
+
+@pytest.mark.parametrize("sigma", [0.1, 1.5])
+def test_what_the_law_did_not_cause_it_does_not_learn(sigma: float) -> None:
+    x = np.zeros(8)
+    x[1] = 4.0
+    tau_sw, gain = hold(sigma, 20.0, 20_000, x, adaptation=Adaptation.FROZEN)
+    assert gain == 4.0
+    assert tau_sw == pytest.approx(-(4.0 + XI) / K, rel=1e-6)
 
 
 def test_the_switching_term_is_continuous_in_sigma() -> None:

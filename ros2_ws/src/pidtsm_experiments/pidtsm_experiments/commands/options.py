@@ -11,9 +11,12 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from pidtsm_core.control import LAW_NAME
+from pidtsm_core.control import LAW_NAME, Controller
 from pidtsm_core.laws import LAWS
+from pidtsm_core.parameters import Value
+from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.experiment import Experiment, make_experiment, scenario_names
+from pidtsm_experiments.outcome import why_not_followed
 from pidtsm_experiments.table import print_metrics
 
 CONSOLE = Console(stderr=True)
@@ -22,6 +25,7 @@ CONSOLE = Console(stderr=True)
 
 def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
     """What says which experiment is meant."""
+    parser.description = f"{parser.description}\n\nThe later wins: scenario, --params, --law, --set."
     parser.add_argument(
         "--scenario",
         default="case1",
@@ -36,14 +40,14 @@ def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="article|practical|FILE",
         help="the article's Table 1, the set for real sensors and drives, or a ROS parameter file for any of the "
-        "nodes; may be given again",
+        "nodes; wins over the scenario; may be given again, the last one wins",
     )
     parser.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="NODE.PARAM=VALUE",
-        help="one parameter, such as controller.law.upsilon=0.01; may be given again",
+        help="one parameter, such as controller.law.upsilon=0.01; wins over all others; may be given again",
     )
 
 
@@ -78,3 +82,23 @@ def show_metrics(metrics: Mapping[str, Any], as_json: bool) -> None:
         sys.stdout.flush()
     else:
         print_metrics(metrics)
+
+
+def warn(controller: Mapping[str, Value]) -> None:
+    """Say on standard error what is wrong with parameters that are allowed.
+
+    Args:
+        controller: every parameter of the controller.
+    """
+    for text in Controller(controller).warnings():
+        print(f"pidtsm: warning: {text}", file=sys.stderr)
+
+
+def require_followed(metrics: Mapping[str, Any]) -> None:
+    """End the command after a run that did not come to a good end.
+
+    Raises:
+        RunError: the controller does not follow at the end, and why.
+    """
+    if reason := why_not_followed(metrics):
+        raise RunError(reason)

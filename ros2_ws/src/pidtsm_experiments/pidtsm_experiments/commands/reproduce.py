@@ -14,11 +14,10 @@ from pidtsm_experiments.article import CASES, compare, label, markdown
 from pidtsm_experiments.article_figures import write_article_figures
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar, seconds
 from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.outcome import RAN_AWAY
 from pidtsm_experiments.report import write_report
 from pidtsm_experiments.reproduction import PRINTED_DTSM, load, make_runs, plan, write_results
-
-_ASTRAY = np.pi
-"""rad; a run with a larger error does not track any more."""
+from pidtsm_experiments.results import locked
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,6 +32,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
+    with locked(options.out):
+        _reproduce(options)
+    return 0
+
+
+def _reproduce(options: argparse.Namespace) -> None:
+    """Make the runs, and everything of them.
+
+    Raises:
+        RunError: a run failed.
+    """
     planned = plan(options.duration)
     folder = options.out / "runs"
     folder.mkdir(parents=True, exist_ok=True)
@@ -57,14 +67,13 @@ def execute(options: argparse.Namespace) -> int:
     CONSOLE.print(f"{options.out}: report.html comparison.md results.json figures/ runs/", highlight=False)
     if failed:
         raise RunError("\n".join(f"{key}: {reason}" for key, reason in failed.items()))
-    return 0
 
 
 def _notes(runs: dict[tuple[str, str], Any]) -> list[str]:
     """What the report says beyond the comparison; runs that went astray give way to a sentence about them."""
     notes = []
     for (scenario, law), run in list(runs.items()):
-        if isinstance(run, str) or np.abs(run[0].error).max() < _ASTRAY:
+        if isinstance(run, str) or run[1]["outcome"] != RAN_AWAY:
             continue
         recording, metrics = run
         largest = ", ".join(f"{value:.3g}" for value in np.abs(recording.error).max(axis=0))

@@ -5,7 +5,13 @@ import argparse
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.rollout import SCHEMAS, DivergedError, rollout
 from pidtsm_experiments.analysis import summarize
-from pidtsm_experiments.commands.options import add_experiment_arguments, experiment_of, show_metrics
+from pidtsm_experiments.commands.options import (
+    add_experiment_arguments,
+    experiment_of,
+    require_followed,
+    show_metrics,
+    warn,
+)
 from pidtsm_experiments.errors import RunError, UsageError
 from pidtsm_experiments.recording import Recording
 
@@ -17,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     experiment = experiment_of(options).without_node_parameters()
-    experiment.resolved(SCHEMAS)
+    warn(experiment.resolved(SCHEMAS)["controller"])
     try:
         result = rollout(experiment.settings, experiment.duration)
     except ParameterError as error:
@@ -25,5 +31,7 @@ def execute(options: argparse.Namespace) -> int:
     except DivergedError as error:
         raise RunError(str(error)) from None
     recording = Recording.of_rollout(result, experiment.scenario, experiment.law, experiment.event_time)
-    show_metrics(summarize(recording), options.json)
+    metrics = summarize(recording)
+    show_metrics(metrics, options.json)
+    require_followed(metrics)
     return 0

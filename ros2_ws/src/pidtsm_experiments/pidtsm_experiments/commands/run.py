@@ -10,7 +10,9 @@ from pidtsm_experiments.commands.options import (
     add_experiment_arguments,
     experiment_of,
     progress_bar,
+    require_followed,
     show_metrics,
+    warn,
 )
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.experiment import Experiment
@@ -43,8 +45,14 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def run_and_report(experiment: Experiment, clock: str, out: Path, composed: bool = False) -> None:
-    """Run, analyse, draw, and say where everything is."""
+    """Run, analyse, draw, and say where everything is.
+
+    Raises:
+        UsageError: see `runner.run` and `result_folder`.
+        RunError: the run failed, or, with complete results, the controller does not follow at the end.
+    """
     parameters = recorded_parameters(experiment, clock)  # Refuses bad parameters before anything is begun.
+    warn(parameters["controller"])
     title = f"{experiment.scenario}, {experiment.law}, {clock}"
     with result_folder(out) as folder, progress_bar() as bar:
         task = bar.add_task(f"{title}: starting the nodes", total=experiment.duration)
@@ -66,3 +74,4 @@ def run_and_report(experiment: Experiment, clock: str, out: Path, composed: bool
         write_report(folder / "report.html", (recording, metrics), links=links)
     show_metrics(metrics, as_json=False)
     CONSOLE.print(f"{out}: report.html metrics.json figures/ bag/ params/ log/", highlight=False)
+    require_followed(metrics)

@@ -45,7 +45,7 @@ def run(controller: Controller, positions: Array, desired: Array, dts: Array | N
     dts = np.full(len(positions), DT) if dts is None else dts
     return np.array(
         [
-            controller.step(q, d, float(dt) if k else 0.0).copy()
+            controller.tick(q, d, float(dt) if k else 0.0).copy()
             for k, (q, d, dt) in enumerate(zip(positions, desired, dts, strict=True))
         ]
     )
@@ -71,7 +71,7 @@ def test_the_torque_is_finite_and_within_its_limits_whatever_comes_in(
         numbers = data.draw(st.lists(values, min_size=4 * controller.joints, max_size=4 * controller.joints))
         q, *desired = np.array(numbers).reshape(4, -1)
         dt = data.draw(st.floats(1e-5, 0.1)) if k else 0.0
-        signals = controller.step(q, np.array(desired), dt)
+        signals = controller.tick(q, np.array(desired), dt)
         assert np.isfinite(signals).all()
         assert (np.abs(signals[Signal.EFFORT]) <= limit).all()
         np.testing.assert_array_equal(signals[Signal.SATURATED], np.abs(signals[Signal.EFFORT]) == limit)
@@ -88,7 +88,7 @@ def test_no_finite_position_makes_the_torque_not_finite_or_spoils_what_follows(
     limit = controller.config.effort_limit
     rest = np.zeros((3, controller.joints))
     for k, number in enumerate([*numbers, *[0.0] * 4]):
-        effort = controller.step(np.full(controller.joints, number), rest, DT if k else 0.0)[Signal.EFFORT]
+        effort = controller.tick(np.full(controller.joints, number), rest, DT if k else 0.0)[Signal.EFFORT]
         assert (np.abs(effort) <= limit).all()
 
 
@@ -141,7 +141,7 @@ def test_saturation_is_told_of_each_joint(direction: float) -> None:
     controller = controller_of(limits__effort=(20.0, 1e6))
     desired = np.zeros((3, 2))
     desired[0] = direction * 2.0
-    signals = controller.step(np.zeros(2), desired, 0.0)
+    signals = controller.tick(np.zeros(2), desired, 0.0)
     assert signals[Signal.EFFORT, 0] == direction * 20.0
     assert signals[Signal.SATURATED].tolist() == [1.0, 0.0]
     assert abs(signals[Signal.EFFORT, 1]) < 1e6
@@ -212,17 +212,17 @@ def test_new_parameters_keep_the_state(parts: dict[str, str]) -> None:
         np.testing.assert_array_equal(now, before)
     # The same parameters again: as if nothing had happened.
     changed.set_parameters(resolve(controller_schema, parts, changed.joints))
-    rest = [changed.step(q, d, DT).copy() for q, d in zip(positions[50:], desired[50:], strict=True)]
+    rest = [changed.tick(q, d, DT).copy() for q, d in zip(positions[50:], desired[50:], strict=True)]
     np.testing.assert_array_equal(np.array(rest), expected[50:])
 
 
 def test_new_gains_act_from_the_next_tick_on() -> None:
     controller = controller_of(limits__effort=1e9)
     desired = np.full((3, 2), 0.1)
-    before = controller.step(np.zeros(2), desired, 0.0)[Signal.SLIDING_VARIABLE].copy()
+    before = controller.tick(np.zeros(2), desired, 0.0)[Signal.SLIDING_VARIABLE].copy()
     values = resolve(controller_schema, {"limits.effort": 1e9, "law.k2": 1.5}, 2)
     controller.set_parameters(values)
-    after = controller.step(np.zeros(2), desired, DT)[Signal.SLIDING_VARIABLE]
+    after = controller.tick(np.zeros(2), desired, DT)[Signal.SLIDING_VARIABLE]
     # e = -0.1, and k2 rose by 1.
     np.testing.assert_allclose(after - before, -0.1, rtol=1e-12)
 
@@ -230,6 +230,6 @@ def test_new_gains_act_from_the_next_tick_on() -> None:
 def test_inputs_are_left_alone() -> None:
     controller = controller_of()
     q, desired = np.array([0.1, 0.2]), np.arange(6.0).reshape(3, 2)
-    controller.step(q, desired, 0.0)
+    controller.tick(q, desired, 0.0)
     assert q.tolist() == [0.1, 0.2]
     assert desired.tolist() == [[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]]

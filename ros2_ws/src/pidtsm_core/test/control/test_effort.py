@@ -1,0 +1,102 @@
+"""Limits of the effort and of its rate, and the safe effort."""
+
+import numpy as np
+import pytest
+
+from pidtsm_core.control import Clock, Controller, controller_schema
+from pidtsm_core.parameters import Array, resolve
+from pidtsm_core.robots.two_link import TWO_LINK
+from pidtsm_core.signals import Fault, Limited, Signal
+
+MS = 1_000_000
+START = 1_000_000_000
+LIMITS = np.array([100.0, 50.0])
+
+
+def controller_of(**changes: object) -> Controller:
+    """A controller that takes no time to its reference; parameter names with two underscores for the dot."""
+    values = {"activation.blend": 0.0, **{n.replace("__", "."): v for n, v in changes.items()}}
+    return Controller(resolve(controller_schema, values, 2))
+
+
+def gravity(q: Array) -> Array:
+    """Torque that carries the arm at rest, N m, shape (2,)."""
+    effort = np.zeros((1, 2))
+    model = TWO_LINK.pack_model({f"robot.{p.name}": p.default for p in TWO_LINK.parameters})
+    TWO_LINK.inverse_dynamics(q, np.zeros(2), np.zeros((1, 2)), model, effort)
+    return effort[0]
+
+
+@pytest.mark.parametrize("kind", ["gravity_damping", "gravity", "damping", "zero"])
+@pytest.mark.parametrize("damping", [20.0, [5.0, 1.0]])
+def test_the_safe_effort_is_what_was_chosen(kind: str, damping: object) -> None:
+    controller = controller_of(stop__effort=kind, stop__damping=damping)
+    for k in range(100):
+        controller.position[:] = 0.3 + 0.002 * k, -0.2 - 0.001 * k
+        controller.step(START + k * MS + (k > 50) * 30 * MS, -1)
+    assert controller.fault == Fault.STATE_STALE
+    q, dq = controller.signals[[Signal.POSITION, Signal.VELOCITY]]
+    assert np.abs(dq).min() > 0.5
+    expected = gravity(q) * ("gravity" in kind) - np.array(damping) * dq * ("damping" in kind)
+    np.testing.assert_allclose(controller.effort, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_the_first_torque_is_not_held_back_as_that_which_carries_the_arm_is_there_at_once() -> None:
+    controller = controller_of(limits__effort_rate=10.0)
+    controller.position[:] = 0.3, -0.2
+    controller.step(START, -1)
+    np.testing.assert_allclose(controller.effort, gravity(controller.position), rtol=1e-12)
+    assert not controller.signals[Signal.SATURATED].any()
+
+
+@pytest.mark.parametrize("gap", [1, 3, 15])
+def test_the_torque_may_change_by_the_rate_times_the_time_that_has_passed(gap: int) -> None:
+    controller = controller_of(limits__effort_rate=[200.0, 50.0], law__name="pid")
+    controller.position[:] = 0.0, 0.0
+    controller.step(START, -1)
+    before = controller.effort.copy()
+    controller.position[:] = 0.5, -0.5
+    controller.step(START + gap * MS, -1)
+    np.testing.assert_allclose(controller.effort - before, np.array([-200.0, 50.0]) * gap * 1e-3, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("rate", "moved", "said"),
+    [
+        (0.0, 0.0, 0),
+        (50.0, 0.0, 0),
+        (50.0, -2e-4, Limited.RATE),
+        (1e3, -0.005, Limited.EFFORT + Limited.RATE),
+        (0.0, -1.0, Limited.EFFORT),
+        (1e6, -1.0, Limited.EFFORT),
+    ],
+)
+def test_what_holds_the_torque_back_is_told_and_counted(rate: float, moved: float, said: int) -> None:
+    controller = controller_of(limits__effort_rate=[rate, 0.0], law__name="computed_torque")
+    controller.step(START, -1)
+    before = controller.effort[0]
+    controller.position[0] = moved
+    controller.step(START + MS, -1)
+    assert controller.signals[Signal.SATURATED, 0] == said
+    if said & Limited.RATE:
+        assert controller.effort[0] == before + rate * 0.001
+    elif said:
+        assert controller.effort[0] == LIMITS[0]
+    assert controller.clock(Clock.AT_EFFORT_LIMIT) == (said & Limited.EFFORT != 0)
+    assert controller.clock(Clock.AT_RATE_LIMIT) == (said & Limited.RATE != 0)
+
+
+@pytest.mark.parametrize("elapsed", [-1, 20 * MS])
+def test_without_a_joint_state_the_safe_torque_comes_at_once_or_as_fast_as_the_rate_allows(elapsed: int) -> None:
+    """At once where it is the last one (a negative time)."""
+    controller = controller_of(law__name="pid")
+    controller.position[:], controller.reference[0] = (0.3, -0.2), (0.4, -0.1)
+    for k in range(200):
+        controller.step(START + k * MS, START + k * MS)
+    before, safe = controller.effort.copy(), gravity(controller.position)
+    assert np.abs(before - safe).min() > 3.0
+    controller.set_parameters(resolve(controller_schema, {"law.name": "pid", "limits.effort_rate": 100.0}, 2))
+    controller.stop(Fault.STATE_STALE, elapsed)
+    expected = safe if elapsed < 0 else before + np.clip(safe - before, -2.0, 2.0)
+    np.testing.assert_allclose(controller.effort, expected, rtol=1e-6)
+    assert controller.fault == Fault.STATE_STALE

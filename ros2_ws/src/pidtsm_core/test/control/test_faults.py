@@ -1,0 +1,504 @@
+"""The fault matrix of the controller, without processes and without ROS: docs/faults.md tells the same to users.
+
+A row is a fault around a controller that is driven as its node drives it, and the reaction expected. In every row no
+torque is beyond a limit and nothing is ever not finite; a fault stays until it is reset; and once all has gone, the
+controller does bit by bit what it did before.
+"""
+
+import math
+from array import array
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pidtsm_core.control import Clock, Controller, Stamp, controller_schema
+from pidtsm_core.joints import JointOrder, MessageError
+from pidtsm_core.parameters import Array, resolve
+from pidtsm_core.robots.two_link import TWO_LINK
+from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
+from pidtsm_core.simulator import SimulatedRobot, simulator_schema
+
+PAGE = Path(__file__).parents[5] / "docs" / "faults.md"
+BYTES = ["`joint_states`: no message", "`reference`: no message"]
+"""Rows of the page about messages that do not become numbers: tests/test_faults.py judges them."""
+NAMES = ["joint1", "joint2"]
+START = np.array([0.2, -0.1])
+"""The reference, rad."""
+ASIDE = np.array([1.0, -1.0])  # rad
+LIMITS = np.array([100.0, 50.0])  # N m
+DAMPING = 20.0  # N m s/rad
+MS = 1_000_000
+SECOND = 1000 * MS
+HOUR = 3600 * SECOND
+SETTLED = 20  # ticks before a fault
+UNDISTURBED = 100  # ticks
+DEFAULTS = resolve(controller_schema, {}, 2)
+
+
+class Rig:
+    """A controller as its node drives it, and the test as its arm, its reference and its clock.
+
+    Attributes:
+        stamp: of the last joint state, ns.
+        tick: joint states since the motion began.
+        referred: joint states come with a reference of the same stamp.
+        said: causes of rejected messages, what has changed, and stamps out of the ordinary, by their names.
+    """
+
+    def __init__(self) -> None:
+        self.controller = Controller(DEFAULTS)
+        self.stamp = 1_000_000 * SECOND
+        self.tick = 0
+        self.referred = True
+        self.said: list[str] = []
+        self._reference_stamp = -1
+        self._order = JointOrder(NAMES)
+        self._before: tuple[int, ...] | None = None
+
+    def set(self, settings: dict[str, Any]) -> None:
+        """Change parameters; those that are not given are back at their defaults."""
+        self.controller.set_parameters(resolve(controller_schema, settings, 2))
+
+    def measured(self) -> Array:
+        """Where the arm is at this tick: it swings, gently, beside its reference."""
+        return START + 0.005 * (1.0 - math.cos(0.02 * self.tick))
+
+    def send_state(self, position: Sequence[float] | Array, names: Sequence[str] = NAMES, dt: int = MS) -> bool:
+        """A joint state dt (ns) after the last; returns whether it is to be answered."""
+        stamp = self.stamp + dt
+        try:
+            judged = self.controller.judge(stamp)
+            if judged is not Stamp.REPEATED:
+                self._order.read(names, array("d", position), "position", self.controller.position)
+        except MessageError as error:
+            self.said.append(str(error))
+            return False
+        if judged is not Stamp.NEW:
+            self.said.append(judged.name)
+        if judged is Stamp.RESTARTED:
+            self.controller.begin_afresh(stamp)
+            if self._reference_stamp > stamp:
+                self._reference_stamp = -1
+        if judged is Stamp.REPEATED:
+            return False
+        self.stamp = stamp
+        return True
+
+    def send_reference(
+        self,
+        position: Sequence[float] | Array = START,
+        names: Sequence[str] = NAMES,
+        dt: int = MS,
+        velocity: float = 0.0,
+    ) -> None:
+        """A reference for a joint state dt (ns) after the last."""
+        motion = np.zeros((3, len(NAMES)))
+        rows = (position, [velocity] * len(position), [0.0] * len(position))
+        try:
+            for row, values, fieldname in zip(motion, rows, ("position", "velocity", "acceleration"), strict=True):
+                self._order.read(names, array("d", values), fieldname, row)
+        except MessageError as error:
+            self.said.append(str(error))
+            return
+        self.controller.reference[:] = motion
+        self._reference_stamp = self.stamp + dt
+
+    def step(
+        self,
+        position: Sequence[float] | Array | None = None,
+        dt: int = MS,
+        names: Sequence[str] = NAMES,
+        desired: Sequence[float] | Array = START,
+    ) -> Array:
+        """A joint state dt (ns) after the last, and the torque that answers it; valid until the next."""
+        if self.referred:
+            self.send_reference(desired, names, dt)
+        assert self.send_state(self.measured() if position is None else position, names, dt)
+        self.controller.step(self.stamp, self._reference_stamp)
+        self.tick += 1
+        return self.look()
+
+    def look(self) -> Array:
+        """The torque of the controller, which is sound, and what it has to say."""
+        controller = self.controller
+        self.said += [change.text for change in controller.changes(self._before)]
+        self._before = controller.status
+        assert np.isfinite(controller.signals).all()
+        assert (np.abs(controller.effort) <= LIMITS).all()
+        return controller.effort
+
+    def drive(self, ticks: int) -> Array:
+        """The torques of so many ticks."""
+        return np.array([self.step().copy() for _ in range(ticks)])
+
+    def begin(self) -> None:
+        """A source that was started anew: the controller forgets what was."""
+        self.stamp -= 100 * SECOND
+        self.tick = 0
+
+    def safe_effort(self) -> Array:
+        """The torque of a controller that has stopped, N m, shape (2,)."""
+        q, dq = self.controller.signals[[Signal.POSITION, Signal.VELOCITY]]
+        gravity = np.zeros((1, 2))
+        model = TWO_LINK.pack_model({f"robot.{p.name}": p.default for p in TWO_LINK.parameters})
+        TWO_LINK.inverse_dynamics(q, np.zeros(2), np.zeros((1, 2)), model, gravity)
+        return np.clip(gravity[0] - DAMPING * dq, -LIMITS, LIMITS)
+
+
+@cache
+def undisturbed() -> Array:
+    """The torques where nothing goes wrong, shape (UNDISTURBED, 2), N m."""
+    efforts = Rig().drive(UNDISTURBED)
+    assert (np.abs(efforts) < LIMITS).all()
+    return efforts
+
+
+@dataclass(frozen=True)
+class Row:
+    """A fault of the controller's surroundings, and its reaction.
+
+    Attributes:
+        inject: the fault, after which the controller is as follows.
+        mode, fault, joint: what it says of itself; the joint is counted from 1, 0 is none.
+        log: how the texts begin that the fault brings about, but for the reset of a fault.
+        late: number of joint states that are called late.
+        unnoticed: the torques are those without a fault.
+        settings: parameters during the row.
+    """
+
+    inject: Callable[[Rig], object]
+    mode: Mode = Mode.FOLLOWING
+    fault: Fault = Fault.NO_FAULT
+    joint: int = 0
+    log: tuple[str, ...] = ()
+    late: int = 0
+    unnoticed: bool = False
+    settings: dict[str, Any] = field(default_factory=dict)
+
+
+# Messages that no node can use: values for the joints named, and the cause that the log gives.
+
+NAN, INF = math.nan, math.inf
+MANY = 10_000
+BAD: dict[str, tuple[list[float], list[str], str]] = {
+    "nan": ([0.2, NAN], NAMES, "position is not finite: joint2"),
+    "infinite": ([-INF, 0.2], NAMES, "position is not finite: joint1"),
+    "absurd": ([0.2, 1e6], NAMES, "position is absurd: joint2"),
+    "too few values": ([0.2], NAMES, "position has 1 values for 2 joints"),
+    "too many values": ([0.2] * 3, NAMES, "position has 3 values for 2 joints"),
+    "no names": ([0.2, 0.2], [], "joints joint1, joint2 are missing"),
+    "a joint missing": ([0.2], ["joint1"], "joints joint2 are missing"),
+    "an unknown joint": ([0.2, 0.2], ["joint1", "elbow"], "unknown joints elbow, missing joint2"),
+    "a joint twice": ([0.2, 0.2], ["joint1", "joint1"], "a joint is named twice"),
+    "oversized": ([0.2] * MANY, [f"link{i}" for i in range(MANY)], "unknown joints link0, link1, "),
+}
+
+
+def bad_row(topic: str, what: str) -> Row:
+    values, names, reason = BAD[what]
+
+    def inject(rig: Rig) -> None:
+        if topic == "joint_states":
+            assert not rig.send_state(values, names)
+        else:
+            rig.send_reference(values, names)
+        rig.step()
+
+    return Row(inject, log=(reason,), unnoticed=True)
+
+
+def lose(samples: int) -> Callable[[Rig], object]:
+    return lambda rig: rig.step(dt=(samples + 1) * MS)
+
+
+def permute(rig: Rig) -> None:
+    for _ in range(10):
+        rig.step(rig.measured()[::-1], names=NAMES[::-1], desired=START[::-1])
+
+
+def repeat(rig: Rig) -> None:
+    assert not rig.send_state([1.0, 1.0], dt=0)
+    rig.step()
+
+
+def go_back(rig: Rig) -> None:
+    assert not rig.send_state([1.0, 1.0], dt=-SECOND // 2)
+    rig.step()
+
+
+def one_stamp_ahead(rig: Rig) -> None:
+    rig.step(dt=HOUR)
+    rig.step(dt=MS - HOUR)
+
+
+def crowd(rig: Rig) -> None:
+    for _ in range(10):
+        rig.step(dt=1)
+
+
+def fall_silent(rig: Rig) -> None:
+    """No joint state: the watchdog needs none to act."""
+    rig.controller.stop(Fault.STATE_STALE, 600 * MS)
+    rig.look()
+    np.testing.assert_allclose(rig.controller.effort, rig.safe_effort(), rtol=1e-12)
+    rig.step()
+
+
+def restart(rig: Rig) -> None:
+    """The controller is another one, which finds the arm under way."""
+    rig.tick = 0
+    np.testing.assert_array_equal(rig.drive(SETTLED), undisturbed()[:SETTLED])
+
+
+def reset_by_rehearsal(rig: Rig) -> None:
+    rig.step(dt=21 * MS)
+    while rig.controller.fault:
+        np.testing.assert_allclose(rig.controller.effort, rig.safe_effort(), rtol=1e-12)
+        rig.tick = 0
+        rig.step()
+    np.testing.assert_array_equal(rig.drive(SETTLED), undisturbed()[1 : SETTLED + 1])
+
+
+def measure_far_off(rig: Rig) -> None:
+    np.testing.assert_array_equal(np.abs(rig.step([1000.0, -1000.0])), LIMITS)
+    rig.step()
+
+
+def jump(rig: Rig) -> None:
+    """The reference is somewhere else from one sample to the next, and the arm, held, does not come."""
+    at_limit = [np.abs(rig.step(desired=START + 0.8 * ASIDE)) == LIMITS for _ in range(50)]
+    assert np.any(at_limit)
+
+
+def lose_references(rig: Rig, samples: int = 101) -> None:
+    rig.referred = False
+    rig.drive(samples)
+
+
+def lose_some_references(rig: Rig) -> None:
+    lose_references(rig, 50)
+    rig.referred = True
+    rig.step()
+
+
+def refer_late(rig: Rig) -> None:
+    rig.referred = False
+    for i in range(50):
+        rig.send_reference(dt=-(98 if i % 2 else 102) * MS)
+        rig.step()
+
+
+def refer_from_tomorrow(rig: Rig) -> None:
+    rig.referred = False
+    rig.send_reference(dt=HOUR, velocity=0.1)
+    rig.step()
+
+
+def leave(*position: float) -> Callable[[Rig], object]:
+    return lambda rig: rig.step(position)
+
+
+def live(rig: Rig, held: Array, **push: Any) -> Array:
+    """Somebody lets the arm go, who held it there, or pushes it for 0.1 s; it comes back to its reference.
+
+    Returns:
+        The torques, shape (samples, 2), N m.
+    """
+    changes = {"initial_position": held.tolist(), "disturbance.name": "none", "push.duration": 0.1}
+    robot = SimulatedRobot(resolve(simulator_schema, {**changes, **push}, 2))
+    arm, efforts = robot.state.arm, [rig.controller.effort.copy()]
+    for sample in range(5000):
+        robot.act(sample, True, efforts[-1])
+        efforts.append(rig.step(arm.position).copy())
+        if sample > 100 and max(np.abs(arm.position - START).max(), np.abs(arm.derivatives[0]).max()) < 0.01:
+            return np.array(efforts)
+    pytest.fail("the arm does not come back to its reference")
+
+
+def saturate(rig: Rig) -> None:
+    """Somebody holds the arm for 5 s, and lets it go."""
+    held, signals = START + ASIDE, rig.controller.signals
+    for k in range(5000):
+        rig.step(held)
+        if k == 100:
+            gain = signals[Signal.ADAPTIVE_GAIN].copy()
+        assert k < 100 or (signals[Signal.SATURATED] == Limited.EFFORT).all()
+    # What the law did not cause it does not learn.
+    np.testing.assert_array_equal(signals[Signal.ADAPTIVE_GAIN], gain)
+    live(rig, held)
+
+
+def hold_back(rig: Rig) -> None:
+    """Somebody pushes the arm, and the law wants more than the limit of the rate lets through."""
+    efforts = live(rig, rig.measured(), **{"push.effort": [80.0, -40.0]})
+    assert rig.controller.clock(Clock.AT_RATE_LIMIT) > 0
+    assert np.abs(np.diff(efforts, axis=0)).max() <= 300.0 * 1e-3 + 1e-9
+
+
+def cannot_keep_up(rig: Rig) -> None:
+    """Somebody draws the arm aside, and the torque must not follow."""
+    for _ in range(1000):
+        rig.step(START + 0.3 * ASIDE)
+        if rig.controller.fault:
+            return
+    pytest.fail("the controller does not see that the limit is too tight")
+
+
+LOST = "stopped: no joint state for {} s; safe torque until ~/reset_fault is called"
+BEYOND = "stopped: joint{} is beyond limits.{}; safe torque until ~/reset_fault is called"
+TOO_TIGHT = "stopped: limits.effort_rate is too tight for what the arm does; safe torque until ~/reset_fault is called"
+RESET = "fault reset"
+
+
+def stopped(fault: Fault, log: str, joint: int = 0, **others: Any) -> dict[str, Any]:
+    return {"mode": Mode.STOPPED, "fault": fault, "joint": joint, "log": (log,), **others}
+
+
+def stale(seconds: str, **others: Any) -> dict[str, Any]:
+    return stopped(Fault.STATE_STALE, LOST.format(seconds), **{"late": 1, **others})
+
+
+ROWS = {
+    "1 joint state lost": Row(lose(1)),
+    "5 joint states lost": Row(lose(5), late=1),
+    "20 joint states lost": Row(lose(20), **stale("0.021")),
+    "1000 joint states lost": Row(lose(1000), **stale("1")),
+    "a gap of 10 ms": Row(lambda rig: rig.step(dt=10 * MS), late=1),
+    "silence": Row(fall_silent, **stale("0.6", late=0)),
+    "a stamp twice (dt = 0)": Row(repeat, log=("REPEATED",), unnoticed=True),
+    "a stamp twice in lockstep": Row(repeat, log=("REPEATED",), unnoticed=True),
+    "stamps 1 ns apart": Row(crowd),
+    "a stamp that goes back by 0.5 s": Row(go_back, log=("the stamp goes back",), unnoticed=True),
+    "stamps that go back by 5 s": Row(lambda rig: rig.step(dt=-5 * SECOND), log=("RESTARTED",)),
+    "clock jumps back by 1 h": Row(lambda rig: rig.step(dt=-HOUR), log=("RESTARTED",)),
+    "clock jumps ahead by 1 h": Row(lambda rig: rig.step(dt=HOUR), **stale("3.6e+03")),
+    "one stamp ahead by 1 h": Row(
+        one_stamp_ahead, **{**stale("3.6e+03"), "log": (LOST.format("3.6e+03"), "RESTARTED")}
+    ),
+    "controller restarted": Row(restart, settings={"rehearsal.restart": SETTLED * 1e-3}),
+    "fault reset rehearsed": Row(
+        reset_by_rehearsal,
+        log=(LOST.format("0.021"), RESET),
+        late=1,
+        settings={"rehearsal.reset_fault": 0.1},
+    ),
+    **{f"`joint_states`: {what}": bad_row("joint_states", what) for what in BAD},
+    **{f"`reference`: {what}": bad_row("reference", what) for what in BAD},
+    "joints in another order": Row(permute, unnoticed=True),
+    "`reference` lost for 50 ms": Row(lose_some_references, unnoticed=True),
+    "`reference` lost for more than 100 ms": Row(
+        lose_references,
+        mode=Mode.HOLDING,
+        log=("holding position: the reference is 0.101 s old", "following the reference"),
+    ),
+    "`reference` late by about 100 ms": Row(
+        refer_late,
+        mode=Mode.HOLDING,
+        log=("holding position: the reference is 0.10", "following the reference"),
+    ),
+    "`reference` ahead by 1 h": Row(
+        refer_from_tomorrow,
+        mode=Mode.HOLDING,
+        log=("holding position: the reference is 3.6e+03 s ahead", "following the reference"),
+    ),
+    "`reference` jumps by 0.8 rad": Row(jump),
+    "a measurement far off": Row(measure_far_off),
+    "saturation for 5 s": Row(saturate),
+    "`limits.effort_rate` holds the torque back": Row(hold_back, settings={"limits.effort_rate": 300.0}),
+    "`limits.effort_rate` too tight": Row(
+        cannot_keep_up, **stopped(Fault.EFFORT_RATE_LIMIT, TOO_TIGHT), settings={"limits.effort_rate": 5.0}
+    ),
+    "beyond `limits.position`": Row(
+        leave(0.6, -0.1),
+        **stopped(Fault.POSITION_LIMIT, BEYOND.format(1, "position"), 1),
+        settings={"limits.position": 0.5},
+    ),
+    "beyond `limits.velocity`": Row(
+        leave(0.3, -0.1),
+        **stopped(Fault.VELOCITY_LIMIT, BEYOND.format(1, "velocity"), 1),
+        settings={"limits.velocity": 2.0},
+    ),
+    "beyond `limits.tracking_error`": Row(
+        leave(0.2, -0.25),
+        **stopped(Fault.TRACKING_LIMIT, BEYOND.format(2, "tracking_error"), 2),
+        settings={"limits.tracking_error": 0.1},
+    ),
+    "beyond a limit that only warns": Row(
+        leave(0.6, -0.1),
+        log=("a joint is beyond limits.position",),
+        settings={"limits.position": 0.5, "limits.position_action": "warn"},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_a_fault_has_the_reaction_that_the_page_tells(name: str) -> None:
+    row, rig = ROWS[name], Rig()
+    controller = rig.controller
+    rig.set(row.settings if any(n.startswith("rehearsal") for n in row.settings) else {})
+    np.testing.assert_array_equal(rig.drive(SETTLED), undisturbed()[:SETTLED])
+    rig.set(row.settings)
+    assert not rig.said
+    row.inject(rig)
+    expected = [row.mode, row.fault, row.joint]
+    assert list(controller.status[: Status.VIOLATIONS]) == expected
+    for _ in range(5):
+        if row.mode == Mode.STOPPED:
+            np.testing.assert_allclose(controller.effort, rig.safe_effort(), rtol=1e-12)
+        if row.unnoticed:
+            np.testing.assert_array_equal(controller.effort, undisturbed()[rig.tick - 1])
+        rig.step()
+        assert list(controller.status[: Status.VIOLATIONS]) == expected, "latched"
+    assert controller.clock(Clock.LATE) == row.late
+
+    # The fault has gone.
+    rig.referred = True
+    rig.step()
+    assert controller.fault == row.fault
+    if row.fault:
+        assert not controller.refusal(True)
+        controller.reset_fault()
+        rig.look()
+        rig.tick = 0
+    else:
+        assert controller.status[Status.MODE] == Mode.FOLLOWING
+    log = (*row.log, RESET) if row.fault else row.log
+    assert len(rig.said) == len(log), rig.said
+    for text, begin in zip(rig.said, log, strict=True):
+        assert text.startswith(begin)
+    rig.set({})
+    if not row.fault:
+        rig.begin()
+    np.testing.assert_array_equal(rig.drive(SETTLED), undisturbed()[:SETTLED])
+    assert controller.status[Status.MODE] == Mode.FOLLOWING
+
+
+@pytest.mark.parametrize(
+    ("settings", "fault"),
+    [({"law.gain_maximum": 20.0}, Fault.NO_FAULT), ({"limits.velocity": 20.0}, Fault.VELOCITY_LIMIT)],
+    ids=lambda value: "".join(value) if isinstance(value, dict) else "",
+)
+def test_a_measurement_far_off_passes_with_a_bounded_gain_and_stops_the_arm_with_a_bounded_velocity(
+    settings: dict[str, Any], fault: Fault
+) -> None:
+    rig = Rig()
+    rig.set(settings)
+    rig.drive(SETTLED)
+    rig.step([1000.0, -1000.0])
+    # The estimator has forgotten.
+    rig.drive(100)
+    assert rig.controller.fault == fault
+    assert (np.abs(rig.drive(200)) < LIMITS).all()
+
+
+@pytest.mark.skipif(not PAGE.is_file(), reason="the page is not beside this package")
+def test_the_page_has_these_rows() -> None:
+    section = PAGE.read_text(encoding="utf-8").partition("\n## The controller\n")[2].partition("\n## ")[0]
+    named = [line.split("|")[1].strip() for line in section.splitlines() if line.startswith("|")][2:]
+    assert [name for name in named if name not in BYTES] == list(ROWS)
+    assert set(BYTES) <= set(named)

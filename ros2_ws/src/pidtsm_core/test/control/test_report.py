@@ -1,0 +1,78 @@
+"""What has happened, in words."""
+
+import numpy as np
+import pytest
+
+from pidtsm_core.control import Clock
+from pidtsm_core.control.report import cause, changes
+from pidtsm_core.signals import Fault, Mode, Violation
+
+JOINTS = ("shoulder", "elbow")
+FOLLOWS, HOLDS = [Mode.FOLLOWING, 0, 0, 0], [Mode.HOLDING, 0, 0, 0]
+STOPPED = "; safe torque until ~/reset_fault is called"
+
+
+def clock(**times: int) -> np.ndarray:
+    values = np.zeros(len(Clock), dtype=np.int64)
+    for name, value in times.items():
+        values[Clock[name]] = value
+    return values
+
+
+@pytest.mark.parametrize(
+    ("fault", "text"),
+    [
+        (Fault.STATE_STALE, "no joint state"),
+        (Fault.POSITION_LIMIT, "elbow is beyond limits.position"),
+        (Fault.VELOCITY_LIMIT, "elbow is beyond limits.velocity"),
+        (Fault.TRACKING_LIMIT, "elbow is beyond limits.tracking_error"),
+        (Fault.EFFORT_RATE_LIMIT, "limits.effort_rate is too tight for what the arm does"),
+    ],
+)
+def test_every_fault_has_a_cause(fault: Fault, text: str) -> None:
+    assert cause(fault, 2, JOINTS) == text
+    found = changes(FOLLOWS, [Mode.STOPPED, fault, 2, 0], clock(GAP=30_000_000), JOINTS)
+    age = " for 0.03 s" if fault == Fault.STATE_STALE else ""
+    assert [(change.level, change.text) for change in found] == [("error", f"stopped: {text}{age}{STOPPED}")]
+
+
+def test_the_causes_are_those_of_all_faults() -> None:
+    for fault in Fault:
+        if fault:
+            assert cause(fault, 1, JOINTS)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        (None, FOLLOWS, []),
+        (None, HOLDS, []),
+        (FOLLOWS, FOLLOWS, []),
+        (HOLDS, FOLLOWS, [("info", "following the reference")]),
+        (FOLLOWS, HOLDS, [("warning", "holding position: the reference is 0.25 s old")]),
+        ([Mode.STOPPED, Fault.STATE_STALE, 0, 0], HOLDS, [("info", "fault reset")]),
+        (FOLLOWS, [0, 0, 0, Violation.VELOCITY], [("warning", "a joint is beyond limits.velocity")]),
+        ([0, 0, 0, Violation.VELOCITY], [0, 0, 0, Violation.VELOCITY], []),
+        (
+            FOLLOWS,
+            [0, 0, 0, Violation.POSITION + Violation.TRACKING],
+            [("warning", "a joint is beyond limits.position"), ("warning", "a joint is beyond limits.tracking_error")],
+        ),
+        (
+            FOLLOWS,
+            [Mode.STOPPED, Fault.POSITION_LIMIT, 1, Violation.POSITION + Violation.VELOCITY],
+            [
+                ("warning", "a joint is beyond limits.velocity"),
+                ("error", f"stopped: shoulder is beyond limits.position{STOPPED}"),
+            ],
+        ),
+    ],
+)
+def test_what_has_changed_is_told_once(before: list[int] | None, after: list[int], said: list[tuple[str, str]]) -> None:
+    found = changes(before, after, clock(REFERENCE_AGE=250_000_000), JOINTS)
+    assert [(change.level, change.text) for change in found] == said
+
+
+def test_a_reference_ahead_is_told_as_such() -> None:
+    (change,) = changes(FOLLOWS, HOLDS, clock(REFERENCE_AGE=-3_600_000_000_000), JOINTS)
+    assert change.text == "holding position: the reference is 3.6e+03 s ahead"

@@ -1,0 +1,75 @@
+"""What a step promises whatever happens: a sound torque, and a status that belongs to it."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from pidtsm_core.control import Clock, Controller, controller_schema
+from pidtsm_core.laws import LAWS
+from pidtsm_core.parameters import resolve
+from pidtsm_core.signals import Fault, Mode, Signal, Violation
+
+MS = 1_000_000
+START = 1_000_000_000
+NEAR, ANY = st.floats(-0.5, 0.5), st.floats(-1e6, 1e6)
+ACTIONS = st.lists(
+    st.tuples(
+        st.sampled_from(["step", "step", "step", "step", "stop", "reset", "afresh"]),
+        st.sampled_from([1, MS, MS, MS, 5 * MS, 30 * MS]),  # ns since the last
+        st.one_of(NEAR, NEAR, ANY),  # measured
+        st.one_of(NEAR, NEAR, ANY),  # desired
+        st.sampled_from([0, 0, 0, 60 * MS, 200 * MS, -200 * MS]),  # age of the reference, ns
+    ),
+    min_size=1,
+    max_size=60,
+)
+LIMITED: dict[str, Any] = {"limits.effort_rate": [200.0, 0.0], "limits.tracking_error": 5.0, "limits.velocity": 100.0}
+WARNED: dict[str, Any] = {
+    **{f"limits.{name}": 0.1 for name in ("position", "velocity", "tracking_error")},
+    **{f"limits.{name}_action": "warn" for name in ("position", "velocity", "tracking_error")},
+}
+
+
+@pytest.mark.parametrize("law", LAWS.names)
+@pytest.mark.parametrize("changes", [{}, LIMITED, WARNED], ids=["default", "limited", "warned"])
+@hypothesis_settings(max_examples=30)
+@given(actions=ACTIONS)
+def test_whatever_happens_the_torque_is_sound_and_the_status_says_what_it_is(
+    law: str, changes: dict[str, Any], actions: list[tuple[str, int, float, float, int]]
+) -> None:
+    controller = Controller(resolve(controller_schema, {"law.name": law, **changes}, 2))
+    config, stamp, fault = controller.config, START, Fault.NO_FAULT
+    for action, elapsed, measured, desired, age in actions:
+        before = controller.effort.copy()
+        if action == "reset":
+            controller.reset_fault()
+            fault = Fault.NO_FAULT
+            continue
+        if action == "afresh":
+            stamp -= 10 * START
+            controller.begin_afresh(stamp + elapsed)
+        stamp += elapsed
+        begun = controller.commanded
+        if action == "stop":
+            controller.stop(Fault.STATE_STALE, elapsed)
+        else:
+            controller.position[:], controller.reference[0] = measured, desired
+            controller.step(stamp, stamp - age)
+
+        assert np.isfinite(controller.signals).all()
+        assert (np.abs(controller.effort) <= config.effort_limit).all()
+        np.testing.assert_array_equal(controller.signals[Signal.EFFORT], controller.effort)
+        mode, now, joint, violations = controller.status
+        assert (mode == Mode.STOPPED) == (now != Fault.NO_FAULT)
+        assert not fault or now in (fault, Fault.EFFORT_RATE_LIMIT), "latched"
+        assert 0 <= joint <= 2
+        assert (joint > 0) == (now in (Fault.POSITION_LIMIT, Fault.VELOCITY_LIMIT, Fault.TRACKING_LIMIT))
+        assert not violations & ~sum(Violation)
+        fault = Fault(now)
+        if begun and action == "step" and fault != Fault.EFFORT_RATE_LIMIT:
+            allowed = config.effort_rate * controller.clock(Clock.GAP) * 1e-9
+            assert (np.abs(controller.effort - before) <= allowed + 1e-9)[config.effort_rate > 0.0].all()
