@@ -26,6 +26,10 @@ _KEPT_CACHES = 6
 # statically but announces the function type it tries first as experimental.
 warnings.simplefilter("ignore", numba.NumbaExperimentalFeatureWarning)
 
+# Loops run over a handful of joints: to check whether they can be vectorised takes longer than that saves, by 4 % of a
+# rollout.
+numba.config.LOOP_VECTORIZE = 0
+
 
 def _writable_root() -> Path:
     """Folder of our own for the caches: below NUMBA_CACHE_DIR, the user's cache folder, or a temporary one."""

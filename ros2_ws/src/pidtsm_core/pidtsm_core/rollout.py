@@ -138,7 +138,8 @@ def _simulate(
                         memory.reference[i, j] = desired[sample, i, places[1, j]]
             for j in range(joints):
                 memory.measured[j] = measured[places[0, j]]
-                memory.applied[j] = applied[places[0, j]]
+                if controller.feeds_back:
+                    memory.applied[j] = applied[places[0, j]]
                 truth[0, j] = derivatives[0, places[0, j]]
                 truth[1, j] = derivatives[1, places[0, j]]
             step(controller, memory, sample * period, referred, truth)
@@ -244,6 +245,9 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
     for node, table in (("controller", result.signals), ("trajectory", result.reference)):
         if joints[node] != result.joints:
             table[:] = table[..., JointOrder(result.joints).match(joints[node])]
+    # Counted from 1, as 0 stands for no joint in particular.
+    of_the_result = np.array([0, *(result.joints.index(joint) + 1 for joint in joints["controller"])])
+    result.status[:, Status.FAULT_JOINT] = of_the_result[result.status[:, Status.FAULT_JOINT]]
     return result
 
 

@@ -1,6 +1,7 @@
 """A run, and bags of it: good ones and broken ones."""
 
 import json
+import signal
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -12,6 +13,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from pidtsm_core.rollout import Rollout, rollout
 from pidtsm_core.signals import Signal
 from pidtsm_experiments.recording import METADATA_KEY, typestore
+
+# A shell's background jobs ignore SIGINT, and so would the processes that tests interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 Edit: TypeAlias = Callable[[str, int, Any], Any]
 WriteBag: TypeAlias = Callable[..., Path]

@@ -7,7 +7,7 @@ import numpy as np
 
 from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
 from pidtsm_core.control.state import Clock, memory_size, numbers_size, parts
-from pidtsm_core.control.step import begin_afresh, farthest, reset_fault, respond, stop_now
+from pidtsm_core.control.step import begin_afresh, reset_fault, respond, stop_now
 from pidtsm_core.control.tick import tick
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.joints import MessageError
@@ -92,6 +92,7 @@ class Controller:
             rate.any(),
             values["feedback.effort"] == "measured",
             any(np.any(values[f"limits.{name}"]) for name in LIMITS.values()),
+            any(values[f"rehearsal.{name}"] for name in ("reset_fault", "restart")),
             *law.numbers(values),
         ]
         self.numbers[: len(integers)] = integers
@@ -124,7 +125,6 @@ class Controller:
         """Compile all that a step may call, before the loop; the state is that of the start afterwards."""
         respond(self.memory, self.numbers, 0, -1, self.effort, self.signals)
         stop_now(self.memory, self.numbers, 0, -1, self.effort, self.signals)
-        farthest(self.state)
         reset_fault(self.state)
         self.reset()
 
@@ -169,10 +169,11 @@ class Controller:
         """Why the arm must not be moved now; empty where it may be. `referred`: there is a reference."""
         if not referred:
             return ""
-        joint, distance = farthest(self.state)
+        distances = np.abs(self.reference[0] - self.position)
+        distance = distances.max()
         if distance <= self.config.distance:
             return ""
-        name = self._names[joint]
+        name = self._names[int(distances.argmax())]
         return f"{name} is {distance:.3g} rad from its reference (activation.distance {self.config.distance:g})"
 
     def reset_fault(self) -> None:

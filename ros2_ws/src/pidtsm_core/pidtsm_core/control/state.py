@@ -50,6 +50,7 @@ class ControllerConfig(NamedTuple):
     rate_limited: bool  # a joint has a rate limit
     feeds_back: bool  # the effort applied is measured
     watches: bool  # a joint has a limit of position, velocity or error
+    rehearses: bool  # a reset or a restart is to be rehearsed
     law_numbers: Numbers  # shape (LAW_NUMBERS,)
     blend: float  # s
     distance: float  # rad
@@ -90,7 +91,7 @@ class ControllerState(NamedTuple):
     scratch: Array  # shape (6, joints)
 
 
-_CONFIG_NUMBERS = 17  # lengths, and the integers of `ControllerConfig`
+_CONFIG_NUMBERS = 18  # lengths, and the integers of `ControllerConfig`
 _CLOCK = len(Clock)
 _SCALARS = 4
 # Rows of the table that ends the memory, one number a joint: of the configuration, of the state, signals, scratch.
@@ -145,6 +146,7 @@ def parts(memory: Array, numbers: Numbers) -> tuple[ControllerConfig, Controller
         rate_limited=numbers[14] != 0,
         feeds_back=numbers[15] != 0,
         watches=numbers[16] != 0,
+        rehearses=numbers[17] != 0,
         law_numbers=numbers[_CONFIG_NUMBERS:clock],
         blend=memory[0],
         distance=memory[1],

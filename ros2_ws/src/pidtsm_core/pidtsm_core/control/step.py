@@ -28,7 +28,8 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         truth: true q', q'' for an estimator that `needs_truth`, shape (2, joints), else ignored.
     """
     clock, y = state.clock, state.signals
-    _rehearse(config, state, stamp, reference_stamp)
+    if config.rehearses:
+        _rehearse(config, state, stamp, reference_stamp)
     first = clock[Clock.ANSWERED] == 0
     period = 0 if first else stamp - clock[Clock.LAST]
     clock[Clock.GAP] = period
@@ -109,17 +110,15 @@ def reset_fault(state: ControllerState) -> None:
 
 
 @outlined
-def farthest(state: ControllerState) -> tuple[int, float]:
-    """The joint that is farthest from its reference, and its distance, rad."""
-    joint, distance = 0, 0.0
+def _distance(state: ControllerState) -> float:
+    """How far the arm is from its reference, rad: the joint that is farthest."""
+    distance = 0.0
     for j in range(state.measured.size):
-        error = abs(state.reference[0, j] - state.measured[j])
-        if error > distance:
-            joint, distance = j, error
-    return joint, distance
+        distance = max(distance, abs(state.reference[0, j] - state.measured[j]))
+    return distance
 
 
-@njit
+@outlined
 def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, reference_stamp: int) -> None:
     """Note when the controller began, and do what the parameters ``rehearsal`` want of this sample."""
     clock = state.clock
@@ -127,7 +126,7 @@ def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, refe
         clock[Clock.BEGAN] = stamp + 1
     age = stamp + 1 - clock[Clock.BEGAN]
     resets = 0 < config.reset_at <= age and clock[Clock.REHEARSED_RESET] == 0 and state.status[Status.FAULT] != 0
-    if resets and (reference_stamp < 0 or farthest(state)[1] <= config.distance):
+    if resets and (reference_stamp < 0 or _distance(state) <= config.distance):
         clock[Clock.REHEARSED_RESET] = 1
         reset_fault(state)
     if 0 < config.restart_at <= age and clock[Clock.REHEARSED_RESTART] == 0:

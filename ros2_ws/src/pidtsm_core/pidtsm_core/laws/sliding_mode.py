@@ -134,7 +134,7 @@ def compose(
         members += _MANIFOLD_PARAMETERS if manifold_name == "pid" else ()
         members += REACHING_LAWS[reaching_name].parameters
         own = defaults or {}
-        return (*choices, *(replace(p, default=own.get(p.name, p.default)) for p in members), ANTI_WINDUP)
+        return (*choices, *(replace(p, default=own[p.name]) if p.name in own else p for p in members), ANTI_WINDUP)
 
     def numbers(values: Mapping[str, Value]) -> Numbers:
         surface_name, manifold_name, reaching_name = parts(values)
