@@ -61,7 +61,7 @@ class Controller:
         model, gains = _packed(values, self.joints)
         self.memory = np.zeros(memory_size(self.joints, model.size, gains.shape[1]))
         self.numbers = np.zeros(numbers_size(), dtype=np.int64)
-        self.set_parameters(values)
+        self._fill(values, model, gains)
         self.position, self.reference = self.state.measured, self.state.reference
         self.measured = self.state.received
 
@@ -71,10 +71,13 @@ class Controller:
         Args:
             values: as for the controller, with the same law, estimator and robot.
         """
+        self._fill(values, *_packed(values, self.joints))
+
+    def _fill(self, values: Mapping[str, Value], model: Array, gains: Array) -> None:
+        """Write the configuration, with packed parameters of model and law, to the arrays."""
         robot = ROBOTS[str(values["robot.name"])]
         law = LAWS[str(values["law.name"])]
         estimator = ESTIMATORS[str(values["estimator.name"])]
-        model, gains = _packed(values, self.joints)
         rate = joint_array(values["limits.effort_rate"], self.joints)
         kind = values["stop.effort"]
         integers = [
