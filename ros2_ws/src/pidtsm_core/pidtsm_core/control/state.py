@@ -84,9 +84,7 @@ class ControllerState(NamedTuple):
     signals: Array  # shape (len(Signal), joints), see `Signal`
     truth: Array  # true q', q'' of whoever simulates, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of whoever simulates, shape (joints,), N m
-    received: (
-        Array  # `measured` and, where it is wanted, `applied`: what is read from a joint state, shape (1 or 2, joints)
-    )
+    received: Array  # what is read from a joint state: `measured`, and `applied` where wanted, shape (1 or 2, joints)
     accelerations: Array  # scratch: a_eq, a_cmd, shape (2, joints)
     scratch: Array  # shape (6, joints)
 

@@ -49,6 +49,8 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         for j in range(last.size):
             last[j] = y[Signal.EFFORT, j]
     tick(config, state, state.measured, truth, state.desired, dt)
+    # A limit that is taken away is exceeded no more.
+    state.status[Status.VIOLATIONS] = 0
     if config.watches:
         _check_limits(config, state)
     if state.status[Status.FAULT]:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pidtsm_core.control import Clock, Controller, controller_schema
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import resolve
-from pidtsm_core.signals import Fault, Mode, Signal, Violation
+from pidtsm_core.signals import Fault, Mode, Signal, Status, Violation
 
 MS = 1_000_000
 START = 1_000_000_000
@@ -73,3 +73,14 @@ def test_whatever_happens_the_torque_is_sound_and_the_status_says_what_it_is(
         if begun and action == "step" and fault != Fault.EFFORT_RATE_LIMIT:
             allowed = config.effort_rate * controller.clock(Clock.GAP) * 1e-9
             assert (np.abs(controller.effort - before) <= allowed + 1e-9)[config.effort_rate > 0.0].all()
+
+
+def test_a_limit_that_is_taken_away_is_exceeded_no_more() -> None:
+    limit = {"limits.position": 0.5, "limits.position_action": "warn"}
+    controller = Controller(resolve(controller_schema, limit, 2))
+    controller.position[:] = 0.6
+    controller.step(0, -1)
+    assert controller.status[Status.VIOLATIONS] == Violation.POSITION
+    controller.set_parameters(resolve(controller_schema, {}, 2))
+    controller.step(1_000_000, -1)
+    assert controller.status[Status.VIOLATIONS] == 0
