@@ -180,12 +180,14 @@ class ControllerRig(Rig):
 
     node = "controller"
     start = (0.2, -0.1)
+    # An arm that may jump, and a safe torque that can be told.
+    settings = ("plausibility.velocity:=0.0", "stop.effort:=gravity_damping")
 
     def __init__(self, bench: Bench, *parameters: str) -> None:
         # Every message counts, also where the controller, by its parameters, runs in realtime.
         asked_for = [f"qos_overrides./{t}.subscription.reliability:=reliable" for t in ("joint_states", "reference")]
         topics = {"joint_commands": JointState, "controller/state": ControllerState}
-        super().__init__(bench, topics, *parameters, *asked_for)
+        super().__init__(bench, topics, *self.settings, *parameters, *asked_for)
         self.joint_states = bench.node.create_publisher(JointState, "joint_states", 10)
         self.references = bench.node.create_publisher(JointReference, "reference", 10)
         bench.spin_until(
@@ -253,9 +255,11 @@ class ControllerRig(Rig):
         pytest.fail("the reference is not followed")
 
     def begin(self) -> None:
-        """Time goes back, and the controller forgets what was."""
-        self.stamp -= 100 * SECOND
-        self.tick = 0
+        """The controller forgets what was: a fault is caused, and reset."""
+        self.bench.set("controller", {"limits.position": 1e-3})
+        self.step()
+        self.bench.set("controller", {"limits.position": 0.0})
+        assert self.reset().success
 
     def reset(self) -> Trigger.Response:
         """Call ~/reset_fault."""

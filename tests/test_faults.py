@@ -144,7 +144,16 @@ def ask_again(rig: ControllerRig) -> ControllerState:
 
 
 def go_back(rig: ControllerRig) -> ControllerState:
-    rig.joint_states.publish(rig.joint_state(rig.measured(), dt=-SECOND // 2))
+    """One stamp, and then another: nothing that goes on."""
+    for dt in (-900 * MS, -3 * MS):
+        rig.joint_states.publish(rig.joint_state((1.0, 1.0), dt=dt))
+        state = rig.step()
+    return state
+
+
+def run_ahead(rig: ControllerRig) -> ControllerState:
+    rig.joint_states.publish(rig.joint_state((1.0, 1.0), dt=5 * SECOND))
+    rig.references.publish(rig.reference((1.0, 1.0), dt=5 * SECOND))
     return rig.step()
 
 
@@ -182,14 +191,21 @@ ROWS = {
     ),
     "a stamp twice (dt = 0)": Row(
         repeat,
-        log=("rejected joint_states: two joint states have the same stamp",),
+        log=("rejected joint_states: repeated: it is that of the message before",),
         rejected=1,
         unnoticed=True,
         node=LATEST,
     ),
     "a stamp twice in lockstep": Row(ask_again, unnoticed=True),
-    "a stamp that goes back by 0.5 s": Row(
-        go_back, log=("rejected joint_states: the stamp goes back",), rejected=1, unnoticed=True
+    "a stamp that goes back by 0.9 s": Row(
+        go_back, log=("rejected joint_states: late: it is older than",), rejected=2, unnoticed=True
+    ),
+    "one stamp ahead by 5 s": Row(
+        run_ahead,
+        log=("rejected joint_states: ahead: it is ahead of", "rejected reference: ahead: it is ahead of"),
+        rejected=2,
+        unnoticed=True,
+        node=LATEST,
     ),
     "`joint_states`: nan": bad_row("joint_states", "nan"),
     "`joint_states`: no message": no_message("joint_states"),
@@ -222,7 +238,7 @@ def test_the_controller(rigs: Rigs, name: str) -> None:
         rig.says()
         rig.begin()
         np.testing.assert_array_equal(rig.drive(SETTLED), undisturbed[:SETTLED])
-        rig.check_log(("time went back: starting afresh",))
+        rig.check_log(("stopped: joint1 is beyond limits.position", RESET))
         rig.bench.set("controller", row.settings)
         state = row.inject(rig)
         assert (state.mode, state.fault, state.fault_joint) == (row.mode, row.fault, row.joint)

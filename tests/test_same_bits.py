@@ -196,6 +196,7 @@ CONDITIONS: dict[str, Any] = {
         **PERMUTED,
         "controller": {**PERMUTED["controller"], "limits.tracking_error": 0.2},
     },
+    "measurements that cannot be": {"simulator": {"noise.std": 0.015}},
     "restart of the controller": {
         "controller": {"rehearsal.restart": 0.3, "activation.blend": 0.1, "limits.effort_rate": 1000.0}
     },
@@ -230,4 +231,5 @@ def test_the_conditions_are_what_they_are_called() -> None:
     assert Fault.STATE_STALE in status("gap in the joint states that stops, reset", Status.FAULT)
     assert Mode.HOLDING in status("stale reference", Status.MODE)
     assert max(status("limits that warn", Status.VIOLATIONS)) > 0
+    assert Fault.MEASUREMENT in status("measurements that cannot be", Status.FAULT)
     assert (runs["brakes"].effort[250:290] == 0.0).all()

@@ -1,20 +1,30 @@
 """Strangers: somebody else's controller on our simulator, and somebody else's plant under our controller.
 
-They know the documented topics and standard messages, nothing of this project's code; they name joint2 first.
+They know the documented topics and standard messages, not what the nodes do inside; they name joint2 first.
 """
 
 import math
 from typing import Any
 
 import numpy as np
+import pytest
 from bench import Bench
 from numpy.typing import NDArray
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from pidtsm_experiments.runner import Process
+from pidtsm_msgs.msg import JointReference
+from pidtsm_ros.stamps import nanoseconds, set_stamp
 
 Vector = NDArray[np.float64]
 
 STRANGERS_ORDER = ["joint2", "joint1"]
 PERIOD = 0.001  # s
+MS = 1_000_000
+SECOND = 1000 * MS
 G = 9.8  # m/s^2
 
 
@@ -83,41 +93,87 @@ def test_a_strangers_controller_tracks_on_our_simulator(bench: Bench) -> None:
     assert np.abs(stranger.errors).max() < 2e-3
 
 
+EPOCH = 86_400 * 365 * SECOND
+"""Its stamps are of another clock."""
+
+
 class StrangersPlant:
-    """An arm by Lagrange's equations, integrated by RK4; it moves when the command for its last state has come."""
+    """An arm by Lagrange's equations with friction; it moves when the command for its last state has come.
 
-    def __init__(self, bench: Bench, samples: int) -> None:
-        self.samples = samples
-        self.q, self.v = np.array([0.3, 0.1]), np.zeros(2)
+    Attributes:
+        now: simulated time, ns.
+        times, positions, efforts: s, rad and N m, of every state that was answered.
+    """
+
+    def __init__(self, bench: Bench, rate: int = 1000, heavier: float = 0.0, jitter: float = 0.0) -> None:
+        self.bench = bench
+        self.period, self.jitter, self.heavier = 1.0 / rate, jitter, 1.0 + heavier
+        self.random = np.random.default_rng(rate)
+        self.now, self.epoch = 0, EPOCH
+        self.q, self.v = np.array([0.39, -0.01]), np.zeros(2)
+        self.times: list[float] = []
         self.positions: list[Vector] = []
+        self.efforts: list[Vector] = []
+        self.answers: list[JointState] = []
         self.states = bench.node.create_publisher(JointState, "joint_states", 10)
-        bench.node.create_subscription(JointState, "joint_commands", self.on_command, 10)
+        self.references: list[JointReference] = []
+        bench.node.create_subscription(JointState, "joint_commands", self.answers.append, 10)
+        bench.node.create_subscription(JointReference, "reference", self.references.append, 10)
 
-    def publish(self) -> None:
-        message = JointState(name=STRANGERS_ORDER, position=[self.q[1], self.q[0]])
-        message.header.stamp.sec, milliseconds = divmod(len(self.positions), 1000)
-        message.header.stamp.nanosec = milliseconds * 1_000_000
-        self.positions.append(self.q)
+    def publish(self, stamp: int, q: Vector) -> None:
+        message = JointState(name=STRANGERS_ORDER, position=[q[1], q[0]])
+        set_stamp(message.header.stamp, stamp)
         self.states.publish(message)
 
-    def on_command(self, message: JointState) -> None:
-        assert round(seconds(message) / PERIOD) == len(self.positions) - 1, "each state is answered once"
-        torque = np.clip(in_order(message, message.effort), [-100.0, -50.0], [100.0, 50.0])
+    def state(self, later: int = 0) -> None:
+        """The state of now, with a stamp that is so much later, ns."""
+        self.publish(self.epoch + self.now + later, self.q)
+
+    def step(self) -> None:
+        """A state, its command, and the arm's motion under it until the next."""
+        self.state()
+
+        def answered() -> bool:
+            # Faster than the trajectory node can answer nobody need be.
+            newest = [heard[-1] if heard else None for heard in (self.answers, self.references)]
+            return all(m and nanoseconds(m.header.stamp) == self.epoch + self.now for m in newest)
+
+        self.bench.spin_until(answered, f"a command at {self.now / SECOND} s")
+        torque = in_order(self.answers[-1], self.answers[-1].effort)
+        self.times.append(self.now / SECOND)
+        self.positions.append(self.q)
+        self.efforts.append(torque)
+        took = round(self.period * (1.0 + self.random.uniform(-self.jitter, self.jitter)) * SECOND)
+        self.now += took
+        steps = math.ceil(took / SECOND / PERIOD)
+        for _ in range(steps):
+            self.integrate(torque, took / SECOND / steps)
+
+    def integrate(self, torque: Vector, dt: float) -> None:
+        """RK4."""
 
         def rate(state: Vector) -> Vector:
             q, v = state[:2], state[2:]
             friction = 0.5 * v + 0.5 * np.tanh(v / 0.05)
-            return np.concatenate([v, np.linalg.solve(mass_matrix(q), torque - bias(q, v) - friction)])
+            needed = self.heavier * bias(q, v) + friction
+            return np.concatenate([v, np.linalg.solve(self.heavier * mass_matrix(q), torque - needed)])
 
         state = np.concatenate([self.q, self.v])
         k1 = rate(state)
-        k2 = rate(state + 0.5 * PERIOD * k1)
-        k3 = rate(state + 0.5 * PERIOD * k2)
-        k4 = rate(state + PERIOD * k3)
-        state = state + PERIOD * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+        k2 = rate(state + 0.5 * dt * k1)
+        k3 = rate(state + 0.5 * dt * k2)
+        k4 = rate(state + dt * k3)
+        state = state + dt * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
         self.q, self.v = state[:2], state[2:]
-        if len(self.positions) < self.samples:
-            self.publish()
+
+    def go_on(self, seconds: float) -> None:
+        end = self.now + round(seconds * SECOND)
+        while self.now < end:
+            self.step()
+
+    def largest_step(self, since: int) -> float:
+        """Of the torque, N m."""
+        return float(np.abs(np.diff(self.efforts[since:], axis=0)).max())
 
 
 def article(t: Vector) -> NDArray[np.float64]:
@@ -126,18 +182,112 @@ def article(t: Vector) -> NDArray[np.float64]:
     return np.stack([first + second, second - first], axis=1)
 
 
-def test_our_controller_tracks_on_a_strangers_plant(bench: Bench) -> None:
-    plant = StrangersPlant(bench, 3000)
-    bench.start("controller", "reference.match:=stamp")
-    bench.start("trajectory", "clock:=lockstep")
+def start(bench: Bench, plant: StrangersPlant, **parameters: object) -> dict[str, Process]:
+    """Our controller and trajectory in realtime, which the plant's time has nothing to do with."""
+    given = {"watchdog.state_stop": 5.0, **{name.replace("__", "."): value for name, value in parameters.items()}}
+    # The test needs every answer.
+    reliable = "qos_overrides./{}.subscription.reliability:=reliable"
+    nodes = {
+        "controller": bench.start(
+            "controller",
+            *(f"{name}:={value}" for name, value in given.items()),
+            *(reliable.format(topic) for topic in ("joint_states", "reference")),
+        ),
+        "trajectory": bench.start("trajectory", reliable.format("joint_states")),
+    }
     bench.spin_until(
         lambda: plant.states.get_subscription_count() == 2 and bench.node.count_subscribers("reference") == 1,
         "controller and trajectory",
     )
+    return nodes
 
-    plant.publish()
-    bench.spin_until(lambda: len(plant.positions) == plant.samples, "the last sample")
 
-    error = plant.positions - article(np.arange(plant.samples) * PERIOD)
-    assert np.abs(error[0]).max() > 0.05, "it begins off the reference"
-    assert np.abs(error[-1000:]).max() < 3e-3
+@pytest.mark.parametrize(
+    ("rate", "jitter"), [(100, 0.0), (250, 0.0), (500, 0.0), (700, 0.4), (1000, 0.0)], ids=lambda value: f"{value:g}"
+)
+def test_our_nodes_track_on_a_strangers_plant_whatever_its_rate_and_its_stamps(
+    bench: Bench, rate: int, jitter: float
+) -> None:
+    """A fifth heavier than the model; stamps come late, ahead and twice, and are of another clock than ours."""
+    plant = StrangersPlant(bench, rate, 0.2, jitter)
+    nodes = start(bench, plant, plausibility__velocity=20.0)
+    plant.go_on(3.0)
+    settled = len(plant.times)
+    strange = [-1, -3, -20, -100, -500, -900, 5000, 3_600_000]
+    for milliseconds in strange:
+        plant.state(milliseconds * MS)
+        plant.go_on(0.05)
+        plant.state()
+        plant.state(milliseconds * MS - round(plant.period * SECOND))
+        plant.step()
+    for _ in range(2):
+        # A sample that cannot be.
+        plant.q, arm = plant.q + 1.0, plant.q
+        plant.state()
+        plant.now, plant.q = plant.now + round(plant.period * SECOND), arm
+        plant.go_on(0.05)
+    plant.go_on(1.0)
+
+    times = np.array(plant.times)
+    error = np.abs(np.array(plant.positions) - article(times))
+    assert error[settled:].max() < 1e-3
+    # What the law needs for the motion changes by less.
+    assert plant.largest_step(settled) < 10.0
+    for node in nodes.values():
+        said = node.log.read_text()
+        assert "rejected joint_states: late" in said
+        assert "rejected joint_states: ahead" in said
+        assert "holding" not in said
+
+
+def test_where_a_strangers_clock_is_set_the_arm_stays_until_it_is_told_to_go_on(bench: Bench) -> None:
+    plant = StrangersPlant(bench, 500, 0.2)
+    nodes = start(bench, plant)
+    plant.go_on(2.0)
+    for epoch in (EPOCH - 3600 * SECOND, EPOCH + 5 * SECOND):
+        before, plant.epoch = len(plant.times), epoch
+        for _ in range(5):
+            plant.state()
+            plant.now += round(plant.period * SECOND)
+        plant.go_on(2.0)
+        rest = plant.q
+        plant.go_on(2.0)
+        assert np.abs(np.array(plant.positions[before:]) - rest).max() < 0.05, "it comes to rest"
+        assert np.abs(plant.q - rest).max() < 2e-3
+        assert plant.largest_step(before) < 10.0
+    assert "holding the arm where it is" in nodes["trajectory"].log.read_text()
+
+    began, before = plant.now / SECOND, len(plant.times)
+    assert bench.call(Trigger, "trajectory/begin", Trigger.Request()).success
+    plant.go_on(5.0)
+    assert plant.largest_step(before) < 10.0
+    assert np.abs(plant.q - article(np.array([plant.now / SECOND - began]))[0]).max() < 3e-3
+
+
+@pytest.mark.parametrize("heavier", [-0.3, 0.3])
+def test_a_strangers_arm_that_is_stopped_stays_also_while_nobody_measures_it(bench: Bench, heavier: float) -> None:
+    plant = StrangersPlant(bench, 250, heavier)
+    start(bench, plant, stop__brakes="true", watchdog__state_stop=0.5)
+    brakes: list[Bool] = []
+    kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    bench.node.create_subscription(Bool, "controller/brakes", brakes.append, kept)
+    plant.go_on(2.0)
+    before = len(plant.times)
+    bench.set("controller", {"limits.position": 0.01})
+    plant.go_on(1.5)
+    stopped = plant.q
+    plant.go_on(4.0)
+    assert np.abs(np.array(plant.positions[-4 * 250 :]) - stopped).max() < 2e-3
+    bench.spin_until(lambda: brakes and brakes[-1].data, "the brakes")
+
+    # The watchdog publishes on, and joint states come back.
+    answers = len(plant.answers)
+    bench.spin_until(lambda: len(plant.answers) > answers + 20, "torques without joint states")
+    plant.efforts += [in_order(command, command.effort) for command in plant.answers[answers:]]
+    plant.now += 600 * MS
+    plant.go_on(0.5)
+    assert plant.largest_step(before) < 10.0
+    bench.set("controller", {"limits.position": 0.0})
+    assert bench.call(Trigger, "controller/reset_fault", Trigger.Request()).success
+    plant.go_on(0.1)
+    bench.spin_until(lambda: not brakes[-1].data, "the brakes' release")

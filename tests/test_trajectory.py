@@ -12,6 +12,7 @@ from builtin_interfaces.msg import Duration
 from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_msgs.msg import JointReference
@@ -74,10 +75,15 @@ def test_a_quintic_from_point_to_point_is_followed(bench: Bench) -> None:
 
 @dataclass
 class Rig:
-    """A trajectory node whose time is what the test says it is; the built-in motion is q = 0.3 sin 0.4 pi t."""
+    """A trajectory node whose time is what the test says it is; the built-in motion is q = 0.3 sin 0.4 pi t.
+
+    Attributes:
+        arm: where it is measured, rad, in the order of `PERMUTED`.
+    """
 
     bench: Bench
     references: list[JointReference] = field(default_factory=list)
+    arm: list[float] = field(default_factory=lambda: [0.0, 0.0])
 
     def __post_init__(self) -> None:
         node = self.bench.node
@@ -94,12 +100,17 @@ class Rig:
             "the trajectory node",
         )
 
+    def publish(self, t: float) -> JointState:
+        """A joint state of this time."""
+        message = JointState(name=PERMUTED, position=self.arm)
+        set_stamp(message.header.stamp, round(t * 1e9))
+        self.joint_states.publish(message)
+        return message
+
     def at(self, t: float) -> NDArray[np.float64]:
         """The reference that answers a joint state of this time, shape (3, joints)."""
-        message = JointState(name=NAMES, position=[0.0, 0.0])
-        set_stamp(message.header.stamp, round(t * 1e9))
         before = len(self.references)
-        self.joint_states.publish(message)
+        message = self.publish(t)
         self.bench.spin_until(lambda: len(self.references) > before, f"the reference at {t} s")
         answer = self.references[-1]
         assert answer.header.stamp == message.header.stamp
@@ -155,7 +166,7 @@ def test_what_cannot_be_followed_is_refused_with_the_reason_and_the_motion_goes_
     np.testing.assert_allclose(rig.at(11.0), sine(3.5), atol=1e-12)
 
 
-def test_it_is_preempted_smoothly_cancelled_smoothly_and_begins_anew_when_time_goes_back(rig: Rig) -> None:
+def test_it_is_preempted_smoothly_and_cancelled_smoothly(rig: Rig) -> None:
     rig.at(10.0)
     rest = [0.0, 0.0]
     rig.send(trajectory(point(2.0, [0.5, -0.5], rest, rest), names=PERMUTED), "following a trajectory")
@@ -169,5 +180,39 @@ def test_it_is_preempted_smoothly_cancelled_smoothly_and_begins_anew_when_time_g
     held = rig.at(12.0)
     assert not held[1:].any()
     np.testing.assert_array_equal(rig.at(20.0), held)
-    np.testing.assert_allclose(rig.at(5.0), sine(0.0), atol=1e-12)
-    np.testing.assert_allclose(rig.at(6.0), sine(1.0), atol=1e-12)
+
+
+def test_a_stamp_that_goes_back_moves_nothing(rig: Rig) -> None:
+    rig.at(10.0)
+    rig.send(trajectory(point(1.0, [0.1, 0.2])), "following a trajectory")
+    held = rig.at(12.0)
+    for k, late in enumerate((0.003, 0.9, 5.0, 3600.0)):
+        rig.publish(12.0 - late)
+        np.testing.assert_array_equal(rig.at(12.1 + k), held)
+    assert rig.process.log.read_text().count("rejected joint_states: late: it is older than") == 1, "once a cause"
+
+
+@pytest.mark.parametrize("arm", [[0.3, -0.2], [0.7, 0.1]], ids=["as before", "elsewhere"])
+def test_where_the_clock_has_been_set_the_arm_is_held_until_the_motion_is_begun(rig: Rig, arm: list[float]) -> None:
+    rig.at(10.0)
+    rig.send(trajectory(point(1.0, [-0.2, 0.3])), "following a trajectory")
+    present = rig.at(12.0)
+    rig.arm = arm
+    rig.publish(5.0)
+    held = rig.at(5.0)
+    np.testing.assert_allclose(held, [arm[::-1], [0.0, 0.0], [0.0, 0.0]], atol=1e-12)
+    np.testing.assert_array_equal(rig.at(9.0), held)
+    assert (held == present).all() == (arm == [0.3, -0.2])
+    assert "~/begin begins the built-in motion" in rig.process.log.read_text()
+
+    assert rig.bench.call(Trigger, "trajectory/begin", Trigger.Request()).success
+    np.testing.assert_allclose(rig.at(9.0), held, atol=1e-12)
+    path = np.array([rig.at(9.0 + 0.05 * k)[0] for k in range(1, 80)])
+    assert np.abs(np.diff(path, axis=0)).max() < 0.1
+    np.testing.assert_allclose(rig.at(14.0), sine(5.0), atol=1e-12)
+
+
+def test_nothing_is_begun_before_there_is_a_joint_state(rig: Rig) -> None:
+    response = rig.bench.call(Trigger, "trajectory/begin", Trigger.Request())
+    assert not response.success
+    assert "no joint state" in response.message

@@ -6,8 +6,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
 
-from pidtsm_core.control import Clock, Controller, Stamp
+from pidtsm_core.arrivals import Arrivals, Stamp
+from pidtsm_core.control import Clock, Controller
 from pidtsm_core.joints import MessageError
 from pidtsm_core.node_parameters import PRIORITY, controller_node_schema
 from pidtsm_core.parameters import names, number
@@ -19,6 +21,7 @@ from pidtsm_ros.diagnostics import Diagnostics, Reading, loop_readings
 from pidtsm_ros.effort_topics import EFFORT_TOPICS
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.qos import KEPT
 from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage, deserialize
 
@@ -42,8 +45,9 @@ class ControllerNode(ManagedNode):
     def __init__(self) -> None:
         super().__init__("controller", controller_node_schema, robot_joints)
         self._diagnostics: Diagnostics | None = None
-        self._ticks = self._at_limit = 0
+        self._ticks = self._at_limit = self._doubted = 0
         self._status: tuple[int, ...] | None = None
+        self._braked: bool | None = None
         self._polled = self._attentive_since = 0
 
     @property
@@ -74,11 +78,13 @@ class ControllerNode(ManagedNode):
         self._incoming_state = IncomingMessages(JointState, fields, joints)
         self._incoming_reference = IncomingMessages(JointReference, _REFERENCE_FIELDS, joints)
         self._take_parameters()
-        self._reference_stamp = self._answered_stamp = self._state_stamp = self._waiting_stamp = -1
+        self._answered_stamp = self._waiting_stamp = -1
+        self._state_arrivals, self._reference_arrivals = Arrivals(), Arrivals()
         self._arrived = 0
 
         self._commands = self.advertise(topic.message_type, topic.name)
         self._states = self.advertise(ControllerState, "~/state")
+        self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset_fault", self._reset_fault)
         # What comes before activation is needed for it.
@@ -90,12 +96,12 @@ class ControllerNode(ManagedNode):
         return super().on_cleanup(state)
 
     def refusal(self) -> str:
-        if self._state_stamp < 0:
+        if self._state_arrivals.last < 0:
             return "no joint state so far"
         silence = (time.monotonic_ns() - self._arrived) * 1e-9
-        if not self.lockstep and silence > number(self.values["watchdog.state_stop"]):
+        if not self.lockstep and silence * NANOSECONDS > self._state_stop:
             return f"the last joint state came {silence:.3g} s ago (watchdog.state_stop)"
-        return self._controller.refusal(self._reference_stamp >= 0)
+        return self._controller.refusal(self._reference_arrivals.last >= 0)
 
     def activate(self) -> None:
         self._statistics.reset()
@@ -105,12 +111,15 @@ class ControllerNode(ManagedNode):
         self._controller.reset()
         self._at_limit = 0
         self._status = None
-        self._waiting_stamp = self._state_stamp
+        self._doubted = 0
+        self._waiting_stamp = self._state_arrivals.last
+        self._engage_brakes()
 
     def deactivate(self) -> None:
         """Leave the arm with a safe torque; where every stamp has one command, none is left to take it."""
         if self._controller.commanded and not self.lockstep:
-            self._publish_safe(Fault.NO_FAULT, -1)
+            self._controller.leave()
+            self._publish_once_more()
 
     def parameters_changed(self) -> None:
         self._controller.set_parameters(self.values)
@@ -119,8 +128,12 @@ class ControllerNode(ManagedNode):
         for warning in self._controller.warnings():
             self.get_logger().warning(warning)
 
+    @property
+    def _state_stop(self) -> int:
+        """How long joint states may stay out, ns."""
+        return self._controller.state_stop
+
     def _take_parameters(self) -> None:
-        self._state_stop = number(self.values["watchdog.state_stop"]) * NANOSECONDS
         self._decimation = int(number(self.values["state.decimation"]))
 
     def poll(self) -> float:
@@ -138,37 +151,48 @@ class ControllerNode(ManagedNode):
             self._attentive_since = now
         self._polled = now
         silence = now - max(self._arrived, self._attentive_since)
-        if silence > self._state_stop and self._controller.commanded and not self._controller.fault:
-            self._publish_safe(Fault.STATE_STALE, silence)
+        if self._controller.commanded and silence > self._state_stop:
+            self._controller.stop(Fault.STATE_STALE, silence)
+            self._publish_once_more()
+            if self._controller.status != self._status:
+                self._report(self._controller.status)
         return _CHECK
 
+    def _now(self) -> int | None:
+        """The clock by which stamps are judged, ns."""
+        return None if self.lockstep else time.monotonic_ns()
+
     def _on_reference(self, data: bytes) -> None:
-        stamp = serialized_nanoseconds(data)
+        stamp, now = serialized_nanoseconds(data), self._now()
         if not (self.lockstep and _is_none(data)):
+            judged = self._reference_arrivals.judge(stamp, now)
+            if judged in (Stamp.LATE, Stamp.AHEAD):
+                raise MessageError(f"{judged.name.lower()}: {judged.value}")
             self._incoming_reference.read(data, self._controller.reference)
-            self._reference_stamp = stamp
+            self._reference_arrivals.take(judged, stamp, now)
         self._answered_stamp = stamp
         if self.active and self._waiting_stamp >= 0:
             self._answer()
 
     def _on_joint_state(self, data: bytes) -> None:
-        stamp = serialized_nanoseconds(data)
-        judged = self._controller.judge(stamp)
-        if judged is Stamp.REPEATED:
-            if not self.lockstep:
-                raise MessageError("two joint states have the same stamp")
+        stamp, now, arrivals = serialized_nanoseconds(data), self._now(), self._state_arrivals
+        judged = arrivals.judge(stamp, now)
+        if judged is Stamp.REPEATED and self.lockstep:
             # Lockstep asks again for an answer that did not arrive.
-            if self.active:
+            if self.active and self._waiting_stamp < 0:
                 self._commands.publish(self._command.to_bytes(stamp))
             return
+        if not judged.usable:
+            raise MessageError(f"{judged.name.lower()}: {judged.value}")
         self._incoming_state.read(data, self._controller.measured)
-        self._state_stamp = self._waiting_stamp = stamp
+        arrivals.take(judged, stamp, now)
+        self._waiting_stamp = stamp
         if judged is Stamp.RESTARTED:
-            self.get_logger().warning("time went back: starting afresh")
-            self._controller.begin_afresh(stamp)
-            # A reference of the time before says nothing.
-            if self._reference_stamp > stamp:
-                self._reference_stamp = -1
+            self.get_logger().warning(f"joint_states: {judged.value}: holding position until references follow")
+            self._controller.set_clock(stamp, arrivals.elapsed)
+            # References of the time before say nothing.
+            if abs(self._reference_arrivals.last - stamp) > self._state_stop:
+                self._reference_arrivals.forget()
         if not self.active:
             self._arrived = time.monotonic_ns()
             self.retry_activation()
@@ -184,7 +208,7 @@ class ControllerNode(ManagedNode):
         if self._status is None and self._commands.get_subscription_count() == 0:
             return
         began = time.perf_counter()
-        status = self._controller.step(stamp, self._reference_stamp)
+        status = self._controller.step(stamp, self._reference_arrivals.last)
         self._waiting_stamp = -1
         compute_time = time.perf_counter() - began
         self._commands.publish(self._command.to_bytes(stamp))
@@ -192,7 +216,9 @@ class ControllerNode(ManagedNode):
         # From here on nothing is urgent.
         if status != self._status:
             self._report(status)
-        age = 0.0 if self.lockstep else (time.time_ns() - stamp) * 1e-9
+        if self._brakes is not None:
+            self._engage_brakes()
+        age = 0.0 if self.lockstep else self._state_arrivals.age(time.monotonic_ns(), time.time_ns()) * 1e-9
         statistics = self._statistics
         statistics.tick(time.monotonic_ns(), age, compute_time)
         self._ticks += 1
@@ -217,12 +243,19 @@ class ControllerNode(ManagedNode):
                 self.get_logger().info(change.text)
         self._status = status
 
-    def _publish_safe(self, fault: Fault, elapsed: int) -> None:
-        """Publish the safe torque without a new joint state, `elapsed` ns after the last one; see `stop_now`."""
-        self._controller.stop(fault, elapsed)
-        self._commands.publish(self._command.to_bytes(self._controller.clock(Clock.LAST)))
-        if fault:
-            self._report(self._controller.status)
+    def _publish_once_more(self) -> None:
+        """Publish an effort that answers no new joint state."""
+        self._commands.publish(self._command.to_bytes(self._state_arrivals.last))
+        self._engage_brakes()
+
+    def _engage_brakes(self) -> None:
+        """Engage the brakes of an arm that has some, or release them, when that has changed."""
+        if self._brakes is None:
+            return
+        engaged = bool(self._controller.clock(Clock.BRAKES))
+        if engaged != self._braked:
+            self._braked = engaged
+            self._brakes.publish(Bool(data=engaged))
 
     def _reset_fault(self) -> str:
         """Follow again after a fault; returns why not, or nothing."""
@@ -251,7 +284,15 @@ class ControllerNode(ManagedNode):
             Reading(f"adaptive gain of {joint}", float(gain))
             for joint, gain in zip(names(self.values["joints"]), gains, strict=True)
         ]
-        readings.append(Reading("late joint states since activation", self._controller.clock(Clock.LATE)))
+        doubted, before = self._controller.clock(Clock.IMPLAUSIBLE), self._doubted
+        readings += [
+            Reading("late joint states since activation", self._controller.clock(Clock.LATE)),
+            Reading("stamps that were late or ahead", self._state_arrivals.refused),
+            Reading("implausible joint states since activation", doubted),
+        ]
+        self._doubted = doubted
+        if doubted > before:
+            self.get_logger().warning(f"{doubted - before} joint states are implausible (plausibility.velocity)")
         idle, level = "", DiagnosticStatus.WARN
         if not self.active:
             idle = f"inactive: {self.refusal() or 'to be activated'}"
@@ -261,4 +302,4 @@ class ControllerNode(ManagedNode):
             idle, level = "stopped by a fault; ~/reset_fault ends it", DiagnosticStatus.ERROR
         elif self._status is not None and self._status[Status.MODE] == Mode.HOLDING:
             idle = "holding position: no reference, or an old one"
-        self._diagnostics.publish(readings, idle, level)
+        self._diagnostics.publish(readings, idle, level, self._statistics.scale)

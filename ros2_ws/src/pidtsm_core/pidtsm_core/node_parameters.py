@@ -45,9 +45,22 @@ def _form_of_commands(name: str, description: str) -> Parameter:
 _LOOP = (
     AUTOSTART,
     PRIORITY,
-    Parameter("diagnostics.deadline", 0.002, "a longer period is a missed deadline", "s", minimum=0.0, exclusive=True),
+    Parameter(
+        "diagnostics.deadline",
+        0.002,
+        "a longer period is a missed deadline, at 1 kHz; at lower rates it grows with the nominal period",
+        "s",
+        minimum=0.0,
+        exclusive=True,
+    ),
     *_thresholds("missed", 0.001, 0.05, "share of the periods of a second that missed their deadline, in realtime"),
-    *_thresholds("jitter", 0.0005, 0.005, "standard deviation of the period, in realtime", "s"),
+    *_thresholds(
+        "jitter",
+        0.0005,
+        0.005,
+        "standard deviation of the period, in realtime, at 1 kHz; at lower rates as the deadline",
+        "s",
+    ),
 )
 
 _SIMULATOR = (
@@ -76,7 +89,14 @@ _SIMULATOR = (
 
 _CONTROLLER = (
     *_LOOP,
-    *_thresholds("age", 0.005, 0.05, "longest time from the stamp of a joint state to its command, in realtime", "s"),
+    *_thresholds(
+        "age",
+        0.005,
+        0.05,
+        "longest time from the stamp of a joint state to its command, in realtime, at 1 kHz; at lower rates as the "
+        "deadline",
+        "s",
+    ),
     *_thresholds("saturation", 0.5, 1.0, "share of the samples of a second with a joint at its torque limit"),
     Parameter(
         "reference.match",

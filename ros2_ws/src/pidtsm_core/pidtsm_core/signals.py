@@ -53,6 +53,7 @@ class Fault(IntEnum):
     VELOCITY_LIMIT = 3
     TRACKING_LIMIT = 4
     EFFORT_RATE_LIMIT = 5
+    MEASUREMENT = 6
 
 
 class Violation(IntEnum):

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.qos import QoSProfile
 
 from pidtsm_core.parameters import Value, number
 from pidtsm_ros.loop_statistics import LoopStatistics
@@ -31,14 +32,14 @@ class Reading:
     threshold: str = ""
 
 
-def judge(readings: list[Reading], values: Mapping[str, Value]) -> tuple[bytes, str]:
-    """Level and summary of readings, by the thresholds among a node's parameters."""
+def judge(readings: list[Reading], values: Mapping[str, Value], scale: float = 1.0) -> tuple[bytes, str]:
+    """Level and summary of readings, by the thresholds among a node's parameters; those of time times `scale`."""
     level, causes = DiagnosticStatus.OK, []
     for reading in readings:
         if not reading.threshold:
             continue
         for limit, worse in (("error", DiagnosticStatus.ERROR), ("warn", DiagnosticStatus.WARN)):
-            bound = number(values[f"diagnostics.{reading.threshold}.{limit}"])
+            bound = number(values[f"diagnostics.{reading.threshold}.{limit}"]) * (scale if reading.unit == "s" else 1.0)
             if reading.value > 0.0 and reading.value >= bound:
                 level = max(level, worse)
                 causes.append(f"{reading.name} {reading.value:.3g}{reading.unit and ' ' + reading.unit} >= {bound:g}")
@@ -65,7 +66,7 @@ class Diagnostics:
     def __init__(self, node: ManagedNode) -> None:
         """Args: node: whose loop it is."""
         self._node = node
-        self._publisher = node.advertise(DiagnosticArray, "/diagnostics", depth=10)
+        self._publisher = node.advertise(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
         self._next = 0.0
 
     @property
@@ -73,14 +74,27 @@ class Diagnostics:
         """A second has passed since the last time."""
         return time.monotonic() >= self._next
 
-    def publish(self, readings: list[Reading], idle: str = "", idle_level: bytes = DiagnosticStatus.WARN) -> None:
-        """Publish; `idle` says why the loop does not run as it should, where it does not, and how bad that is."""
+    def publish(
+        self,
+        readings: list[Reading],
+        idle: str = "",
+        idle_level: bytes = DiagnosticStatus.WARN,
+        scale: float = 1.0,
+    ) -> None:
+        """Publish.
+
+        Args:
+            readings: to be published.
+            idle: why the loop does not run as it should, where it does not.
+            idle_level: how bad that is.
+            scale: see `LoopStatistics.scale`.
+        """
         self._next = time.monotonic() + _PERIOD
         readings = [*readings, Reading("messages rejected since the start", self._node.rejected)]
         if idle:
             level, message = idle_level, idle
         else:
-            level, message = judge(readings, self._node.values)
+            level, message = judge(readings, self._node.values, scale)
         status = DiagnosticStatus(
             level=level,
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: loop",

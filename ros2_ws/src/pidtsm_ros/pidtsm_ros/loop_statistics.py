@@ -3,7 +3,10 @@
 import math
 from dataclasses import dataclass
 
-from pidtsm_core.timing import NANOSECONDS
+from pidtsm_core.timing import NANOSECONDS, track_period
+
+_FASTEST = NANOSECONDS // 1000
+"""ns; limits of time hold for loops of this period and faster ones, and grow with the period of slower ones."""
 
 
 @dataclass(frozen=True)
@@ -32,14 +35,14 @@ class LoopStatistics:
     """Counts the ticks of a loop.
 
     Attributes:
-        deadline: a longer period is a missed deadline, s.
+        deadline: a longer period is a missed deadline, s at 1 kHz, see `scale`.
         period: the last one, s; 0 before the second tick.
         missed: missed deadlines since the start.
         last: the last complete window.
     """
 
     def __init__(self, deadline: float) -> None:
-        """Args: deadline: a longer period is a missed deadline, s."""
+        """Args: deadline: see the attribute."""
         self.deadline = deadline
         self.reset()
 
@@ -49,8 +52,14 @@ class LoopStatistics:
         self.missed = 0
         self.last = Window()
         self._last_tick = -1
+        self._nominal = 0
         self._began = -1
         self._clear()
+
+    @property
+    def scale(self) -> float:
+        """What limits of time are to be multiplied with at the loop's nominal period, which is measured; 1 or more."""
+        return max(1.0, self._nominal / _FASTEST)
 
     def _clear(self) -> None:
         self._periods = 0
@@ -69,13 +78,14 @@ class LoopStatistics:
         if last < 0:
             self._began = now
             return
+        self._nominal = track_period(self._nominal, now - last)
         period = self.period = (now - last) * 1e-9
         self._periods += 1
         self._sum += period
         self._squares += period * period
         if period > self._longest_period:
             self._longest_period = period
-        if period > self.deadline:
+        if period > self.deadline * self.scale:
             self.missed += 1
         if age > self._longest_age:
             self._longest_age = age

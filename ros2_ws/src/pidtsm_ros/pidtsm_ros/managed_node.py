@@ -226,10 +226,9 @@ class ManagedNode(LifecycleNode):
 
     # Topics.
 
-    def advertise(self, message_type: type, topic: str, depth: int | None = None) -> Publisher:
-        """A publisher that lives until the node is cleaned up; `depth`, where given, instead of what topics have."""
-        samples = LOCKSTEP_PUBLISHER if self.lockstep else PUBLISHER
-        qos = copy(samples) if depth is None else QoSProfile(depth=depth)  # Overriding changes the profile.
+    def advertise(self, message_type: type, topic: str, profile: QoSProfile | None = None) -> Publisher:
+        """A publisher that lives until the node is cleaned up; `profile`, where given, instead of what streams have."""
+        qos = copy(profile or (LOCKSTEP_PUBLISHER if self.lockstep else PUBLISHER))  # Overriding changes the profile.
         publisher = self.create_publisher(message_type, topic, qos, qos_overriding_options=OVERRIDABLE)
         self._own_publishers.append(publisher)
         return publisher

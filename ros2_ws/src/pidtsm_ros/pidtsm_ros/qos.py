@@ -31,3 +31,5 @@ READER = _profile(100, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
 RELIABLE_READER = _profile(100, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
 """In lockstep, and of what is said once."""
 RECORDER = _profile(20_000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+KEPT = _profile(1, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+"""Of what is said when it changes: whoever comes later learns how it is."""

@@ -321,4 +321,4 @@ class Simulator(ManagedNode):
             Reading("stops by the brakes since activation", self._brakings),
             Reading("samples since the last command's", self._sample - self._answered),
         ]
-        self._diagnostics.publish(readings, idle)
+        self._diagnostics.publish(readings, idle, scale=self._statistics.scale)

@@ -13,7 +13,7 @@ from geometry_msgs.msg import Point, TransformStamped
 from rclpy.exceptions import ParameterException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header, String
@@ -22,6 +22,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from pidtsm_core.parameters import Array
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.process import spin_for
+from pidtsm_ros.qos import KEPT
 from pidtsm_ros.startup import refuse, start_ros
 from pidtsm_ros.stop import Stop
 from two_link_sim.kinematics import Joint, UrdfError, link_poses, read_urdf
@@ -36,7 +37,6 @@ GHOST = "reference"
 
 _PERIOD = 0.02  # s; a screen shows no more
 _NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-_KEPT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _FULL_TORQUE = 1.5 * math.pi  # rad of arc for a torque at its limit
 _ARC_RADIUS = 0.3  # m
 _ARC_POINTS = 24
@@ -56,7 +56,7 @@ class Visualization(Node):
         self._joints = read_urdf(description)
         self._newest = {"joint_states": JointState(), "joint_commands": JointState(), "reference": JointReference()}
 
-        self.create_publisher(String, "robot_description", _KEPT).publish(String(data=description))
+        self.create_publisher(String, "robot_description", KEPT).publish(String(data=description))
         self._markers = self.create_publisher(MarkerArray, "~/markers", 1)
         self._tf = None if TFMessage is None else self.create_publisher(TFMessage, "tf", 100)
         if self._tf is None:

@@ -1,6 +1,6 @@
 """The controller: everything between a measured position and the commanded effort, as one compiled step."""
 
-from pidtsm_core.control.controller import Controller, Stamp
+from pidtsm_core.control.controller import Controller
 from pidtsm_core.control.parameters import ESTIMATOR_NAME, LAW_NAME, controller_schema
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
 from pidtsm_core.control.step import step
@@ -13,7 +13,6 @@ __all__ = [
     "Controller",
     "ControllerConfig",
     "ControllerState",
-    "Stamp",
     "controller_schema",
     "step",
     "tick",

@@ -1,32 +1,30 @@
 """The controller as an object: checked parameters in, efforts out."""
 
 from collections.abc import Mapping, Sequence
-from enum import Enum, auto
 
 import numpy as np
 
 from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
 from pidtsm_core.control.state import Clock, memory_size, numbers_size, parts
-from pidtsm_core.control.step import begin_afresh, reset_fault, respond, stop_now
+from pidtsm_core.control.step import (
+    begin_afresh,
+    leave_now,
+    reset_fault,
+    respond,
+    set_clock,
+    stop_after,
+    stop_now,
+)
 from pidtsm_core.control.tick import tick
 from pidtsm_core.estimators import ESTIMATORS
-from pidtsm_core.joints import MessageError
 from pidtsm_core.laws import LAWS, kernel_number
 from pidtsm_core.parameters import Array, Value, joint_array, names, number
 from pidtsm_core.robots import ROBOTS
-from pidtsm_core.signals import Signal, Status
+from pidtsm_core.signals import Fault, Signal, Status
 from pidtsm_core.timing import NANOSECONDS
 
-_RESTARTED = NANOSECONDS
-"""ns; stamps that go back by more come from a source that was started anew, others are refused."""
-
-
-class Stamp(Enum):
-    """What the stamp of a joint state says."""
-
-    NEW = auto()
-    REPEATED = auto()
-    RESTARTED = auto()  # It goes back so far that its source was started anew.
+_NEAR = 0.05
+"""rad; an arm that is farther from where the estimates put it is not the same any more."""
 
 
 class Controller:
@@ -96,6 +94,9 @@ class Controller:
             values["feedback.effort"] == "measured",
             any(np.any(values[f"limits.{name}"]) for name in LIMITS.values()),
             any(values[f"rehearsal.{name}"] for name in ("reset_fault", "restart")),
+            kind == "hold",
+            bool(values["stop.brakes"]),
+            bool(np.any(values["plausibility.velocity"])),
             *law.numbers(values),
         ]
         self.numbers[: len(integers)] = integers
@@ -104,6 +105,7 @@ class Controller:
             number(values["activation.distance"]),
             kind in ("gravity", "gravity_damping"),
         )
+        self.memory[4:6] = number(values["stop.bandwidth"]), number(values["stop.fade"])
         self.config, self.state = parts(self.memory, self.numbers)
         config = self.config
         config.model[:] = model
@@ -114,6 +116,7 @@ class Controller:
         config.position_limit[:] = joint_array(values["limits.position"], self.joints)
         config.velocity_limit[:] = joint_array(values["limits.velocity"], self.joints)
         config.tracking_limit[:] = joint_array(values["limits.tracking_error"], self.joints)
+        config.plausible_velocity[:] = joint_array(values["plausibility.velocity"], self.joints)
         damps = kind in ("damping", "gravity_damping")
         config.damping[:] = joint_array(values["stop.damping"] if damps else 0.0, self.joints)
 
@@ -127,25 +130,12 @@ class Controller:
     def compile(self) -> None:
         """Compile all that a step may call, before the loop; the state is that of the start afterwards."""
         respond(self.memory, self.numbers, 0, -1, self.effort, self.signals)
-        stop_now(self.memory, self.numbers, 0, -1, self.effort, self.signals)
+        stop_now(self.memory, self.numbers, int(Fault.STATE_STALE), 0, self.effort, self.signals)
+        leave_now(self.memory, self.numbers, self.effort, self.signals)
+        set_clock(self.state, 0)
+        stop_after(self.config, self.state)
         reset_fault(self.state)
         self.reset()
-
-    def judge(self, stamp: int) -> Stamp:
-        """What the stamp of a joint state that arrived (ns) says, beside that of the last one answered.
-
-        Raises:
-            MessageError: it goes back, but not so far that its source could have been started anew.
-        """
-        clock = self.state.clock
-        elapsed = stamp - int(clock[Clock.LAST]) if clock[Clock.COMMANDED] else 1
-        if elapsed > 0:
-            return Stamp.NEW
-        if elapsed == 0:
-            return Stamp.REPEATED
-        if elapsed > -_RESTARTED:
-            raise MessageError("the stamp goes back")
-        return Stamp.RESTARTED
 
     def step(self, stamp: int, reference_stamp: int) -> tuple[int, int, int, int]:
         """Answer the measurement in `position`: writes `effort` and `signals`.
@@ -160,13 +150,32 @@ class Controller:
         return respond(self.memory, self.numbers, stamp, reference_stamp, self.effort, self.signals)
 
     def stop(self, fault: int, elapsed: int) -> None:
-        """Write the safe effort without a joint state; see `stop_now`."""
+        """Write the safe effort, `elapsed` (ns) after the last joint state; see `stop_now`."""
         stop_now(self.memory, self.numbers, int(fault), elapsed, self.effort, self.signals)
 
-    def begin_afresh(self, stamp: int) -> None:
-        """Forget the motion so far: what follows begins where the arm is, at `stamp` (ns); a fault stays."""
-        begin_afresh(self.state)
-        self.state.clock[Clock.LAST] = stamp - 1
+    def leave(self) -> None:
+        """Write the effort to be left behind where the controller ends: for good, it carries the arm."""
+        leave_now(self.memory, self.numbers, self.effort, self.signals)
+
+    @property
+    def state_stop(self) -> int:
+        """How long joint states may stay out, ns."""
+        return int(stop_after(self.config, self.state))
+
+    def set_clock(self, stamp: int, elapsed: int) -> None:
+        """Go on in another time: the clock of the joint states has been set, or their source been started anew.
+
+        Where the arm is as before, nothing is forgotten; what was desired comes to rest, as there is no reference in
+        this time so far. Else what follows begins where the arm is. A fault stays.
+
+        Args:
+            stamp: of the joint state in `position`, ns.
+            elapsed: since the last one that was answered, ns; 0: not known.
+        """
+        moved = np.abs(self.position - self.state.signals[Signal.POSITION]).max()
+        set_clock(self.state, stamp - (elapsed or 1))
+        if not elapsed or moved > _NEAR:
+            begin_afresh(self.state)
 
     def refusal(self, referred: bool) -> str:
         """Why the arm must not be moved now; empty where it may be. `referred`: there is a reference."""

@@ -16,6 +16,7 @@ _SHARE_OF_RATE = 0.5
 """Of the limit of the rate that a way may use; the rest is for the law."""
 _SHARE_OF_EFFORT = 0.9
 _SHORTEST_WAY, _LONGEST_WAY, _LONGER = 0.01, 20.0, 1.2  # s, s, from one that is tried to the next
+_SHORTEST_REST, _LONGEST_REST = 0.1, 2.0  # s in which the arm comes to rest
 _MOMENTS = 12
 _HOPELESS = 2.0
 """What is too much for a way, which allows only for a share of the rates."""
@@ -42,20 +43,26 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
     oldest = config.reference_timeout if followed else config.reference_timeout // 2
     follows = reference_stamp >= 0 and abs(age) <= oldest and not stopped
     status[Status.MODE] = Mode.STOPPED if stopped else (Mode.FOLLOWING if follows else Mode.HOLDING)
-    clock[Clock.REFERENCE_AGE] = age
+    clock[Clock.REFERENCE_AGE] = age if reference_stamp >= 0 else 0
     if follows and not followed:
         # From the motion desired last; at the very first sample that is rest where the arm is.
         _begin_way(config, state, desired, stamp)
         clock[Clock.ADAPTATION] = Adaptation.APPROACHING if state.way_duration[0] > 0.0 else Adaptation.NORMAL
         clock[Clock.STRAYED] = 0
     elif followed and not follows:
-        begin_at(state, desired[0])
-    write_base(state, desired)
+        come_to_rest(config, state, stamp)
+    write_desired(state, stamp)
+
+
+@njit
+def write_desired(state: ControllerState, stamp: int) -> None:
+    """Write what is followed or held, with the way there, at `stamp` (ns) to ``state.desired``."""
+    write_base(state, state.desired)
     duration = state.way_duration[0]
     if duration > 0.0:
-        t = seconds(stamp - clock[Clock.WAY_BEGAN])
+        t = seconds(stamp - state.clock[Clock.WAY_BEGAN])
         if t < duration:
-            add_quintic(state.way, duration, t, desired)
+            add_quintic(state.way, duration, t, state.desired)
         else:
             _end_way(state)
 
@@ -70,6 +77,43 @@ def begin_at(state: ControllerState, position: Array) -> None:
         state.held[2, j] = 0.0
         for i in range(3):
             state.desired[i, j] = state.held[i, j]
+
+
+@outlined
+def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
+    """Desire to come to rest, without a step of position, velocity or acceleration, from the motion desired now.
+
+    Where that ends is where a quartic does, which has neither to turn back nor to hurry.
+    """
+    _end_way(state)
+    start, duration = state.scratch[3:], _SHORTEST_REST
+    for i in range(3):
+        for j in range(start.shape[1]):
+            start[i, j] = state.desired[i, j]
+    _plan_rest(state, start, duration)
+    while duration < _LONGEST_REST and _excess(config, state, duration) > 1.0:
+        duration *= _LONGER
+        _plan_rest(state, start, duration)
+    state.way_duration[0] = duration
+    state.clock[Clock.WAY_BEGAN] = stamp
+    for i in range(3):
+        for j in range(start.shape[1]):
+            state.desired[i, j] = start[i, j]
+
+
+@njit
+def _plan_rest(state: ControllerState, start: Array, duration: float) -> None:
+    """Write the position in which a stop from `start` (q, q', q'', shape (3, joints)) in so long ends, and the way."""
+    for j in range(start.shape[1]):
+        state.held[0, j] = start[0, j] + duration * (0.5 * start[1, j] + duration * start[2, j] / 12.0)
+        for i in range(1, 3):
+            state.held[i, j] = 0.0
+        for i in range(3):
+            state.base[i, j] = state.held[i, j]
+    quintic(start, state.held, duration, state.way)
+    # The way is the difference to what is held.
+    for j in range(start.shape[1]):
+        state.way[0, j] -= state.held[0, j]
 
 
 @njit

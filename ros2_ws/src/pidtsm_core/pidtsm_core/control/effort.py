@@ -1,4 +1,4 @@
-"""Limits of the effort, and the safe effort of a controller that has stopped."""
+"""Limits of the effort, and the effort that carries the arm."""
 
 import math
 
@@ -23,16 +23,6 @@ def carry(config: ControllerConfig, state: ControllerState, q: Array) -> None:
     inverse_dynamics(config.robot, q, state.accelerations[0], state.accelerations, config.model, efforts)
 
 
-@outlined
-def make_safe(config: ControllerConfig, state: ControllerState) -> None:
-    """Replace the effort by the safe one: gravity's, where wanted, less damping."""
-    y = state.signals
-    carry(config, state, y[Signal.POSITION])
-    for j in range(y.shape[1]):
-        y[Signal.EFFORT, j] = config.gravity * y[Signal.EFFORT, j] - config.damping[j] * y[Signal.VELOCITY, j]
-    limit_effort(config, state)
-
-
 @njit
 def limit_effort(config: ControllerConfig, state: ControllerState) -> None:
     """Keep the efforts within their limits; one that is not finite becomes 0."""
@@ -49,14 +39,14 @@ def limit_effort(config: ControllerConfig, state: ControllerState) -> None:
 
 
 @outlined
-def limit_rate(config: ControllerConfig, state: ControllerState, last: Array, dt: float) -> float:
-    """Keep the change of the efforts since `last` (shape (joints,), N m), dt (s) ago, within its limit.
+def limit_rate(config: ControllerConfig, state: ControllerState, dt: float) -> float:
+    """Keep the change of the efforts since the last command, dt (s) ago, within its limit.
 
     Returns:
         How far the effort is behind the one wanted, as the time that the limit needs to get there, s; of the joint
         that needs longest.
     """
-    y, behind = state.signals, 0.0
+    y, last, behind = state.signals, state.sent, 0.0
     for j in range(last.size):
         rate = config.effort_rate[j]
         if rate > 0.0:

@@ -58,7 +58,7 @@ _SAFETY = (
     Parameter(
         "watchdog.state_hold",
         0.002,
-        "joint states later than this are counted as late; the last torque stays",
+        "joint states later than this, and than two nominal periods, are counted as late; the last torque stays",
         "s",
         minimum=0.0,
         exclusive=True,
@@ -66,7 +66,7 @@ _SAFETY = (
     Parameter(
         "watchdog.state_stop",
         0.02,
-        "a longer gap between joint states stops the arm: a fault",
+        "a gap between joint states that is longer than this, and than five nominal periods, stops the arm: a fault",
         "s",
         minimum=0.0,
         exclusive=True,
@@ -81,13 +81,45 @@ _SAFETY = (
         exclusive=True,
     ),
     Parameter(
+        "plausibility.velocity",
+        20.0,
+        "a measurement that is farther from where the estimates put the joint than this velocity brings it is not "
+        "believed: five in a row are a fault; 0: every one is believed",
+        "rad/s",
+        minimum=0.0,
+        per_joint=True,
+    ),
+    Parameter(
         "stop.effort",
-        "gravity_damping",
-        "safe torque after a fault, and the last one before the node ends: gravity compensation, damping, both or "
-        "nothing",
-        choices=("gravity_damping", "gravity", "damping", "zero"),
+        "hold",
+        "safe torque after a fault: hold, which keeps the arm where it stopped, whatever the model lacks; gravity "
+        "compensation, damping, both or nothing",
+        choices=("hold", "gravity_damping", "gravity", "damping", "zero"),
+    ),
+    Parameter(
+        "stop.bandwidth",
+        8.0,
+        "of the position control that holds the arm (stop.effort: hold)",
+        "rad/s",
+        minimum=0.0,
+        exclusive=True,
+    ),
+    Parameter(
+        "stop.fade",
+        5.0,
+        "time in which the holding torque fades to nothing while no joint state arrives (stop.effort: hold); 0: it "
+        "stays",
+        "s",
+        minimum=0.0,
     ),
     Parameter("stop.damping", 20.0, "damping of the safe torque", "N m s/rad", minimum=0.0, per_joint=True),
+    Parameter(
+        "stop.brakes",
+        False,
+        "the arm has brakes: ~/brakes (std_msgs/Bool) engages them when the arm has come to rest after a fault, or "
+        "when no joint state arrives",
+        fixed=True,
+    ),
 )
 _FEEDBACK = Parameter(
     "feedback.effort",

@@ -50,6 +50,8 @@ def cause(fault: int, joint: int, joints: Sequence[str]) -> str:
     """
     if fault == Fault.STATE_STALE:
         return "no joint state"
+    if fault == Fault.MEASUREMENT:
+        return f"{joints[joint - 1]} was measured where it cannot be (plausibility.velocity)"
     if fault == Fault.EFFORT_RATE_LIMIT:
         return "limits.effort_rate is too tight for what the arm does"
     return f"{joints[joint - 1]} is beyond limits.{LIMITS[_OF_FAULTS[Fault(fault)]]}"
@@ -90,7 +92,8 @@ def _changes(
         yield Change("info", "following the reference")
     if modes == (Mode.FOLLOWING, Mode.HOLDING):
         age = seconds(int(clock[Clock.REFERENCE_AGE]))
-        yield Change("warning", f"holding position: the reference is {abs(age):.3g} s {'old' if age > 0 else 'ahead'}")
+        late = f"the reference is {abs(age):.3g} s {'old' if age > 0 else 'ahead'}" if age else "there is no reference"
+        yield Change("warning", f"holding position: {late}")
 
 
 def tight_rates(config: ControllerConfig, joints: Sequence[str]) -> list[str]:

@@ -31,6 +31,22 @@ class Clock(IntEnum):
     AT_RATE_LIMIT = 12  # steps with a joint at the limit of its rate
     STRAYED = 13  # 1: a rate limit took the arm off the reference that it followed; it is on its way back
     BEHIND_SINCE = 14  # stamp since when the rate limit has held the effort back, plus 1; 0: it does not
+    PERIOD = 15  # nominal time between two joint states; 0: not known so far
+    SENT = 16  # when the last command was given, in the time of the stamps
+    DOUBTED = 17  # joint states in a row whose measurement cannot be
+    IMPLAUSIBLE = 18  # all of them
+    HELD = 19  # how a controller that has stopped holds the arm, see safe.py; 0: it does not
+    SILENT_SINCE = 20  # when joint states were found to stay out, in the time of the stamps, plus 1; 0: they do not
+    BRAKES = 21  # 1: the brakes are to be engaged
+
+
+class Hold(IntEnum):
+    """Rows of what a controller that holds the arm remembers of each joint."""
+
+    INTEGRAL = 0  # of the error, rad s
+    VELOCITY = 1  # filtered, rad/s
+    POSITION = 2  # as measured last, rad
+    LEARNT = 3  # effort that the law had learnt to add to the model's, N m
 
 
 class ControllerConfig(NamedTuple):
@@ -51,10 +67,15 @@ class ControllerConfig(NamedTuple):
     feeds_back: bool  # the effort applied is measured
     watches: bool  # a joint has a limit of position, velocity or error
     rehearses: bool  # a reset or a restart is to be rehearsed
+    holds: bool  # the safe effort holds the arm where it stopped
+    brakes: bool  # the arm has brakes that are to be engaged when it has stopped
+    doubts: bool  # a joint's measurements are judged
     law_numbers: Numbers  # shape (LAW_NUMBERS,)
     blend: float  # s
     distance: float  # rad
     gravity: float  # 1: the safe effort carries the arm, else 0
+    hold_bandwidth: float  # rad/s
+    fade: float  # s in which the effort fades while no joint state arrives; 0: it stays
     model: Array  # shape (model parameters,)
     law: Array  # shape (joints, law parameters)
     estimator_parameters: Array  # shape (joints, SLOTS)
@@ -64,6 +85,7 @@ class ControllerConfig(NamedTuple):
     velocity_limit: Array  # shape (joints,), rad/s
     tracking_limit: Array  # shape (joints,), rad
     damping: Array  # of the safe effort, shape (joints,), N m s/rad
+    plausible_velocity: Array  # shape (joints,), rad/s
 
 
 class ControllerState(NamedTuple):
@@ -82,6 +104,8 @@ class ControllerState(NamedTuple):
     estimator: Array  # shape (joints, SLOTS)
     law: Array  # shape (joints, STATE_SLOTS)
     signals: Array  # shape (len(Signal), joints), see `Signal`
+    sent: Array  # the last command, shape (joints,), N m
+    hold: Array  # of the safe effort that holds the arm, see `Hold`, shape (len(Hold), joints)
     truth: Array  # true q', q'' of whoever simulates, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of whoever simulates, shape (joints,), N m
     received: Array  # what is read from a joint state: `measured`, and `applied` where wanted, shape (1 or 2, joints)
@@ -89,11 +113,11 @@ class ControllerState(NamedTuple):
     scratch: Array  # shape (6, joints)
 
 
-_CONFIG_NUMBERS = 18  # lengths, and the integers of `ControllerConfig`
+_CONFIG_NUMBERS = 21  # lengths, and the integers of `ControllerConfig`
 _CLOCK = len(Clock)
-_SCALARS = 4
+_SCALARS = 6
 # Rows of the table that ends the memory, one number a joint: of the configuration, of the state, signals, scratch.
-_CONFIG, _MOTION, _SCRATCH = 6, 20, 11
+_CONFIG, _MOTION, _SCRATCH = 7, 21 + len(Hold), 11
 _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
 
 
@@ -145,10 +169,15 @@ def parts(memory: Array, numbers: Numbers) -> tuple[ControllerConfig, Controller
         feeds_back=numbers[15] != 0,
         watches=numbers[16] != 0,
         rehearses=numbers[17] != 0,
+        holds=numbers[18] != 0,
+        brakes=numbers[19] != 0,
+        doubts=numbers[20] != 0,
         law_numbers=numbers[_CONFIG_NUMBERS:clock],
         blend=memory[0],
         distance=memory[1],
         gravity=memory[2],
+        hold_bandwidth=memory[4],
+        fade=memory[5],
         model=memory[_SCALARS:a],
         law=memory[a:b].reshape((joints, law)),
         estimator_parameters=memory[b:c].reshape((joints, SLOTS)),
@@ -158,6 +187,7 @@ def parts(memory: Array, numbers: Numbers) -> tuple[ControllerConfig, Controller
         velocity_limit=rows[3],
         tracking_limit=rows[4],
         damping=rows[5],
+        plausible_velocity=rows[6],
     )
     state = ControllerState(
         clock=numbers[clock : clock + _CLOCK],
@@ -173,6 +203,8 @@ def parts(memory: Array, numbers: Numbers) -> tuple[ControllerConfig, Controller
         estimator=memory[c:d].reshape((joints, SLOTS)),
         law=memory[d:e].reshape((joints, STATE_SLOTS)),
         signals=rows[_CONFIG + _MOTION : _ROWS - _SCRATCH],
+        sent=motion[20],
+        hold=motion[21:],
         truth=scratch[:2],
         torque=scratch[2],
         received=motion[: 1 + numbers[15]],

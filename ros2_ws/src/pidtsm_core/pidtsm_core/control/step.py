@@ -2,16 +2,20 @@
 
 from pidtsm_core.compiled import njit, outlined
 from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_base
-from pidtsm_core.control.effort import carry, limit_rate, make_safe
+from pidtsm_core.control.effort import carry, limit_rate
+from pidtsm_core.control.plausibility import doubt
+from pidtsm_core.control.safe import ELSEWHERE, leave, make_safe, make_safe_blindly
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, parts
 from pidtsm_core.control.tick import tick
 from pidtsm_core.laws import Numbers
 from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status, Violation
-from pidtsm_core.timing import NANOSECONDS, seconds
+from pidtsm_core.timing import NANOSECONDS, seconds, track_period
 
 _BEHIND = 0.02
 """s that a rate limit may keep the effort behind the law before the arm takes another way."""
+_PERIODS_TO_HOLD, _PERIODS_TO_STOP = 2, 5
+"""Nominal periods that joint states may stay out, whatever ``watchdog.state_hold`` and ``.state_stop`` are."""
 _LONGEST_BEHIND = NANOSECONDS // 2
 """ns of that without an end, after which the limit is too tight for the arm: a fault, which lifts the limit."""
 
@@ -32,35 +36,74 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         _rehearse(config, state, stamp, reference_stamp)
     first = clock[Clock.ANSWERED] == 0
     period = 0 if first else stamp - clock[Clock.LAST]
+    dt = seconds(period)
     clock[Clock.GAP] = period
-    if period > config.state_hold:
-        clock[Clock.LATE] += 1
-    if period > config.state_stop:
-        stop(state, Fault.STATE_STALE, 0)
-    if first:
+    clock[Clock.SILENT_SINCE] = 0
+    if not first:
+        _watch_gaps(config, state, period)
+        if config.doubts:
+            _doubt(config, state, dt)
+    else:
         begin_at(state, state.measured)
         if config.rate_limited and clock[Clock.COMMANDED] == 0:
             carry(config, state, state.measured)
+            for j in range(state.sent.size):
+                state.sent[j] = y[Signal.EFFORT, j]
     choose(config, state, stamp, reference_stamp)
 
-    dt = seconds(period)
-    last = state.scratch[0]
-    if config.rate_limited:
-        for j in range(last.size):
-            last[j] = y[Signal.EFFORT, j]
     tick(config, state, state.measured, truth, state.desired, dt)
     # A limit that is taken away is exceeded no more.
     state.status[Status.VIOLATIONS] = 0
     if config.watches:
         _check_limits(config, state)
     if state.status[Status.FAULT]:
-        make_safe(config, state)
+        make_safe(config, state, stamp, dt)
     if config.rate_limited and state.status[Status.FAULT] != Fault.EFFORT_RATE_LIMIT:
-        _keep_up(config, state, stamp, limit_rate(config, state, last, dt))
+        since = 0 if first else max(stamp - clock[Clock.SENT], 0)
+        _keep_up(config, state, stamp, limit_rate(config, state, seconds(since)))
     _count(state)
+    for j in range(state.sent.size):
+        state.sent[j] = y[Signal.EFFORT, j]
     clock[Clock.LAST] = stamp
+    clock[Clock.SENT] = stamp
     clock[Clock.ANSWERED] += 1
     clock[Clock.COMMANDED] = 1
+
+
+@njit
+def stop_after(config: ControllerConfig, state: ControllerState) -> int:
+    """How long joint states may stay out, ns: ``watchdog.state_stop``, but some periods at least."""
+    return max(config.state_stop, _PERIODS_TO_STOP * state.clock[Clock.PERIOD])
+
+
+@njit
+def _watch_gaps(config: ControllerConfig, state: ControllerState, period: int) -> None:
+    """Count joint states that are late, `period` (ns) after the last, and stop where they have stayed out too long."""
+    clock = state.clock
+    if period > max(config.state_hold, _PERIODS_TO_HOLD * clock[Clock.PERIOD]):
+        clock[Clock.LATE] += 1
+    if period > stop_after(config, state):
+        stop(state, Fault.STATE_STALE, 0)
+        hold_elsewhere(state)
+    clock[Clock.PERIOD] = track_period(clock[Clock.PERIOD], period)
+
+
+@njit
+def _doubt(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Stop where measurements are not to be believed, and begin anew with what they say."""
+    joint = doubt(config, state, dt)
+    if joint:
+        stop(state, Fault.MEASUREMENT, joint)
+        _believe(state)
+
+
+@outlined
+def _believe(state: ControllerState) -> None:
+    """The estimates begin where the measurements are."""
+    for j in range(state.estimator.shape[0]):
+        for slot in range(state.estimator.shape[1]):
+            state.estimator[j, slot] = 0.0
+    hold_elsewhere(state)
 
 
 @njit
@@ -86,6 +129,13 @@ def stop(state: ControllerState, fault: int, joint: int) -> None:
         status[Status.MODE] = Mode.STOPPED
 
 
+@njit
+def hold_elsewhere(state: ControllerState) -> None:
+    """A stopped arm that is held may have moved: hold it where it is then."""
+    if state.clock[Clock.HELD]:
+        state.clock[Clock.HELD] = ELSEWHERE
+
+
 @outlined
 def begin_afresh(state: ControllerState) -> None:
     """Forget the motion so far; what follows begins where the arm is. A fault stays, and so does the effort."""
@@ -99,7 +149,9 @@ def begin_afresh(state: ControllerState) -> None:
             for slot in range(table.shape[1]):
                 table[j, slot] = 0.0
     state.status[Status.VIOLATIONS] = 0
+    hold_elsewhere(state)
     clock[Clock.ANSWERED] = 0
+    clock[Clock.DOUBTED] = 0
     clock[Clock.BEHIND_SINCE] = 0
 
 
@@ -108,7 +160,23 @@ def reset_fault(state: ControllerState) -> None:
     """Follow again after a fault."""
     state.status[Status.FAULT] = 0
     state.status[Status.FAULT_JOINT] = 0
+    state.clock[Clock.HELD] = 0
+    state.clock[Clock.BRAKES] = 0
     begin_afresh(state)
+
+
+@outlined
+def set_clock(state: ControllerState, stamp: int) -> None:
+    """Go on as if the last joint state had come at `stamp` (ns): the clock of the stamps has been set."""
+    clock = state.clock
+    later = stamp - clock[Clock.LAST]
+    clock[Clock.LAST] += later
+    clock[Clock.SENT] += later
+    clock[Clock.WAY_BEGAN] += later
+    if clock[Clock.BEGAN]:
+        clock[Clock.BEGAN] += later
+    if clock[Clock.BEHIND_SINCE]:
+        clock[Clock.BEHIND_SINCE] += later
 
 
 @outlined
@@ -187,7 +255,7 @@ def _keep_up(config: ControllerConfig, state: ControllerState, stamp: int, behin
     if not possible:
         status[Status.FAULT] = 0
         stop(state, Fault.EFFORT_RATE_LIMIT, 0)
-        make_safe(config, state)
+        make_safe(config, state, stamp, 0.0)
 
 
 @njit
@@ -215,26 +283,34 @@ def respond(
 
 @njit
 def stop_now(memory: Array, numbers: Numbers, fault: int, elapsed: int, effort: Array, signals: Array) -> None:
-    """Replace the effort of the last step by the safe one.
+    """Replace the effort of the last step by the safe one, while no joint state arrives; may be repeated.
 
     Args:
         memory: of the controller, see `parts`.
         numbers: likewise.
-        fault: to be latched; 0: none.
-        elapsed: since the last step, ns, for the limit of the rate; negative: the limit does not apply.
+        fault: to be latched, unless there is one already.
+        elapsed: since the last step, ns.
         effort: result, shape (joints,), N m.
         signals: result, shape (len(Signal), joints).
     """
     config, state = parts(memory, numbers)
-    if fault:
-        stop(state, fault, 0)
-        state.clock[Clock.GAP] = elapsed
-    last = state.scratch[0]
-    for j in range(last.size):
-        last[j] = state.signals[Signal.EFFORT, j]
-    make_safe(config, state)
-    if elapsed >= 0:
-        limit_rate(config, state, last, seconds(elapsed))
+    clock = state.clock
+    stop(state, fault, 0)
+    if clock[Clock.SILENT_SINCE] == 0:
+        clock[Clock.GAP] = elapsed
+    now = clock[Clock.LAST] + elapsed
+    make_safe_blindly(config, state, now)
+    if config.rate_limited and state.status[Status.FAULT] != Fault.EFFORT_RATE_LIMIT:
+        limit_rate(config, state, seconds(max(now - clock[Clock.SENT], 0)))
+    clock[Clock.SENT] = now
+    _told(state, effort, signals)
+
+
+@njit
+def leave_now(memory: Array, numbers: Numbers, effort: Array, signals: Array) -> None:
+    """Replace the effort of the last step by the one that the controller leaves behind; arguments as for `stop_now`."""
+    config, state = parts(memory, numbers)
+    leave(config, state)
     _told(state, effort, signals)
 
 
@@ -246,5 +322,5 @@ def _told(state: ControllerState, effort: Array, signals: Array) -> tuple[int, i
         for j in range(y.shape[1]):
             signals[i, j] = y[i, j]
     for j in range(effort.size):
-        effort[j] = y[Signal.EFFORT, j]
+        effort[j] = state.sent[j] = y[Signal.EFFORT, j]
     return status[Status.MODE], status[Status.FAULT], status[Status.FAULT_JOINT], status[Status.VIOLATIONS]

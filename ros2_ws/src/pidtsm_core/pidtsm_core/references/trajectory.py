@@ -5,6 +5,7 @@ from typing import Protocol
 import numpy as np
 
 from pidtsm_core.parameters import Array
+from pidtsm_core.polynomials import add_quintic, quintic
 from pidtsm_core.references.piecewise import evaluate, piecewise
 from pidtsm_core.timing import seconds
 
@@ -12,6 +13,8 @@ STOP = 0.5
 """Time in which a cancelled motion comes to rest, s."""
 
 _AT_REST = 1e-6  # rad/s
+_SHORTEST_APPROACH = 1.0  # s
+_APPROACH_VELOCITY = 0.5  # rad/s, mean of the joint that goes farthest
 
 
 class TrajectoryError(ValueError):
@@ -35,6 +38,39 @@ class PiecewiseMotion:
     def evaluate(self, t: float, desired: Array) -> None:
         """See `Motion.evaluate`."""
         evaluate(t, self._parameters, desired)
+
+
+class Rest:
+    """A position that is held."""
+
+    def __init__(self, position: Array) -> None:
+        """Args: position: shape (joints,), rad."""
+        self._position = position.copy()
+
+    def evaluate(self, t: float, desired: Array) -> None:
+        """See `Motion.evaluate`."""
+        desired[0] = self._position
+        desired[1:] = 0.0
+
+
+class Approach:
+    """A motion, and the way to it from where one is: the difference dies out in a quintic."""
+
+    def __init__(self, motion: Motion, present: Array) -> None:
+        """Args: motion: to be approached from its beginning on; present: q, q', q'' at 0, shape (3, joints)."""
+        self._motion = motion
+        difference = np.zeros_like(present)
+        motion.evaluate(0.0, difference)
+        np.subtract(present, difference, out=difference)
+        self._duration = max(_SHORTEST_APPROACH, float(np.abs(difference[0]).max()) / _APPROACH_VELOCITY)
+        self._way = np.zeros((6, present.shape[1]))
+        quintic(difference, np.zeros_like(present), self._duration, self._way)
+
+    def evaluate(self, t: float, desired: Array) -> None:
+        """See `Motion.evaluate`."""
+        self._motion.evaluate(t, desired)
+        if t < self._duration:
+            add_quintic(self._way, self._duration, t, desired)
 
 
 def plan(times: Array, points: Array, elapsed: float, present: Array, tolerance: float) -> PiecewiseMotion:
@@ -136,3 +172,14 @@ class MotionUnderWay:
         """Come to rest, see `stop`, and stay there."""
         self.evaluate(now, self._present)
         self._motion, self._start, self._next = stop(self._present), now, None
+
+    def approach(self, now: int, motion: Motion) -> None:
+        """Go over to this motion, which begins now, see `Approach`."""
+        self.evaluate(now, self._present)
+        self._motion, self._start, self._next = Approach(motion, self._present), now, None
+
+    def move(self, later: int) -> None:
+        """Go on so much later, ns: the clock has been set."""
+        self._start += later
+        if self._next:
+            self._next = self._next[0], self._next[1] + later

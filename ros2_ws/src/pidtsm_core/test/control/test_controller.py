@@ -5,11 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pidtsm_core.control import Clock, Controller, Stamp, controller_schema
-from pidtsm_core.joints import MessageError
+from pidtsm_core.control import Clock, Controller, controller_schema
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Array, resolve
-from pidtsm_core.signals import Status
+from pidtsm_core.signals import Fault, Mode, Status
 
 MS = 1_000_000
 SECOND = 1000 * MS
@@ -78,23 +77,23 @@ def test_compiling_leaves_the_state_of_the_start() -> None:
     np.testing.assert_array_equal(drive(controller), drive(controller_of()))
 
 
-@pytest.mark.parametrize(
-    ("elapsed", "judged"),
-    [(1, Stamp.NEW), (3600 * SECOND, Stamp.NEW), (0, Stamp.REPEATED), (-SECOND, Stamp.RESTARTED)],
-)
-def test_a_stamp_is_judged_by_the_last_one_answered(elapsed: int, judged: Stamp) -> None:
-    controller = controller_of()
-    assert controller.judge(START + elapsed) is Stamp.NEW, "there was none so far"
-    controller.step(START, -1)
-    assert controller.judge(START + elapsed) is judged
-
-
-@pytest.mark.parametrize("elapsed", [-1, -SECOND + 1])
-def test_a_stamp_that_goes_back_a_little_is_refused(elapsed: int) -> None:
-    controller = controller_of()
-    controller.step(START, -1)
-    with pytest.raises(MessageError, match="the stamp goes back"):
-        controller.judge(START + elapsed)
+@pytest.mark.parametrize("later", [-3600 * SECOND, 5 * SECOND])
+@pytest.mark.parametrize("moved", [False, True])
+def test_where_the_clock_has_been_set_only_an_arm_that_is_elsewhere_begins_afresh(
+    loop_of: Any, later: int, moved: bool
+) -> None:
+    loop = loop_of()
+    loop.go_on(2000)
+    controller = loop.controller
+    answered, before = controller.clock(Clock.ANSWERED), controller.effort.copy()
+    controller.position[:] = loop.robot.state.arm.position + (1.0 if moved else 0.0)
+    stamp = controller.clock(Clock.LAST) + later
+    controller.set_clock(stamp, MS)
+    controller.step(stamp, -1)
+    assert controller.fault == Fault.NO_FAULT
+    assert controller.status[Status.MODE] == Mode.HOLDING
+    assert controller.clock(Clock.ANSWERED) == (1 if moved else answered + 1)
+    assert moved or np.abs(controller.effort - before).max() < 10.0
 
 
 @pytest.mark.parametrize(
@@ -117,7 +116,7 @@ def test_an_arm_far_from_its_reference_must_not_be_moved(
 
 @pytest.mark.parametrize("referred", [True, False])
 def test_a_rehearsed_reset_waits_as_the_service_would_until_the_arm_may_be_moved(referred: bool) -> None:
-    controller = controller_of(rehearsal__reset_fault=0.05, activation__distance=0.5)
+    controller = controller_of(rehearsal__reset_fault=0.05, activation__distance=0.5, plausibility__velocity=0.0)
     faults = []
     for k in range(200):
         controller.position[:] = (0.0 if k >= 120 else 1.0), 0.0
@@ -133,8 +132,7 @@ def test_what_is_counted_survives_a_restart_of_the_source() -> None:
     controller = controller_of()
     for stamp in (START, START + 5 * MS):
         controller.step(stamp, -1)
-    assert controller.judge(START - 10 * SECOND) is Stamp.RESTARTED
-    controller.begin_afresh(START - 10 * SECOND)
+    controller.set_clock(START - 10 * SECOND, 0)
     controller.step(START - 10 * SECOND, -1)
     assert controller.clock(Clock.LATE) == 1
     assert controller.commanded

@@ -15,7 +15,11 @@ LIMITS = np.array([100.0, 50.0])
 
 def controller_of(**changes: object) -> Controller:
     """A controller that takes no time to its reference; parameter names with two underscores for the dot."""
-    values = {"activation.blend": 0.0, **{n.replace("__", "."): v for n, v in changes.items()}}
+    values = {
+        "activation.blend": 0.0,
+        "plausibility.velocity": 0.0,
+        **{n.replace("__", "."): v for n, v in changes.items()},
+    }
     return Controller(resolve(controller_schema, values, 2))
 
 
@@ -86,17 +90,31 @@ def test_what_holds_the_torque_back_is_told_and_counted(rate: float, moved: floa
     assert controller.clock(Clock.AT_RATE_LIMIT) == (said & Limited.RATE != 0)
 
 
-@pytest.mark.parametrize("elapsed", [-1, 20 * MS])
-def test_without_a_joint_state_the_safe_torque_comes_at_once_or_as_fast_as_the_rate_allows(elapsed: int) -> None:
-    """At once where it is the last one (a negative time)."""
-    controller = controller_of(law__name="pid")
+@pytest.mark.parametrize("stop", ["hold", "gravity_damping"])
+def test_without_a_joint_state_the_safe_torque_comes_as_fast_as_the_rate_allows(stop: str) -> None:
+    controller = controller_of(law__name="pid", stop__effort=stop)
     controller.position[:], controller.reference[0] = (0.3, -0.2), (0.4, -0.1)
     for k in range(200):
         controller.step(START + k * MS, START + k * MS)
-    before, safe = controller.effort.copy(), gravity(controller.position)
-    assert np.abs(before - safe).min() > 3.0
-    controller.set_parameters(resolve(controller_schema, {"law.name": "pid", "limits.effort_rate": 100.0}, 2))
-    controller.stop(Fault.STATE_STALE, elapsed)
-    expected = safe if elapsed < 0 else before + np.clip(safe - before, -2.0, 2.0)
-    np.testing.assert_allclose(controller.effort, expected, rtol=1e-6)
+    before = [controller.effort.copy()]
+    assert np.abs(before[0] - gravity(controller.position)).min() > 3.0
+    limited = {"law.name": "pid", "stop.effort": stop, "plausibility.velocity": 0.0, "limits.effort_rate": 100.0}
+    controller.set_parameters(resolve(controller_schema, limited, 2))
+    for elapsed in (20, 25, 40):
+        controller.stop(Fault.STATE_STALE, elapsed * MS)
+        before.append(controller.effort.copy())
+    # A joint state finds the rate used by what was commanded meanwhile.
+    controller.step(START + 240 * MS, -1)
+    before.append(controller.effort.copy())
     assert controller.fault == Fault.STATE_STALE
+    allowed = 100.0 * np.array([[0.02], [0.005], [0.015], [0.001]])
+    assert (np.abs(np.diff(before, axis=0)) <= allowed + 1e-9).all()
+
+
+def test_the_torque_that_is_left_behind_is_there_at_once() -> None:
+    controller = controller_of(stop__effort="gravity", limits__effort_rate=1.0)
+    controller.position[:] = 0.3, -0.2
+    for k in range(3):
+        controller.step(START + k * MS, -1)
+    controller.leave()
+    np.testing.assert_allclose(controller.effort, gravity(controller.position), rtol=1e-9)

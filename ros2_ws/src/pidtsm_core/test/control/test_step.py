@@ -13,6 +13,7 @@ from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import resolve
 from pidtsm_core.signals import Fault, Mode, Signal, Status, Violation
 
+OF_A_JOINT = (Fault.POSITION_LIMIT, Fault.VELOCITY_LIMIT, Fault.TRACKING_LIMIT, Fault.MEASUREMENT)
 MS = 1_000_000
 START = 1_000_000_000
 NEAR, ANY = st.floats(-0.5, 0.5), st.floats(-1e6, 1e6)
@@ -28,6 +29,7 @@ ACTIONS = st.lists(
     max_size=60,
 )
 LIMITED: dict[str, Any] = {"limits.effort_rate": [200.0, 0.0], "limits.tracking_error": 5.0, "limits.velocity": 100.0}
+DAMPED: dict[str, Any] = {**LIMITED, "stop.effort": "gravity_damping", "plausibility.velocity": 0.0}
 WARNED: dict[str, Any] = {
     **{f"limits.{name}": 0.1 for name in ("position", "velocity", "tracking_error")},
     **{f"limits.{name}_action": "warn" for name in ("position", "velocity", "tracking_error")},
@@ -35,7 +37,7 @@ WARNED: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("law", LAWS.names)
-@pytest.mark.parametrize("changes", [{}, LIMITED, WARNED], ids=["default", "limited", "warned"])
+@pytest.mark.parametrize("changes", [{}, LIMITED, DAMPED, WARNED], ids=["default", "limited", "damped", "warned"])
 @hypothesis_settings(max_examples=30)
 @given(actions=ACTIONS)
 def test_whatever_happens_the_torque_is_sound_and_the_status_says_what_it_is(
@@ -51,11 +53,11 @@ def test_whatever_happens_the_torque_is_sound_and_the_status_says_what_it_is(
             continue
         if action == "afresh":
             stamp -= 10 * START
-            controller.begin_afresh(stamp + elapsed)
+            controller.set_clock(stamp + elapsed, 0)
         stamp += elapsed
-        begun = controller.commanded
+        begun, sent = controller.commanded, controller.clock(Clock.SENT)
         if action == "stop":
-            controller.stop(Fault.STATE_STALE, elapsed)
+            controller.stop(Fault.STATE_STALE, stamp - controller.clock(Clock.LAST))
         else:
             controller.position[:], controller.reference[0] = measured, desired
             controller.step(stamp, stamp - age)
@@ -67,11 +69,11 @@ def test_whatever_happens_the_torque_is_sound_and_the_status_says_what_it_is(
         assert (mode == Mode.STOPPED) == (now != Fault.NO_FAULT)
         assert not fault or now in (fault, Fault.EFFORT_RATE_LIMIT), "latched"
         assert 0 <= joint <= 2
-        assert (joint > 0) == (now in (Fault.POSITION_LIMIT, Fault.VELOCITY_LIMIT, Fault.TRACKING_LIMIT))
+        assert (joint > 0) == (now in OF_A_JOINT)
         assert not violations & ~sum(Violation)
         fault = Fault(now)
         if begun and action == "step" and fault != Fault.EFFORT_RATE_LIMIT:
-            allowed = config.effort_rate * controller.clock(Clock.GAP) * 1e-9
+            allowed = config.effort_rate * (stamp - sent if action != "afresh" else 0) * 1e-9
             assert (np.abs(controller.effort - before) <= allowed + 1e-9)[config.effort_rate > 0.0].all()
 
 

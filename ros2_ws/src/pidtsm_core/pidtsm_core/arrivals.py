@@ -1,0 +1,130 @@
+"""Which of the stamped messages that arrive are to be used: one rule for every node."""
+
+from enum import Enum
+from typing import NamedTuple
+
+from pidtsm_core.timing import NANOSECONDS, track_period
+
+
+class Stamp(Enum):
+    """What the stamp of a message says, beside those that came before."""
+
+    NEW = "new"
+    REPEATED = "it is that of the message before"
+    LATE = "it is older than that of a message received before"
+    AHEAD = "it is ahead of its source's clock so far"
+    RESTARTED = "it continues others that were late or ahead: the clock of its source has been set"
+
+    @property
+    def usable(self) -> bool:
+        """The message is to be used."""
+        return self in (Stamp.NEW, Stamp.RESTARTED)
+
+
+class _Row(NamedTuple):
+    """Stamps in order, ns, of messages that were late or ahead, with none between them that was used."""
+
+    first: int = 0
+    last: int = 0
+    length: int = 0
+
+    def then(self, stamp: int, repeats: bool) -> "_Row":
+        """With one more; `repeats`: the same stamp again counts."""
+        if self.length and (stamp > self.last or (repeats and stamp == self.last)):
+            return _Row(self.first, stamp, self.length + 1)
+        return _Row(stamp, stamp, 1)
+
+
+class Arrivals:
+    """Judges the stamps of one source's messages in the order in which they arrive.
+
+    A stamp that goes back is late, and one that runs ahead of the source's clock, as it compares with one's own, is
+    ahead: such messages are not to be used. But several of them in a row, in order, and with none of the time before
+    in between, show that the clock of the source has been set, or the source been started anew. So one stamp, or a few,
+    never restart anything.
+
+    The source's clock need not be one's own: only how the two have gone on since counts.
+
+    Attributes:
+        last: stamp of the newest message used, ns; negative: there was none.
+        elapsed: ns of one's own clock between the two messages used last; 0 where it is not known.
+        period: nominal time between two messages, ns; 0: not known so far.
+        refused: messages that were late or ahead.
+    """
+
+    CONFIRMED, CONFIRMED_IN_LOCKSTEP = 5, 2
+    """Messages in a row that make a restart."""
+    TOLERANCE = NANOSECONDS // 200
+    """ns that a stamp may be ahead, and that a restart must last; or a period, where that is longer."""
+    _DRIFT = 2000
+    """Clocks differ by less than one part in so many."""
+
+    def __init__(self) -> None:
+        self.refused = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Take whatever comes next for the first message."""
+        self.last = -1
+        self.elapsed = self.period = self._taken = self._lead = 0
+        self._row = _Row()
+
+    def judge(self, stamp: int, now: int | None) -> Stamp:
+        """What the stamp (ns) of a message says; if the message is used, `take` is to be called.
+
+        Args:
+            stamp: of the message.
+            now: one's own clock, ns, that never goes back; None in lockstep, where simulated time has nothing to do
+                with it. Nothing is ahead there, and a stamp that is sent again counts: somebody waits for an answer.
+        """
+        if self.last < 0:
+            return Stamp.NEW
+        if stamp == self.last:
+            return Stamp.REPEATED
+        if stamp > self.last and (now is None or not self._is_ahead(stamp, now)):
+            return Stamp.NEW
+        self._row = self._row.then(stamp, repeats=now is None)
+        if self._is_confirmed(now is None):
+            return Stamp.RESTARTED
+        self.refused += 1
+        return Stamp.LATE if stamp < self.last else Stamp.AHEAD
+
+    def take(self, judged: Stamp, stamp: int, now: int | None) -> None:
+        """Use the message that was judged so."""
+        if judged is Stamp.REPEATED:
+            return
+        known = self.last >= 0
+        if now is not None:
+            lead, since = stamp - now, now - self._taken
+            goes_on = known and judged is Stamp.NEW
+            self._lead = max(lead, self._lead - since // self._DRIFT) if goes_on else lead
+            self.elapsed, self._taken = since if known else 0, now
+        if known and judged is Stamp.NEW:
+            self.period = track_period(self.period, stamp - self.last)
+        self.last = stamp
+        self._row = _Row()
+
+    def age(self, now: int, system_time: int) -> int:
+        """How old the message used last is, ns, going by its stamp.
+
+        Args:
+            now: as for `judge`.
+            system_time: ns. Where no message was ever younger than half a second, or one came from the future, the
+                stamps are of another clock; the message that came soonest after its stamp then counts as new.
+        """
+        youngest = system_time - now - self._lead
+        return system_time - self.last if 0 <= youngest < NANOSECONDS // 2 else self._lead - (self.last - now)
+
+    @property
+    def _tolerance(self) -> int:
+        return max(self.TOLERANCE, self.period)
+
+    def _is_ahead(self, stamp: int, now: int) -> bool:
+        # The second message tells how fast time goes there.
+        known = self.period > 0 and stamp - self.last > self._tolerance
+        return known and stamp - now > self._lead + self._tolerance
+
+    def _is_confirmed(self, lockstep: bool) -> bool:
+        if lockstep:
+            return self._row.length >= self.CONFIRMED_IN_LOCKSTEP
+        return self._row.length >= self.CONFIRMED and self._row.last - self._row.first >= self._tolerance

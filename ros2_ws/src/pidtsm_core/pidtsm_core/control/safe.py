@@ -1,0 +1,185 @@
+"""The safe effort of a controller that has stopped: it holds the arm, or damps it, as ``stop.effort`` says."""
+
+import math
+
+from pidtsm_core.compiled import njit, outlined
+from pidtsm_core.control.desired import come_to_rest, write_desired
+from pidtsm_core.control.effort import carry, limit_effort
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Hold
+from pidtsm_core.laws import command
+from pidtsm_core.robots import inverse_dynamics
+from pidtsm_core.signals import Signal
+from pidtsm_core.timing import seconds
+
+_CUTOFF = 10.0
+"""Of the filter of the velocity, as a multiple of the control's bandwidth."""
+_QUICKEST = 0.125
+"""s in which the effort that holds the arm may change by all of its limit: a stop is no jolt."""
+_LONGEST_CHANGE = 0.01
+"""s that count for that between two commands, however long ago the last one was."""
+_LARGEST_SHARE = 0.5
+"""Of the effort limit that a law may be believed to have learnt."""
+_AT_REST = 0.02  # rad/s
+_HOLDS, ELSEWHERE = 1, 2
+"""Values of `Clock.HELD`; the latter: the arm may have moved since, it is to be held where it is then."""
+
+
+@outlined
+def make_safe(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
+    """Replace the effort that answers the joint state of `stamp` (ns), dt (s) after the last, by the safe one."""
+    if config.holds:
+        _hold(config, state, stamp, dt)
+    else:
+        _damp(config, state)
+    if config.brakes:
+        _engage_brakes(config, state)
+
+
+@outlined
+def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int) -> None:
+    """Replace the effort while no joint state arrives, at `now` (ns, in the time of the stamps).
+
+    The arm is stopped by the model, from where it was, and held by what has held it, which fades.
+    """
+    clock, efforts = state.clock, state.signals[Signal.EFFORT]
+    clock[Clock.BRAKES] = config.brakes
+    if not config.holds:
+        _damp(config, state)
+        return
+    if clock[Clock.SILENT_SINCE] == 0:
+        clock[Clock.SILENT_SINCE] = now + 1
+        if clock[Clock.HELD] == 0:
+            _begin(config, state, clock[Clock.LAST])
+    write_desired(state, now)
+    gone = seconds(now + 1 - clock[Clock.SILENT_SINCE])
+    left = max(0.0, 1.0 - gone / config.fade) if config.fade > 0.0 else 1.0
+    _follow_blindly(config, state)
+    for j in range(efforts.size):
+        efforts[j] *= left
+    limit_effort(config, state)
+    _go_gently(config, state, now)
+    clock[Clock.HELD] = ELSEWHERE
+
+
+@outlined
+def leave(config: ControllerConfig, state: ControllerState) -> None:
+    """Replace the effort by the last one before the controller ends, which stays: it carries the arm."""
+    if not config.holds:
+        _damp(config, state)
+        return
+    if state.clock[Clock.HELD] == 0:
+        _learn(config, state)
+    for j in range(state.measured.size):
+        state.desired[0, j] = state.signals[Signal.POSITION, j]
+        state.desired[1, j] = 0.0
+        state.desired[2, j] = 0.0
+    _follow_blindly(config, state)
+    limit_effort(config, state)
+
+
+@njit
+def _damp(config: ControllerConfig, state: ControllerState) -> None:
+    """Gravity's effort, where wanted, less damping."""
+    y = state.signals
+    carry(config, state, y[Signal.POSITION])
+    for j in range(y.shape[1]):
+        y[Signal.EFFORT, j] = config.gravity * y[Signal.EFFORT, j] - config.damping[j] * y[Signal.VELOCITY, j]
+    limit_effort(config, state)
+
+
+@njit
+def _learn(config: ControllerConfig, state: ControllerState) -> None:
+    """Take over what the law has learnt: the effort that it gives without any error, beyond the model's."""
+    y, scratch = state.signals, state.scratch
+    for j in range(scratch.shape[1]):
+        learnt = command(config.kernel, 0.0, 0.0, 0.0, 0.0, config.law_numbers, config.law[j], state.law[j], 0.0)[0]
+        state.accelerations[0, j] = 0.0
+        state.accelerations[1, j] = learnt
+        scratch[0, j] = 0.0
+        # Of a law without model it is an effort.
+        state.hold[Hold.LEARNT, j] = learnt
+        state.hold[Hold.INTEGRAL, j] = 0.0
+    inverse_dynamics(config.robot, y[Signal.POSITION], scratch[0], state.accelerations, config.model, scratch[1:3])
+    for j in range(scratch.shape[1]):
+        effort = scratch[2, j] if config.uses_model else state.hold[Hold.LEARNT, j]
+        learnt, most = effort - scratch[1, j], _LARGEST_SHARE * config.effort_limit[j]
+        state.hold[Hold.LEARNT, j] = min(max(learnt, -most), most) if math.isfinite(learnt) else 0.0
+
+
+@njit
+def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
+    """Desire to come to rest from where the arm is."""
+    y = state.signals
+    if state.clock[Clock.HELD] == 0:
+        _learn(config, state)
+    for j in range(state.measured.size):
+        velocity, most = y[Signal.VELOCITY, j], config.plausible_velocity[j]
+        if most > 0.0:
+            velocity = min(max(velocity, -most), most)
+        state.hold[Hold.VELOCITY, j] = velocity
+        state.hold[Hold.POSITION, j] = state.measured[j]
+        state.desired[0, j] = state.measured[j]
+        state.desired[1, j] = velocity
+        state.desired[2, j] = 0.0
+    come_to_rest(config, state, stamp)
+    state.clock[Clock.HELD] = _HOLDS
+
+
+@njit
+def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
+    """Control the position with an integral, all poles at the bandwidth, on the way to rest and there."""
+    y, hold, clock, w = state.signals, state.hold, state.clock, config.hold_bandwidth
+    if clock[Clock.HELD] != _HOLDS:
+        _begin(config, state, stamp)
+        dt = 0.0
+    passed = -math.expm1(-_CUTOFF * w * dt)
+    for j in range(y.shape[1]):
+        q = state.measured[j]
+        if dt > 0.0:
+            hold[Hold.VELOCITY, j] += passed * ((q - hold[Hold.POSITION, j]) / dt - hold[Hold.VELOCITY, j])
+        hold[Hold.POSITION, j] = q
+        e, de = q - state.desired[0, j], hold[Hold.VELOCITY, j] - state.desired[1, j]
+        state.accelerations[0, j] = state.desired[2, j]
+        state.accelerations[1, j] = state.desired[2, j] - w * (3.0 * de + w * (3.0 * e + w * hold[Hold.INTEGRAL, j]))
+    efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
+    inverse_dynamics(config.robot, hold[Hold.POSITION], hold[Hold.VELOCITY], state.accelerations, config.model, efforts)
+    for j in range(y.shape[1]):
+        y[Signal.EFFORT, j] += hold[Hold.LEARNT, j]
+    limit_effort(config, state)
+    _go_gently(config, state, stamp)
+    for j in range(y.shape[1]):
+        if y[Signal.SATURATED, j] == 0.0 and clock[Clock.BRAKES] == 0:
+            hold[Hold.INTEGRAL, j] += dt * (state.measured[j] - state.desired[0, j])
+
+
+@njit
+def _go_gently(config: ControllerConfig, state: ControllerState, now: int) -> None:
+    """Let the effort change no quicker than is gentle since the last command; `now` is in ns."""
+    efforts = state.signals[Signal.EFFORT]
+    since = min(max(seconds(now - state.clock[Clock.SENT]), 0.0), _LONGEST_CHANGE)
+    for j in range(efforts.size):
+        change = config.effort_limit[j] * since / _QUICKEST
+        efforts[j] = min(max(efforts[j], state.sent[j] - change), state.sent[j] + change)
+
+
+@njit
+def _follow_blindly(config: ControllerConfig, state: ControllerState) -> None:
+    """The effort of the desired motion, by the model and what was learnt beyond it."""
+    w, efforts = config.hold_bandwidth, state.signals[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
+    for j in range(state.measured.size):
+        state.accelerations[0, j] = state.desired[2, j]
+        state.accelerations[1, j] = state.desired[2, j] - w * w * w * state.hold[Hold.INTEGRAL, j]
+    inverse_dynamics(config.robot, state.desired[0], state.desired[1], state.accelerations, config.model, efforts)
+    for j in range(state.measured.size):
+        efforts[1, j] += state.hold[Hold.LEARNT, j]
+
+
+@njit
+def _engage_brakes(config: ControllerConfig, state: ControllerState) -> None:
+    """Engage the brakes, for good, once the arm has come to rest."""
+    still = state.way_duration[0] == 0.0
+    velocity = state.hold[Hold.VELOCITY] if config.holds else state.signals[Signal.VELOCITY]
+    for j in range(velocity.size):
+        still = still and abs(velocity[j]) < _AT_REST
+    if still:
+        state.clock[Clock.BRAKES] = 1

@@ -1,0 +1,69 @@
+"""Measurements that cannot be."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pidtsm_core.control import Clock
+from pidtsm_core.estimators import ESTIMATORS
+from pidtsm_core.signals import Fault, Mode, Status
+
+TOLERATED = 5
+ESTIMATOR = pytest.mark.parametrize("estimator", [e.name for e in ESTIMATORS.members if not e.needs_truth])
+RATE = pytest.mark.parametrize("rate", [100, 1000])
+
+
+@ESTIMATOR
+@RATE
+@pytest.mark.parametrize("samples", [1, TOLERATED])
+@pytest.mark.parametrize("off", [0.3, 1.0, -1e3])
+def test_a_few_samples_far_off_move_no_torque(
+    loop_of: Any, estimator: str, rate: int, samples: int, off: float
+) -> None:
+    loop = loop_of(rate=rate, estimator__name=estimator)
+    loop.go_on(2000)
+    for _ in range(3):
+        loop.measure(samples, off)
+        loop.go_on(50 * loop.every)
+    # What the motion itself needs changes by less than this.
+    assert loop.largest_step(since=-200) < 5.0
+    assert loop.controller.status[Status.MODE] == Mode.FOLLOWING
+    assert loop.controller.clock(Clock.IMPLAUSIBLE) == 3 * samples
+    loop.go_on(8000)
+    assert loop.error < 1e-3
+
+
+@ESTIMATOR
+@RATE
+def test_a_sensor_that_stays_far_off_is_a_fault_that_names_the_joint(loop_of: Any, estimator: str, rate: int) -> None:
+    loop = loop_of(rate=rate, estimator__name=estimator)
+    loop.go_on(2000)
+    loop.measure(TOLERATED + 1, 1.0)
+    assert loop.controller.status[:3] == (Mode.STOPPED, Fault.MEASUREMENT, 2)
+    assert "joint2 was measured where it cannot be" in loop.controller.changes([0, 0, 0, 0])[0].text
+    # It is held by what is measured now, and a sample far off that is as before.
+    loop.measure(20, 1.0)
+    loop.measure(1, 3.0)
+    loop.measure(100, 1.0)
+    assert loop.largest_step(since=-120) < 10.0
+
+
+def test_a_joint_whose_measurements_are_not_judged_is_believed(loop_of: Any) -> None:
+    loop = loop_of(plausibility__velocity=[20.0, 0.0])
+    loop.go_on(100)
+    loop.measure(TOLERATED + 5, 1.0)
+    assert loop.controller.fault == Fault.NO_FAULT
+    assert loop.controller.clock(Clock.IMPLAUSIBLE) == 0
+
+
+@pytest.mark.parametrize("gap", [2, 10, 15])
+def test_after_a_gap_the_arm_may_be_farther(loop_of: Any, gap: int) -> None:
+    loop = loop_of()
+    loop.go_on(500)
+    loop.silent = True
+    loop.go_on(gap)
+    loop.silent = False
+    loop.measure(1, 0.015 * gap)
+    assert loop.controller.clock(Clock.IMPLAUSIBLE) == 0
+    assert np.isfinite(loop.controller.effort).all()

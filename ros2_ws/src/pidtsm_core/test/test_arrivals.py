@@ -1,0 +1,144 @@
+"""Which stamped messages are to be used."""
+
+import numpy as np
+import pytest
+
+from pidtsm_core.arrivals import Arrivals, Stamp
+
+MS = 1_000_000
+SECOND = 1000 * MS
+EPOCH = 1_700_000_000 * SECOND
+RATES = [100, 250, 500, 1000]
+
+
+class Source:
+    """Somebody who publishes at a rate, with a clock of its own; `now` is the receiver's."""
+
+    def __init__(self, rate: int = 1000, lockstep: bool = False) -> None:
+        self.arrivals = Arrivals()
+        self.period = SECOND // rate
+        self.lockstep = lockstep
+        self.stamp, self.now = EPOCH, 5 * SECOND
+
+    def send(self, later: int = 0, took: int | None = None) -> Stamp:
+        """A message one period after the last, its stamp `later` (ns) than it should be."""
+        self.stamp += self.period
+        self.now += self.period if took is None else took
+        stamp, now = self.stamp + later, None if self.lockstep else self.now
+        judged = self.arrivals.judge(stamp, now)
+        if judged.usable:
+            self.arrivals.take(judged, stamp, now)
+        return judged
+
+    def go_on(self, messages: int = 50) -> None:
+        assert {self.send() for _ in range(messages)} == {Stamp.NEW}
+
+
+EACH_RATE = pytest.mark.parametrize("rate", RATES)
+EACH_CLOCK = pytest.mark.parametrize("lockstep", [False, True], ids=["realtime", "lockstep"])
+
+
+@EACH_RATE
+@EACH_CLOCK
+@pytest.mark.parametrize("late", [1, 3 * MS, 100 * MS, 900 * MS, 5 * SECOND, 3600 * SECOND])
+def test_a_stamp_that_goes_back_is_late_and_changes_nothing(rate: int, lockstep: bool, late: int) -> None:
+    source = Source(rate, lockstep)
+    source.go_on()
+    for n in range(1, 4):
+        last, lead = source.arrivals.last, source.stamp
+        # A copy of one that came before: it arrives between two others.
+        assert source.send(later=-source.period - late, took=0) is Stamp.LATE
+        source.stamp = lead
+        assert source.arrivals.last == last
+        assert source.arrivals.refused == n
+        source.go_on(3)
+
+
+@EACH_RATE
+@pytest.mark.parametrize("ahead", [50 * MS, 5 * SECOND, 3600 * SECOND])
+def test_one_stamp_ahead_of_its_sources_clock_changes_nothing(rate: int, ahead: int) -> None:
+    source = Source(rate)
+    source.go_on()
+    assert source.send(later=ahead) is Stamp.AHEAD
+    source.go_on()
+
+
+@EACH_CLOCK
+def test_a_stamp_that_comes_twice_is_told(lockstep: bool) -> None:
+    source = Source(lockstep=lockstep)
+    source.go_on()
+    source.stamp -= source.period
+    assert source.send(took=0) is Stamp.REPEATED
+    source.go_on()
+
+
+@EACH_RATE
+@pytest.mark.parametrize("set_by", [-900 * MS, -3600 * SECOND, 50 * MS, 5 * SECOND, 3600 * SECOND])
+def test_a_clock_that_has_been_set_is_recognised_from_more_than_one_message(rate: int, set_by: int) -> None:
+    source = Source(rate)
+    source.go_on()
+    source.stamp += set_by
+    judged = [source.send() for _ in range(9)]
+    told = judged.index(Stamp.RESTARTED)
+    assert 4 <= told <= 6
+    assert set(judged[:told]) == {Stamp.LATE if set_by < 0 else Stamp.AHEAD}
+    assert set(judged[told + 1 :]) == {Stamp.NEW}
+    source.go_on()
+
+
+def test_in_lockstep_a_source_that_was_started_anew_asks_again_until_it_is_believed() -> None:
+    source = Source(lockstep=True)
+    source.go_on()
+    source.stamp = 0
+    assert source.send() is Stamp.LATE
+    source.stamp -= source.period
+    assert source.send() is Stamp.RESTARTED
+    source.go_on()
+
+
+@pytest.mark.parametrize("silence", [20 * MS, 500 * MS, 2 * SECOND, 3600 * SECOND])
+def test_a_gap_that_ones_own_clock_sees_too_is_one(silence: int) -> None:
+    source = Source()
+    source.go_on()
+    source.stamp += silence
+    assert source.send(took=silence) is Stamp.NEW
+    assert source.arrivals.elapsed == silence
+    source.go_on()
+
+
+def test_messages_that_waited_while_the_receiver_did_not_run_are_used() -> None:
+    source = Source()
+    source.go_on()
+    source.now += 300 * MS
+    # Some of those in the middle were lost.
+    for missing in (0, 20, 0, 200, 0):
+        source.stamp += missing * MS
+        assert source.send(took=1000) is Stamp.NEW
+    source.go_on(5)
+
+
+@pytest.mark.parametrize("drift", [-1e-4, 1e-4, 9.0], ids=["slow", "fast", "ten times as fast"])
+def test_a_clock_that_runs_differently_is_no_reason_to_refuse_anything(drift: float) -> None:
+    source = Source()
+    for _ in range(20_000):
+        assert source.send(took=round(source.period / (1.0 + drift))) is Stamp.NEW
+
+
+@EACH_RATE
+@pytest.mark.parametrize("jitter", [0.0, 0.3, 0.8])
+def test_the_nominal_period_is_measured_whatever_the_jitter(rate: int, jitter: float) -> None:
+    source, random = Source(rate), np.random.default_rng(1)
+    nominal = source.period
+    for _ in range(500):
+        source.period = round(nominal * (1.0 + random.uniform(-jitter, jitter)))
+        assert source.send() is Stamp.NEW
+    assert abs(source.arrivals.period / nominal - 1.0) <= max(0.5 * jitter, 1e-9)
+
+
+@pytest.mark.parametrize("epoch", [0, -3600 * SECOND, 3600 * SECOND], ids=["same", "behind", "ahead"])
+def test_the_age_of_a_message_does_not_depend_on_the_clock_of_its_source(epoch: int) -> None:
+    source = Source()
+    system = EPOCH + epoch - source.now
+    source.go_on()
+    source.now += 7 * MS  # The last one was late by that.
+    assert source.arrivals.age(source.now, source.now + system) == 7 * MS
