@@ -1,16 +1,16 @@
 """A ROS domain of one's own, so that runs disturb neither each other nor other ROS traffic."""
 
-import fcntl
-import os
 import random
 import socket
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from pidtsm_experiments.errors import RunError
 
 _HIGHEST = 101  # Above, the ports of a domain may meet those the system hands out.
 _FIRST_PORT, _PORTS_A_DOMAIN = 7400, 250  # DDSI-RTPS 2.2, 9.6.1.1.
+_SOCKETS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 
 
 @contextmanager
@@ -18,28 +18,35 @@ def own_domain() -> Iterator[int]:
     """Yield a ROS_DOMAIN_ID that nobody on this machine uses, and keep it until the end of the block.
 
     Raises:
-        RuntimeError: every domain is in use.
+        RunError: every domain is in use.
     """
     domains = list(range(1, _HIGHEST + 1))
     random.shuffle(domains)
     for domain in domains:
-        path = Path(tempfile.gettempdir()) / f"pidtsm-domain-{domain}-{os.getuid()}.lock"
-        with path.open("w") as lock:
+        # A name without a file: it is free again however this process ends, and all users of the machine share it.
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as lock:
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+                lock.bind(f"\0pidtsm-domain-{domain}")
+            except OSError:
                 continue
-            if _discovery_port_is_free(domain):
+            if domain not in domains_in_use():
                 yield domain
                 return
-    raise RuntimeError(f"all {_HIGHEST} ROS domains of this machine are in use; end other ROS 2 programs")
+    raise RunError(f"all {_HIGHEST} ROS domains of this machine are in use; end other ROS 2 programs")
 
 
-def _discovery_port_is_free(domain: int) -> bool:
-    """Whether no participant listens for others of the domain (all of them share one port)."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(("", _FIRST_PORT + _PORTS_A_DOMAIN * domain))
-        except OSError:
-            return False
-    return True
+def domains_in_use() -> set[int]:
+    """Domains in which somebody on this machine has a socket, whatever its address and whoever its owner.
+
+    Every participant has one for discovery and one for messages at ports of its domain, also where it is limited to
+    this machine and does not listen at the port that all participants of a domain share.
+    """
+    return {(port - _FIRST_PORT) // _PORTS_A_DOMAIN for port in _bound_ports()}
+
+
+def _bound_ports() -> Iterator[int]:
+    """Ports of all UDP sockets of this machine."""
+    for table in _SOCKETS:
+        with suppress(FileNotFoundError):  # Without IPv6 there is one table only.
+            for line in table.read_text(encoding="ascii").splitlines()[1:]:
+                yield int(line.split()[1].rpartition(":")[2], 16)
