@@ -26,6 +26,8 @@ ARTICLE = "article"
 PRACTICAL = "practical"
 """Name of the parameter set for real sensors and drives."""
 NODES = ("simulator", "controller", "trajectory")
+_ANY_NAMESPACE = "/**"
+"""In ROS parameter files, before the name of a node."""
 _SCENARIO_KEYS = ("description", "duration", *NODES)
 
 
@@ -204,7 +206,7 @@ def load_ros_parameters(file: Path) -> Settings:
     content = _load_mapping(file)
     settings: Settings = {}
     for key, value in content.items():
-        node = str(key).lstrip("/")
+        node = str(key).removeprefix(_ANY_NAMESPACE).lstrip("/")
         if node not in NODES:
             raise UsageError(f"{file}: unknown node {key}; known are {', '.join(NODES)}")
         if not isinstance(value, dict) or set(value) != {"ros__parameters"}:
@@ -214,7 +216,12 @@ def load_ros_parameters(file: Path) -> Settings:
 
 
 def ros_parameters(node: str, values: Mapping[str, Value]) -> str:
-    """Content of a ROS parameter file of one node, parameters nested by the dots of their names."""
+    """Content of a ROS parameter file of one node, parameters nested by the dots of their names.
+
+    Args:
+        node: its name, for a node in any namespace, or its full name.
+        values: by name.
+    """
     tree: dict[str, Any] = {}
     for name, value in values.items():
         *groups, leaf = name.split(".")
@@ -222,7 +229,8 @@ def ros_parameters(node: str, values: Mapping[str, Value]) -> str:
         for group in groups:
             branch = branch.setdefault(group, {})
         branch[leaf] = list(value) if isinstance(value, tuple) else value
-    return yaml.safe_dump({node: {"ros__parameters": tree}}, sort_keys=False)
+    place = node if node.startswith("/") else f"{_ANY_NAMESPACE}/{node}"
+    return yaml.safe_dump({place: {"ros__parameters": tree}}, sort_keys=False)
 
 
 def flatten(tree: object, where: str) -> dict[str, Any]:

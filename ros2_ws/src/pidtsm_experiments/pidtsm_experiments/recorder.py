@@ -103,7 +103,8 @@ class Recorder(Node):
 
     Parameters, all read at the start: ``output``, the folder of the bag, which must not exist; ``metadata``, a text
     that is stored in the bag under the key ``pidtsm``; ``max_bag_size`` (bytes) and ``max_bag_duration`` (s), after
-    which a new file of the bag is begun, 0 for never; ``min_free_space`` (bytes) that recording leaves free.
+    which a new file of the bag is begun, 0 for never; ``min_free_space`` (bytes) that recording leaves free;
+    ``plain_names``: the names of topics are written without the node's namespace.
 
     Attributes:
         failure: why the bag ended before the recorder; empty where it did not.
@@ -125,6 +126,8 @@ class Recorder(Node):
         self._reserve: int = self._parameter("min_free_space", 200_000_000, "bytes that recording leaves free")
         if shortage := self._shortage(output):
             raise OSError(f"{shortage}; free some space, record elsewhere, or lower min_free_space")
+        plain: bool = self._parameter("plain_names", False, "write names of topics without the node's namespace")
+        self._left_out = self.get_namespace().rstrip("/") if plain else ""
         self.last = time.monotonic()
         self.failure = ""
         self._unwritten = 0
@@ -141,7 +144,7 @@ class Recorder(Node):
         described = ParameterDescriptor(description=description, read_only=True)
         if isinstance(default, float):
             described.floating_point_range = [FloatingPointRange(from_value=0.0, to_value=1e9)]
-        elif isinstance(default, int):
+        elif isinstance(default, int) and not isinstance(default, bool):
             described.integer_range = [IntegerRange(from_value=0, to_value=2**62, step=1)]
         return self.declare_parameter(name, default, described).value
 
@@ -151,7 +154,8 @@ class Recorder(Node):
     def _subscribe(self, topic: str, message_type: Any, qos: QoSProfile) -> _Topic:
         subscription = self.create_subscription(message_type, topic, _never_called, qos, raw=True)
         type_name = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
-        return _Topic(subscription, self._writer.add_topic(subscription.topic_name, type_name))
+        name = subscription.topic_name.removeprefix(self._left_out)
+        return _Topic(subscription, self._writer.add_topic(name, type_name))
 
     @property
     def samples(self) -> int:

@@ -200,8 +200,9 @@ def read_recording(path: Path, only: frozenset[str] | None = None) -> Recording:
 
 def _read(path: Path, only: frozenset[str] | None) -> Recording:
     with readable(path) as bag, closing(_open(path, bag)) as reader:
-        joints, columns, rejected = _read_topics(reader, _find_topics(reader.connections), only)
-        said, trajectory = _metadata(path, bag)
+        found = _find_topics(reader.connections)
+        said, trajectory, namespace = _metadata(path, bag)
+        joints, columns, rejected = _read_topics(reader, found, only, namespace)
     if bag.flaws:
         warnings.warn(UnfinishedBag(f"{path}: {_missing(bag, columns)}"), stacklevel=3)
     moments = columns[_TRUTH].stamps
@@ -411,9 +412,16 @@ def _messages(reader: AnyReader, connections: Sequence[Connection]) -> Iterator[
 
 
 def _read_topics(
-    reader: AnyReader, found: Mapping[_Topic, list[Connection]], only: frozenset[str] | None
+    reader: AnyReader, found: Mapping[_Topic, list[Connection]], only: frozenset[str] | None, namespace: str
 ) -> tuple[tuple[str, ...], dict[_Topic, _Columns], dict[str, int] | None]:
-    """Joints of the ground truth, every topic of samples, and what the nodes rejected."""
+    """Joints of the ground truth, every topic of samples, and what the nodes rejected.
+
+    Args:
+        reader: of the bag.
+        found: topics to read.
+        only: fields to keep; all where None.
+        namespace: of the nodes, where the names of topics do not have it.
+    """
     found = dict(found)
     diagnostics = found.pop(_DIAGNOSTICS, [])
     _, first = next(_messages(reader, found[_TRUTH]), ("", b""))
@@ -450,8 +458,7 @@ def _read_topics(
         decode(topic)
         if (missing := columns[topic].stamps.size - done[topic]) > 0:
             raise _damaged(f"{missing} messages of {topic.name} cannot be read", ValueError("the file has a hole"))
-    namespace = found[_TRUTH][0].topic.removesuffix(_TRUTH.name).strip("/")
-    rejected = rejections(reports, namespace)
+    rejected = rejections(reports, namespace or found[_TRUTH][0].topic.removesuffix(_TRUTH.name).strip("/"))
     return joints, {topic: _sorted(columns[topic].rows(0, done[topic]), topic) for topic in found}, rejected
 
 
@@ -598,8 +605,11 @@ def _codes(message: Any, topic: _Topic, names: Sequence[str], joints: Sequence[s
     return codes
 
 
-def _metadata(path: Path, bag: Readable) -> tuple[dict[str, Any], object]:
-    """What the recorder says about the run, None where it says nothing; and the trajectory's parameters."""
+def _metadata(path: Path, bag: Readable) -> tuple[dict[str, Any], object, str]:
+    """What the recorder says about the run, None where it says nothing, and the trajectory's parameters.
+
+    Third, the namespace of the nodes where the names of topics lack it.
+    """
     folder = path if path.is_dir() else path.parent
     custom: Mapping[str, str] = {}
     if (folder / "metadata.yaml").exists() and not bag.flaws:
@@ -610,9 +620,13 @@ def _metadata(path: Path, bag: Readable) -> tuple[dict[str, Any], object]:
     try:
         said = json.loads(custom.get(METADATA_KEY, "{}"))
         event_time = said.get("event_time")
-        return {
-            **{key: said.get(key) for key in ("scenario", "law", "clock")},
-            "event_time": None if event_time is None else float(event_time),
-        }, said.get("trajectory")
+        return (
+            {
+                **{key: said.get(key) for key in ("scenario", "law", "clock")},
+                "event_time": None if event_time is None else float(event_time),
+            },
+            said.get("trajectory"),
+            str(said.get("namespace", "")),
+        )
     except (AttributeError, TypeError, ValueError) as error:
         raise RecordingError(f"custom data {METADATA_KEY} is not what the recorder writes: {error}") from None

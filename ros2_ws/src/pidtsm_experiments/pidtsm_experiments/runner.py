@@ -3,6 +3,7 @@
 import ctypes
 import json
 import os
+import secrets
 import selectors
 import signal
 import subprocess
@@ -22,6 +23,7 @@ from pidtsm_core.rollout import EXPERIMENT
 from pidtsm_experiments.domain import own_domain
 from pidtsm_experiments.errors import RunError, UsageError
 from pidtsm_experiments.experiment import Experiment, Settings, ros_parameters
+from pidtsm_ros.middleware import on_this_machine
 from pidtsm_ros.security import ENCLAVES, SecurityError, require_security, security_requested
 
 EXECUTABLES = {
@@ -39,12 +41,15 @@ _FIRST_SAMPLE_WITHIN = 180.0  # s; the very first run compiles
 _NEXT_SAMPLE_WITHIN = 20.0  # s
 _END_WITHIN = 10.0  # s from SIGINT to the end of a process
 _TAIL_LINES = 15
+_PROFILES = {"recorder": "fastdds_recorder.xml"}  # of Fast DDS, where they are not the nodes'
 _SUBSCRIBERS = 3  # of joint_states: controller, trajectory, recorder
 _PR_SET_PDEATHSIG = 1
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 
 Progress = Callable[[float], None]
 """Called with the simulated time recorded so far, s."""
+Announce = Callable[[str], None]
+"""Called with a line that says where on the ROS graph a run is."""
 
 
 def _end_with_parent(runner: int) -> None:
@@ -150,8 +155,17 @@ class Processes:
             raise RunError(f"{name} {how}; its last lines:\n{process.tail()}")
 
 
-def run(experiment: Experiment, clock: str, out: Path, progress: Progress, composed: bool = False) -> Path:
-    """Run an experiment and record it.
+def run(
+    experiment: Experiment,
+    clock: str,
+    out: Path,
+    progress: Progress,
+    composed: bool = False,
+    announce: Announce = lambda place: None,
+) -> Path:
+    """Run an experiment and record it, in a ROS domain and a namespace of its own.
+
+    Even in a domain that somebody joins who starts later, the nodes command no other arm, and no other commands theirs.
 
     Args:
         experiment: what to run.
@@ -159,6 +173,7 @@ def run(experiment: Experiment, clock: str, out: Path, progress: Progress, compo
         out: an existing folder; ``bag/``, ``params/`` and ``log/`` are made in it.
         progress: called as the run goes on.
         composed: simulator, trajectory and controller share one process.
+        announce: called once, before the nodes start; ``log/place.txt`` has the same line.
 
     Returns:
         Path of the bag.
@@ -173,25 +188,21 @@ def run(experiment: Experiment, clock: str, out: Path, progress: Progress, compo
     for folder in ("params", "log"):
         (out / folder).mkdir()
     with ExitStack() as stack:
-        domain = stack.enter_context(own_domain())
-        environment = {
-            **os.environ,
-            "ROS_DOMAIN_ID": str(domain),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            "ROS_LOG_DIR": str(out / "log" / "ros"),
-            "PYTHONUNBUFFERED": "1",
-        }
-        environment.pop("ROS_STATIC_PEERS", None)
+        domain, namespace = stack.enter_context(own_domain()), f"run_{secrets.token_hex(4)}"
+        place = f"ROS_DOMAIN_ID={domain}, namespace /{namespace}"
+        (out / "log" / "place.txt").write_text(place + "\n", encoding="utf-8")
+        announce(place)
         processes = stack.enter_context(Processes())
-        metadata = _quoted(bag_metadata(experiment, clock))
-        arguments = {"recorder": ["-p", f"output:={bag}", "-p", f"metadata:={metadata}"]}
+        metadata = _quoted(bag_metadata(experiment, clock, namespace))
+        arguments = {"recorder": ["-p", f"output:={bag}", "-p", f"metadata:={metadata}", "-p", "plain_names:=true"]}
         for node, values in parameters.items():
             file = out / "params" / f"{node}.yaml"
             file.write_text(ros_parameters(node, values), encoding="utf-8")
             arguments.setdefault("composed" if composed else node, []).extend(["--params-file", str(file)])
         _check_security(arguments)
         for name, words in arguments.items():
-            processes.start(name, words, environment, out / "log" / f"{name}.log")
+            environment = _environment(name, domain, out / "log")
+            processes.start(name, [*words, "-r", f"__ns:=/{namespace}"], environment, out / "log" / f"{name}.log")
         rate = number(parameters["simulator"]["rate"])
         _watch(processes, lambda samples: progress(samples / rate))
         processes.end(*(name for name in arguments if name != "recorder"))
@@ -200,6 +211,15 @@ def run(experiment: Experiment, clock: str, out: Path, progress: Progress, compo
         if recorder.process.returncode:
             raise RunError(f"the bag is incomplete; the recorder's last lines:\n{recorder.tail()}")
     return bag
+
+
+def _environment(process: str, domain: int, logs: Path) -> dict[str, str]:
+    return {
+        **on_this_machine(os.environ, _PROFILES.get(process, "fastdds.xml")),
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_LOG_DIR": str(logs / "ros"),
+        "PYTHONUNBUFFERED": "1",
+    }
 
 
 def _check_security(names: Iterable[str]) -> None:
@@ -212,8 +232,13 @@ def _check_security(names: Iterable[str]) -> None:
         raise UsageError(str(error)) from None
 
 
-def bag_metadata(experiment: Experiment, clock: str) -> str:
+def bag_metadata(experiment: Experiment, clock: str, namespace: str = "") -> str:
     """What the recorder stores with the bag, so that an analysis knows what was run: a JSON object.
+
+    Args:
+        experiment: what is run.
+        clock: ``lockstep`` or ``realtime``.
+        namespace: of the nodes, without slashes at its ends, where the recorder leaves it out of the names of topics.
 
     Raises:
         UsageError: see `node_parameters`.
@@ -223,6 +248,7 @@ def bag_metadata(experiment: Experiment, clock: str) -> str:
         "law": experiment.law,
         "clock": clock,
         "event_time": experiment.event_time,
+        **({"namespace": namespace} if namespace else {}),
         "trajectory": node_parameters(experiment, clock)["trajectory"],
     }
     return json.dumps(known)

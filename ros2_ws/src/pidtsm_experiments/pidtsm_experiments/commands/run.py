@@ -60,7 +60,10 @@ def run_and_report(experiment: Experiment, clock: str, out: Path, composed: bool
         def show(time: float) -> None:
             bar.update(task, completed=time, description=title)
 
-        bag = run(experiment, clock, folder, show, composed)
+        def tell(place: str) -> None:
+            bar.console.print(f"{title}: {place}", highlight=False)
+
+        bag = run(experiment, clock, folder, show, composed, tell)
         bar.update(task, completed=experiment.duration, description=f"{title}: analysing")
         try:
             recording = read_recording(bag)

@@ -1,0 +1,55 @@
+"""Processes that stay on this machine bind their sockets there, unless somebody has chosen profiles or transports."""
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+from pidtsm_ros import middleware
+from pidtsm_ros.middleware import on_this_machine
+
+FOLDER = Path(middleware.__file__).parent
+RANGE, PROFILES = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
+
+
+@pytest.mark.parametrize("profiles", ["fastdds.xml", "fastdds_recorder.xml"])
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", RANGE: "SUBNET"},
+        {"ROS_STATIC_PEERS": "10.0.0.2", "ROS_LOCALHOST_ONLY": "1"},
+        {PROFILES: str(FOLDER / "fastdds.xml"), "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"},
+    ],
+    ids=["nothing set", "network", "peers", "as a node of ours sets it"],
+)
+def test_with_fast_dds_the_profile_binds_to_loopback(given: dict[str, str], profiles: str) -> None:
+    environment = on_this_machine(given, profiles)
+    assert not {"ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY"} & environment.keys()
+    assert environment[RANGE] == "SYSTEM_DEFAULT"
+    assert Path(environment[PROFILES]).samefile(FOLDER / profiles.replace(".xml", "_loopback.xml"))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [(PROFILES, "/my.xml"), ("FASTDDS_BUILTIN_TRANSPORTS", "LARGE_DATA"), ("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")],
+)
+def test_what_the_environment_names_stays_and_discovery_is_limited(name: str, value: str) -> None:
+    assert on_this_machine({name: value, RANGE: "SUBNET"}) == {name: value, RANGE: "LOCALHOST"}
+
+
+def settings(profiles: str) -> list[str]:
+    """What a file says of others than the participant and its transports."""
+    namespace = "{http://www.eprosima.com}"
+    (content,) = ElementTree.parse(FOLDER / profiles).getroot()
+    return [
+        ElementTree.tostring(element, encoding="unicode")
+        for element in content
+        if element.tag not in (f"{namespace}participant", f"{namespace}transport_descriptors")
+    ]
+
+
+@pytest.mark.parametrize("name", ["fastdds", "fastdds_recorder"])
+def test_a_loopback_profile_differs_in_the_transport_alone(name: str) -> None:
+    assert settings(f"{name}.xml") == settings(f"{name}_loopback.xml")
+    assert settings(f"{name}.xml")
