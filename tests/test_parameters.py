@@ -3,7 +3,7 @@
 import pytest
 from bench import Bench
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParametersAtomically
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters, SetParametersAtomically
 
 BAD_AT_START = [
     ("controller", "law.k1:=-3.0", "law.k1: -3.0 must be >= 0"),
@@ -77,6 +77,24 @@ def test_running_controller_keeps_its_gains_when_one_is_bad(bench: Bench) -> Non
         assert not successful
         assert cause in reason
         assert get("law.k1", "law.k2") == [4.0, 0.6], "a set is taken whole or not at all"
+
+
+def test_setting_a_parameter_that_does_not_exist_names_it(bench: Bench) -> None:
+    bench.start("controller")
+
+    def set_parameters(*parameters: Parameter) -> list[tuple[bool, str]]:
+        request = SetParameters.Request(parameters=list(parameters))
+        results = bench.call(SetParameters, "controller/set_parameters", request).results
+        return [(result.successful, result.reason) for result in results]
+
+    known, typo = double("law.k1", 4.0), double("law.kk", 1.0)
+    unset = Parameter(name="nonsense")
+    assert set_parameters(typo, known) == [(False, "unknown parameter law.kk; did you mean law.k?"), (True, "")]
+    assert set_parameters(double("law.gain", 1.0))[0][1].startswith("unknown parameter law.gain: ")
+    assert set_parameters(unset)[0][1].startswith("unknown parameter nonsense; known are ")
+    request = SetParametersAtomically.Request(parameters=[known, typo])
+    result = bench.call(SetParametersAtomically, "controller/set_parameters_atomically", request).result
+    assert (result.successful, result.reason) == (False, "unknown parameter law.kk; did you mean law.k?")
 
 
 @pytest.mark.parametrize("node", ["simulator", "controller", "trajectory"])

@@ -1,7 +1,7 @@
 """Base of the nodes: a lifecycle node whose ROS parameters come from a schema of `pidtsm_core`."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from typing import Any
 
@@ -61,7 +61,10 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
 
 
 class _ParameterService(ParameterService):
-    """Refuses values of a type that there is none of; rclpy's own would raise, which ends the executor."""
+    """Refuses values of a type that there is none of, where rclpy's own would raise, which ends the executor.
+
+    A parameter that does not exist is refused by its name, which rclpy's own does not say.
+    """
 
     def _set_parameters_callback(
         self, request: SetParameters.Request, response: SetParameters.Response
@@ -76,6 +79,7 @@ class _ParameterService(ParameterService):
         self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
     ) -> SetParametersAtomically.Response:
         try:
+            self._get_node().check_names(parameter.name for parameter in request.parameters)
             return super()._set_parameters_atomically_callback(request, response)
         except ValueError as error:
             response.result = SetParametersResult(successful=False, reason=str(error))
@@ -138,6 +142,16 @@ class ManagedNode(LifecycleNode):
             ParameterError: an unknown name, or a refused value.
         """
         return resolve(self._schema, settings, self._joint_count(settings))
+
+    def check_names(self, names: Iterable[str]) -> None:
+        """See that these are parameters of the node, or of ROS.
+
+        Raises:
+            ParameterError: the first that is not.
+        """
+        for name in names:
+            if not self.has_parameter(name):
+                self.check({**self.values, name: None})
 
     # What subclasses do.
 
