@@ -33,8 +33,17 @@ sys.exit(service.run())
 """
 
 
-def launch(bench: Bench, *arguments: str) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-c", PROGRAM, str(LAUNCH_FILE), *arguments]
+PARENT = """
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+def generate_launch_description():
+    included = IncludeLaunchDescription({ours!r}, launch_arguments=[("clock", "lockstep"), ("duration", "0.1")])
+    return LaunchDescription([DeclareLaunchArgument("camera"), included])
+"""
+
+
+def launch(bench: Bench, *arguments: str, file: Path = LAUNCH_FILE) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-c", PROGRAM, str(file), *arguments]
     return subprocess.run(
         command, env=bench.environment, cwd=bench.folder, capture_output=True, text=True, timeout=DEADLINE
     )
@@ -58,6 +67,24 @@ def test_arguments_mean_what_options_mean(bench: Bench) -> None:
     np.testing.assert_array_equal(recording.effort, rollout(experiment.settings, 0.5).effort)
 
 
+@pytest.mark.parametrize("clock", ["realtime", "lockstep"])
+def test_an_ordinary_end_shows_no_error(bench: Bench, clock: str) -> None:
+    done = launch(bench, f"clock:={clock}", "duration:=1.0", "record:=bag")
+    said = done.stdout + done.stderr
+    assert done.returncode == 0, said
+    assert said.count("process has finished cleanly") == 4, said
+    assert "ERROR" not in said
+    assert said.index("[controller-2]: process has finished") < said.index("SIGINT' to process[recorder-4]"), said
+
+
+def test_a_launch_ends_with_its_recorder(bench: Bench) -> None:
+    """Else the simulator would wait for it for ever."""
+    done = launch(bench, "record:=/proc/bag", "set:=simulator.duration=0.0")
+    said = done.stdout + done.stderr
+    assert "cannot record: /proc/bag" in said
+    assert said.count("process has finished cleanly") == 3, said
+
+
 def refused(bench: Bench, argument: str) -> str:
     """What a launch says that starts nothing."""
     done = launch(bench, argument)
@@ -66,8 +93,37 @@ def refused(bench: Bench, argument: str) -> str:
     return done.stdout + done.stderr
 
 
-def test_bad_arguments_start_nothing(bench: Bench) -> None:
-    assert "unknown law nonsense; known are" in refused(bench, "law:=nonsense")
+@pytest.mark.parametrize(
+    ("argument", "cause"),
+    [
+        ("law:=nonsense", "unknown law nonsense; known are"),
+        ("durations:=1.0", "unknown argument durations; known are scenario, law, robot, duration, clock"),
+        ("duration:=abc", "duration: 'abc' is not a positive number of seconds"),
+        ("duration:=-1", "duration: '-1' is not a positive number of seconds"),
+        ("clock:=sundial", "clock: 'sundial' must be one of realtime, lockstep"),
+        ("viewer:=eyes", "viewer: 'eyes' must be one of none, rviz"),
+        ("autostart:=maybe", "autostart: 'maybe' must be one of true, false"),
+        ("scenario:=nonsense", "no scenario nonsense: neither a file nor one of case1"),
+        ("robot:=snake", "robot.name: 'snake' must be one of two_link"),
+        ("set:=controller.law.kk=1.0", "controller: unknown parameter law.kk; did you mean law.k?"),
+        ("set:='a", "set: 'a: No closing quotation"),
+        ("params:=nowhere.yaml", "nowhere.yaml: No such file or directory"),
+        ("namespace:=1st", "namespace: '1st': Invalid namespace: namespace must not have a token that starts with"),
+        ("record:=/tmp", "record: /tmp exists; name a folder to make"),
+    ],
+)
+def test_a_bad_argument_starts_nothing_and_is_one_line(bench: Bench, argument: str, cause: str) -> None:
+    errors = [line for line in refused(bench, argument).splitlines() if "INFO" not in line]
+    assert len(errors) == 1, errors
+    assert cause in errors[0]
+
+
+def test_a_launch_file_that_includes_ours_has_arguments_of_its_own(bench: Bench) -> None:
+    parent = bench.folder / "parent.launch.py"
+    parent.write_text(PARENT.format(ours=str(LAUNCH_FILE)))
+    done = launch(bench, "camera:=left", file=parent)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "done: 100 samples" in done.stdout + done.stderr
 
 
 @pytest.mark.skipif(shutil.which("rviz2") is not None, reason="RViz is installed")

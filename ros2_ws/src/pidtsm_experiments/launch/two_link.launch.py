@@ -4,18 +4,25 @@ Arguments mean what the options of ``./pidtsm run`` mean. ``ros2 launch`` ends w
 """
 
 import shlex
+import sys
+from argparse import ArgumentTypeError
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
-from launch.events.process import ProcessExited
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, Shutdown
+from launch.events.process import ProcessExited, ShutdownProcess
 from launch_ros.actions import LifecycleNode, Node
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.validate_namespace import validate_namespace
 
 from pidtsm_core.laws import LAWS
 from pidtsm_core.robots import ROBOTS
+from pidtsm_experiments.commands.options import seconds
+from pidtsm_experiments.errors import UsageError
 from pidtsm_experiments.experiment import make_experiment, scenario_names
 from pidtsm_experiments.runner import EXECUTABLES, bag_metadata, node_parameters
 
@@ -34,7 +41,6 @@ _ARGUMENTS = (
     DeclareLaunchArgument(
         "clock",
         default_value="realtime",
-        choices=["realtime", "lockstep"],
         description="realtime: at the wall clock's pace; lockstep: deterministic, as fast as possible",
     ),
     DeclareLaunchArgument(
@@ -47,23 +53,85 @@ _ARGUMENTS = (
     ),
     DeclareLaunchArgument("namespace", default_value="", description="namespace of all nodes and topics"),
     DeclareLaunchArgument("record", default_value="", description="folder to make for the bag; without it no recorder"),
-    DeclareLaunchArgument("viewer", default_value="none", choices=["none", "rviz"], description="what to look with"),
+    DeclareLaunchArgument("viewer", default_value="none", description="what to look with: none or rviz"),
     DeclareLaunchArgument(
         "autostart",
         default_value="true",
-        choices=["true", "false"],
-        description="false: the nodes wait, unconfigured, for a lifecycle manager",
+        description="true, or false: the nodes wait, unconfigured, for a lifecycle manager",
     ),
 )
+_CHOICES = {"clock": ("realtime", "lockstep"), "viewer": ("none", "rviz"), "autostart": ("true", "false")}
+"""Not left to `DeclareLaunchArgument`, which says twice what is wrong."""
+_OF_LAUNCH = ("launch-prefix", "launch-prefix-filter", "emulate_tty", "sigterm_timeout", "sigkill_timeout")
+"""Arguments that launch itself takes for every process."""
 
 
-def _end_all(event: ProcessExited, context: LaunchContext) -> list[Shutdown]:
-    """Without one of the three nodes the others have nothing to do."""
-    return [] if context.is_shutdown else [Shutdown(reason=f"{event.process_name} has ended")]
+def _check(given: Mapping[str, str]) -> None:
+    """Refuse what no node would ever see.
+
+    Raises:
+        UsageError: an unknown argument, or a value that is not allowed.
+    """
+    known = [argument.name for argument in _ARGUMENTS]
+    unknown = [name for name in given if name not in (*known, *_OF_LAUNCH)]
+    if unknown and _launched_alone():
+        raise UsageError(f"unknown argument {unknown[0]}; known are {', '.join(known)}")
+    for name, choices in _CHOICES.items():
+        if given[name] not in choices:
+            raise UsageError(f"{name}: {given[name]!r} must be one of {', '.join(choices)}")
+    if given["record"] and Path(given["record"]).exists():
+        raise UsageError(f"record: {given['record']} exists; name a folder to make")
+    try:
+        validate_namespace(f"/{given['namespace'].lstrip('/')}")
+    except InvalidNamespaceException as error:
+        raise UsageError(f"namespace: {given['namespace']!r}: {str(error).splitlines()[0].rstrip(':')}") from None
+
+
+def _launched_alone() -> bool:
+    """Whether the command line names this file; one that includes it may have arguments of its own."""
+    return any(":=" not in word and Path(word).name == Path(__file__).name for word in sys.argv)
+
+
+def _duration(text: str) -> float | None:
+    try:
+        return seconds(text) if text else None
+    except ArgumentTypeError as error:
+        raise UsageError(f"duration: {error}") from None
+
+
+def _words(name: str, text: str) -> list[str]:
+    """The words of an argument, quoted as in a shell."""
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise UsageError(f"{name}: {text}: {error}") from None
+
+
+class _End:
+    """Ends everything when a node has ended, without which the others have nothing to do.
+
+    First simulator, controller and trajectory, then the rest. `Shutdown` alone interrupts processes up to a second
+    later, when it has ended launch's own node, and meanwhile the controller misses its joint states.
+
+    Attributes:
+        loop: the three that still run.
+    """
+
+    def __init__(self) -> None:
+        self.loop: set[Node] = set()
+
+    def __call__(self, event: ProcessExited, context: LaunchContext) -> list[Shutdown | EmitEvent]:
+        self.loop.discard(event.action)
+        if context.is_shutdown:
+            return []
+        if self.loop:
+            return [EmitEvent(event=ShutdownProcess(process_matcher=self.loop.__contains__))]
+        return [Shutdown(reason=f"{event.process_name} has ended")]
 
 
 def _actions(context: LaunchContext) -> list[Node]:
     given = context.launch_configurations
+    _check(given)
     clock, namespace = given["clock"], given["namespace"]
     overrides = [f"{node}.robot.name={given['robot']}" for node in ("simulator", "controller") if given["robot"]]
     nodes = ("simulator", "controller", "trajectory")
@@ -71,9 +139,9 @@ def _actions(context: LaunchContext) -> list[Node]:
     experiment = make_experiment(
         given["scenario"],
         given["law"] or None,
-        float(given["duration"]) if given["duration"] else None,
-        shlex.split(given["params"]),
-        [*overrides, *shlex.split(given["set"])],
+        _duration(given["duration"]),
+        _words("params", given["params"]),
+        [*overrides, *_words("set", given["set"])],
     )
     viewed, recorded = given["viewer"] == "rviz", given["record"]
     listening = 2 + viewed + bool(recorded)
@@ -108,10 +176,14 @@ def _actions(context: LaunchContext) -> list[Node]:
             )
         )
         actions.append(node("visualization", {}))
-    actions += [node(name, values, LifecycleNode, on_exit=_end_all) for name, values in parameters.items()]
+    end = _End()
+    loop = [node(name, values, LifecycleNode, on_exit=end) for name, values in parameters.items()]
+    end.loop.update(loop)
+    actions += loop
     if recorded:
         bag = str(Path(recorded).absolute())
-        actions.append(node("recorder", {"output": bag, "metadata": bag_metadata(experiment, clock)}))
+        metadata = bag_metadata(experiment, clock)
+        actions.append(node("recorder", {"output": bag, "metadata": metadata}, on_exit=end))
     return actions
 
 
