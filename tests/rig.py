@@ -63,7 +63,11 @@ class Watch:
     """Keeps every message of some topics, and finds what must never be in one."""
 
     def __init__(self, node: Node, topics: Mapping[str, type]) -> None:
-        """Listen; messages are heard as the node's executor spins, and where it has none, when they are taken."""
+        """Listen; messages are heard as the node's executor spins, and where it has none, when they are taken.
+
+        A node learns of the subscriptions in the order of the topics: that of its first message (`start.subscribers`)
+        comes last, so that nothing is missed.
+        """
         self._types = dict(topics)
         self.heard: dict[str, list[bytes]] = {topic: [] for topic in topics}
         self._subscriptions = {
@@ -71,7 +75,6 @@ class Watch:
                 kind,
                 topic,
                 self.heard[topic].append,
-                # Nodes keep what they said before their readers were found, but for diagnostics.
                 QoSProfile(depth=10) if topic == "/diagnostics" else RECORDER,
                 raw=True,
             )
@@ -186,7 +189,7 @@ class ControllerRig(Rig):
     def __init__(self, bench: Bench, *parameters: str) -> None:
         # Every message counts, also where the controller, by its parameters, runs in realtime.
         asked_for = [f"qos_overrides./{t}.subscription.reliability:=reliable" for t in ("joint_states", "reference")]
-        topics = {"joint_commands": JointState, "controller/state": ControllerState}
+        topics = {"controller/state": ControllerState, "joint_commands": JointState}
         super().__init__(bench, topics, *self.settings, *parameters, *asked_for)
         self.joint_states = bench.node.create_publisher(JointState, "joint_states", 10)
         self.references = bench.node.create_publisher(JointReference, "reference", 10)
@@ -274,7 +277,7 @@ class SimulatorRig(Rig):
     effort = (30.0, -5.0)
 
     def __init__(self, bench: Bench) -> None:
-        topics = {"joint_states": JointState, "simulator/ground_truth": JointState}
+        topics = {"simulator/ground_truth": JointState, "joint_states": JointState}
         super().__init__(bench, topics, "clock:=lockstep", "start.subscribers:=1", "lockstep.timeout:=60.0")
         self.commands = bench.node.create_publisher(JointState, "joint_commands", 10)
         self.twin = SimulatedRobot(resolve(simulator_node_schema, {}, 2))

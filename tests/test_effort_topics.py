@@ -27,6 +27,7 @@ def record(bench: Bench, topic: str, message_type: Any, duration: float, *parame
     messages: list[Any] = []
     subscription = bench.node.create_subscription(message_type, topic, messages.append, RECORDER)
     bench.spin_until(subscription.get_publisher_count, f"a publisher of {topic}")
+    bench.node.create_subscription(JointState, "joint_commands", lambda message: None, 10)
     # The third that the simulator waits for.
     bench.node.create_subscription(JointState, "joint_states", lambda message: None, 10)
     simulator = processes["simulator"]
@@ -67,6 +68,7 @@ def test_arrays_that_cannot_be_used_are_refused(bench: Bench) -> None:
 
 
 def test_the_controllers_state_can_be_thinned_out(bench: Bench) -> None:
-    states = record(bench, "controller/state", ControllerState, 0.2, "controller:state.decimation:=10")
+    parameters = ("controller:state.decimation:=10", "controller:start.subscribers:=2")
+    states = record(bench, "controller/state", ControllerState, 0.2, *parameters)
     bench.spin_until(lambda: len(states) >= 20, "every tenth state")
     assert [nanoseconds(s.header.stamp) for s in states] == [k * 1_000_000 for k in range(0, 200, 10)]

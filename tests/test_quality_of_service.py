@@ -1,8 +1,11 @@
-"""What the middleware does for a sample that did not arrive."""
+"""What the middleware does for a sample that did not arrive, and for readers that come late."""
 
 import pytest
 from bench import Bench
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+
+from pidtsm_ros.stamps import nanoseconds
 
 SAMPLES = {"joint_states": 2, "reference": 1, "joint_commands": 1}
 """Topics of the loop, and how many of our nodes listen."""
@@ -27,3 +30,18 @@ def test_samples_are_asked_for_again_in_lockstep_alone(
         readers = bench.node.get_subscriptions_info_by_topic(topic)
         wanted = expected if topic in SAMPLES else ReliabilityPolicy.RELIABLE
         assert {reader.qos_profile.reliability for reader in readers} == {wanted}, topic
+
+
+def test_a_late_reader_gets_nothing_of_the_past(bench: Bench) -> None:
+    """A few seconds of the loop, sent to everybody who joins, would hold the loop up."""
+    early: list[JointState] = []
+    late: list[JointState] = []
+    bench.node.create_subscription(JointState, "joint_states", early.append, QoSProfile(depth=1000))
+    bench.start("simulator", "start.subscribers:=0")
+    bench.spin_until(lambda: len(early) > 500, "500 samples")
+    offered = bench.node.get_publishers_info_by_topic("joint_states")
+    assert [info.qos_profile.durability for info in offered] == [DurabilityPolicy.VOLATILE]
+    newest = nanoseconds(early[-1].header.stamp)
+    bench.node.create_subscription(JointState, "joint_states", late.append, QoSProfile(depth=1000))
+    bench.spin_until(lambda: late, "a sample")
+    assert nanoseconds(late[0].header.stamp) > newest

@@ -10,7 +10,7 @@ import pytest
 from bench import Bench
 from builtin_interfaces.msg import Duration
 from numpy.typing import NDArray
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -43,7 +43,7 @@ def by_time(messages: list[Any]) -> NDArray[np.float64]:
 
 
 def test_a_quintic_from_point_to_point_is_followed(bench: Bench) -> None:
-    node, every = bench.node, QoSProfile(depth=10_000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node, every = bench.node, QoSProfile(depth=10_000)
     truth: list[JointState] = []
     references: list[JointReference] = []
     node.create_subscription(JointState, "simulator/ground_truth", truth.append, every)
@@ -53,7 +53,7 @@ def test_a_quintic_from_point_to_point_is_followed(bench: Bench) -> None:
     # The article's disturbance acts. With the article's own gains joint2 is worse, see docs/trajectories.md.
     arguments = ["--params-file", str(PRACTICAL), "-p", "reference.match:=stamp"]
     bench.processes.start("controller", arguments, bench.environment, bench.folder / "controller.log")
-    process = bench.start("trajectory", "clock:=lockstep")
+    process = bench.start("trajectory", "clock:=lockstep", "start.subscribers:=2")
     bench.spin_until(publisher.get_subscription_count, "the trajectory node")
     # The third subscriber: the run begins.
     node.create_subscription(JointState, "joint_states", lambda message: None, 10)

@@ -42,6 +42,18 @@ def _form_of_commands(name: str, description: str) -> Parameter:
     )
 
 
+def _start(topic: str, default: int, listeners: str) -> Parameter:
+    """How many a node waits for, so that its first message reaches all of them."""
+    return Parameter(
+        "start.subscribers",
+        default,
+        f"subscribers of {topic} to wait for before the first message ({listeners}; a recorder is one more); "
+        "0 starts at once",
+        minimum=0,
+        fixed=True,
+    )
+
+
 _LOOP = (
     AUTOSTART,
     PRIORITY,
@@ -75,15 +87,15 @@ _SIMULATOR = (
     ),
     _form_of_commands("input.type", "form of the commands taken"),
     Parameter("duration", 0.0, "end after this time; 0 runs for ever", "s", minimum=0.0, fixed=True),
+    _start("joint_states", 2, "controller, trajectory"),
     Parameter(
-        "start.subscribers",
-        2,
-        "subscribers of joint_states to wait for before the first sample (controller, trajectory); 0 starts at once",
-        minimum=0,
+        "lockstep.timeout",
+        5.0,
+        "longest wall time to wait for a command, after the first",
+        "s",
+        minimum=0.0,
+        exclusive=True,
         fixed=True,
-    ),
-    Parameter(
-        "lockstep.timeout", 5.0, "longest wall time to wait for a command", "s", minimum=0.0, exclusive=True, fixed=True
     ),
 )
 
@@ -107,6 +119,7 @@ _CONTROLLER = (
         fixed=True,
     ),
     _form_of_commands("output.type", "form of the commands"),
+    _start("the commands", 1, "simulator"),
     Parameter("state.decimation", 1, "~/state is published every so many ticks", minimum=1),
 )
 
@@ -120,6 +133,7 @@ _TRAJECTORY = (
         choices=("realtime", "lockstep"),
         fixed=True,
     ),
+    _start("reference", 1, "controller"),
     Parameter(
         "start_tolerance",
         0.05,

@@ -144,9 +144,10 @@ def _actions(context: LaunchContext) -> list[Node]:
         [*overrides, *_words("set", given["set"])],
     )
     viewed, recorded = given["viewer"] == "rviz", given["record"]
-    listening = 2 + viewed + bool(recorded)
-    simulator = {"start.subscribers": listening, **experiment.settings["simulator"]}
-    experiment = replace(experiment, settings={**experiment.settings, "simulator": simulator})
+    others = viewed + bool(recorded)
+    listening = {"simulator": 2 + others, "controller": 1 + others, "trajectory": 1 + others}
+    settings = {node: {"start.subscribers": listening[node], **given} for node, given in experiment.settings.items()}
+    experiment = replace(experiment, settings=settings)
 
     def node(name: str, parameters: dict[str, Any], kind: type[Node] = Node, **options: Any) -> Node:
         package, executable = EXECUTABLES[name]

@@ -27,18 +27,19 @@ from pidtsm_ros.startup import refuse, start_ros
 from pidtsm_ros.stop import Stop
 
 TOPICS = {
-    "joint_states": JointState,
+    "simulator/ground_truth": JointState,
+    "controller/state": ControllerState,
     "joint_commands": JointState,
     "reference": JointReference,
-    "controller/state": ControllerState,
-    "simulator/ground_truth": JointState,
+    "joint_states": JointState,
 }
-"""Relative names, as the nodes publish them."""
+"""Relative names, as the nodes publish them, in the order of the subscriptions. A node learns of these in the same
+order: who counts those who listen to its topic of the loop (``start.subscribers``) knows then that its other topic is
+listened to."""
 DIAGNOSTICS = "/diagnostics"
 """Recorded whoever publishes it, nodes of other systems included: nothing waits for it, or counts what is lost."""
 BARRIER = "joint_states"
-"""Subscribed to last, once every other topic has a publisher: a simulator that waits for its subscribers
-(``start.subscribers``) then starts when nothing can be missed any more."""
+"""Subscribed to last, once every other topic has a publisher: a simulator that waits for them starts then."""
 
 MAX_BAG_SIZE = 1_000_000_000
 """Bytes."""

@@ -42,7 +42,8 @@ _NEXT_SAMPLE_WITHIN = 20.0  # s
 _END_WITHIN = 10.0  # s from SIGINT to the end of a process
 _TAIL_LINES = 15
 _PROFILES = {"recorder": "fastdds_recorder.xml"}  # of Fast DDS, where they are not the nodes'
-_SUBSCRIBERS = 3  # of joint_states: controller, trajectory, recorder
+_SUBSCRIBERS = {"simulator": 3, "controller": 2, "trajectory": 2}
+"""Who waits for how many at the start, the recorder among them."""
 _PR_SET_PDEATHSIG = 1
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 
@@ -266,11 +267,14 @@ def node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, V
         UsageError: a parameter that a node would refuse.
     """
     of_the_run: Settings = {
-        "simulator": {"clock": clock, "duration": experiment.duration, "start.subscribers": _SUBSCRIBERS},
+        "simulator": {"clock": clock, "duration": experiment.duration},
         "controller": {"reference.match": "stamp" if clock == "lockstep" else "latest"},
         "trajectory": {"clock": clock},
     }
-    settings = {node: {**EXPERIMENT[node], **of_the_run[node], **given} for node, given in experiment.settings.items()}
+    settings = {
+        node: {**EXPERIMENT[node], **of_the_run[node], "start.subscribers": _SUBSCRIBERS[node], **given}
+        for node, given in experiment.settings.items()
+    }
     return replace(experiment, settings=settings).resolved(NODE_SCHEMAS)
 
 

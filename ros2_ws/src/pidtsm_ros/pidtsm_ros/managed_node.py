@@ -18,7 +18,7 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from pidtsm_core.joints import MessageError
-from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, resolve
+from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, number, resolve
 from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, OVERRIDABLE, PUBLISHER, READER, RELIABLE_READER
 from pidtsm_ros.wire import deserialize
 
@@ -121,6 +121,7 @@ class ManagedNode(LifecycleNode):
         self.rejected = 0
         self.retry_activation: Callable[[], object] = lambda: None
         self._reasons: set[str] = set()
+        self._awaited = True
         self._own_publishers: list[Publisher] = []
         self._own_subscriptions: list[Subscription] = []
         self._own_services: list[Service] = []
@@ -220,6 +221,7 @@ class ManagedNode(LifecycleNode):
         for service in self._own_services:
             self.destroy_service(service)
         self._own_publishers.clear()
+        self._awaited = True
         self._own_subscriptions.clear()
         self._own_services.clear()
         return TransitionCallbackReturn.SUCCESS
@@ -246,6 +248,15 @@ class ManagedNode(LifecycleNode):
         publisher = self.create_publisher(message_type, topic, qos, qos_overriding_options=OVERRIDABLE)
         self._own_publishers.append(publisher)
         return publisher
+
+    def awaits(self, publisher: Publisher) -> bool:
+        """Whether the first message has to wait, since fewer than `start.subscribers` have ever listened together.
+
+        A publisher counts a reader when it keeps for it what it publishes from then on.
+        """
+        if self._awaited:
+            self._awaited = publisher.get_subscription_count() < number(self.values["start.subscribers"])
+        return self._awaited
 
     def listen(
         self,
