@@ -205,7 +205,7 @@ class ControllerNode(ManagedNode):
         stamp = self._waiting_stamp
         if self.lockstep and self._answered_stamp != stamp:
             return
-        if self._status is None and self._commands.get_subscription_count() == 0:
+        if self.awaits(self._commands):
             return
         began = time.perf_counter()
         status = self._controller.step(stamp, self._reference_arrivals.last)

@@ -109,8 +109,8 @@ class Trajectory(ManagedNode):
         self._publish(stamp)
 
     def _publish(self, stamp: int) -> None:
-        # The first reference waits for somebody to hear it.
-        if stamp == self._began and self._references.get_subscription_count() == 0:
+        # The first reference waits for those who are to hear it.
+        if self.awaits(self._references):
             self._waiting = stamp
             return
         self._waiting = -1
