@@ -306,7 +306,8 @@ SIMULATOR_ROWS = {
         1,
     ),
     "a second command for a joint state": SimulatorRow(
-        lambda rig: rig.commands.publish(rig.command((0.0, 0.0), sample=rig.sample - 1))
+        lambda rig: rig.commands.publish(rig.command((0.0, 0.0), sample=rig.sample - 1)),
+        ("ignored joint_commands: this joint state or a later one is answered",),
     ),
     "a command beyond the limits": SimulatorRow(lambda rig: rig.step((1000.0, -1000.0))),
     "commands in another order": SimulatorRow(lambda rig: rig.step((20.0, 7.0), NAMES[::-1])),

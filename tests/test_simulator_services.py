@@ -1,11 +1,15 @@
-"""The simulator while it runs: reset, payload and push, and brakes where commands stay out."""
+"""The simulator: whom it waits for, reset, payload and push while it runs, and commands that stay out or come late."""
 
+import re
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from bench import Bench
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -24,6 +28,8 @@ class Arm:
     def __init__(self, bench: Bench, *parameters: str) -> None:
         self.bench = bench
         self.obedient = False
+        self.effort = EFFORT
+        self.answers: Callable[[list[JointState]], JointState] = lambda states: states[-1]
         self.states: list[JointState] = []
         self.commands = bench.node.create_publisher(JointState, "joint_commands", 10)
         bench.node.create_subscription(JointState, "joint_states", self._on_state, 10)
@@ -37,9 +43,9 @@ class Arm:
             self.command()
 
     def command(self) -> None:
-        """Answer the last joint state."""
-        message = JointState(name=NAMES, effort=EFFORT)
-        message.header.stamp = self.states[-1].header.stamp
+        """Answer a joint state: the last one, unless `answers` says another."""
+        message = JointState(name=NAMES, effort=self.effort)
+        message.header.stamp = self.answers(self.states).header.stamp
         self.commands.publish(message)
 
     def position(self, sample: int) -> list[float]:
@@ -52,6 +58,12 @@ class Arm:
 
     def says(self, text: str) -> None:
         self.bench.spin_until(lambda: text in self.process.log.read_text(), f"{text!r} in the log")
+
+
+def change(bench: Bench, node: str, *transitions: int) -> None:
+    for transition in transitions:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        assert bench.call(ChangeState, f"{node}/change_state", request).success
 
 
 CHANGES = {
@@ -128,8 +140,91 @@ def test_brakes_stop_the_arm_when_commands_stay_out_and_open_with_the_next(bench
 def test_in_lockstep_silence_ends_the_run_with_the_name_of_who_is_silent(bench: Bench) -> None:
     arm = Arm(bench, "clock:=lockstep", "lockstep.timeout:=0.5")
     arm.position(0)
+    arm.command()
+    arm.position(1)
     assert arm.process.wait() == 1
-    assert "no command for t = 0 s within 0.5 s: /stranger is silent" in arm.process.log.read_text()
+    assert "no command for t = 0.001 s within 0.5 s: /stranger is silent" in arm.process.log.read_text()
+
+
+def test_in_realtime_no_sample_passes_before_somebody_answers(bench: Bench) -> None:
+    truth: list[JointState] = []
+    bench.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 1000)
+    arm = Arm(bench, "duration:=0.3")
+    arm.says("waiting: no command on joint_commands so far; is a controller active?")
+    assert not truth
+    stamps = [nanoseconds(state.header.stamp) for state in arm.states]
+    assert np.diff(stamps).min() >= 500_000, "the joint state comes again, with a fresh stamp"
+    assert all(state.position == arm.states[0].position for state in arm.states)
+    arm.obedient = True
+    arm.command()
+    bench.spin_until(lambda: arm.process.process.poll() is not None, "the end")
+    bench.spin_until(
+        lambda: truth and nanoseconds(truth[-1].header.stamp) - nanoseconds(truth[0].header.stamp) >= 299_000_000,
+        "all of the truth",
+    )
+    assert nanoseconds(truth[0].header.stamp) >= stamps[-1]
+    assert "done: 300 samples" in arm.process.log.read_text()
+
+
+@pytest.mark.parametrize("clock", ["realtime", "lockstep"])
+def test_it_waits_for_an_active_controller_in_whatever_order_a_manager_starts_them(bench: Bench, clock: str) -> None:
+    match = {"realtime": "latest", "lockstep": "stamp"}[clock]
+    simulator = bench.start("simulator", "autostart:=false", f"clock:={clock}", "rate:=200", "duration:=1.0")
+    bench.start("trajectory", "autostart:=false", f"clock:={clock}")
+    bench.start("controller", "autostart:=false", f"reference.match:={match}")
+
+    def says(text: str) -> None:
+        bench.spin_until(lambda: text in simulator.log.read_text(), f"{text!r} in the log")
+
+    change(bench, "simulator", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+    says("waiting: joint_states has 0 of 2 subscribers, joint_commands 0 publishers")
+    change(bench, "controller", Transition.TRANSITION_CONFIGURE)
+    change(bench, "trajectory", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+    says("waiting: no command on joint_commands so far; is a controller active?")
+    change(bench, "controller", Transition.TRANSITION_ACTIVATE)
+    assert simulator.wait() == 0
+    skipped, answered = re.search(
+        r"done: 200 samples in .*; (\d+) skipped, (\d+) answered", simulator.log.read_text()
+    ).groups()
+    assert int(skipped) + int(answered) >= 198
+
+
+def test_stale_commands_are_counted_and_logged_once_and_so_are_the_stops_they_lead_to(bench: Bench) -> None:
+    """Of a stranger whose stamps are late every now and then."""
+    summaries: list[DiagnosticArray] = []
+    bench.node.create_subscription(DiagnosticArray, "/diagnostics", summaries.append, 10)
+    arm = Arm(bench, "command.timeout:=0.02")
+    arm.answers = lambda states: states[0] if len(states) % 100 < 50 else states[-1]
+    arm.obedient = True
+
+    def counted(name: str) -> float:
+        values = {pair.key: pair.value for pair in summaries[-1].status[0].values} if summaries else {}
+        return float(values.get(name, 0.0))
+
+    bench.spin_until(lambda: counted("stops by the brakes since activation") > 10, "the brakes stop the arm")
+    assert counted("commands ignored for a stale stamp since activation") > 100
+    log = arm.process.log.read_text()
+    assert log.count("the brakes stop the arm") == 1
+    assert log.count("ignored joint_commands: this joint state or a later one is answered") == 1
+    assert "rejected" not in log
+
+
+def test_in_realtime_a_further_command_for_a_joint_state_takes_the_place_of_the_one_before(bench: Bench) -> None:
+    truth: list[JointState] = []
+    bench.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 100)
+    arm = Arm(bench, "command.timeout:=0.2")
+    bench.spin_until(lambda: arm.states, "a joint state")
+    answered = arm.states[-1:]
+    arm.answers = lambda states: answered[0]
+    for effort in ([40.0, 5.0], [20.0, -5.0]):
+        arm.effort = effort
+        # It counts as a command, also for command.timeout.
+        for _ in range(3):
+            arm.command()
+            count = len(truth)
+            bench.spin_until(lambda n=count: len(truth) > n + 100, "a tenth of a second")
+        assert list(truth[-1].effort) == effort
+    assert "brakes" not in arm.process.log.read_text()
 
 
 def test_a_first_joint_state_that_nobody_answers_is_sent_again(bench: Bench) -> None:

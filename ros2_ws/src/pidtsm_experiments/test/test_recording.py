@@ -101,6 +101,20 @@ def test_time_counts_from_the_first_ground_truth(tmp_path: Path, run: Rollout, w
     assert recording.stamps_ns[0] == start + 3_000_000
 
 
+def test_what_comes_before_the_first_ground_truth_is_no_sample(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    """In realtime the first joint state comes again until the controller answers, which time does not wait for."""
+    waited = 20
+
+    def edit(topic: str, k: int, message: Any) -> Any:
+        return None if topic == "simulator/ground_truth" and k < waited else message
+
+    recording = read_recording(write_bag(tmp_path / "bag", run, edit=edit))
+    assert recording.time[0] == 0.0
+    assert recording.stamps_ns[0] == waited * 1_000_000
+    np.testing.assert_array_equal(recording.position, run.position[waited:])
+    assert not any(recording.lost.values())
+
+
 @pytest.mark.parametrize(
     "when",
     [

@@ -7,12 +7,13 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from pidtsm_core.joints import JointOrder, MessageError
+from pidtsm_core.joints import JointOrder
 from pidtsm_core.node_parameters import PRIORITY, simulator_node_schema
 from pidtsm_core.parameters import names, number
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.simulator import SimulatedRobot
 from pidtsm_core.timing import period_nanoseconds, seconds
+from pidtsm_ros.bursts import Bursts
 from pidtsm_ros.diagnostics import Diagnostics, Reading, loop_readings
 from pidtsm_ros.effort_topics import EFFORT_TOPICS
 from pidtsm_ros.loop_statistics import LoopStatistics
@@ -25,13 +26,14 @@ _POLL = 0.02
 _SETTLE = 0.3
 """s in realtime from when everybody is seen to the first sample. A connection has two ends, some of them elsewhere:
 in lockstep a sample waits for its answer, here the reference would run ahead of a controller that is not connected."""
-_PATIENCE = 2.0
-"""s of waiting for others before the log says so."""
+_PATIENCE = 3.0
+"""s of waiting for others before the log says so, and between two such lines."""
+_CALM = 1.0
+"""s without a change after which the log tells of the brakes again; those that go to and fro make one line."""
 _LATEST_CATCH_UP = 20
 """Periods that realtime may be late before it gives up making up for them."""
 _ASK_AGAIN = 1.0
-"""s without an answer to the first sample of all in lockstep. A recorder may be connected when who answers is not yet:
-then somebody has published to a reader that nobody waited for, and one message is lost for good."""
+"""s without an answer to the first sample of all in lockstep. What it asks may not be connected yet, or not active."""
 _LONGEST_SILENCE = 1000
 """Samples without a measurement that lockstep goes through before others get a turn."""
 
@@ -40,7 +42,10 @@ class Simulator(ManagedNode):
     """The simulated arm.
 
     The torque of the command that answers sample k is held from sample k to k + 1. Until the first command
-    arrives the arm stands on its brakes, and in realtime also when commands stay out (``command.timeout``).
+    arrives the arm stands on its brakes and no sample passes, unless ``start.subscribers`` is 0: the joint state is
+    published again, in realtime at the rate of the samples and with fresh stamps. In realtime the arm stands on its
+    brakes also when commands stay out (``command.timeout``), and a command with the stamp of the one taken last takes
+    its place.
     Sensors, delays, losses and motors are those of `SimulatedRobot`: a joint state carries the stamp of its
     acquisition, and one that is lost is not published.
     """
@@ -94,12 +99,14 @@ class Simulator(ManagedNode):
         self._acquired = -1
         self._asked = False
         self._answered = -1
-        self._waiting_since = time.monotonic()
-        self._told = False
+        self._told = time.monotonic()
         self._connected_since = 0.0
         self._skipped = 0
-        self._commands_taken = 0
-        self._braked = False
+        self._begun = False
+        self._samples_answered = 0
+        self._stale, self._unknown = Bursts(), Bursts()
+        self._braked = self._braked_told = False
+        self._brakes_moved = 0.0
         self._brakings = 0
         self._reported = -1
         self._compute_time = 0.0
@@ -138,13 +145,31 @@ class Simulator(ManagedNode):
             self._connected_since = self._connected_since or time.monotonic()
             return self.lockstep or wanted == 0 or time.monotonic() - self._connected_since > _SETTLE
         self._connected_since = 0.0
-        if not self._told and time.monotonic() - self._waiting_since > _PATIENCE:
-            self._told = True
-            self.get_logger().info(
-                f"waiting: joint_states has {listening} of {wanted:g} subscribers, "
-                f"{self._input.name} {commanded} publishers"
-            )
+        self._tell_waiting(
+            f"joint_states has {listening} of {wanted:g} subscribers, {self._input.name} {commanded} publishers"
+        )
         return False
+
+    def _tell_waiting(self, what: str) -> None:
+        """Log from time to time what is waited for."""
+        now = time.monotonic()
+        if now - self._told > _PATIENCE:
+            self._told = now
+            self.get_logger().info(f"waiting: {what}")
+
+    @property
+    def _awaits_first(self) -> bool:
+        """No command has come yet, and no sample passes without."""
+        return not self._begun and (self.lockstep or number(self.values["start.subscribers"]) > 0)
+
+    def _ask_again(self, later: int) -> None:
+        """Realtime: publish the sample that nobody has answered once more, so many periods later."""
+        self._began += later * self._period
+        self._first_stamp += later * self._period
+        # An answer to any of those sent so far will do.
+        self._answered -= later
+        self._publish_sample(self._sample)
+        self._tell_waiting(f"no command on {self._input.name} so far; is a controller active?")
 
     def _start(self) -> None:
         self._first_stamp = 0 if self.lockstep else time.time_ns()
@@ -161,7 +186,7 @@ class Simulator(ManagedNode):
         acquired, measured = self._robot.sense(sample)
         self._asked = acquired >= 0
         self._sample = sample
-        self._sent = self._sent_last = time.monotonic_ns()
+        self._sent = time.monotonic_ns()
         if self._asked:
             self._acquired = acquired
             self._measured.arrays[0] = measured
@@ -190,7 +215,7 @@ class Simulator(ManagedNode):
             took = (time.monotonic_ns() - self._began) / 1e9
             self.get_logger().info(
                 f"done: {self._samples} samples in {took:.4f} s; "
-                f"{self._skipped} skipped, {self._commands_taken} answered"
+                f"{self._skipped} skipped, {self._samples_answered} answered"
             )
             self.diagnose()
             self.finished = True
@@ -207,15 +232,22 @@ class Simulator(ManagedNode):
         """Move the arm over one period."""
         commanded, self._commanded = self._commanded, False
         self._robot.act(self._sample, commanded, self._effort)
+        braked = self._robot.braked
         # Before the first command the brakes are closed anyway.
-        if self._robot.braked != self._braked and self._robot.silence:
-            self._report_brakes()
+        if (braked != self._braked or braked != self._braked_told) and self._robot.silence:
+            self._report_brakes(braked)
 
-    def _report_brakes(self) -> None:
-        """Log that the robot has closed its brakes for want of commands, or opened them."""
-        self._braked = self._robot.braked
-        if self._braked:
-            self._brakings += 1
+    def _report_brakes(self, braked: bool) -> None:
+        """Log that the robot has closed its brakes for want of commands, or opened them, unless they did just now."""
+        now = time.monotonic()
+        calm = now - self._brakes_moved > _CALM
+        if braked != self._braked:
+            self._braked, self._brakes_moved = braked, now
+            self._brakings += braked
+        if not calm or braked == self._braked_told:
+            return
+        self._braked_told = braked
+        if braked:
             silence = seconds(self._robot.silence * self._period)
             self.get_logger().warning(f"no command for {silence:.3g} s (command.timeout): the brakes stop the arm")
         else:
@@ -225,11 +257,19 @@ class Simulator(ManagedNode):
         stamp = serialized_nanoseconds(data)
         answered, remainder = divmod(stamp - self._first_stamp, self._period) if self._sample >= 0 else (0, 1)
         if remainder or answered > self._acquired:
-            raise MessageError("the stamp is that of no joint state sent")
-        if answered <= self._answered:
-            return  # A late reply to a sample that is past.
-        self._incoming.read(data, self._received)
-        self._take(answered)
+            self.rejected += 1
+            if self._unknown.begins():
+                self.get_logger().error(f"rejected {self._input.name}: the stamp is that of no joint state sent")
+        elif answered > self._answered or (answered == self._answered and self._replaceable):
+            self._incoming.read(data, self._received)
+            self._take(answered)
+        elif self._stale.begins():
+            self.get_logger().warning(f"ignored {self._input.name}: this joint state or a later one is answered")
+
+    @property
+    def _replaceable(self) -> bool:
+        """Realtime: drives take the newest torque, also where it comes without a new joint state."""
+        return not self.lockstep and self._begun
 
     def _on_array(self, message: Float64MultiArray) -> None:
         """Without a stamp it answers the joint state sent last; in lockstep only one that waits for its answer."""
@@ -241,8 +281,9 @@ class Simulator(ManagedNode):
     def _take(self, answered: int) -> None:
         """The torques received answer this sample."""
         self._effort[:] = self._received[0]
+        self._begun = True
+        self._samples_answered += answered > max(self._answered, -1)
         self._answered = answered
-        self._commands_taken += 1
         self._commanded = True
         if self.lockstep and answered == self._acquired:
             self._go_on()
@@ -261,9 +302,12 @@ class Simulator(ManagedNode):
         earliest = self._sent + self._period // 2
         if now >= due and now >= earliest:
             late = (now - due) // self._period
-            if late > _LATEST_CATCH_UP:
-                self._skip(late)
-            self._advance()
+            if self._asked and self._awaits_first:
+                self._ask_again(1 + late)
+            else:
+                if late > _LATEST_CATCH_UP:
+                    self._skip(late)
+                self._advance()
             now = time.monotonic_ns()
             due = self._began + (self._sample + 1) * self._period
             earliest = self._sent + self._period // 2
@@ -286,14 +330,17 @@ class Simulator(ManagedNode):
             self._robot.sense(self._sample)
 
     def _check_silence(self) -> None:
-        """Lockstep: a command that does not come ends the run, with the name of who is silent."""
-        timeout = number(self.values["lockstep.timeout"])
+        """Lockstep: end the run where a command stays out, with the name of who is silent; the first may be late."""
         now = time.monotonic_ns()
-        if now - self._sent <= timeout * 1e9:
+        if self._awaits_first:
+            self._tell_waiting(f"no command on {self._input.name} so far; is a controller active?")
             # An array could be the answer to either.
-            if not self._commands_taken and self._stamped and now - self._sent_last > _ASK_AGAIN * 1e9:
-                self._sent_last = now
+            if self._stamped and now - self._sent > _ASK_AGAIN * 1e9:
+                self._sent = now
                 self._joint_states.publish(self._measured.to_bytes(self._stamp(self._acquired)))
+            return
+        timeout = number(self.values["lockstep.timeout"])
+        if now - self._sent <= timeout * 1e9:
             return
         writers = [
             f"{i.node_namespace.rstrip('/')}/{i.node_name}"
@@ -309,6 +356,8 @@ class Simulator(ManagedNode):
         idle = ""
         if self._sample < 0:
             idle = "waiting for the others"
+        elif self._awaits_first:
+            idle = "waiting for the first command"
         elif self._braked:
             idle = "on the brakes: no command for longer than command.timeout"
         elif self._sample == self._reported:
@@ -320,5 +369,7 @@ class Simulator(ManagedNode):
             Reading("samples skipped", self._skipped),
             Reading("stops by the brakes since activation", self._brakings),
             Reading("samples since the last command's", self._sample - self._answered),
+            Reading("commands ignored for a stale stamp since activation", self._stale.count),
+            Reading("commands rejected for an unknown stamp since activation", self._unknown.count),
         ]
         self._diagnostics.publish(readings, idle, scale=self._statistics.scale)
