@@ -34,6 +34,9 @@ _LATEST_CATCH_UP = 20
 """Periods that realtime may be late before it gives up making up for them."""
 _ASK_AGAIN = 1.0
 """s without an answer to the first sample of all in lockstep. What it asks may not be connected yet, or not active."""
+_UNANSWERED = 5
+"""Periods without an answer to the first sample of all in realtime, after which it comes again. The first answer takes
+longer than others, and to become active a controller needs a joint state that is not old (``watchdog.state_stop``)."""
 _LONGEST_SILENCE = 1000
 """Samples without a measurement that lockstep goes through before others get a turn."""
 
@@ -43,7 +46,7 @@ class Simulator(ManagedNode):
 
     The torque of the command that answers sample k is held from sample k to k + 1. Until the first command
     arrives the arm stands on its brakes and no sample passes, unless ``start.subscribers`` is 0: the joint state is
-    published again, in realtime at the rate of the samples and with fresh stamps. In realtime the arm stands on its
+    published again, in realtime every few periods and with a fresh stamp. In realtime the arm stands on its
     brakes also when commands stay out (``command.timeout``), and a command with the stamp of the one taken last takes
     its place.
     Sensors, delays, losses and motors are those of `SimulatedRobot`: a joint state carries the stamp of its
@@ -174,6 +177,7 @@ class Simulator(ManagedNode):
     def _start(self) -> None:
         self._first_stamp = 0 if self.lockstep else time.time_ns()
         self._began = time.monotonic_ns()
+        self._told = time.monotonic()
         self._publish_sample(0)
 
     # One sample.
@@ -297,21 +301,24 @@ class Simulator(ManagedNode):
         up for and no burst meets the others. Beyond `_LATEST_CATCH_UP` the samples that nobody took are skipped:
         the arm moves on under the torque it has, as one of steel does, and its brakes close in time.
         """
-        now = time.monotonic_ns()
-        due = self._began + (self._sample + 1) * self._period
+        now, due = time.monotonic_ns(), self._due()
         earliest = self._sent + self._period // 2
         if now >= due and now >= earliest:
             late = (now - due) // self._period
             if self._asked and self._awaits_first:
-                self._ask_again(1 + late)
+                self._ask_again(_UNANSWERED + late)
             else:
                 if late > _LATEST_CATCH_UP:
                     self._skip(late)
                 self._advance()
-            now = time.monotonic_ns()
-            due = self._began + (self._sample + 1) * self._period
+            now, due = time.monotonic_ns(), self._due()
             earliest = self._sent + self._period // 2
         return max(0, due - now, earliest - now) / 1e9
+
+    def _due(self) -> int:
+        """When the next sample is due, or the first is to come again; ns of the monotonic clock."""
+        periods = _UNANSWERED if self._asked and self._awaits_first else 1
+        return self._began + (self._sample + periods) * self._period
 
     def _reset(self) -> str:
         """Put the arm back to its start; returns why not, or nothing."""
