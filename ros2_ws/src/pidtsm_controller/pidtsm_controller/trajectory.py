@@ -9,7 +9,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_core.arrivals import Arrivals, Stamp
 from pidtsm_core.joints import JointOrder, MessageError
-from pidtsm_core.node_parameters import trajectory_node_schema
+from pidtsm_core.node_parameters import PRIORITY, trajectory_node_schema
 from pidtsm_core.parameters import Array, names, number
 from pidtsm_core.references import ReferenceMotion, reference_joints
 from pidtsm_core.references.trajectory import MotionUnderWay, Rest, TrajectoryError
@@ -43,6 +43,10 @@ class Trajectory(ManagedNode):
     def lockstep(self) -> bool:
         return self.values["clock"] == "lockstep"
 
+    @property
+    def priority(self) -> int:
+        return 0 if self.lockstep else int(number(self.values[PRIORITY.name]))
+
     def configure(self) -> None:
         joints = list(names(self.values["joints"]))
         self._order = JointOrder(joints)
@@ -63,12 +67,12 @@ class Trajectory(ManagedNode):
         self._diagnostics = Diagnostics(self)
         self._published = 0
         self.offer("~/begin", self._begin)
-        self.listen(JointState, "joint_states", self._on_joint_state, raw=True, depth=_WAITING)
+        self._listening = False
         self.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, once=True)
 
     def activate(self) -> None:
         self._arrivals = Arrivals()
-        self._began = self._waiting = -1
+        self._began = -1
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._diagnostics = None
@@ -86,10 +90,13 @@ class Trajectory(ManagedNode):
     def poll(self) -> float:
         if self._diagnostics is not None and self._diagnostics.due:
             self.diagnose()
-        if self.active and self._waiting >= 0:
-            self._publish(self._waiting)
-            return 0.005
-        return super().poll()
+        if self._diagnostics is None or self._listening:
+            return super().poll()
+        # A simulator that waits for its listeners thereby waits for those of the reference, too.
+        if not self.awaits(self._references):
+            self._listening = True
+            self.listen(JointState, "joint_states", self._on_joint_state, raw=True, depth=_WAITING)
+        return 0.02
 
     def _on_joint_state(self, state: bytes) -> None:
         # Only the time matters here, at a fraction of the cost of the whole message.
@@ -109,11 +116,6 @@ class Trajectory(ManagedNode):
         self._publish(stamp)
 
     def _publish(self, stamp: int) -> None:
-        # The first reference waits for those who are to hear it.
-        if self.awaits(self._references):
-            self._waiting = stamp
-            return
-        self._waiting = -1
         if self._built_in.drops_out(seconds(stamp - self._began)):
             # In lockstep the controller waits for an answer.
             if self.lockstep:

@@ -4,6 +4,7 @@ They stand here, without ROS, so that whoever starts nodes can check and complet
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from pidtsm_core.control import ESTIMATOR_NAME, controller_schema
 from pidtsm_core.estimators import ESTIMATORS
@@ -21,6 +22,10 @@ PRIORITY = Parameter(
     maximum=99,
     fixed=True,
 )
+
+_TRAJECTORY_PRIORITY = replace(PRIORITY, default=10)
+"""Above other processes, whose starts would take it the processor for longer than the controller waits for a reference,
+and below the loop and what takes messages in for the recorder: where there is too little for all, it is the last."""
 
 
 def _thresholds(name: str, warn: float, error: float, description: str, unit: str = "") -> tuple[Parameter, ...]:
@@ -125,6 +130,7 @@ _CONTROLLER = (
 
 _TRAJECTORY = (
     AUTOSTART,
+    _TRAJECTORY_PRIORITY,
     Parameter(
         "clock",
         "realtime",
