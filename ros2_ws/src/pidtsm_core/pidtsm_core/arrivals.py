@@ -58,6 +58,8 @@ class Arrivals:
     """ns that a stamp may be ahead, and that a restart must last; or a period, where that is longer."""
     _DRIFT = 2000
     """Clocks differ by less than one part in so many."""
+    _STALL = NANOSECONDS // 10
+    """ns between two messages; with more the receiver has not run."""
 
     def __init__(self) -> None:
         self.refused = 0
@@ -97,7 +99,9 @@ class Arrivals:
         if now is not None:
             lead, since = stamp - now, now - self._taken
             goes_on = known and judged is Stamp.NEW
-            self._lead = max(lead, self._lead - since // self._DRIFT) if goes_on else lead
+            # Simulated time may be slower than one's own; but where one has not run, it is not.
+            slower = (self._lead - lead) * since // NANOSECONDS if since < self._STALL else 0
+            self._lead = max(lead, self._lead - slower - since // self._DRIFT) if goes_on else lead
             self.elapsed, self._taken = since if known else 0, now
         if known and judged is Stamp.NEW:
             self.period = track_period(self.period, stamp - self.last)

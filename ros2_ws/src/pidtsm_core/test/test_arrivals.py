@@ -124,6 +124,14 @@ def test_a_clock_that_runs_differently_is_no_reason_to_refuse_anything(drift: fl
         assert source.send(took=round(source.period / (1.0 + drift))) is Stamp.NEW
 
 
+def test_one_stamp_ahead_is_told_also_where_simulated_time_is_slow() -> None:
+    source = Source(rate=250)
+    for _ in range(2000):
+        assert source.send(took=5 * source.period) is Stamp.NEW
+    assert source.send(later=5 * SECOND) is Stamp.AHEAD
+    source.go_on()
+
+
 @EACH_RATE
 @pytest.mark.parametrize("jitter", [0.0, 0.3, 0.8])
 def test_the_nominal_period_is_measured_whatever_the_jitter(rate: int, jitter: float) -> None:
