@@ -18,8 +18,8 @@ _FAST_DDS = (None, "", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")  # It is 
 
 RESENDERS = "dds.asyn."
 """How the names of Fast DDS's threads begin that send again what a reader has missed. Such a thread spins while
-another holds what it needs (``FlowControllerImpl::run``), and with the same real-time priority may keep that one from
-running."""
+another holds what it needs (``FlowControllerImpl::run``), and with a real-time priority no lower than the other's may
+keep it from running."""
 
 
 def set_defaults(profiles: str = "fastdds.xml") -> None:
