@@ -52,7 +52,7 @@ def test_arrays_that_cannot_be_used_are_refused(bench: Bench) -> None:
     bench.node.create_subscription(JointState, "joint_states", states.append, 10)
     commands = bench.node.create_publisher(Float64MultiArray, "effort_controller/commands", 10)
     simulator = bench.start("simulator", "clock:=lockstep", "start.subscribers:=1", "input.type:=float64_multi_array")
-    bench.spin_until(lambda: states, "the first joint state")
+    bench.spin_until(lambda: states and commands.get_subscription_count(), "the first joint state")
     for values, cause in (
         ([1.0], "data has 1 values for 2 joints"),
         ([1.0, 2.0, 3.0], "data has 3 values for 2 joints"),

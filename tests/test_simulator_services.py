@@ -50,7 +50,9 @@ class Arm:
 
     def position(self, sample: int) -> list[float]:
         """In lockstep: of this sample, once it is there."""
-        self.bench.spin_until(lambda: len(self.states) > sample, f"joint state {sample}")
+        self.bench.spin_until(
+            lambda: len(self.states) > sample and self.commands.get_subscription_count(), f"joint state {sample}"
+        )
         return list(self.states[sample].position)
 
     def reset(self) -> Trigger.Response:
@@ -212,14 +214,14 @@ def test_stale_commands_are_counted_and_logged_once_and_so_are_the_stops_they_le
 def test_in_realtime_a_further_command_for_a_joint_state_takes_the_place_of_the_one_before(bench: Bench) -> None:
     truth: list[JointState] = []
     bench.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 100)
-    arm = Arm(bench, "command.timeout:=0.2")
-    bench.spin_until(lambda: arm.states, "a joint state")
+    arm = Arm(bench, "command.timeout:=1.0")
+    bench.spin_until(lambda: arm.states and arm.commands.get_subscription_count(), "a joint state")
     answered = arm.states[-1:]
     arm.answers = lambda states: answered[0]
     for effort in ([40.0, 5.0], [20.0, -5.0]):
         arm.effort = effort
-        # It counts as a command, also for command.timeout.
-        for _ in range(3):
+        # It counts as a command for command.timeout, too.
+        for _ in range(8):
             arm.command()
             count = len(truth)
             bench.spin_until(lambda n=count: len(truth) > n + 100, "a tenth of a second")
