@@ -33,11 +33,13 @@ from two_link_sim.simulator import Simulator
 SAMPLES = 600
 MS = 1_000_000
 TOPICS = {
-    "joint_states": JointState,
     "simulator/ground_truth": JointState,
-    "reference": JointReference,
     "controller/state": ControllerState,
+    "reference": JointReference,
+    "joint_commands": JointState,
+    "joint_states": JointState,
 }
+"""As a run's recorder, whom the nodes wait for."""
 
 
 class Witness(ManagedNode):
@@ -68,6 +70,9 @@ class Unsignalled(Stop):
 
     def defer(self) -> None:
         """Nothing is to be put off."""
+
+    def finish(self) -> None:
+        """The process goes on."""
 
 
 @pytest.fixture(scope="module", autouse=True)

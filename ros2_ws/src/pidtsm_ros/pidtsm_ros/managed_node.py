@@ -24,7 +24,7 @@ from pidtsm_ros.wire import deserialize
 
 _REASONS_LOGGED = 100
 _LONGEST_REASON = 200  # characters; names in a message may be many, and long
-_FLUSH_TIME = Duration(seconds=5)
+_FLUSH_TIME = Duration(seconds=2)
 """Readers acknowledge within 0.1 s (see fastdds.xml) unless they lag behind or have died."""
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 

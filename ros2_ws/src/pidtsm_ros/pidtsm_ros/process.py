@@ -66,6 +66,7 @@ def run(make_nodes: Sequence[Callable[[], ManagedNode]], stop: Stop, args: Seque
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
+        stop.finish()
 
 
 def _spin(nodes: Sequence[ManagedNode], stop: Stop) -> int:

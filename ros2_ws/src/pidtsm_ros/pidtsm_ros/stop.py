@@ -24,6 +24,11 @@ class Stop:
         """From now on the process must end where it is safe to."""
         self._deferred = True
 
+    def finish(self) -> None:
+        """The process ends anyway: a signal that comes while Python tears itself down must not change its exit code."""
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
     def _request(self, number: int, frame: FrameType | None) -> None:
         if not self._deferred:
             os._exit(0)
