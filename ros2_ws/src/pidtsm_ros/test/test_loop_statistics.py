@@ -40,9 +40,20 @@ def test_a_window_is_summed_up_after_a_second() -> None:
 
 def test_reset_forgets() -> None:
     statistics = LoopStatistics(0.002)
-    for k in range(3):
-        statistics.tick(k * 600 * MS, 0.0, 0.0)
+    for now in (0, 1, 2, 602, 1202):
+        statistics.tick(now * MS, 0.0, 0.0)
     assert statistics.missed == 2
-    assert statistics.last.ticks == 2
+    assert statistics.last.ticks == 4
     statistics.reset()
     assert (statistics.missed, statistics.period, statistics.last) == (0, 0.0, Window())
+
+
+@pytest.mark.parametrize(("rate", "scale"), [(100, 10.0), (250, 4.0), (700, 1000 / 700), (1000, 1.0), (2000, 1.0)])
+def test_a_slower_loop_has_longer_deadlines(rate: int, scale: float) -> None:
+    statistics, random, now = LoopStatistics(0.002), np.random.default_rng(1), 0
+    for k in range(2 * rate):
+        # Jitter, and twice a period that is too long.
+        now += round(1000 * MS / rate * random.uniform(0.6, 1.4) * (5.0 if k in (50, 90) else 1.0))
+        statistics.tick(now, 0.0, 0.0)
+    assert statistics.scale == pytest.approx(scale, rel=0.15)
+    assert statistics.missed == 2
