@@ -84,7 +84,7 @@ _SAFETY = (
         "plausibility.velocity",
         20.0,
         "a measurement that is farther from where the estimates put the joint than this velocity brings it is not "
-        "believed: five in a row are a fault; 0: every one is believed",
+        "believed: five in a row are replaced by what the estimates say, more are a fault; 0: every one is believed",
         "rad/s",
         minimum=0.0,
         per_joint=True,
