@@ -36,8 +36,8 @@ _BRAKING = 0.002
 _COMMAND_TIMEOUT = Parameter(
     "command.timeout",
     0.02,
-    "without a new command the last torque is held for so long, and for five periods at least, then brakes stop the arm "
-    "until the next command; 0: it is held for ever",
+    "without a new command the last torque is held for so long, and for five periods at least, then brakes stop the "
+    "arm until the next command; 0: it is held for ever",
     "s",
     minimum=0.0,
 )
