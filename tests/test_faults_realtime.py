@@ -121,7 +121,6 @@ class System:
         self.until(
             lambda: len(heard) > count and not any(self.watch.last("simulator/ground_truth").effort), "the brakes"
         )
-        self.says("simulator", "(command.timeout): the brakes stop the arm")
 
     def follows(self) -> None:
         """Wait until the reference is followed; a machine that stalls for long latches a fault, which is reset."""
@@ -295,8 +294,10 @@ def kill_recorder(system: System) -> None:
 
 def restart_trajectory(system: System) -> None:
     system.kill("trajectory")
-    state = system.state(lambda state: state.mode == HOLDING, "the position is held")
+    system.state(lambda state: state.mode == HOLDING, "the position is held")
     system.says("controller", "holding position: the reference is")
+    system.pass_time(0.5)
+    state = system.state(lambda state: True, "it has come to rest")
     system.pass_time(0.5)
     later = system.state(lambda state: True, "half a second later")
     assert later.mode == HOLDING

@@ -1,15 +1,10 @@
 """What the middleware does for a sample that did not arrive, and for readers that come late."""
 
-import os
-from pathlib import Path
-
 import pytest
 from bench import Bench
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from pidtsm_core.node_parameters import PRIORITY
-from pidtsm_ros.middleware import RESENDERS
 from pidtsm_ros.stamps import nanoseconds
 
 SAMPLES = {"joint_states": 2, "reference": 1, "joint_commands": 1}
@@ -50,21 +45,3 @@ def test_a_late_reader_gets_nothing_of_the_past(bench: Bench) -> None:
     bench.node.create_subscription(JointState, "joint_states", late.append, QoSProfile(depth=1000))
     bench.spin_until(lambda: late, "a sample")
     assert nanoseconds(late[0].header.stamp) > newest
-
-
-def test_what_sends_again_goes_after_the_rest_of_the_loop(bench: Bench) -> None:
-    """It spins while another thread holds what it needs, and must not keep that one from running."""
-    process = bench.start("simulator")
-    bench.spin_until(lambda: "active" in process.log.read_text(), "a simulator")
-
-    def priorities() -> dict[str, int]:
-        """Of every thread, by name and number."""
-        tasks = Path(f"/proc/{process.process.pid}/task").iterdir()
-        return {f"{(t / 'comm').read_text()}{t.name}": os.sched_getparam(int(t.name)).sched_priority for t in tasks}
-
-    bench.spin_until(lambda: "SCHED_FIFO" in process.log.read_text() or any(priorities().values()), "a decision")
-    if not any(priorities().values()):
-        pytest.skip("needs the right to real-time scheduling")
-    after = {name for name, priority in priorities().items() if priority < PRIORITY.default}
-    assert after
-    assert after == {name for name in priorities() if name.startswith(RESENDERS)}

@@ -16,11 +16,6 @@ _WIDER = ("ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
 _UDP = "UDPv4"
 _FAST_DDS = (None, "", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")  # It is the default.
 
-RESENDERS = "dds.asyn."
-"""How the names of Fast DDS's threads begin that send again what a reader has missed. Such a thread spins while
-another holds what it needs (``FlowControllerImpl::run``), and with a real-time priority no lower than the other's may
-keep it from running."""
-
 
 def set_defaults(profiles: str = "fastdds.xml") -> None:
     """To be called before ROS starts; what is set stays as it is.
