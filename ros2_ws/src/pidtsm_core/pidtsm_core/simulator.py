@@ -28,16 +28,14 @@ from pidtsm_core.parameters import Array, Parameter, Value, joint_array, number
 from pidtsm_core.plant import Plant, PlantConfig, PlantState, plant_schema, step
 from pidtsm_core.timing import period_nanoseconds, seconds
 
-_PATIENCE = 5
-"""Samples without a command that a drive bears at least."""
 _BRAKING = 0.002
 """s; time constant with which the brakes stop the arm."""
 
 _COMMAND_TIMEOUT = Parameter(
     "command.timeout",
     0.02,
-    "without a new command the last torque is held for so long, and for five periods at least, then brakes stop the "
-    "arm until the next command; 0: it is held for ever",
+    "without a new command the last torque is held for so long, then brakes stop the arm until the next command; "
+    "0: it is held for ever",
     "s",
     minimum=0.0,
 )
@@ -254,7 +252,7 @@ class SimulatedRobot:
             sensor=sensor_config(values, self.joints),
             measurements=channel_config(values, ""),
             commands=channel_config(values, "command_"),
-            patience=min(max(round(timeout * 1e9) // self._period, _PATIENCE), 2**62) if timeout else 2**62,
+            patience=min(round(timeout * 1e9) // self._period if timeout else 2**62, 2**62),
             actuator=actuator_config(values, self.joints),
             plant=self._plant.config,
         )
