@@ -66,7 +66,7 @@ def graph(bench: Bench, node: str) -> Rules:
 def test_policy_is_exactly_what_the_nodes_use(bench: Bench) -> None:
     allowed = {node: rules for profiles in policy().values() for node, rules in profiles.items()}
     bench.start("simulator", "autostart:=false", "clock:=lockstep")
-    bench.start("controller", "autostart:=false")
+    bench.start("controller", "autostart:=false", "stop.brakes:=true")
     bench.start("trajectory", "autostart:=false")
     bench.start("visualization")
     bench.start("recorder", f"output:={bench.folder / 'bag'}")

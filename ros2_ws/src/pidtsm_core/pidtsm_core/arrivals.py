@@ -27,12 +27,14 @@ class _Row(NamedTuple):
     first: int = 0
     last: int = 0
     length: int = 0
+    began: int = 0
+    """When the first arrived, by one's own clock, ns."""
 
-    def then(self, stamp: int, repeats: bool) -> "_Row":
-        """With one more; `repeats`: the same stamp again counts."""
-        if self.length and (stamp > self.last or (repeats and stamp == self.last)):
-            return _Row(self.first, stamp, self.length + 1)
-        return _Row(stamp, stamp, 1)
+    def then(self, stamp: int, now: int | None) -> "_Row":
+        """With one more; in lockstep (`now` is None) the same stamp again counts."""
+        if self.length and (stamp > self.last or (now is None and stamp == self.last)):
+            return _Row(self.first, stamp, self.length + 1, self.began)
+        return _Row(stamp, stamp, 1, now or 0)
 
 
 class Arrivals:
@@ -47,7 +49,8 @@ class Arrivals:
 
     Attributes:
         last: stamp of the newest message used, ns; negative: there was none.
-        elapsed: ns of one's own clock between the two messages used last; 0 where it is not known.
+        elapsed: ns between the last message used before the source's clock was set and the first one after; 0: not
+            known.
         period: nominal time between two messages, ns; 0: not known so far.
         refused: messages that were late or ahead.
     """
@@ -85,7 +88,7 @@ class Arrivals:
             return Stamp.REPEATED
         if stamp > self.last and (now is None or not self._is_ahead(stamp, now)):
             return Stamp.NEW
-        self._row = self._row.then(stamp, repeats=now is None)
+        self._row = self._row.then(stamp, now)
         if self._is_confirmed(now is None):
             return Stamp.RESTARTED
         self.refused += 1
@@ -102,7 +105,11 @@ class Arrivals:
             # Simulated time may be slower than one's own; but where one has not run, it is not.
             slower = (self._lead - lead) * since // NANOSECONDS if since < self._STALL else 0
             self._lead = max(lead, self._lead - slower - since // self._DRIFT) if goes_on else lead
-            self.elapsed, self._taken = since if known else 0, now
+            if judged is Stamp.RESTARTED:
+                # The source's own time from its first message on; one's own only before, where it may have been silent.
+                silence = self._row.began - self._taken
+                self.elapsed = stamp - self._row.first + (silence if silence > self._STALL else self.period)
+            self._taken = now
         if known and judged is Stamp.NEW:
             self.period = track_period(self.period, stamp - self.last)
         self.last = stamp

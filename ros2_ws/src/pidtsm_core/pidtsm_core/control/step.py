@@ -308,7 +308,7 @@ def stop_now(memory: Array, numbers: Numbers, fault: int, elapsed: int, effort: 
 
 @njit
 def leave_now(memory: Array, numbers: Numbers, effort: Array, signals: Array) -> None:
-    """Replace the effort of the last step by the one that the controller leaves behind; arguments as for `stop_now`."""
+    """Replace the effort of the last step by the one that the controller leaves behind; see `stop_now`."""
     config, state = parts(memory, numbers)
     leave(config, state)
     _told(state, effort, signals)
