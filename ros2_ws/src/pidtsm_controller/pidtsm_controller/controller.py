@@ -77,7 +77,7 @@ class ControllerNode(ManagedNode):
         self._statistics = LoopStatistics(number(self.values["diagnostics.deadline"]))
         self._incoming_state = IncomingMessages(JointState, fields, joints)
         self._incoming_reference = IncomingMessages(JointReference, _REFERENCE_FIELDS, joints)
-        self._take_parameters()
+        self._decimation = int(number(self.values["state.decimation"]))
         self._answered_stamp = self._waiting_stamp = -1
         self._state_arrivals, self._reference_arrivals = Arrivals(), Arrivals()
         self._arrived = 0
@@ -99,7 +99,7 @@ class ControllerNode(ManagedNode):
         if self._state_arrivals.last < 0:
             return "no joint state so far"
         silence = (time.monotonic_ns() - self._arrived) * 1e-9
-        if not self.lockstep and silence * NANOSECONDS > self._state_stop:
+        if not self.lockstep and silence * NANOSECONDS > self._controller.state_stop:
             return f"the last joint state came {silence:.3g} s ago (watchdog.state_stop)"
         return self._controller.refusal(self._reference_arrivals.last >= 0)
 
@@ -124,17 +124,9 @@ class ControllerNode(ManagedNode):
     def parameters_changed(self) -> None:
         self._controller.set_parameters(self.values)
         self._statistics.deadline = number(self.values["diagnostics.deadline"])
-        self._take_parameters()
+        self._decimation = int(number(self.values["state.decimation"]))
         for warning in self._controller.warnings():
             self.get_logger().warning(warning)
-
-    @property
-    def _state_stop(self) -> int:
-        """How long joint states may stay out, ns."""
-        return self._controller.state_stop
-
-    def _take_parameters(self) -> None:
-        self._decimation = int(number(self.values["state.decimation"]))
 
     def poll(self) -> float:
         if self._diagnostics is not None and self._diagnostics.due:
@@ -151,7 +143,7 @@ class ControllerNode(ManagedNode):
             self._attentive_since = now
         self._polled = now
         silence = now - max(self._arrived, self._attentive_since)
-        if self._controller.commanded and silence > self._state_stop:
+        if self._controller.commanded and silence > self._controller.state_stop:
             self._controller.stop(Fault.STATE_STALE, silence)
             self._publish_once_more()
             if self._controller.status != self._status:
@@ -167,7 +159,7 @@ class ControllerNode(ManagedNode):
         if not (self.lockstep and _is_none(data)):
             judged = self._reference_arrivals.judge(stamp, now)
             if judged in (Stamp.LATE, Stamp.AHEAD):
-                raise MessageError(f"{judged.name.lower()}: {judged.value}")
+                raise MessageError(judged.explanation)
             self._incoming_reference.read(data, self._controller.reference)
             self._reference_arrivals.take(judged, stamp, now)
         self._answered_stamp = stamp
@@ -183,7 +175,7 @@ class ControllerNode(ManagedNode):
                 self._commands.publish(self._command.to_bytes(stamp))
             return
         if not judged.usable:
-            raise MessageError(f"{judged.name.lower()}: {judged.value}")
+            raise MessageError(judged.explanation)
         self._incoming_state.read(data, self._controller.measured)
         arrivals.take(judged, stamp, now)
         self._waiting_stamp = stamp
@@ -191,7 +183,7 @@ class ControllerNode(ManagedNode):
             self.get_logger().warning(f"joint_states: {judged.value}: holding position until references follow")
             self._controller.set_clock(stamp, arrivals.elapsed)
             # References of the time before say nothing.
-            if abs(self._reference_arrivals.last - stamp) > self._state_stop:
+            if abs(self._reference_arrivals.last - stamp) > self._controller.state_stop:
                 self._reference_arrivals.forget()
         if not self.active:
             self._arrived = time.monotonic_ns()

@@ -104,7 +104,7 @@ class Trajectory(ManagedNode):
         now = None if self.lockstep else time.monotonic_ns()
         judged, last = arrivals.judge(stamp, now), arrivals.last
         if judged in (Stamp.LATE, Stamp.AHEAD) or (judged is Stamp.REPEATED and not self.lockstep):
-            raise MessageError(f"{judged.name.lower()}: {judged.value}")
+            raise MessageError(judged.explanation)
         restarts = judged is Stamp.RESTARTED
         position = self._positions(state) if restarts else self._desired[0]
         arrivals.take(judged, stamp, now)

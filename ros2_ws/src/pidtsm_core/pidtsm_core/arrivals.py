@@ -20,6 +20,11 @@ class Stamp(Enum):
         """The message is to be used."""
         return self in (Stamp.NEW, Stamp.RESTARTED)
 
+    @property
+    def explanation(self) -> str:
+        """For the log, why the message is not used."""
+        return f"{self.name.lower()}: {self.value}"
+
 
 class _Row(NamedTuple):
     """Stamps in order, ns, of messages that were late or ahead, with none between them that was used."""
