@@ -1,6 +1,5 @@
 """Every node's process ends cleanly when asked, at any moment, and gets its messages by UDP."""
 
-import re
 import signal
 import time
 from pathlib import Path
@@ -48,12 +47,12 @@ def test_a_signal_at_any_moment_of_the_start_ends_a_node_cleanly(bench: Bench, n
 
 @pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
 def test_messages_come_in_by_udp_alone(bench: Bench, discovery: str) -> None:
-    """Shared memory has locks, which a reader that is killed leaves closed."""
+    """Shared memory has locks, which a reader that is killed leaves closed, and opening it takes a third of a second."""
     bench.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = discovery
     process = bench.start("simulator")
     bench.spin_until(lambda: "active" in process.log.read_text(), "the simulator is active")
     threads = Path(f"/proc/{process.process.pid}/task").glob("*/comm")
-    kinds = {name.split(".")[1] for file in threads if re.fullmatch(r"dds\.\w+\.\d+", name := file.read_text().strip())}
+    kinds = {name.split(".")[1] for file in threads if (name := file.read_text()).startswith("dds.")}
     assert "udp" in kinds
     assert "shm" not in kinds
 

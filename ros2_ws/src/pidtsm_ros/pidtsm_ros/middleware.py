@@ -13,20 +13,26 @@ _PROFILES, _TRANSPORTS, _RANGE = (
 )
 _WIDER = ("ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
 """Peers on other machines, and what would overrule the range, though it is out of date."""
-_UDP = "UDPv4"
+_UDP, _LOCAL = "UDPv4", "LOCALHOST"
 _FAST_DDS = (None, "", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")  # It is the default.
 
 
 def set_defaults(profiles: str = "fastdds.xml") -> None:
-    """To be called before ROS starts; what is set stays as it is.
+    """Set the environment of this process, before ROS starts; what the user has set stays as it is.
+
+    Discovery is limited to this machine where nobody has chosen a range, and then, or where the user has limited it,
+    sockets are bound to this machine too.
 
     Args:
         profiles: a file beside this one.
     """
     os.environ.setdefault(_PROFILES, str(Path(__file__).with_name(profiles)))
-    # UDP instead of shared memory. Where discovery is limited to this machine ROS chooses by itself, and only the
-    # profile has a say.
+    # UDP instead of shared memory: to open the memory of a process that has just joined, Fast DDS waits for a third of
+    # a second, and everything in this process waits with it.
     os.environ.setdefault(_TRANSPORTS, _UDP)
+    if os.environ.setdefault(_RANGE, _LOCAL) == _LOCAL and not any(name in os.environ for name in _WIDER):
+        # ROS, where it limits discovery itself, adds shared memory whatever the transports are said to be.
+        os.environ.update(on_this_machine(os.environ, profiles))
 
 
 def on_this_machine(environment: Mapping[str, str], profiles: str = "fastdds.xml") -> dict[str, str]:
@@ -44,6 +50,6 @@ def on_this_machine(environment: Mapping[str, str], profiles: str = "fastdds.xml
     chosen = environment.get(_PROFILES), environment.get(_TRANSPORTS), environment.get("RMW_IMPLEMENTATION")
     ours = not chosen[0] or Path(chosen[0]).parent == bound.parent
     if not (ours and chosen[1] in (None, "", _UDP) and chosen[2] in _FAST_DDS):
-        return {**limited, _RANGE: "LOCALHOST"}
-    # With a range of its own choice, ROS adds transports that listen on every interface.
+        return {**limited, _RANGE: _LOCAL}
+    # Where ROS limits discovery itself, it adds transports that listen on every interface.
     return {**limited, _RANGE: "SYSTEM_DEFAULT", _PROFILES: str(bound)}

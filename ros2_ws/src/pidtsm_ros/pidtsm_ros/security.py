@@ -37,7 +37,6 @@ def guarded(arguments: Sequence[str] | None = None) -> list[str]:
     """
     words = list(sys.argv if arguments is None else arguments)
     set_defaults()
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     if not security_requested():
         return words
     flags = [word for word in words if word in ("--enclave", "-e")]

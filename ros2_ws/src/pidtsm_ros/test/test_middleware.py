@@ -1,12 +1,13 @@
 """Processes that stay on this machine bind their sockets there, unless somebody has chosen profiles or transports."""
 
+import os
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
 
 from pidtsm_ros import middleware
-from pidtsm_ros.middleware import on_this_machine
+from pidtsm_ros.middleware import on_this_machine, set_defaults
 
 FOLDER = Path(middleware.__file__).parent
 RANGE, PROFILES = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
@@ -36,6 +37,29 @@ def test_with_fast_dds_the_profile_binds_to_loopback(given: dict[str, str], prof
 )
 def test_what_the_environment_names_stays_and_discovery_is_limited(name: str, value: str) -> None:
     assert on_this_machine({name: value, RANGE: "SUBNET"}) == {name: value, RANGE: "LOCALHOST"}
+
+
+@pytest.mark.parametrize(
+    ("given", "then"),
+    [
+        ({}, "SYSTEM_DEFAULT"),
+        ({RANGE: "LOCALHOST"}, "SYSTEM_DEFAULT"),
+        ({RANGE: "SUBNET"}, "SUBNET"),
+        ({RANGE: "OFF"}, "OFF"),
+        ({"ROS_STATIC_PEERS": "10.0.0.2"}, "LOCALHOST"),
+        ({RANGE: "LOCALHOST", PROFILES: "/my.xml"}, "LOCALHOST"),
+    ],
+)
+def test_a_node_stays_on_this_machine_unless_somebody_wants_it_wider(
+    monkeypatch: pytest.MonkeyPatch, given: dict[str, str], then: str
+) -> None:
+    environment = dict(given)
+    monkeypatch.setattr(os, "environ", environment)
+    set_defaults()
+    assert environment[RANGE] == then
+    assert ("loopback" in environment[PROFILES]) == (then == "SYSTEM_DEFAULT")
+    set_defaults()
+    assert environment[RANGE] == then
 
 
 def settings(profiles: str) -> list[str]:
