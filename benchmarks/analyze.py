@@ -12,15 +12,15 @@ import numpy as np
 
 from pidtsm_core.rollout import rollout
 from pidtsm_core.signals import Signal, Status
-from pidtsm_experiments.bag_writer import BagWriter
+from pidtsm_experiments.bags.reader import typestore
+from pidtsm_experiments.bags.recorder_node import FLUSH_PERIOD, MAX_BAG_DURATION, MAX_BAG_SIZE
+from pidtsm_experiments.bags.writer import BagWriter
 from pidtsm_experiments.commands.bench import Row
-from pidtsm_experiments.recorder import FLUSH_PERIOD, MAX_BAG_DURATION, MAX_BAG_SIZE
-from pidtsm_experiments.recording import typestore
 
-_ANALYZE = "from pidtsm_experiments.analysis import analyze; analyze(bag)"
+_ANALYZE = "from pidtsm_experiments.bags.analysis import analyze; analyze(bag)"
 _READ = """
 from rosbags.highlevel import AnyReader
-from pidtsm_experiments.recording import typestore
+from pidtsm_experiments.bags.reader import typestore
 with AnyReader([bag], default_typestore=typestore()) as reader:
     for connection, stamp, payload in reader.messages():
         pass
@@ -28,7 +28,7 @@ with AnyReader([bag], default_typestore=typestore()) as reader:
 _MEASURE = """
 import json, sys, time
 from pathlib import Path
-import pidtsm_experiments.analysis
+import pidtsm_core.summary
 bag = Path(sys.argv[1])
 begin = time.perf_counter()
 {work}

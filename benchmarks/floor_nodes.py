@@ -16,8 +16,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from pidtsm_controller.controller import ControllerNode
-from pidtsm_controller.trajectory import Trajectory
+from pidtsm_controller.controller_node import ControllerNode
+from pidtsm_controller.trajectory_node import TrajectoryNode
 from pidtsm_core.node_parameters import AUTOSTART, PRIORITY
 from pidtsm_core.parameters import Parameter, number
 from pidtsm_core.signals import Signal
@@ -27,7 +27,7 @@ from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import OutgoingMessage
-from two_link_sim.simulator import Simulator
+from two_link_sim.simulator_node import SimulatorNode
 
 JOINTS = ["joint1", "joint2"]
 MOTION = ("position", "velocity", "acceleration")
@@ -268,8 +268,8 @@ class Driver(Floor):
 NODES: dict[str, Callable[[], ManagedNode]] = {
     "driver": Driver,
     "controller": ControllerNode,
-    "trajectory": Trajectory,
-    "simulator": Simulator,
+    "trajectory": TrajectoryNode,
+    "simulator": SimulatorNode,
     "echo_controller": EchoController,
     "echo_trajectory": EchoTrajectory,
     "echo_simulator": EchoSimulator,
@@ -294,4 +294,4 @@ if __name__ == "__main__":
     names, _, alternative = sys.argv[1].partition("+")
     if alternative:
         ALTERNATIVES[alternative]()
-    sys.exit(process.run([NODES[name] for name in names.split(",")], Stop(), sys.argv[1:]))
+    sys.exit(process.run_nodes([NODES[name] for name in names.split(",")], Stop(), sys.argv[1:]))

@@ -20,13 +20,13 @@ from typing import Any
 from rosbags.highlevel import AnyReader
 from watching import FLOOR_NODES, watched
 
-from pidtsm_experiments.analysis import summarize
+from pidtsm_core.experiment import make_experiment
+from pidtsm_core.summary import summarize
+from pidtsm_experiments.bags.reader import read_recording, typestore
 from pidtsm_experiments.commands.bench import Row
-from pidtsm_experiments.domain import own_domain
-from pidtsm_experiments.experiment import make_experiment
-from pidtsm_experiments.recording import read_recording, typestore
-from pidtsm_experiments.runner import Processes
-from pidtsm_experiments.runner import run as run_experiment
+from pidtsm_experiments.runs.domain import own_domain
+from pidtsm_experiments.runs.runner import Processes
+from pidtsm_experiments.runs.runner import run as run_experiment
 
 RATES = (250, 500, 1000, 1500, 2000, 3000, 4000)
 """Hz."""

@@ -8,11 +8,11 @@ import numpy as np
 import psutil
 from watching import Looks, watched
 
-from pidtsm_experiments.analysis import summarize
+from pidtsm_core.experiment import PRACTICAL, make_experiment
+from pidtsm_core.summary import summarize
+from pidtsm_experiments.bags.reader import METRICS_ONLY, read_recording
 from pidtsm_experiments.commands.bench import Row
-from pidtsm_experiments.experiment import PRACTICAL, make_experiment
-from pidtsm_experiments.recording import METRICS_ONLY, read_recording
-from pidtsm_experiments.runner import run as run_experiment
+from pidtsm_experiments.runs.runner import run as run_experiment
 
 DURATION = 1800.0
 """s."""

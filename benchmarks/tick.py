@@ -9,7 +9,7 @@ import numpy as np
 from pidtsm_core.control import Clock, Controller, ControllerConfig, ControllerState, controller_schema
 from pidtsm_core.control import step as controller_step
 from pidtsm_core.parameters import Array, resolve
-from pidtsm_core.plant import Plant, PlantConfig, PlantState, plant_schema, step
+from pidtsm_core.simulation.plant import Plant, PlantConfig, PlantState, plant_schema, step
 from pidtsm_experiments.commands.bench import Row, medians
 
 DT = 1e-3

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import psutil
 
-from pidtsm_experiments.runner import EXECUTABLES
+from pidtsm_experiments.runs.runner import EXECUTABLES
 
 FLOOR_NODES = Path(__file__).with_name("floor_nodes.py")
 

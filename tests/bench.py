@@ -10,13 +10,14 @@ from typing import Any
 import pytest
 import rclpy
 from lifecycle_msgs.srv import GetState
+from nursery import NurseryProcess
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pidtsm_experiments.domain import own_domain
-from pidtsm_experiments.runner import Process, Processes
+from pidtsm_experiments.runs.domain import own_domain
+from pidtsm_experiments.runs.runner import Process, Processes
 from pidtsm_ros.middleware import set_defaults
 
 DEADLINE = 60.0
@@ -58,7 +59,11 @@ class Bench:
     def start(self, name: str, *parameters: str) -> Process:
         """Start one of our nodes with parameters ``name:=value``."""
         arguments = [word for parameter in parameters for word in ("-p", parameter)]
-        return self.processes.start(name, arguments, self.environment, self.folder / f"{name}.log")
+        log = self.folder / f"{name}.log"
+        if name == "recorder":  # Its output is read.
+            return self.processes.start(name, arguments, self.environment, log)
+        self.processes.running[name] = NurseryProcess(name, arguments, self.environment, log)
+        return self.processes.running[name]
 
     def spin_until(self, condition: Callable[[], Any], what: str) -> None:
         """Spin the test's node until the condition holds."""

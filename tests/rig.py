@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 from pidtsm_core.node_parameters import simulator_node_schema
 from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.robots.two_link import TWO_LINK
-from pidtsm_core.simulator import SimulatedRobot
+from pidtsm_core.simulation.simulator import SimulatedRobot
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.qos import RECORDER
 from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds, set_stamp

@@ -8,10 +8,10 @@ import pytest
 from bench import Bench
 from lifecycle_msgs.srv import GetState
 
+from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollout import rollout
-from pidtsm_experiments.experiment import make_experiment
-from pidtsm_experiments.recording import read_recording
-from pidtsm_experiments.runner import run
+from pidtsm_experiments.bags.reader import read_recording
+from pidtsm_experiments.runs.runner import run
 
 NODES = ("simulator", "trajectory", "controller")
 

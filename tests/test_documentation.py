@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pidtsm_experiments.domain import own_domain
+from pidtsm_experiments.runs.domain import own_domain
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *ROOT.glob("docs/**/*.md")])

@@ -9,8 +9,8 @@ from bench import Bench
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollout import rollout
-from pidtsm_experiments.experiment import make_experiment
 from pidtsm_msgs.msg import ControllerState
 from pidtsm_ros.qos import RECORDER
 from pidtsm_ros.stamps import nanoseconds

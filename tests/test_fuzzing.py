@@ -23,8 +23,8 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from pidtsm_core.experiment import load_ros_parameters, practical_parameters
 from pidtsm_core.node_parameters import NODE_SCHEMAS
-from pidtsm_experiments.experiment import load_ros_parameters, practical_parameters
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.stamps import nanoseconds
 

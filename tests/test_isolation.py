@@ -11,12 +11,12 @@ from bench import Bench
 from rig import Watch
 from sensor_msgs.msg import JointState
 
+from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollout import rollout
 from pidtsm_experiments import runner
+from pidtsm_experiments.bags.reader import read_recording, typestore
 from pidtsm_experiments.cli import main
-from pidtsm_experiments.domain import domains_in_use
-from pidtsm_experiments.experiment import make_experiment
-from pidtsm_experiments.recording import read_recording, typestore
+from pidtsm_experiments.runs.domain import domains_in_use
 from pidtsm_ros.middleware import on_this_machine
 from pidtsm_ros.stamps import nanoseconds
 

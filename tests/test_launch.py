@@ -11,9 +11,9 @@ import pytest
 from ament_index_python.packages import get_package_share_directory
 from bench import DEADLINE, Bench
 
+from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollout import rollout
-from pidtsm_experiments.experiment import make_experiment
-from pidtsm_experiments.recording import read_recording
+from pidtsm_experiments.bags.reader import read_recording
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("launch_ros") is None, reason="launch_ros is not installed: the wheels have none"

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 from bench import Bench
 
+from pidtsm_core.experiment import make_experiment, ros_parameters
 from pidtsm_core.rollout import rollout
-from pidtsm_experiments.analysis import summarize
-from pidtsm_experiments.experiment import make_experiment, ros_parameters
-from pidtsm_experiments.recording import read_recording
-from pidtsm_experiments.runner import Process, Processes, bag_metadata, node_parameters
+from pidtsm_core.summary import summarize
+from pidtsm_experiments.bags.reader import read_recording
+from pidtsm_experiments.runs.runner import Process, Processes, bag_metadata, node_parameters
 
 DURATION = 1.5
 

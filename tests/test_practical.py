@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import PRACTICAL, make_experiment
 from pidtsm_core.metrics import metrics
 from pidtsm_core.parameters import Array
 from pidtsm_core.rollout import Rollout, rollout
 from pidtsm_core.signals import Signal
-from pidtsm_experiments.errors import UsageError
-from pidtsm_experiments.experiment import PRACTICAL, make_experiment
-from pidtsm_experiments.recording import read_recording
-from pidtsm_experiments.robustness import FULL, LATE, ROWS, Row
-from pidtsm_experiments.runner import run
+from pidtsm_experiments.bags.reader import read_recording
+from pidtsm_experiments.runs.runner import run
+from pidtsm_studies.robustness.study import FULL, LATE, ROWS, Row
 
 EACH = pytest.mark.parametrize(
     ("row", "scenario", "overrides"),

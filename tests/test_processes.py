@@ -8,7 +8,7 @@ import pytest
 from bench import Bench
 from lifecycle_msgs.srv import GetState
 
-from pidtsm_experiments.runner import Process
+from pidtsm_experiments.runs.runner import Process
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -17,9 +17,9 @@ from bench import Bench
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 
-from pidtsm_experiments.recorder import TOPICS
-from pidtsm_experiments.recovery import readable
-from pidtsm_experiments.runner import Process
+from pidtsm_experiments.bags.recorder_node import TOPICS
+from pidtsm_experiments.bags.recovery import readable
+from pidtsm_experiments.runs.runner import Process
 from pidtsm_ros.middleware import RECEIVERS
 from pidtsm_ros.qos import PUBLISHER
 from pidtsm_ros.stamps import serialized_nanoseconds, set_stamp

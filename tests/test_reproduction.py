@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollout import rollout
-from pidtsm_experiments.experiment import make_experiment
-from pidtsm_experiments.recording import read_recording
-from pidtsm_experiments.reproduction import Planned, make_runs, plan
+from pidtsm_experiments.bags.reader import read_recording
+from pidtsm_experiments.runs.reproduction import Planned, make_runs, plan
 
 DEADLINE = 300.0
 

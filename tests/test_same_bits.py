@@ -13,22 +13,22 @@ import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from pidtsm_controller.controller import ControllerNode
-from pidtsm_controller.trajectory import Trajectory
+from pidtsm_controller.controller_node import ControllerNode
+from pidtsm_controller.trajectory_node import TrajectoryNode
+from pidtsm_core.experiment import Experiment, ros_parameters
 from pidtsm_core.laws import LAWS
 from pidtsm_core.node_parameters import AUTOSTART
 from pidtsm_core.parameters import Array
 from pidtsm_core.rollout import Rollout, rollout
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
-from pidtsm_experiments.domain import own_domain
-from pidtsm_experiments.experiment import Experiment, ros_parameters
-from pidtsm_experiments.runner import node_parameters
+from pidtsm_experiments.runs.domain import own_domain
+from pidtsm_experiments.runs.runner import node_parameters
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.process import run
+from pidtsm_ros.process import run_nodes
 from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.stop import Stop
-from two_link_sim.simulator import Simulator
+from two_link_sim.simulator_node import SimulatorNode
 
 SAMPLES = 600
 MS = 1_000_000
@@ -97,7 +97,7 @@ def over_nodes(settings: dict[str, dict[str, Any]], folder: Path) -> dict[str, d
         witnesses.append(Witness())
         return witnesses[0]
 
-    assert run([witness, Simulator, Trajectory, ControllerNode], Unsignalled(), ["test", *words]) == 0
+    assert run_nodes([witness, SimulatorNode, TrajectoryNode, ControllerNode], Unsignalled(), ["test", *words]) == 0
     heard = witnesses[0].heard
     return {
         topic: {k: deserialize_message(data, kind) for k, data in sorted(heard[topic].items()) if k < SAMPLES}

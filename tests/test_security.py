@@ -13,10 +13,10 @@ from bench import Bench
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import load_ros_parameters, make_experiment
 from pidtsm_experiments.cli import main
-from pidtsm_experiments.errors import UsageError
-from pidtsm_experiments.experiment import load_ros_parameters, make_experiment
-from pidtsm_experiments.runner import EXECUTABLES
+from pidtsm_experiments.runs.runner import EXECUTABLES
 from pidtsm_ros.security import ENCLAVES, SecurityError, require_security
 
 ROOT = Path(__file__).parents[1]

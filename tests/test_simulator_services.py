@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 
 from pidtsm_core.node_parameters import simulator_node_schema
 from pidtsm_core.parameters import resolve
-from pidtsm_core.simulator import SimulatedRobot
+from pidtsm_core.simulation.simulator import SimulatedRobot
 from pidtsm_ros.stamps import nanoseconds
 
 NAMES = ["joint1", "joint2"]

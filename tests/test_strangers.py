@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from pidtsm_experiments.runner import Process
+from pidtsm_experiments.runs.runner import Process
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.stamps import nanoseconds, set_stamp
 

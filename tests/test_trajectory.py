@@ -18,7 +18,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.stamps import nanoseconds, set_stamp
 
-PRACTICAL = Path(__file__).parents[1] / "ros2_ws/src/pidtsm_controller/config/practical.yaml"
+PRACTICAL = Path(__file__).parents[1] / "ros2_ws/src/pidtsm_core/pidtsm_core/params/practical.yaml"
 NAMES = ["joint1", "joint2"]
 PERMUTED = ["joint2", "joint1"]
 FIELDS = ("positions", "velocities", "accelerations")

@@ -18,12 +18,16 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
-            "controller = pidtsm_controller.main:controller",
-            "trajectory = pidtsm_controller.main:trajectory",
+            "controller = pidtsm_ros.main:main",
+            "trajectory = pidtsm_ros.main:main",
+        ],
+        "pidtsm_ros.executables": [
+            "controller = pidtsm_controller.controller_node:run",
+            "trajectory = pidtsm_controller.trajectory_node:run",
         ],
         "pidtsm_ros.nodes": [
-            "controller = pidtsm_controller.controller:ControllerNode",
-            "trajectory = pidtsm_controller.trajectory:Trajectory",
+            "controller = pidtsm_controller.controller_node:ControllerNode",
+            "trajectory = pidtsm_controller.trajectory_node:TrajectoryNode",
         ],
     },
     zip_safe=True,

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 NAME = "pidtsm_core"
@@ -6,12 +8,14 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={NAME: ["py.typed"]},
+    package_data={NAME: ["py.typed", "scenarios/*.yaml", "params/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
+        # For `ros2 run ... --params-file`.
+        (f"share/{NAME}/params", sorted(map(str, Path(NAME, "params").glob("*.yaml")))),
     ],
-    install_requires=["setuptools", "numpy", "numba", "joblib", "scipy"],
+    install_requires=["setuptools", "numpy", "numba", "joblib", "scipy", "pyyaml"],
     extras_require={"dask": ["dask[distributed]"], "test": ["pytest"]},
     zip_safe=True,
     maintainer="pidtsm maintainers",

@@ -9,11 +9,10 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={NAME: ["py.typed", "report/*"]},
+    package_data={NAME: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/scenarios", sorted(map(str, Path("scenarios").glob("*.yaml")))),
         (f"share/{NAME}/launch", sorted(map(str, Path("launch").glob("*.launch.py")))),
         *((f"share/{NAME}/{viewer}", sorted(map(str, Path(viewer).iterdir()))) for viewer in VIEWERS),
     ],
@@ -21,12 +20,15 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
-            "recorder = pidtsm_experiments.main:recorder",
+            "recorder = pidtsm_ros.main:main",
+        ],
+        "pidtsm_ros.executables": [
+            "recorder = pidtsm_experiments.bags.recorder_node:run",
         ],
     },
     zip_safe=True,
     maintainer="pidtsm maintainers",
     maintainer_email="maintainers@pidtsm.example",
-    description="Scenarios, recorder, runner, bag analysis, report and command line of pidtsm.",
+    description="Runs, bags and command line of pidtsm.",
     license="Apache-2.0",
 )

@@ -15,7 +15,10 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
-            "composed = pidtsm_ros.main:composed",
+            "composed = pidtsm_ros.main:main",
+        ],
+        "pidtsm_ros.executables": [
+            "composed = pidtsm_ros.composed:run",
         ],
     },
     zip_safe=False,

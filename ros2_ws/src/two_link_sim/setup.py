@@ -19,11 +19,15 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
-            "simulator = two_link_sim.main:simulator",
-            "visualization = two_link_sim.main:visualization",
+            "simulator = pidtsm_ros.main:main",
+            "visualization = pidtsm_ros.main:main",
+        ],
+        "pidtsm_ros.executables": [
+            "simulator = two_link_sim.simulator_node:run",
+            "visualization = two_link_sim.visualization_node:run",
         ],
         "pidtsm_ros.nodes": [
-            "simulator = two_link_sim.simulator:Simulator",
+            "simulator = two_link_sim.simulator_node:SimulatorNode",
         ],
     },
     zip_safe=True,

@@ -10,7 +10,7 @@ from pidtsm_core.control import ESTIMATOR_NAME, controller_schema
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, chosen
 from pidtsm_core.references import reference_schema
-from pidtsm_core.simulator import simulator_schema
+from pidtsm_core.simulation.simulator import simulator_schema
 
 AUTOSTART = Parameter("autostart", True, "configure and activate on start, without a lifecycle manager", fixed=True)
 

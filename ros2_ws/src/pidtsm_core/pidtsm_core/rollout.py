@@ -24,7 +24,14 @@ from pidtsm_core.references import (
 )
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.signals import Signal, Status
-from pidtsm_core.simulator import SimulatedRobot, SimulatorConfig, SimulatorState, act, sense, simulator_schema
+from pidtsm_core.simulation.simulator import (
+    SimulatedRobot,
+    SimulatorConfig,
+    SimulatorState,
+    act,
+    sense,
+    simulator_schema,
+)
 from pidtsm_core.timing import period_nanoseconds, seconds
 
 SCHEMAS = {"controller": controller_schema, "simulator": simulator_schema, "trajectory": reference_schema}

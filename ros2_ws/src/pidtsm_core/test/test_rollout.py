@@ -10,10 +10,10 @@ from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.laws import LAWS
 from pidtsm_core.metrics import metrics
 from pidtsm_core.parameters import ParameterError, resolve
-from pidtsm_core.plant import Plant, plant_schema
 from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.rollout import EXPERIMENT, DivergedError, Rollout, rollout
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
+from pidtsm_core.simulation.plant import Plant, plant_schema
 from pidtsm_core.timing import period_nanoseconds, seconds
 
 ARTICLE = {

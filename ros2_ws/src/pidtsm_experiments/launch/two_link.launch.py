@@ -19,12 +19,12 @@ from launch_ros.actions import LifecycleNode, Node
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import make_experiment, scenario_names
 from pidtsm_core.laws import LAWS
 from pidtsm_core.robots import ROBOTS
 from pidtsm_experiments.commands.options import seconds
-from pidtsm_experiments.errors import UsageError
-from pidtsm_experiments.experiment import make_experiment, scenario_names
-from pidtsm_experiments.runner import EXECUTABLES, bag_metadata, node_parameters
+from pidtsm_experiments.runs.runner import EXECUTABLES, bag_metadata, node_parameters
 
 _VIEWED = ("/tf", "/robot_description", "/visualization/markers")
 """Topics of the RViz configuration, which in a namespace are those of the namespace."""

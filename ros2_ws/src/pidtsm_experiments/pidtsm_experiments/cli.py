@@ -7,7 +7,8 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from pidtsm_experiments.errors import RunError, UsageError
+from pidtsm_core.errors import UsageError
+from pidtsm_experiments.errors import RunError
 
 _COMMANDS = {
     "demo": "the article's Case 1 with the proposed law over the real nodes: table, figures, bag",

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from pidtsm_core.rollout import Rollout, rollout
 from pidtsm_core.signals import Signal
-from pidtsm_experiments.recording import METADATA_KEY, typestore
+from pidtsm_experiments.bags.reader import METADATA_KEY, typestore
 
 # A shell's background jobs ignore SIGINT, and so would the processes that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)

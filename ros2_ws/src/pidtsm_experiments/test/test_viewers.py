@@ -13,8 +13,8 @@ from ament_index_python.packages import get_package_share_directory
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from pidtsm_experiments.recorder import TOPICS
-from two_link_sim.visualization import GHOST
+from pidtsm_experiments.bags.recorder_node import TOPICS
+from two_link_sim.visualization_node import GHOST
 
 SHARE = Path(get_package_share_directory("pidtsm_experiments"))
 KNOWN = {f"/{topic}": kind for topic, kind in TOPICS.items()} | {

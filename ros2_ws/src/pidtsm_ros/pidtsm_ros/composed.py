@@ -6,7 +6,7 @@ from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.process import run
+from pidtsm_ros.process import run_nodes
 from pidtsm_ros.stop import Stop
 
 GROUP = "pidtsm_ros.nodes"
@@ -15,8 +15,8 @@ _DEFAULT = "simulator,trajectory,controller"
 _ROS_ARGUMENTS = "--ros-args"
 
 
-def run_chosen(stop: Stop) -> int:
-    """Run the nodes that the command line names; returns as `run` does."""
+def run(stop: Stop) -> int:
+    """Run the nodes that the command line names; returns as `run_nodes` does."""
     words = sys.argv[1:]
     own, ros = (words[: words.index(_ROS_ARGUMENTS)], words) if _ROS_ARGUMENTS in words else (words, [])
     known = {point.name: point for point in entry_points(group=GROUP)}
@@ -33,7 +33,7 @@ def run_chosen(stop: Stop) -> int:
     unknown = [name for name in chosen if name not in known]
     if unknown or not chosen:
         parser.error(f"unknown nodes {', '.join(unknown)}; known are {', '.join(sorted(known))}")
-    return run([_maker(known[name]) for name in chosen], stop, [sys.argv[0], *ros])
+    return run_nodes([_maker(known[name]) for name in chosen], stop, [sys.argv[0], *ros])
 
 
 def _maker(point: EntryPoint) -> Callable[[], ManagedNode]:

@@ -37,7 +37,7 @@ def spin_for(executor: Executor, duration: float) -> None:
         duration = end - time.monotonic()
 
 
-def run(make_nodes: Sequence[Callable[[], ManagedNode]], stop: Stop, args: Sequence[str] | None = None) -> int:
+def run_nodes(make_nodes: Sequence[Callable[[], ManagedNode]], stop: Stop, args: Sequence[str] | None = None) -> int:
     """Run nodes in this process until one has finished, or SIGINT or SIGTERM ends it.
 
     Args:

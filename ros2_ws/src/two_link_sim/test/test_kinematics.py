@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from two_link_sim.kinematics import UrdfError, link_poses, read_urdf
-from two_link_sim.visualization import _two_link
+from two_link_sim.visualization_node import _two_link
 
 LINK = "<link name='a'/><link name='b'/>"
 

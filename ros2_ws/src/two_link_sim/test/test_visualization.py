@@ -9,7 +9,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from two_link_sim.kinematics import read_urdf
-from two_link_sim.visualization import _two_link, torque_markers, transforms
+from two_link_sim.visualization_node import _two_link, torque_markers, transforms
 
 JOINTS = read_urdf(_two_link())
 HEADER = Header(stamp=Time(sec=3, nanosec=5))

@@ -9,7 +9,7 @@ from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.signals import Fault
-from pidtsm_core.simulator import SimulatedRobot, simulator_schema
+from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 
 _MS = 1_000_000
 _START = 1_000_000_000

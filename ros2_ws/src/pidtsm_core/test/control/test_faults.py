@@ -22,7 +22,7 @@ from pidtsm_core.joints import JointOrder, MessageError
 from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.robots.two_link import TWO_LINK
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
-from pidtsm_core.simulator import SimulatedRobot, simulator_schema
+from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 
 PAGE = Path(__file__).parents[5] / "docs" / "faults.md"
 BYTES = ["`joint_states`: no message", "`reference`: no message"]

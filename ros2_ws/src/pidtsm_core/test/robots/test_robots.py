@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pidtsm_core.parameters import Array, resolve
-from pidtsm_core.plant import Plant, plant_schema
 from pidtsm_core.robots import ROBOTS, Robot, attach, forward_dynamics, inverse_dynamics, robot_schema
+from pidtsm_core.simulation.plant import Plant, plant_schema
 
 PROPERTY = settings(deadline=None, max_examples=50)
 EACH = pytest.mark.parametrize("robot", ROBOTS.members, ids=lambda r: r.name)

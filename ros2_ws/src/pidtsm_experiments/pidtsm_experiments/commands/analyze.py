@@ -5,10 +5,10 @@ import sys
 import warnings
 from pathlib import Path
 
-from pidtsm_experiments.analysis import analyze
+from pidtsm_core.errors import UsageError
+from pidtsm_experiments.bags.analysis import analyze
+from pidtsm_experiments.bags.reader import RecordingError, UnfinishedBag
 from pidtsm_experiments.commands.options import show_metrics
-from pidtsm_experiments.errors import UsageError
-from pidtsm_experiments.recording import RecordingError, UnfinishedBag
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -21,8 +21,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from pidtsm_core.errors import UsageError
 from pidtsm_experiments.commands.options import CONSOLE
-from pidtsm_experiments.errors import UsageError
 
 _LONG = "soak"
 """Takes half an hour, so it must be asked for."""

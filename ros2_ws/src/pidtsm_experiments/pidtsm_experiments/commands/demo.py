@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
+from pidtsm_core.experiment import make_experiment
 from pidtsm_experiments.commands.run import run_and_report
-from pidtsm_experiments.experiment import make_experiment
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,12 +12,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from pidtsm_core.control import LAW_NAME, Controller
+from pidtsm_core.experiment import Experiment, make_experiment, scenario_names
 from pidtsm_core.laws import LAWS
+from pidtsm_core.outcome import why_not_followed
 from pidtsm_core.parameters import Value
+from pidtsm_experiments.commands.table import print_metrics
 from pidtsm_experiments.errors import RunError
-from pidtsm_experiments.experiment import Experiment, make_experiment, scenario_names
-from pidtsm_experiments.outcome import why_not_followed
-from pidtsm_experiments.table import print_metrics
 
 CONSOLE = Console(stderr=True)
 """For progress and messages; results go to standard output."""

@@ -10,14 +10,15 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from pidtsm_experiments.article import CASES, compare, label, markdown
-from pidtsm_experiments.article_figures import write_article_figures
+from pidtsm_core.outcome import RAN_AWAY
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar, seconds
 from pidtsm_experiments.errors import RunError
-from pidtsm_experiments.outcome import RAN_AWAY
-from pidtsm_experiments.report import write_report
-from pidtsm_experiments.reproduction import PRINTED_DTSM, load, make_runs, plan, write_results
-from pidtsm_experiments.results import locked
+from pidtsm_experiments.runs.reproduction import PRINTED_DTSM, load, make_runs, plan, write_results
+from pidtsm_experiments.runs.results import locked
+from pidtsm_studies.article.claims import compare, markdown
+from pidtsm_studies.article.figures import write_article_figures
+from pidtsm_studies.reports.labels import CASES, label
+from pidtsm_studies.reports.report import write_report
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

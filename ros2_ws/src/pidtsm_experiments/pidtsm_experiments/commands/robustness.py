@@ -9,8 +9,10 @@ from rich.console import Console
 from rich.table import Table
 
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar
-from pidtsm_experiments.results import result_folder
-from pidtsm_experiments.robustness import (
+from pidtsm_experiments.runs.results import result_folder
+from pidtsm_studies.robustness.figures import write_robustness_figures
+from pidtsm_studies.robustness.report import write_robustness_report
+from pidtsm_studies.robustness.study import (
     CONTENDERS,
     FULL,
     IMPERFECTIONS,
@@ -23,8 +25,6 @@ from pidtsm_experiments.robustness import (
     measured_text,
     tolerance,
 )
-from pidtsm_experiments.robustness_figures import write_robustness_figures
-from pidtsm_experiments.robustness_report import write_robustness_report
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

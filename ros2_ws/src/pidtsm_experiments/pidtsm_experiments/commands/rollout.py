@@ -2,9 +2,11 @@
 
 import argparse
 
+from pidtsm_core.errors import UsageError
 from pidtsm_core.parameters import ParameterError
+from pidtsm_core.recording import Recording
 from pidtsm_core.rollout import SCHEMAS, DivergedError, rollout
-from pidtsm_experiments.analysis import summarize
+from pidtsm_core.summary import summarize
 from pidtsm_experiments.commands.options import (
     add_experiment_arguments,
     experiment_of,
@@ -12,8 +14,7 @@ from pidtsm_experiments.commands.options import (
     show_metrics,
     warn,
 )
-from pidtsm_experiments.errors import RunError, UsageError
-from pidtsm_experiments.recording import Recording
+from pidtsm_experiments.errors import RunError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

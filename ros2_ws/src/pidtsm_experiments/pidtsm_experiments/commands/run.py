@@ -3,8 +3,10 @@
 import argparse
 from pathlib import Path
 
+from pidtsm_core.experiment import Experiment
 from pidtsm_core.parameters import number
-from pidtsm_experiments.analysis import summarize, write_metrics
+from pidtsm_core.summary import summarize, write_metrics
+from pidtsm_experiments.bags.reader import RecordingError, read_recording
 from pidtsm_experiments.commands.options import (
     CONSOLE,
     add_experiment_arguments,
@@ -15,12 +17,10 @@ from pidtsm_experiments.commands.options import (
     warn,
 )
 from pidtsm_experiments.errors import RunError
-from pidtsm_experiments.experiment import Experiment
-from pidtsm_experiments.figures import write_figures
-from pidtsm_experiments.recording import RecordingError, read_recording
-from pidtsm_experiments.report import write_report
-from pidtsm_experiments.results import result_folder
-from pidtsm_experiments.runner import recorded_parameters, run
+from pidtsm_experiments.runs.results import result_folder
+from pidtsm_experiments.runs.runner import recorded_parameters, run
+from pidtsm_studies.reports.figures import write_figures
+from pidtsm_studies.reports.report import write_report
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from pidtsm_experiments.errors import UsageError
+from pidtsm_core.errors import UsageError
 
 _UNHURRIED = ("tests/test_documentation.py", "tests/test_practical.py", "tests/test_reproduction.py")
 """Tests of whole runs that do not mind what else the machine does."""

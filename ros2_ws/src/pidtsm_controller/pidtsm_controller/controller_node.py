@@ -1,0 +1,304 @@
+"""Controller node: joint states and references in, effort commands out."""
+
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+
+from pidtsm_core.arrivals import Arrivals, Stamp
+from pidtsm_core.control import Clock, Controller
+from pidtsm_core.joints import MessageError
+from pidtsm_core.node_parameters import PRIORITY, controller_node_schema
+from pidtsm_core.parameters import names, number
+from pidtsm_core.robots import robot_joints
+from pidtsm_core.signals import Fault, Mode, Signal, Status
+from pidtsm_core.timing import NANOSECONDS
+from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.diagnostics import Diagnostics, Reading, loop_readings
+from pidtsm_ros.effort_topics import EFFORT_TOPICS
+from pidtsm_ros.loop_statistics import LoopStatistics
+from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.process import run_nodes
+from pidtsm_ros.qos import KEPT
+from pidtsm_ros.stamps import serialized_nanoseconds
+from pidtsm_ros.stop import Stop
+from pidtsm_ros.wire import IncomingMessages, OutgoingMessage, deserialize
+
+_REFERENCE_FIELDS = ("position", "velocity", "acceleration")
+_LOOP_FIELDS = ("period", "rate", "period_jitter", "state_age", "missed_deadlines", "compute_time")
+_CHECK = 0.005
+"""s between two looks at the watchdog."""
+_NO_REFERENCE = serialize_message(JointReference())
+"""What the trajectory sends in lockstep, where the controller waits for an answer, if it has no reference."""
+
+
+def _is_none(data: bytes) -> bool:
+    return len(data) == len(_NO_REFERENCE) and not deserialize(data, JointReference).name
+
+
+class ControllerNode(ManagedNode):
+    """Answers every joint state with an effort command of the same stamp."""
+
+    _controller: Controller
+
+    def __init__(self) -> None:
+        super().__init__("controller", controller_node_schema, robot_joints)
+        self._diagnostics: Diagnostics | None = None
+        self._ticks = self._at_limit = self._doubted = 0
+        self._status: tuple[int, ...] | None = None
+        self._braked: bool | None = None
+        self._polled = self._attentive_since = 0
+
+    @property
+    def lockstep(self) -> bool:
+        return self.values["reference.match"] == "stamp"
+
+    @property
+    def priority(self) -> int:
+        return 0 if self.lockstep else int(number(self.values[PRIORITY.name]))
+
+    def configure(self) -> None:
+        joints = list(names(self.values["joints"]))
+        topic = EFFORT_TOPICS[str(self.values["output.type"])]
+        self._command = OutgoingMessage(topic.blank(joints), (topic.field,), joints=len(joints))
+        self._state = OutgoingMessage(
+            ControllerState(name=joints),
+            [s.name.lower() for s in Signal],
+            _LOOP_FIELDS,
+            len(joints),
+            [s.name.lower() for s in Status],
+        )
+        self._controller = Controller(self.values, self._command.arrays[0], self._state.arrays)
+        self._controller.compile()
+        for warning in self._controller.warnings():
+            self.get_logger().warning(warning)
+        fields = ("position", "effort") if self._controller.config.feeds_back else ("position",)
+        self._statistics = LoopStatistics(number(self.values["diagnostics.deadline"]))
+        self._incoming_state = IncomingMessages(JointState, fields, joints)
+        self._incoming_reference = IncomingMessages(JointReference, _REFERENCE_FIELDS, joints)
+        self._decimation = int(number(self.values["state.decimation"]))
+        self._answered_stamp = self._waiting_stamp = -1
+        self._state_arrivals, self._reference_arrivals = Arrivals(), Arrivals()
+        self._arrived = 0
+
+        self._commands = self.advertise(topic.message_type, topic.name)
+        self._states = self.advertise(ControllerState, "~/state")
+        self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
+        self._diagnostics = Diagnostics(self)
+        self.offer("~/reset_fault", self._reset_fault)
+        # What comes before activation is needed for it.
+        self.listen(JointState, "joint_states", self._on_joint_state, raw=True, while_inactive=True)
+        self.listen(JointReference, "reference", self._on_reference, raw=True, while_inactive=True)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._diagnostics = None
+        return super().on_cleanup(state)
+
+    def refusal(self) -> str:
+        if self._state_arrivals.last < 0:
+            return "no joint state so far"
+        silence = (time.monotonic_ns() - self._arrived) * 1e-9
+        if not self.lockstep and silence * NANOSECONDS > self._controller.state_stop:
+            return f"the last joint state came {silence:.3g} s ago (watchdog.state_stop)"
+        return self._controller.refusal(self._reference_arrivals.last >= 0)
+
+    def activate(self) -> None:
+        self._statistics.reset()
+        self._ticks = 0
+        # The first state is published, whatever state.decimation is.
+        self._unpublished = self._decimation - 1
+        self._controller.reset()
+        self._at_limit = 0
+        self._status = None
+        self._doubted = 0
+        self._waiting_stamp = self._state_arrivals.last
+        self._engage_brakes()
+
+    def deactivate(self) -> None:
+        """Leave the arm with a safe torque; where every stamp has one command, none is left to take it."""
+        if self._controller.commanded and not self.lockstep:
+            self._controller.leave()
+            self._publish_once_more()
+
+    def parameters_changed(self) -> None:
+        self._controller.set_parameters(self.values)
+        self._statistics.deadline = number(self.values["diagnostics.deadline"])
+        self._decimation = int(number(self.values["state.decimation"]))
+        for warning in self._controller.warnings():
+            self.get_logger().warning(warning)
+
+    def poll(self) -> float:
+        if self._diagnostics is not None and self._diagnostics.due:
+            self.diagnose()
+        if not self.active:
+            return super().poll()
+        if self._waiting_stamp >= 0:
+            self._answer()
+        if self.lockstep:
+            return _CHECK if self._waiting_stamp >= 0 else super().poll()
+        # Where this process was not running itself, what arrived meanwhile comes after this.
+        now = time.monotonic_ns()
+        if now - self._polled > 2 * _CHECK * NANOSECONDS:
+            self._attentive_since = now
+        self._polled = now
+        silence = now - max(self._arrived, self._attentive_since)
+        if self._controller.commanded and silence > self._controller.state_stop:
+            self._controller.stop(Fault.STATE_STALE, silence)
+            self._publish_once_more()
+            if self._controller.status != self._status:
+                self._report(self._controller.status)
+        return _CHECK
+
+    def _now(self) -> int | None:
+        """The clock by which stamps are judged, ns."""
+        return None if self.lockstep else time.monotonic_ns()
+
+    def _on_reference(self, data: bytes) -> None:
+        stamp, now = serialized_nanoseconds(data), self._now()
+        if not (self.lockstep and _is_none(data)):
+            judged = self._reference_arrivals.judge(stamp, now)
+            if judged in (Stamp.LATE, Stamp.AHEAD):
+                raise MessageError(judged.explanation)
+            self._incoming_reference.read(data, self._controller.reference)
+            self._reference_arrivals.take(judged, stamp, now)
+        self._answered_stamp = stamp
+        if self.active and self._waiting_stamp >= 0:
+            self._answer()
+
+    def _on_joint_state(self, data: bytes) -> None:
+        stamp, now, arrivals = serialized_nanoseconds(data), self._now(), self._state_arrivals
+        judged = arrivals.judge(stamp, now)
+        if judged is Stamp.REPEATED and self.lockstep:
+            # Lockstep asks again for an answer that did not arrive.
+            if self.active and self._waiting_stamp < 0:
+                self._commands.publish(self._command.to_bytes(stamp))
+            return
+        if not judged.usable:
+            raise MessageError(judged.explanation)
+        self._incoming_state.read(data, self._controller.measured)
+        arrivals.take(judged, stamp, now)
+        self._waiting_stamp = stamp
+        if judged is Stamp.RESTARTED:
+            self.get_logger().warning(f"joint_states: {judged.value}: holding position until references follow")
+            self._controller.set_clock(stamp, arrivals.elapsed)
+            # References of the time before say nothing.
+            if abs(self._reference_arrivals.last - stamp) > self._controller.state_stop:
+                self._reference_arrivals.forget()
+        if not self.active:
+            self._arrived = time.monotonic_ns()
+            self.retry_activation()
+        if self.active:
+            self._answer()
+        self._arrived = time.monotonic_ns()
+
+    def _answer(self) -> None:
+        """Answer the joint state that waits, once there is a reference for it and somebody to hear the answer."""
+        stamp = self._waiting_stamp
+        if self.lockstep and self._answered_stamp != stamp:
+            return
+        if self.awaits(self._commands):
+            return
+        began = time.perf_counter()
+        status = self._controller.step(stamp, self._reference_arrivals.last)
+        self._waiting_stamp = -1
+        compute_time = time.perf_counter() - began
+        self._commands.publish(self._command.to_bytes(stamp))
+
+        # From here on nothing is urgent.
+        if status != self._status:
+            self._report(status)
+        if self._brakes is not None:
+            self._engage_brakes()
+        age = 0.0 if self.lockstep else self._state_arrivals.age(time.monotonic_ns(), time.time_ns()) * 1e-9
+        statistics = self._statistics
+        statistics.tick(time.monotonic_ns(), age, compute_time)
+        self._ticks += 1
+        self._unpublished += 1
+        if self._unpublished < self._decimation:
+            return
+        self._unpublished = 0
+        window = statistics.last
+        self._state.set_scalars(statistics.period, window.rate, window.jitter, age, statistics.missed, compute_time)
+        self._state.set_codes(*status)
+        self._states.publish(self._state.to_bytes(stamp))
+
+    def _report(self, status: tuple[int, ...]) -> None:
+        """Log what has changed."""
+        for change in self._controller.changes(self._status):
+            # Each level on a line of its own: rclpy knows a logger's calls by their lines.
+            if change.level == "error":
+                self.get_logger().error(change.text)
+            elif change.level == "warning":
+                self.get_logger().warning(change.text)
+            else:
+                self.get_logger().info(change.text)
+        self._status = status
+
+    def _publish_once_more(self) -> None:
+        """Publish an effort that answers no new joint state."""
+        self._commands.publish(self._command.to_bytes(self._state_arrivals.last))
+        self._engage_brakes()
+
+    def _engage_brakes(self) -> None:
+        """Engage the brakes of an arm that has some, or release them, when that has changed."""
+        if self._brakes is None:
+            return
+        engaged = bool(self._controller.clock(Clock.BRAKES))
+        if engaged != self._braked:
+            self._braked = engaged
+            self._brakes.publish(Bool(data=engaged))
+
+    def _reset_fault(self) -> str:
+        """Follow again after a fault; returns why not, or nothing."""
+        if not self.active or not self._controller.fault:
+            return "there is no fault"
+        if refusal := self.refusal():
+            return refusal
+        self._controller.reset_fault()
+        self._report(self._controller.status)
+        return ""
+
+    def diagnose(self) -> None:
+        if self._diagnostics is None:
+            return
+        ticks, self._ticks = self._ticks, 0
+        window, judged = self._statistics.last, not self.lockstep
+        at_limit = self._controller.clock(Clock.AT_EFFORT_LIMIT)
+        limited, self._at_limit = (at_limit - self._at_limit) / max(ticks, 1), at_limit
+        readings = [
+            *loop_readings(self._statistics, judged),
+            Reading("state age, longest", window.longest_age, "s", "age" if judged else ""),
+            Reading("samples at a torque limit", limited, "", "saturation"),
+        ]
+        gains = self._controller.state.signals[Signal.ADAPTIVE_GAIN]
+        readings += [
+            Reading(f"adaptive gain of {joint}", float(gain))
+            for joint, gain in zip(names(self.values["joints"]), gains, strict=True)
+        ]
+        doubted, before = self._controller.clock(Clock.IMPLAUSIBLE), self._doubted
+        readings += [
+            Reading("late joint states since activation", self._controller.clock(Clock.LATE)),
+            Reading("stamps that were late or ahead", self._state_arrivals.refused),
+            Reading("implausible joint states since activation", doubted),
+        ]
+        self._doubted = doubted
+        if doubted > before:
+            self.get_logger().warning(f"{doubted - before} joint states are implausible (plausibility.velocity)")
+        idle, level = "", DiagnosticStatus.WARN
+        if not self.active:
+            idle = f"inactive: {self.refusal() or 'to be activated'}"
+        elif not ticks:
+            idle = f"no {'reference' if self._waiting_stamp >= 0 else 'joint state'} for a second"
+        elif self._controller.fault:
+            idle, level = "stopped by a fault; ~/reset_fault ends it", DiagnosticStatus.ERROR
+        elif self._status is not None and self._status[Status.MODE] == Mode.HOLDING:
+            idle = "holding position: no reference, or an old one"
+        self._diagnostics.publish(readings, idle, level, self._statistics.scale)
+
+
+def run(stop: Stop) -> int:
+    """``ros2 run pidtsm_controller controller``; returns the exit code."""
+    return run_nodes([ControllerNode], stop)

@@ -1,0 +1,200 @@
+"""Trajectory node: publishes the reference for every joint state, and takes trajectories that replace it."""
+
+import time
+
+import numpy as np
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from pidtsm_core.arrivals import Arrivals, Stamp
+from pidtsm_core.joints import JointOrder, MessageError
+from pidtsm_core.node_parameters import PRIORITY, trajectory_node_schema
+from pidtsm_core.parameters import Array, names, number
+from pidtsm_core.references import ReferenceMotion, reference_joints
+from pidtsm_core.references.trajectory import MotionUnderWay, Rest, TrajectoryError
+from pidtsm_core.timing import seconds
+from pidtsm_msgs.msg import JointReference
+from pidtsm_ros.diagnostics import Diagnostics, Reading
+from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.process import run_nodes
+from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds
+from pidtsm_ros.stop import Stop
+from pidtsm_ros.wire import OutgoingMessage, deserialize
+
+_WAITING = 20
+"""Joint states that may wait while the node does not run. At 1 kHz one that falls behind is late by 20 ms then, and
+leaves joint states out; with all that a topic's queue holds it would be later than the controller allows
+(``watchdog.reference``)."""
+_FIELDS = ("positions", "velocities", "accelerations")
+
+
+class TrajectoryNode(ManagedNode):
+    """Publishes q_d, q_d', q_d'' with the stamp of every joint state; the motion begins at the first one.
+
+    A trajectory on ``joint_trajectory`` replaces the motion under way; one without points brings it to rest.
+    Driven by the joint states, the node lives in their time, simulated or not. Where their clock is set, or their
+    source started anew, the motion comes to rest where the arm is; ``~/begin`` begins the built-in one again.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("trajectory", trajectory_node_schema, reference_joints)
+        self._diagnostics: Diagnostics | None = None
+
+    @property
+    def lockstep(self) -> bool:
+        return self.values["clock"] == "lockstep"
+
+    @property
+    def priority(self) -> int:
+        return 0 if self.lockstep else int(number(self.values[PRIORITY.name]))
+
+    def configure(self) -> None:
+        joints = list(names(self.values["joints"]))
+        self._order = JointOrder(joints)
+        self._built_in = ReferenceMotion(self.values)
+        self._desired = np.zeros((3, len(joints)))
+        # Compile before the loop.
+        self._built_in.evaluate(0.0, self._desired)
+        self._motion = MotionUnderWay(self._built_in, 0, self._built_in.joints)
+        self._motion.approach(0, self._built_in)
+        self._motion.cancel(0)
+        self._motion.evaluate(0, self._desired)
+
+        fields = ("position", "velocity", "acceleration")
+        self._reference = OutgoingMessage(JointReference(name=joints), fields, joints=len(joints))
+        self._none = OutgoingMessage(JointReference())
+
+        self._references = self.advertise(JointReference, "reference")
+        self._diagnostics = Diagnostics(self)
+        self._published = 0
+        self.offer("~/begin", self._begin)
+        self._listening = False
+        self.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, once=True)
+
+    def activate(self) -> None:
+        self._arrivals = Arrivals()
+        self._began = -1
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._diagnostics = None
+        return super().on_cleanup(state)
+
+    def diagnose(self) -> None:
+        if self._diagnostics is not None:
+            idle = "" if self.active else "inactive"
+            refused = self._arrivals.refused if self.active else 0
+            self._diagnostics.publish(
+                [Reading("references published", self._published), Reading("stamps that were late or ahead", refused)],
+                idle,
+            )
+
+    def poll(self) -> float:
+        if self._diagnostics is not None and self._diagnostics.due:
+            self.diagnose()
+        if self._diagnostics is None or self._listening:
+            return super().poll()
+        # A simulator that waits for its listeners thereby waits for those of the reference, too.
+        if not self.awaits(self._references):
+            self._listening = True
+            self.listen(JointState, "joint_states", self._on_joint_state, raw=True, depth=_WAITING)
+        return 0.02
+
+    def _on_joint_state(self, state: bytes) -> None:
+        # Only the time matters here, at a fraction of the cost of the whole message.
+        stamp, arrivals = serialized_nanoseconds(state), self._arrivals
+        now = None if self.lockstep else time.monotonic_ns()
+        judged, last = arrivals.judge(stamp, now), arrivals.last
+        if judged in (Stamp.LATE, Stamp.AHEAD) or (judged is Stamp.REPEATED and not self.lockstep):
+            raise MessageError(judged.explanation)
+        restarts = judged is Stamp.RESTARTED
+        position = self._positions(state) if restarts else self._desired[0]
+        arrivals.take(judged, stamp, now)
+        if restarts:
+            self._rest(position, last + arrivals.elapsed, stamp)
+        if self._began < 0:
+            self._began = stamp
+            self._motion = MotionUnderWay(self._built_in, stamp, self._built_in.joints)
+        self._publish(stamp)
+
+    def _publish(self, stamp: int) -> None:
+        if self._built_in.drops_out(seconds(stamp - self._began)):
+            # In lockstep the controller waits for an answer.
+            if self.lockstep:
+                self._references.publish(self._none.to_bytes(stamp))
+            return
+        self._motion.evaluate(stamp, self._desired)
+        self._reference.arrays[:] = self._desired
+        self._published += 1
+        self._references.publish(self._reference.to_bytes(stamp))
+
+    def _positions(self, state: bytes) -> Array:
+        message, positions = deserialize(state, JointState), np.empty(self._built_in.joints)
+        self._order.read(message.name, message.position, "position", positions)
+        return positions
+
+    def _rest(self, position: Array, before: int, stamp: int) -> None:
+        """Come to rest, or stay at `position` (rad) where that is elsewhere; `stamp` (ns) is what was `before`."""
+        self._motion.move(stamp - before)
+        self._motion.evaluate(stamp, self._desired)
+        if np.abs(self._desired[0] - position).max() <= number(self.values["start_tolerance"]):
+            self._motion.cancel(stamp)
+        else:
+            self._motion = MotionUnderWay(Rest(position), stamp, self._built_in.joints)
+        self._began = stamp
+        self.get_logger().warning(
+            f"joint_states: {Stamp.RESTARTED.value}: holding the arm where it is; ~/begin begins the built-in motion"
+        )
+
+    def _begin(self) -> str:
+        """Begin the built-in motion again, from wherever the reference is; returns why not, or nothing."""
+        if not self.active or self._arrivals.last < 0:
+            return "no joint state has come yet, whose time it could begin at"
+        self._began = self._arrivals.last
+        self._motion.approach(self._began, self._built_in)
+        self.get_logger().info("beginning the built-in motion")
+        return ""
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        last = self._arrivals.last
+        if last < 0:
+            raise MessageError("no joint state has come yet, whose time it could begin at")
+        if not message.points:
+            self._motion.cancel(last)
+            self.get_logger().info("cancelled: coming to rest")
+            return
+        points = self._read(message)
+        times = np.array([seconds(nanoseconds(point.time_from_start)) for point in message.points])
+        start = nanoseconds(message.header.stamp) or last
+        try:
+            self._motion.follow(last, start, times, points, number(self.values["start_tolerance"]))
+        except TrajectoryError as error:
+            raise MessageError(str(error)) from None
+        self.get_logger().info(f"following a trajectory of {len(times)} points, {times[-1]:g} s")
+
+    def _read(self, message: JointTrajectory) -> Array:
+        """Positions, and velocities and accelerations where given, shape (points, 1 to 3, joints), in our own order."""
+        fields = _fields(message.points[0])
+        points = np.empty((len(message.points), len(fields), len(self._order.joints)))
+        for i, point in enumerate(message.points):
+            if _fields(point) != fields:
+                raise MessageError(f"point {i + 1} has {', '.join(_fields(point))}; the first has {', '.join(fields)}")
+            for target, field in zip(points[i], fields, strict=True):
+                self._order.read(message.joint_names, getattr(point, field), f"{field} of point {i + 1}", target)
+        return points
+
+
+def _fields(point: JointTrajectoryPoint) -> tuple[str, ...]:
+    """What the point has of position and its derivatives; an effort is not looked at."""
+    fields = tuple(field for field in _FIELDS if len(getattr(point, field)))
+    if fields not in (_FIELDS[:1], _FIELDS[:2], _FIELDS):
+        raise MessageError(
+            f"a point has {', '.join(fields) or 'nothing'}; positions, velocities with positions, "
+            "or accelerations with both are wanted"
+        )
+    return fields
+
+
+def run(stop: Stop) -> int:
+    """``ros2 run pidtsm_controller trajectory``; returns the exit code."""
+    return run_nodes([TrajectoryNode], stop)

@@ -1,0 +1,312 @@
+"""What is to be run: a scenario, a law, and the parameters of every node that follow from them."""
+
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pidtsm_core.control import LAW_NAME
+from pidtsm_core.errors import UsageError
+from pidtsm_core.laws import LAWS
+from pidtsm_core.node_parameters import NODE_ONLY
+from pidtsm_core.parameters import ParameterError, Schema, Value
+from pidtsm_core.rollout import resolve_nodes
+
+Settings = dict[str, dict[str, Any]]
+"""Parameters by node and full name."""
+
+ARTICLE = "article"
+"""Name of the parameter set that is the article's Table 1."""
+PRACTICAL = "practical"
+"""Name of the parameter set for real sensors and drives."""
+NODES = ("simulator", "controller", "trajectory")
+_ANY_NAMESPACE = "/**"
+"""In ROS parameter files, before the name of a node."""
+_SCENARIOS, _PARAMETERS = (Path(__file__).with_name(folder) for folder in ("scenarios", "params"))
+_SCENARIO_KEYS = ("description", "duration", *NODES)
+
+
+_DEEPEST = 20
+"""Levels of a file; PyYAML takes seconds for thousands of them, and then finds no way back."""
+
+_LONGEST = 100
+"""Digits; Python refuses to write numbers of thousands of them."""
+
+
+class _Loader(yaml.SafeLoader):
+    """Takes 1e-3 for a number, as ROS does; to YAML 1.1 it is a text.
+
+    Refuses aliases, as ROS does: a few lines of them can stand for more than fits in memory, or for no end of it.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._level = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases (*NAME) are not allowed")
+        if self._level == _DEEPEST:
+            raise yaml.YAMLError(f"more than {_DEEPEST} levels")
+        self._level += 1
+        node = super().compose_node(parent, index)
+        self._level -= 1
+        if isinstance(node, yaml.ScalarNode) and node.tag.endswith(":int") and len(node.value) > _LONGEST:
+            raise yaml.YAMLError(f"a whole number of more than {_LONGEST} digits")
+        return node
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
+)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A run to be made.
+
+    Attributes:
+        scenario: name or file name of the scenario.
+        law: name of the control law.
+        duration: s.
+        settings: parameters that differ from the defaults, by node.
+        files: the file that a setting comes from, by ``NODE.PARAMETER``, for messages.
+    """
+
+    scenario: str
+    law: str
+    duration: float
+    settings: Settings
+    files: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def event_time(self) -> float | None:
+        """When the plant changes under way (s), for the metrics; None where it does not."""
+        simulator = self.settings["simulator"]
+        if not simulator.get("payload.mass", 0.0):
+            return None
+        time = float(simulator.get("payload.time", 0.0))
+        return time if 0.0 < time < self.duration else None
+
+    def without_node_parameters(self) -> "Experiment":
+        """The same for a rollout: parameters that exist in nodes only (clock, autostart ...) are left out."""
+        settings = {}
+        for node, given in self.settings.items():
+            only = {p.name for p in NODE_ONLY[node]}
+            settings[node] = {name: value for name, value in given.items() if name not in only}
+        return replace(self, settings=settings)
+
+    def resolved(self, schemas: Mapping[str, Schema]) -> dict[str, dict[str, Value]]:
+        """Every parameter of every node, checked.
+
+        Raises:
+            UsageError: an unknown parameter or a refused value; the message names file, node and parameter.
+        """
+        try:
+            return resolve_nodes(schemas, self.settings)
+        except ParameterError as error:
+            file = self.files.get(error.parameter)
+            raise UsageError(f"{file}: {error}" if file else str(error)) from None
+
+
+def scenario_names() -> list[str]:
+    """Names of the scenarios that come with the package."""
+    return sorted(file.stem for file in _SCENARIOS.glob("*.yaml"))
+
+
+def make_experiment(
+    scenario: str,
+    law: str | None = None,
+    duration: float | None = None,
+    params: Sequence[str] = (),
+    overrides: Sequence[str] = (),
+) -> Experiment:
+    """Put an experiment together; later parts win: scenario, parameter files, law, overrides.
+
+    Args:
+        scenario: a name of `scenario_names`, or the path of a scenario file.
+        law: a name in `LAWS`; where None, that of the parts before it, or the default law.
+        duration: s, instead of the scenario's.
+        params: paths of ROS parameter files; ``article`` stands for the article's Table 1 of the law (of `law`, or of
+            the parts before), ``practical`` for the set for real sensors and drives.
+        overrides: texts ``NODE.PARAMETER=VALUE``.
+
+    Raises:
+        UsageError: anything unknown or malformed; the message names file, key and what is allowed.
+    """
+    if law is not None and law not in LAWS.names:
+        raise UsageError(f"unknown law {law}; known are {', '.join(LAWS.names)}")
+    file = _scenario_file(scenario)
+    content = _load_scenario(file)
+    settings: Settings = {node: {} for node in NODES}
+    files: dict[str, str] = {}
+
+    def merge(more: Settings, source: Path) -> None:
+        for node, parameters in more.items():
+            settings[node].update(parameters)
+            files.update({f"{node}.{name}": str(source) for name in parameters})
+
+    merge({node: flatten(content.get(node) or {}, f"{file}: {node}") for node in NODES}, file)
+    for name in params:
+        before = settings["controller"].get("law.name")
+        of_law = law or (before if before in LAWS.names else None)
+        source = _PARAMETER_SETS[name](of_law) if name in _PARAMETER_SETS else Path(name)
+        merge(load_ros_parameters(source), source)
+    if law is not None:
+        settings["controller"]["law.name"] = law
+    for override in overrides:
+        node, name, value = _parse_override(override)
+        settings[node][name] = value
+        files.pop(f"{node}.{name}", None)
+    seconds = _positive(content.get("duration"), f"{file}: duration") if duration is None else duration
+    chosen = str(settings["controller"].get("law.name", LAW_NAME.default))
+    return Experiment(file.stem, chosen, seconds, settings, files)
+
+
+def article_parameters(law: str | None) -> Path:
+    """ROS parameter file with the article's Table 1 for a law (the default law where None).
+
+    Raises:
+        UsageError: the article has no parameters for this law.
+    """
+    file = _PARAMETERS / f"{law or LAW_NAME.default}.yaml"
+    if not file.is_file():
+        raise UsageError(f"the article has no parameters for {law}; leave --params {ARTICLE} out, or name a file")
+    return file
+
+
+def practical_parameters(law: str | None) -> Path:
+    """ROS parameter file for real sensors and drives: observer and bounded adaptation.
+
+    Raises:
+        UsageError: a law other than the proposed one, for which it is made.
+    """
+    if law not in (None, LAW_NAME.default):
+        raise UsageError(
+            f"{PRACTICAL} parameters are made for {LAW_NAME.default}, not {law}; leave --params {PRACTICAL} out, "
+            "or name a file"
+        )
+    return _PARAMETERS / f"{PRACTICAL}.yaml"
+
+
+_PARAMETER_SETS = {ARTICLE: article_parameters, PRACTICAL: practical_parameters}
+
+
+def load_ros_parameters(file: Path) -> Settings:
+    """Parameters by node from a ROS parameter file (``NODE: ros__parameters: ...``).
+
+    Raises:
+        UsageError: not readable, or not of that form.
+    """
+    content = _load_mapping(file)
+    settings: Settings = {}
+    for key, value in content.items():
+        node = str(key).removeprefix(_ANY_NAMESPACE).lstrip("/")
+        if node not in NODES:
+            raise UsageError(f"{file}: unknown node {key}; known are {', '.join(NODES)}")
+        if not isinstance(value, dict) or set(value) != {"ros__parameters"}:
+            raise UsageError(f"{file}: {key} must hold ros__parameters and nothing else")
+        settings[node] = flatten(value["ros__parameters"] or {}, f"{file}: {key}")
+    return settings
+
+
+def ros_parameters(node: str, values: Mapping[str, Value]) -> str:
+    """Content of a ROS parameter file of one node, parameters nested by the dots of their names.
+
+    Args:
+        node: its name, for a node in any namespace, or its full name.
+        values: by name.
+    """
+    tree: dict[str, Any] = {}
+    for name, value in values.items():
+        *groups, leaf = name.split(".")
+        branch = tree
+        for group in groups:
+            branch = branch.setdefault(group, {})
+        branch[leaf] = list(value) if isinstance(value, tuple) else value
+    place = node if node.startswith("/") else f"{_ANY_NAMESPACE}/{node}"
+    return yaml.safe_dump({place: {"ros__parameters": tree}}, sort_keys=False)
+
+
+def flatten(tree: object, where: str) -> dict[str, Any]:
+    """Nested groups as full names with dots.
+
+    Raises:
+        UsageError: `tree` is not a mapping with texts as keys.
+    """
+    if not isinstance(tree, dict):
+        raise UsageError(f"{where} must be a group of parameters, not {tree!r}")
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        if not isinstance(key, str):
+            raise UsageError(f"{where}: {key!r} is not the name of a parameter")
+        if isinstance(value, dict):
+            flat.update({f"{key}.{name}": v for name, v in flatten(value, f"{where}.{key}").items()})
+        else:
+            flat[key] = value
+    return flat
+
+
+def _scenario_file(scenario: str) -> Path:
+    if scenario in scenario_names():
+        return _SCENARIOS / f"{scenario}.yaml"
+    with suppress(OSError):  # A name too long, or a folder that nobody may read.
+        if Path(scenario).is_file():
+            return Path(scenario)
+    raise UsageError(f"no scenario {scenario}: neither a file nor one of {', '.join(scenario_names())}")
+
+
+def _read_yaml(text: str) -> Any:
+    """The content of a YAML text.
+
+    Raises:
+        YAMLError: it is none, or a value is not what it says.
+    """
+    try:
+        return yaml.load(text, _Loader)  # noqa: S506  It is a safe loader.
+    except yaml.YAMLError:
+        raise
+    except Exception as error:  # PyYAML meets !!int x, !!bool x or 2001-02-30 with Python's exceptions.
+        raise yaml.YAMLError(f"a value cannot be read: {error}") from None
+
+
+def _load_scenario(file: Path) -> dict[str, Any]:
+    content = _load_mapping(file)
+    for key in content:
+        if key not in _SCENARIO_KEYS:
+            raise UsageError(f"{file}: unknown key {key}; allowed are {', '.join(_SCENARIO_KEYS)}")
+    return content
+
+
+def _load_mapping(file: Path) -> dict[str, Any]:
+    try:
+        content = _read_yaml(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"{file}: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise UsageError(f"{file} is not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(content, dict):
+        raise UsageError(f"{file} must hold keys and values")
+    return content
+
+
+def _parse_override(text: str) -> tuple[str, str, Any]:
+    path, equals, value = text.partition("=")
+    node, dot, name = path.partition(".")
+    if not equals or not dot or not name or node not in NODES:
+        raise UsageError(f"--set {text}: must be NODE.PARAMETER=VALUE with NODE one of {', '.join(NODES)}")
+    try:
+        return node, name, _read_yaml(value)
+    except yaml.YAMLError:
+        raise UsageError(f"--set {text}: {value!r} is not a value") from None
+
+
+def _positive(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= sys.float_info.max:
+        raise UsageError(f"{where}: {value!r} must be a positive number of seconds")
+    return float(value)

@@ -1,0 +1,151 @@
+"""What happened in a run, in numbers and words: faults, violations, time spent holding, stopped or at a limit."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pidtsm_core.control.report import LIMITS, cause
+from pidtsm_core.recording import Recording
+from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
+
+FOLLOWED, HELD, STOPPED, RAN_AWAY = "followed", "held", "stopped", "ran away"
+"""What a run can come to."""
+
+ASTRAY = np.pi
+"""rad; a run with a larger error does not track any more."""
+
+OF_TRACKING = ("rmse", "eci", "steady_state_error")
+"""Metrics that say nothing of a run that ran away."""
+
+
+def outcome(recording: Recording) -> str:
+    """What the run came to: ran away where the error was ever beyond `ASTRAY`, else by what the controller did last."""
+    if np.abs(recording.error).max() > ASTRAY:
+        return RAN_AWAY
+    if _stopped(recording)[-1]:
+        return STOPPED
+    return HELD if recording.status[-1, Status.MODE] == Mode.HOLDING else FOLLOWED
+
+
+def happenings(recording: Recording) -> dict[str, Any]:
+    """The part of metrics.json that says what happened, but for what there is a joint."""
+    lasts = _lasts(recording)
+    stopped = _stopped(recording)
+    holding = ~stopped & (recording.status[:, Status.MODE] == Mode.HOLDING)
+    return {
+        "outcome": outcome(recording),
+        "faults": list(_faults(recording)),
+        "violations": list(_violations(recording, lasts)),
+        "time_holding": _sum(lasts, holding),
+        "time_stopped": _sum(lasts, stopped),
+    }
+
+
+def time_at_limits(recording: Recording) -> dict[str, list[float]]:
+    """The part of metrics.json that says how long each joint's effort was held back, s."""
+    lasts = _lasts(recording)
+    limited = recording.signals[:, Signal.SATURATED].astype(np.int64)
+    return {
+        f"time_at_{limit.name.lower()}_limit": [_sum(lasts, column & limit != 0) for column in limited.T]
+        for limit in Limited
+    }
+
+
+def _stopped(recording: Recording) -> NDArray[np.bool_]:
+    """Where the effort was the safe one, shape (samples,): at the sample of a fault the mode does not say so yet."""
+    mode, fault = recording.status[:, Status.MODE], recording.status[:, Status.FAULT]
+    return np.asarray((mode == Mode.STOPPED) | (fault != Fault.NO_FAULT))
+
+
+def _lasts(recording: Recording) -> NDArray[np.int64]:
+    """How long each sample lasts, ns, shape (samples,); the last one as long as the others."""
+    periods = np.diff(recording.stamps_ns)
+    return np.append(periods, round(float(np.median(periods))) if periods.size else 0)
+
+
+def _sum(lasts: NDArray[np.int64], where: NDArray[np.bool_]) -> float:
+    return int(lasts[where].sum()) / 1e9
+
+
+def _faults(recording: Recording) -> Iterator[dict[str, Any]]:
+    faults = recording.status[:, Status.FAULT]
+    for k in np.flatnonzero(np.diff(faults, prepend=0)):
+        if not faults[k]:
+            continue
+        after = np.flatnonzero(faults[k:] == Fault.NO_FAULT)
+        joint = int(recording.status[k, Status.FAULT_JOINT])
+        yield {
+            "fault": _name(int(faults[k])),
+            "time": float(recording.time[k]),
+            "joint": recording.joints[joint - 1] if 0 < joint <= len(recording.joints) else None,
+            "reset": float(recording.time[k + after[0]]) if after.size else None,
+        }
+
+
+def _name(fault: int) -> str:
+    try:
+        return Fault(fault).name.lower()
+    except ValueError:  # It was recorded with another version.
+        return f"fault_{fault}"
+
+
+def _violations(recording: Recording, lasts: NDArray[np.int64]) -> Iterator[dict[str, Any]]:
+    for violation, limit in LIMITS.items():
+        exceeded = recording.status[:, Status.VIOLATIONS] & violation != 0
+        if exceeded.any():
+            first = float(recording.time[exceeded.argmax()])
+            yield {"limit": limit, "time": first, "duration": _sum(lasts, exceeded)}
+
+
+# In words.
+
+
+def what_happened(metrics: Mapping[str, Any]) -> list[str]:
+    """What was not normal in a run, a sentence each.
+
+    Args:
+        metrics: as in metrics.json.
+    """
+    said = [] if metrics["outcome"] == FOLLOWED else [_OUTCOMES[metrics["outcome"]]]
+    said += [_fault(fault) for fault in metrics["faults"]]
+    for violation in metrics["violations"]:
+        limit, time, duration = (violation[key] for key in ("limit", "time", "duration"))
+        said.append(f"a joint was beyond limits.{limit} for {duration:.4g} s, first at {time:.4g} s")
+    for state in ("holding", "stopped"):
+        if metrics[f"time_{state}"]:
+            said.append(f"{state} for {metrics[f'time_{state}']:.4g} s of {metrics['duration']:.4g} s")
+    if rejected := [f"{node} {count}" for node, count in (metrics["rejected"] or {}).items() if count]:
+        said.append(f"messages rejected: {', '.join(rejected)}")
+    if lost := [f"{topic} {count}" for topic, count in metrics["lost"].items() if count]:
+        said.append(f"incomplete: stamps of the ground truth that lack {', '.join(lost)}")
+    return said
+
+
+_OUTCOMES = {
+    RAN_AWAY: f"ran away: a joint was more than {ASTRAY:.3g} rad from its reference",
+    HELD: "does not follow at the end: holds its position, as there is no reference, or only an old one",
+    STOPPED: "does not follow at the end: stopped, with the safe torque",
+}
+
+
+def why_not_followed(metrics: Mapping[str, Any]) -> str:
+    """Why the controller does not follow at the end, in a sentence; empty where it does.
+
+    Args:
+        metrics: as in metrics.json.
+    """
+    if metrics["outcome"] == FOLLOWED:
+        return ""
+    faults: Sequence[Mapping[str, Any]] = metrics["faults"]
+    if metrics["outcome"] == STOPPED and faults:
+        return _fault(faults[-1])
+    return _OUTCOMES[metrics["outcome"]]
+
+
+def _fault(fault: Mapping[str, Any]) -> str:
+    number = next((f for f in Fault if f.name.lower() == fault["fault"]), None)
+    reason = cause(number, 1, [fault["joint"] or "a joint"]) if number else str(fault["fault"])
+    reset = "" if fault["reset"] is None else f"; reset at {fault['reset']:.4g} s"
+    return f"stopped at {fault['time']:.4g} s: {reason}{reset}"

@@ -1,0 +1,212 @@
+"""The simulated arm: rigid dynamics, disturbance, friction, torque limits, payload and pushes, integrated by RK4."""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
+from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, joint_array, number
+from pidtsm_core.robots import ROBOT_NAME, ROBOTS, attach, forward_dynamics, robot_schema
+from pidtsm_core.simulation import friction
+from pidtsm_core.simulation.friction import FrictionConfig, add_friction, friction_config
+from pidtsm_core.timing import sum_of_times
+
+# Units of what a model error is an error of, see `Robot.pack_model`.
+_ERRORS = {"mass": "kg", "inertia": "kg m^2", "length": "m"}
+
+_LOADS = (
+    Parameter("payload.mass", 0.0, "mass picked up at payload.time (Case 2: 0.5)", "kg", minimum=0.0),
+    Parameter("payload.time", 0.0, "when the payload is picked up, from the start", "s", minimum=0.0),
+    Parameter("payload.duration", 0.0, "how long until it is dropped; 0: never", "s", minimum=0.0),
+    Parameter("push.effort", 0.0, "torque of somebody who pushes the arm", "N m", per_joint=True),
+    Parameter("push.time", 0.0, "when the push begins, from the start", "s", minimum=0.0),
+    Parameter("push.duration", 0.0, "how long it lasts; 0 is no push", "s", minimum=0.0),
+)
+_MODEL_ERRORS = tuple(
+    Parameter(
+        f"model_error.{quantity}",
+        0.0,
+        f"each {quantity} of the arm against robot.*, as a share: 0.25 is 25 % more than that",
+        minimum=-1.0,
+        exclusive=True,
+    )
+    for quantity in _ERRORS
+)
+
+
+def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    """Parameters of the simulated arm; ``robot.name`` decides which there are."""
+    robot_parameters = robot_schema(settings)
+    robot = ROBOTS[str(settings.get(ROBOT_NAME.name, ROBOT_NAME.default))]
+    return (
+        *robot_parameters,
+        Parameter("rate", 1000, "samples a second", "Hz", minimum=1, maximum=100_000, fixed=True),
+        Parameter("initial_position", robot.initial_position, "joint positions at the start", "rad", per_joint=True),
+        Parameter(
+            "disturbance.name",
+            "article",
+            "torque beside the motors'",
+            choices=DISTURBANCES.names,
+            fixed=True,
+        ),
+        *_LOADS,
+        *friction.PARAMETERS,
+        *_MODEL_ERRORS,
+    )
+
+
+class PlantConfig(NamedTuple):
+    """What a step reads; the numbers are places in the registries."""
+
+    robot: int
+    model: Array  # shape (model parameters,)
+    loaded_model: Array  # the same with the payload
+    payload_begin: float  # s
+    payload_end: float  # s
+    disturbance: int
+    effort_limit: Array  # shape (joints,), N m
+    push: Array  # shape (joints,), N m
+    push_begin: float  # s
+    push_end: float  # s
+    friction: FrictionConfig
+    accelerations: bool  # q'' at the samples is asked for
+
+
+class PlantState(NamedTuple):
+    """What a step changes."""
+
+    position: Array  # q, shape (joints,), rad
+    derivatives: Array  # q', q'', shape (2, joints); q'' under the torque held before the sample, 0 at the start
+    effort: Array  # the torque applied over the last step, within the limits, shape (joints,), N m
+    work: Array  # scratch, shape (8, joints)
+
+
+@njit
+def _acceleration(
+    config: PlantConfig, model: Array, q: Array, dq: Array, effort: Array, net: Array, ddq: Array
+) -> None:
+    """ddq of eq. (5); `net` is scratch for the torque with disturbance and friction."""
+    for j in range(effort.size):
+        net[j] = effort[j]
+    add_disturbance(config.disturbance, q, dq, net)
+    if not config.friction.none:
+        add_friction(config.friction, dq, net)
+    forward_dynamics(config.robot, q, dq, net, model, ddq)
+
+
+@njit
+def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: float) -> None:
+    """Integrate from t to t + dt (s) with the limited `effort` held: classical Runge-Kutta of fourth order.
+
+    `effort` has shape (joints,), N m.
+
+    Payload and push are those of the start of the step.
+    """
+    joints = effort.size
+    model = config.loaded_model if config.payload_begin <= t < config.payload_end else config.model
+    q, dq, held = state.position, state.derivatives[0], state.effort
+    net, stage_q, stage_dq, k1, k2, k3, k4, pushed = (
+        state.work[0],
+        state.work[1],
+        state.work[2],
+        state.work[3],
+        state.work[4],
+        state.work[5],
+        state.work[6],
+        state.work[7],
+    )
+    for j in range(joints):
+        limit = config.effort_limit[j]
+        held[j] = min(max(effort[j], -limit), limit)
+    torque = held
+    if config.push_begin <= t < config.push_end:
+        for j in range(joints):
+            pushed[j] = held[j] + config.push[j]
+        torque = pushed
+
+    half = 0.5 * dt
+    _acceleration(config, model, q, dq, torque, net, k1)
+    for j in range(joints):
+        stage_q[j] = q[j] + half * dq[j]
+        stage_dq[j] = dq[j] + half * k1[j]
+    _acceleration(config, model, stage_q, stage_dq, torque, net, k2)
+    for j in range(joints):
+        stage_q[j] = q[j] + half * (dq[j] + half * k1[j])
+        stage_dq[j] = dq[j] + half * k2[j]
+    _acceleration(config, model, stage_q, stage_dq, torque, net, k3)
+    for j in range(joints):
+        stage_q[j] = q[j] + dt * (dq[j] + half * k2[j])
+        stage_dq[j] = dq[j] + dt * k3[j]
+    _acceleration(config, model, stage_q, stage_dq, torque, net, k4)
+    for j in range(joints):
+        # The weights of RK4 on q, with the velocities of its stages written out.
+        q[j] += dt * (dq[j] + dt * (k1[j] + k2[j] + k3[j]) / 6.0)
+        dq[j] += dt * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j]) / 6.0
+    if config.accelerations:
+        _acceleration(config, model, q, dq, torque, net, state.derivatives[1])
+
+
+class Plant:
+    """A simulated arm, built from checked parameters.
+
+    Attributes:
+        joints: number of joints.
+        config, state: what `step` takes.
+    """
+
+    def __init__(self, values: Mapping[str, Value], accelerations: bool = True) -> None:
+        """Build it.
+
+        Args:
+            values: every parameter of `plant_schema`, as `resolve` returns them.
+            accelerations: whether q'' at the samples is asked for, a fifth of the time; else it stays 0.
+
+        Raises:
+            ParameterError: a disturbance made for another number of joints.
+        """
+        self.joints = len(ROBOTS[str(values["robot.name"])].joints)
+        disturbance = DISTURBANCES[str(values["disturbance.name"])]
+        if disturbance.joints not in (0, self.joints):
+            raise ParameterError(
+                f"disturbance.name: {disturbance.name} is made for {disturbance.joints} joints, not {self.joints}"
+            )
+        self._accelerations = accelerations
+        self.set_parameters(values)
+        self.state = PlantState(
+            position=joint_array(values["initial_position"], self.joints),
+            derivatives=np.zeros((2, self.joints)),
+            effort=np.zeros(self.joints),
+            work=np.zeros((8, self.joints)),
+        )
+
+    def set_parameters(self, values: Mapping[str, Value]) -> None:
+        """Use other parameters from the next step on; the state stays."""
+        robot = ROBOTS[str(values["robot.name"])]
+        place = ROBOTS.number(robot.name)
+        factors = {unit: 1.0 + number(values[f"model_error.{quantity}"]) for quantity, unit in _ERRORS.items()}
+        model = robot.pack_model(values, factors=factors)
+        loaded = np.empty_like(model)
+        attach(place, model, number(values["payload.mass"]), loaded)
+        picked_up, carried = number(values["payload.time"]), number(values["payload.duration"])
+        pushed = number(values["push.time"])
+        self.config = PlantConfig(
+            robot=place,
+            model=model,
+            loaded_model=loaded,
+            payload_begin=picked_up,
+            payload_end=sum_of_times(picked_up, carried) if carried else math.inf,
+            disturbance=DISTURBANCES.number(str(values["disturbance.name"])),
+            effort_limit=joint_array(values["limits.effort"], self.joints),
+            push=joint_array(values["push.effort"], self.joints),
+            push_begin=pushed,
+            push_end=sum_of_times(pushed, number(values["push.duration"])),
+            friction=friction_config(values, self.joints),
+            accelerations=self._accelerations,
+        )
+
+    def step(self, effort: Array, t: float, dt: float) -> None:
+        """Hold `effort` (shape (joints,), N m, finite) from t to t + dt (s)."""
+        step(self.config, self.state, effort, t, dt)

@@ -1,0 +1,79 @@
+"""Position sensor: what an encoder says of the true position, and when."""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from pidtsm_core.compiled import njit
+from pidtsm_core.parameters import Array, Parameter, Value, joint_array, number
+from pidtsm_core.simulation.randomness import Column
+
+PARAMETERS = (
+    Parameter(
+        "encoder.bits",
+        0,
+        "resolution of the encoders, 2^bits steps a revolution; 0 is ideal",
+        minimum=0,
+        maximum=40,
+        per_joint=True,
+    ),
+    Parameter("encoder.bias", 0.0, "error of the encoders' zero", "rad", per_joint=True),
+    Parameter("noise.std", 0.0, "standard deviation of the Gaussian noise of the position", "rad", 0.0, per_joint=True),
+    Parameter(
+        "backlash.gap",
+        0.0,
+        "play between joint and motor, where the encoder sits, from one flank to the other",
+        "rad",
+        minimum=0.0,
+        per_joint=True,
+    ),
+    Parameter(
+        "jitter.std", 0.0, "standard deviation of the moment of sampling against its stamp (Gaussian)", "s", minimum=0.0
+    ),
+)
+
+
+class SensorConfig(NamedTuple):
+    """What a measurement reads."""
+
+    step: Array  # shape (joints,), rad, 0 where ideal
+    bias: Array  # shape (joints,), rad
+    noise: Array  # shape (joints,), rad
+    backlash: Array  # shape (joints,), rad
+    jitter: float  # s
+    ideal: bool  # nothing of the above
+
+
+def sensor_config(values: Mapping[str, Value], joints: int) -> SensorConfig:
+    """Args: values: `PARAMETERS`, as `resolve` returns them."""
+    bits = joint_array(values["encoder.bits"], joints)
+    step = np.where(bits > 0, 2.0 * math.pi / 2.0**bits, 0.0)
+    bias, noise, backlash = (
+        joint_array(values[name], joints) for name in ("encoder.bias", "noise.std", "backlash.gap")
+    )
+    jitter = number(values["jitter.std"])
+    ideal = not (step.any() or bias.any() or noise.any() or backlash.any() or jitter)
+    return SensorConfig(step, bias, noise, backlash, jitter, ideal)
+
+
+@njit
+def measure(config: SensorConfig, motor: Array, q: Array, dq: Array, draws: Array, measured: Array) -> None:
+    """measured = step round((m + bias + noise) / step), rad, shape (joints,), with the motor's position m.
+
+    A motor stays within half the gap of the backlash around its joint, and where it is until a flank takes it along
+    (play operator); `motor` keeps m. The joint is met at q(t + jitter) = q + q' jitter, exact to (q'' / 2) jitter^2,
+    all joints at the same moment. `draws` is a row of `Randomness`.
+    """
+    if config.ideal:
+        for j in range(q.size):
+            measured[j] = q[j]
+        return
+    for j in range(q.size):
+        joint = q[j] + dq[j] * (config.jitter * draws[Column.JITTER])
+        half = 0.5 * config.backlash[j]
+        motor[j] = min(max(motor[j], joint - half), joint + half)
+        x = motor[j] + config.bias[j] + config.noise[j] * draws[Column.NOISE + j]
+        step = config.step[j]
+        measured[j] = step * math.floor(x / step + 0.5) if step > 0.0 else x

@@ -1,0 +1,329 @@
+"""The simulated robot: true state -> sensor -> channel -> (controller) -> channel -> actuator -> dynamics.
+
+One sample is `sense`, then whatever the controller does, then `act`.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pidtsm_core.compiled import inlined, njit
+from pidtsm_core.parameters import Array, Parameter, Value, joint_array, number
+from pidtsm_core.simulation import actuator, channel, randomness, sensor
+from pidtsm_core.simulation.actuator import ActuatorConfig, actuator_config, drive
+from pidtsm_core.simulation.channel import (
+    ChannelConfig,
+    ChannelState,
+    arrived,
+    channel_config,
+    channel_state,
+    loses,
+    place,
+)
+from pidtsm_core.simulation.plant import Plant, PlantConfig, PlantState, plant_schema, step
+from pidtsm_core.simulation.randomness import Column, Randomness
+from pidtsm_core.simulation.sensor import SensorConfig, measure, sensor_config
+from pidtsm_core.timing import period_nanoseconds, seconds
+
+_BRAKING = 0.002
+"""s; time constant with which the brakes stop the arm."""
+
+_COMMAND_TIMEOUT = Parameter(
+    "command.timeout",
+    0.02,
+    "without a new command the last torque is held for so long, then brakes stop the arm until the next command; "
+    "0: it is held for ever",
+    "s",
+    minimum=0.0,
+)
+
+
+def simulator_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    """Parameters of the simulated robot; ``robot.name`` decides which there are."""
+    return (
+        *plant_schema(settings),
+        *sensor.PARAMETERS,
+        *channel.PARAMETERS,
+        _COMMAND_TIMEOUT,
+        *actuator.PARAMETERS,
+        *randomness.PARAMETERS,
+    )
+
+
+class SimulatorConfig(NamedTuple):
+    """What a sample reads."""
+
+    sensor: SensorConfig
+    measurements: ChannelConfig
+    commands: ChannelConfig
+    patience: int  # samples without a new command after which the brakes close
+    actuator: ActuatorConfig
+    plant: PlantConfig
+
+
+class SimulatorState(NamedTuple):
+    """What a sample changes."""
+
+    measurements: ChannelState  # packets: measured q, true q', q'', applied effort; shape (4, joints)
+    commands: ChannelState  # packets: effort, shape (1, joints)
+    command: Array  # the effort that arrived last, shape (joints,), N m
+    released: NDArray[np.bool_]  # shape (1,): the brakes are open, as a command has arrived
+    silence: NDArray[np.int64]  # shape (1,): samples since the last one to which a command came, inclusive; 0: none yet
+    motor: Array  # position at the motors' side of the backlash, shape (joints,), rad
+    lagging: Array  # torque of the drives at the end of the sample, shape (joints,), N m
+    effort: Array  # torque of the motors over the sample, before the limits, shape (joints,), N m
+    arm: PlantState
+
+
+@njit
+def sense(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int) -> tuple[int, Array, Array, Array]:
+    """Measure the arm, and say what reaches the controller at this sample.
+
+    Args:
+        config: what the sample reads.
+        state: what it changes.
+        draws: row of `Randomness` of this sample.
+        sample: its number, from 0.
+
+    Returns:
+        The sample at which the measurement that arrives was acquired, -1 if none arrives; measured q, shape
+        (joints,), rad; true q' and q'' of that sample, shape (2, joints); the effort applied before it, as the drives
+        report it, shape (joints,), N m.
+    """
+    channel, arm = state.measurements, state.arm
+    if config.sensor.ideal and config.measurements.direct:
+        return sample, arm.position, arm.derivatives, arm.effort
+    slot = place(channel, sample)
+    packet = channel.packets[slot]
+    measure(config.sensor, state.motor, arm.position, arm.derivatives[0], draws, packet[0])
+    for i in range(2):
+        for j in range(arm.position.size):
+            packet[1 + i, j] = arm.derivatives[i, j]
+    for j in range(arm.position.size):
+        packet[3, j] = arm.effort[j]
+    if not loses(config.measurements, channel, sample, draws[Column.MEASUREMENT_LOSS], draws[Column.MEASUREMENT_BURST]):
+        channel.sent[slot] = sample
+    acquired = sample - channel.sent.size + 1
+    packet = channel.packets[place(channel, acquired)]
+    return acquired if arrived(channel, acquired) else -1, packet[0], packet[1:3], packet[3]
+
+
+@njit
+def _sense_into(
+    config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int, measured: Array, applied: Array
+) -> int:
+    """`sense` for Python, which must not be given views that compiled code has made."""
+    acquired, q, _, effort = sense(config, state, draws, sample)
+    for j in range(q.size):
+        measured[j] = q[j]
+        applied[j] = effort[j]
+    return acquired
+
+
+@inlined
+def _take(state: SimulatorState, effort: Array) -> None:
+    """A command has arrived."""
+    for j in range(effort.size):
+        state.command[j] = effort[j]
+    state.released[0] = True
+
+
+@inlined
+def _watch(config: SimulatorConfig, state: SimulatorState, arrives: bool) -> None:
+    """Close the brakes where no command arrives at the drives for too long."""
+    if arrives:
+        state.silence[0] = 1
+    elif state.silence[0] > 0:
+        state.silence[0] += 1
+        if state.silence[0] > config.patience:
+            state.released[0] = False
+
+
+@njit
+def _brake(state: SimulatorState, dt: float) -> None:
+    """Move the arm over dt (s) with closed brakes: velocities die away exponentially, and the motors rest."""
+    arm, left = state.arm, math.exp(-dt / _BRAKING)
+    for j in range(arm.position.size):
+        velocity = arm.derivatives[0, j]
+        arm.position[j] += _BRAKING * (1.0 - left) * velocity
+        arm.derivatives[0, j] = left * velocity
+        arm.derivatives[1, j] = -left * velocity / _BRAKING
+        arm.effort[j] = 0.0
+        state.lagging[j] = 0.0
+
+
+@njit
+def act(
+    config: SimulatorConfig,
+    state: SimulatorState,
+    draws: Array,
+    sample: int,
+    commanded: bool,
+    effort: Array,
+    t: float,
+    dt: float,
+) -> None:
+    """Move the arm over the sample; closed brakes stop it, and hold it until a command has arrived.
+
+    Args:
+        config: what the sample reads.
+        state: what it changes.
+        draws: row of `Randomness` of this sample.
+        sample: its number, from 0.
+        commanded: whether the controller has sent a command since the last sample.
+        effort: the last command sent, shape (joints,), N m.
+        t: time of the sample, s.
+        dt: until the next, s.
+    """
+    torque, arrives = effort, commanded
+    if config.commands.direct:
+        if commanded:
+            _take(state, effort)
+    else:
+        channel = state.commands
+        lost = loses(config.commands, channel, sample, draws[Column.COMMAND_LOSS], draws[Column.COMMAND_BURST])
+        if commanded and not lost:
+            slot = place(channel, sample)
+            channel.sent[slot] = sample
+            for j in range(effort.size):
+                channel.packets[slot, 0, j] = effort[j]
+        sent = sample - channel.sent.size + 1
+        arrives = arrived(channel, sent)
+        if arrives:
+            _take(state, channel.packets[place(channel, sent), 0])
+        torque = state.command
+    _watch(config, state, arrives)
+    if state.released[0]:
+        if not config.actuator.ideal:
+            drive(config.actuator, state.lagging, torque, state.arm.position, state.effort)
+            torque = state.effort
+        step(config.plant, state.arm, torque, t, dt)
+    else:
+        _brake(state, dt)
+
+
+class SimulatedRobot:
+    """A simulated robot, built from checked parameters.
+
+    Attributes:
+        joints: number of joints.
+        config, state: what `sense` and `act` take.
+        applied: the effort that the drives report with the last measurement, shape (joints,), N m.
+        randomness: where their `draws` come from.
+    """
+
+    def __init__(self, values: Mapping[str, Value], accelerations: bool = True) -> None:
+        """Build it.
+
+        Args:
+            values: every parameter of `simulator_schema`, as `resolve` returns them.
+            accelerations: whether true q'' is asked for, see `Plant`.
+
+        Raises:
+            ParameterError: see `Plant`.
+        """
+        self._plant = Plant(values, accelerations)
+        self.joints = joints = self._plant.joints
+        self._period = period_nanoseconds(int(number(values["rate"])))
+        self._dt = seconds(self._period)
+        self._configure(values)
+        self.state = SimulatorState(
+            measurements=channel_state(values, "", 4, joints),
+            commands=channel_state(values, "command_", 1, joints),
+            command=np.zeros(joints),
+            released=np.zeros(1, dtype=np.bool_),
+            silence=np.zeros(1, dtype=np.int64),
+            motor=self._plant.state.position.copy(),
+            lagging=np.zeros(joints),
+            effort=np.zeros(joints),
+            arm=self._plant.state,
+        )
+        self.randomness = Randomness(values, joints)
+        self._draws = np.empty(0)
+        self._measured = np.zeros(joints)
+        self.applied = np.zeros(joints)
+
+    def _configure(self, values: Mapping[str, Value]) -> None:
+        timeout = number(values[_COMMAND_TIMEOUT.name])
+        config = self.config = SimulatorConfig(
+            sensor=sensor_config(values, self.joints),
+            measurements=channel_config(values, ""),
+            commands=channel_config(values, "command_"),
+            patience=min(round(timeout * 1e9) // self._period if timeout else 2**62, 2**62),
+            actuator=actuator_config(values, self.joints),
+            plant=self._plant.config,
+        )
+        # Such a robot needs no detour through compiled code, whose many arguments take longer than what it does.
+        self._ideal = (
+            config.sensor.ideal and config.measurements.direct and config.commands.direct and config.actuator.ideal
+        )
+
+    def set_parameters(self, values: Mapping[str, Value]) -> None:
+        """Use other parameters from the next sample on; the state stays."""
+        self._plant.set_parameters(values)
+        self._configure(values)
+        self.randomness.set_parameters(values)
+
+    def compile(self) -> None:
+        """Compile all that `sense` and `act` may call, so that no new parameter makes a node wait; it moves the arm."""
+        draws = np.zeros(len(Column) - 1 + self.joints)
+        _sense_into(self.config, self.state, draws, 0, self._measured, self.applied)
+        act(self.config, self.state, draws, 0, True, self.state.effort, 0.0, seconds(self._period))
+        self._plant.step(self.state.effort, 0.0, seconds(self._period))
+        _brake(self.state, seconds(self._period))
+
+    @property
+    def silence(self) -> int:
+        """Samples since the last one with a command, that one counted; 0: there was none."""
+        return int(self.state.silence[0])
+
+    @property
+    def braked(self) -> bool:
+        """The brakes are closed."""
+        return not self.state.released[0]
+
+    def reset(self, values: Mapping[str, Value]) -> None:
+        """Put the arm where it begins, at rest, with closed brakes; time and what is on its way go on.
+
+        Args:
+            values: as for the robot; ``initial_position`` counts.
+        """
+        arm = self.state.arm
+        arm.position[:] = joint_array(values["initial_position"], self.joints)
+        arm.derivatives[:] = 0.0
+        arm.effort[:] = 0.0
+        self.state.motor[:] = arm.position
+        self.state.lagging[:] = 0.0
+        self.state.released[0] = False
+        self.state.silence[0] = 0
+
+    def sense(self, sample: int) -> tuple[int, Array]:
+        """Begin a sample; every sample is to be begun once, in order.
+
+        Returns:
+            When the measurement that reaches the controller was acquired, -1 if none does; measured q, shape
+            (joints,), rad, valid until the next call.
+        """
+        if self._ideal:
+            self.applied[:] = self.state.arm.effort
+            return sample, self.state.arm.position
+        self._draws = self.randomness.next()
+        acquired = _sense_into(self.config, self.state, self._draws, sample, self._measured, self.applied)
+        return acquired, self._measured
+
+    def act(self, sample: int, commanded: bool, effort: Array) -> None:
+        """Move the arm to the next sample, see `act`."""
+        t, dt = seconds(sample * self._period), self._dt
+        if self._ideal:
+            _watch(self.config, self.state, commanded)
+            if commanded:
+                _take(self.state, effort)
+            if self.state.released[0]:
+                self._plant.step(effort, t, dt)
+            else:
+                _brake(self.state, dt)
+            return
+        act(self.config, self.state, self._draws, sample, commanded, effort, t, dt)

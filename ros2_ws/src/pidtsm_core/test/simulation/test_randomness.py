@@ -1,0 +1,61 @@
+"""Random numbers depend on the seed and their purpose alone."""
+
+import numpy as np
+import pytest
+
+from pidtsm_core.parameters import resolve
+from pidtsm_core.simulation.randomness import Column, Randomness
+from pidtsm_core.simulation.simulator import simulator_schema
+
+ALL = {
+    "noise.std": 1e-3,
+    "jitter.std": 1e-4,
+    "dropout.probability": 0.1,
+    "dropout.burst_rate": 1.0,
+    "dropout.command_probability": 0.1,
+    "dropout.command_burst_rate": 1.0,
+}
+SAMPLES = 3000
+
+
+def source(**changes: object) -> Randomness:
+    return Randomness(resolve(simulator_schema, {**ALL, **changes}, 2), 2)
+
+
+def test_a_run_may_be_cut_anyhow() -> None:
+    """A rollout draws all at once, a node row by row out of blocks."""
+    whole = source().draw(SAMPLES)
+    a, b = source(), source()
+    np.testing.assert_array_equal([a.next() for _ in range(SAMPLES)], whole)
+    np.testing.assert_array_equal(np.vstack([b.draw(n) for n in (1, 7, 0, 992, 2000)]), whole)
+
+
+def test_seeds_decide() -> None:
+    np.testing.assert_array_equal(source(seed=5).draw(SAMPLES), source(seed=5).draw(SAMPLES))
+    assert (source(seed=5).draw(SAMPLES) != source(seed=6).draw(SAMPLES)).all()
+
+
+def test_purposes_are_independent_and_distributed_as_said() -> None:
+    rows = source().draw(100_000)
+    assert np.abs(np.corrcoef(rows.T) - np.eye(len(Column) + 1)).max() < 0.02
+    uniform, normal = rows[:, : Column.JITTER], rows[:, Column.JITTER :]
+    assert uniform.min() >= 0.0
+    assert uniform.max() < 1.0
+    np.testing.assert_allclose(uniform.mean(axis=0), 0.5, atol=0.01)
+    np.testing.assert_allclose(normal.mean(axis=0), 0.0, atol=0.02)
+    np.testing.assert_allclose(normal.std(axis=0), 1.0, atol=0.02)
+
+
+@pytest.mark.parametrize("switch", ALL)
+def test_what_is_off_draws_nothing_and_changes_nothing_else(switch: str) -> None:
+    everything, rest = source().draw(SAMPLES), source(**{switch: 0.0}).draw(SAMPLES)
+    off = ~rest.any(axis=0)
+    assert off.sum() == (2 if switch == "noise.std" else 1)
+    np.testing.assert_array_equal(rest[:, ~off], everything[:, ~off])
+
+
+def test_a_purpose_may_be_switched_on_under_way() -> None:
+    randomness = Randomness(resolve(simulator_schema, {}, 2), 2)
+    assert not randomness.next().any()
+    randomness.set_parameters(resolve(simulator_schema, {"noise.std": 1e-3}, 2))
+    assert randomness.next()[Column.NOISE :].all()

@@ -1,0 +1,267 @@
+"""The simulated robot as a whole: when what arrives, brakes, and that a node's robot is that of a rollout."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pidtsm_core.control import Controller, controller_schema
+from pidtsm_core.parameters import Array, ParameterError, resolve
+from pidtsm_core.references import ReferenceMotion, reference_schema
+from pidtsm_core.rollout import EXPERIMENT, Rollout, rollout
+from pidtsm_core.signals import Signal
+from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
+from pidtsm_core.timing import seconds
+
+EVERYTHING = {
+    "encoder.bits": 16,
+    "encoder.bias": [1e-4, -1e-4],
+    "noise.std": 1e-5,
+    "backlash.gap": 1e-4,
+    "jitter.std": 1e-5,
+    "delay.samples": 2,
+    "delay.command_samples": 1,
+    "dropout.probability": 0.05,
+    "dropout.burst": 10,
+    "dropout.burst_rate": 2.0,
+    "dropout.command_probability": 0.05,
+    "dropout.command_burst": 5,
+    "dropout.command_burst_rate": 2.0,
+    "actuator.dead_zone": 0.1,
+    "actuator.lag": 0.004,
+    "actuator.torque_constant_error": 0.03,
+    "actuator.ripple": 0.02,
+    "friction.coulomb": 1.0,
+    "friction.static": 1.5,
+    "friction.viscous": 0.2,
+    "model_error.mass": 0.1,
+    "model_error.inertia": -0.1,
+    "model_error.length": 0.01,
+    "payload.mass": 0.2,
+    "payload.time": 0.5,
+    "push.effort": [5.0, 0.0],
+    "push.time": 0.7,
+    "push.duration": 0.1,
+    "seed": 3,
+}
+MS = 1_000_000
+CALM = {"estimator.velocity_cutoff": 50.0, "law.upsilon": 1.0}
+
+
+def run(simulator: dict[str, Any], duration: float = 1.0) -> Rollout:
+    return rollout({"controller": CALM, "simulator": simulator}, duration)
+
+
+def robot_of(**changes: object) -> SimulatedRobot:
+    """Names with two underscores for the dot."""
+    return SimulatedRobot(resolve(simulator_schema, {n.replace("__", "."): v for n, v in changes.items()}, 2))
+
+
+@pytest.mark.parametrize(
+    "simulator",
+    [{}, EVERYTHING, {"delay.samples": 3}, {"actuator.lag": 0.01}],
+    ids=["ideal", "everything", "delay", "lag"],
+)
+def test_stepping_the_robot_as_the_node_does_gives_the_bits_of_the_rollout(simulator: dict[str, Any]) -> None:
+    whole = run(simulator)
+    robot = SimulatedRobot(resolve(simulator_schema, simulator, 2))
+    controller = Controller(resolve(controller_schema, {**EXPERIMENT["controller"], **CALM}, 2))
+    motion = ReferenceMotion(resolve(reference_schema, {}, 2))
+    begun, arm = -1, robot.state.arm
+    for k in range(len(whole.time)):
+        assert whole.position[k].tobytes() == arm.position.tobytes(), k
+        assert whole.velocity[k].tobytes() == arm.derivatives[0].tobytes(), k
+        acquired, measured = robot.sense(k)
+        if acquired >= 0:
+            begun = acquired if begun < 0 else begun
+            motion.evaluate(seconds((acquired - begun) * MS), controller.reference)
+            controller.position[:] = measured
+            status = controller.step(acquired * MS, acquired * MS)
+            assert whole.signals[acquired].tobytes() == controller.signals.tobytes(), k
+            assert whole.status[acquired].tolist() == list(status), k
+        robot.act(k, acquired >= 0, controller.effort)
+        assert whole.effort[k].tobytes() == arm.effort.tobytes(), k
+
+
+@pytest.mark.parametrize("name", [n for n in EVERYTHING if n not in ("seed", "dropout.burst", "dropout.command_burst")])
+def test_every_effect_is_off_by_default_and_does_something(name: str) -> None:
+    on = {name: EVERYTHING[name]}
+    if name.startswith(("payload", "push")):
+        on = {n: v for n, v in EVERYTHING.items() if n.startswith(name.split(".")[0])}
+    assert run(on).position.tobytes() != run({}).position.tobytes()
+
+
+def test_the_seed_decides() -> None:
+    first, again, other = run(EVERYTHING), run(EVERYTHING), run({**EVERYTHING, "seed": 4})
+    assert first.position.tobytes() == again.position.tobytes()
+    assert first.position.tobytes() != other.position.tobytes()
+    assert run({"seed": 4}).position.tobytes() == run({}).position.tobytes(), "nothing is random by default"
+
+
+@pytest.mark.parametrize("measurement", [0, 3])
+@pytest.mark.parametrize("command", [0, 2])
+def test_the_arm_stands_on_its_brakes_until_a_command_has_come_all_the_way(measurement: int, command: int) -> None:
+    delayed = run({"delay.samples": measurement, "delay.command_samples": command}, 0.1)
+    waiting = measurement + command
+    assert not delayed.effort[:waiting].any()
+    assert (delayed.position[: waiting + 1] == delayed.position[0]).all()
+    assert delayed.effort[waiting].all()
+    # Row k of the signals is what was computed from sample k, wherever it was then.
+    computed = delayed.signals[: len(delayed.time) - waiting, Signal.EFFORT]
+    np.testing.assert_array_equal(delayed.effort[waiting:], computed)
+    np.testing.assert_array_equal(delayed.signals[-measurement - 1 :], delayed.signals[[-1] * (measurement + 1)])
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.01])
+def test_brakes_stop_the_arm_without_a_jump_until_the_next_command(lag: float) -> None:
+    robot, effort = robot_of(actuator__lag=lag, command__timeout=0.001), np.array([100.0, -50.0])
+    arm = robot.state.arm
+    for k in range(100):
+        robot.sense(k)
+        robot.act(k, True, effort)
+    velocity = arm.derivatives[0].copy()
+    assert np.abs(velocity).min() > 0.1
+    for k in range(100, 140):
+        before, speed = arm.position.copy(), np.abs(arm.derivatives[0]).copy()
+        robot.sense(k)
+        robot.act(k, False, effort)
+        assert (np.abs(arm.position - before) <= speed * 1e-3).all()
+        assert not arm.effort.any()
+    assert np.abs(arm.derivatives).max() < 1e-4
+    robot.sense(140)
+    robot.act(140, True, effort)
+    assert np.abs(arm.effort).min() > 0.0
+    assert np.abs(arm.derivatives[0]).min() > 1e-4
+
+
+def test_what_is_on_its_way_still_arrives_after_the_brakes_are_closed() -> None:
+    robot = robot_of(delay__command_samples=3, command__timeout=0.001)
+    for k in range(10):
+        robot.sense(k)
+        robot.act(k, True, np.array([30.0, 10.0]))
+    moved = []
+    for k in range(10, 16):
+        robot.sense(k)
+        robot.act(k, False, np.zeros(2))
+        moved.append(bool(robot.state.arm.effort.any()))
+    assert moved == [True] * 3 + [False] * 3
+
+
+def test_a_reset_arm_is_where_it_began_and_moves_as_it_did() -> None:
+    changes = {"backlash__gap": 1e-3, "actuator__lag": 0.005, "initial_position": [0.3, 0.2]}
+    robot, effort = robot_of(**changes), np.array([40.0, 5.0])
+    values = resolve(simulator_schema, {n.replace("__", "."): v for n, v in changes.items()}, 2)
+    motions: list[list[bytes]] = []
+    for start in (0, 50):
+        motions.append([])
+        for k in range(start, start + 50):
+            _, measured = robot.sense(k)
+            motions[-1].append(measured.tobytes())
+            robot.act(k, True, effort)
+        robot.reset(values)
+    assert robot.state.arm.position.tolist() == [0.3, 0.2]
+    assert not robot.state.arm.derivatives.any()
+    assert motions[0] == motions[1]
+
+
+def test_a_measurement_arrives_with_its_sample_after_the_delay() -> None:
+    robot = robot_of(delay__samples=2)
+    positions = []
+    for k in range(50):
+        positions.append(robot.state.arm.position.copy())
+        acquired, measured = robot.sense(k)
+        assert acquired == (k - 2 if k >= 2 else -1)
+        if acquired >= 0:
+            np.testing.assert_array_equal(measured, positions[acquired])
+        robot.act(k, True, np.array([30.0, 10.0]))
+
+
+def test_a_lost_command_leaves_the_torque_as_it_was() -> None:
+    robot = robot_of(dropout__command_probability=0.3)
+    efforts: list[Array] = []
+    for k in range(200):
+        robot.sense(k)
+        robot.act(k, True, np.array([float(k + 1), 1.0]))
+        efforts.append(robot.state.arm.effort.copy())
+    got = np.array(efforts)[:, 0]
+    sent = np.minimum(np.arange(1.0, 201.0), 100.0)
+    late = got != sent
+    assert 0.15 < late[:99].mean() < 0.45
+    np.testing.assert_array_equal(got[1:][late[1:]], got[:-1][late[1:]])
+
+
+def test_where_everything_is_lost_the_arm_stands() -> None:
+    dead = run({"dropout.probability": 1.0}, 0.1)
+    assert not dead.effort.any()
+    assert not dead.signals.any()
+    assert (dead.position == dead.position[0]).all()
+
+
+def test_new_parameters_count_from_the_next_sample_on() -> None:
+    """Also where the robot was ideal so far: it goes on under the torque it has."""
+    robot = robot_of()
+    effort = np.array([30.0, 10.0])
+    robot.sense(0)
+    robot.act(0, True, effort)
+    values = resolve(simulator_schema, {"dropout.command_probability": 1.0, "encoder.bias": 0.5}, 2)
+    robot.set_parameters(values)
+    acquired, measured = robot.sense(1)
+    assert acquired == 1
+    np.testing.assert_array_equal(measured, robot.state.arm.position + 0.5)
+    robot.act(1, True, effort * 2.0)
+    np.testing.assert_array_equal(robot.state.arm.effort, effort)
+
+
+@pytest.mark.parametrize("lost", ["dropout.command_", "dropout."], ids=["commands", "measurements"])
+def test_brakes_hold_the_arm_while_commands_stay_out_for_too_long(lost: str) -> None:
+    """Commands may stay out because they are lost, or because the controller has nothing to answer."""
+    braked = run({"command.timeout": 0.05, f"{lost}time": 0.5, f"{lost}duration": 0.2}, 1.0)
+    torque = np.abs(braked.effort).max(axis=1)
+    # The last torque is held for the timeout, counted from the sample of the last command.
+    np.testing.assert_array_equal(braked.effort[500:549], braked.effort[[499] * 49])
+    assert not torque[549:700].any()
+    assert np.abs(braked.velocity[580:700]).max() < 1e-5
+    assert (torque[700:] > 0.0).all()
+    assert np.abs(braked.velocity[-1]).max() > 1e-3
+
+
+def test_without_a_timeout_the_last_torque_is_held_for_ever() -> None:
+    held = run({"command.timeout": 0.0, "dropout.time": 0.1, "dropout.duration": 2.0}, 1.0)
+    np.testing.assert_array_equal(held.effort[100:], held.effort[[99] * 900])
+
+
+def test_the_limits_stand_after_the_drives() -> None:
+    strong = run({"actuator.torque_constant_error": 0.5}, 0.1)
+    assert np.abs(strong.effort[:, 0]).max() == 100.0
+    assert np.abs(strong.signals[:, Signal.EFFORT, 0]).max() == 100.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("encoder.bits", -1),
+        ("encoder.bits", 12.5),
+        ("noise.std", -1e-3),
+        ("noise.std", [1.0, 2.0, 3.0]),
+        ("jitter.std", -1e-6),
+        ("backlash.gap", -0.1),
+        ("delay.samples", -1),
+        ("delay.command_samples", 0.5),
+        ("dropout.probability", 1.1),
+        ("dropout.command_probability", -0.1),
+        ("dropout.burst", 0),
+        ("dropout.burst_rate", -1.0),
+        ("actuator.lag", -1.0),
+        ("actuator.ripple", 2.0),
+        ("actuator.dead_zone", -1.0),
+        ("actuator.torque_constant_error", -2.0),
+        ("friction.coulomb", -1.0),
+        ("friction.stribeck_velocity", 0.0),
+        ("model_error.mass", -1.0),
+        ("push.duration", -1.0),
+        ("seed", -1),
+    ],
+)
+def test_values_without_sense_are_refused(name: str, value: object) -> None:
+    with pytest.raises(ParameterError, match=name):
+        resolve(simulator_schema, {name: value}, 2)

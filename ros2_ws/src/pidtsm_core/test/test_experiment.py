@@ -1,0 +1,95 @@
+"""What the user writes becomes the parameters of the nodes."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import make_experiment, scenario_names
+from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.parameters import ParameterError, resolve
+from pidtsm_core.rollout import SCHEMAS
+
+
+@pytest.mark.parametrize(("text", "value"), [("1e-3", 0.001), ("-2E+1", -20.0), ("1.5e-3", 0.0015), ("5", 5)])
+def test_numbers_may_have_exponents(tmp_path: Path, text: str, value: float) -> None:
+    by_option = make_experiment("case1", overrides=[f"simulator.encoder.bias={text}"])
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text(f"duration: 1.0\nsimulator: {{encoder.bias: [{text}, {text}]}}\n")
+    assert by_option.settings["simulator"]["encoder.bias"] == value
+    assert make_experiment(str(scenario)).settings["simulator"]["encoder.bias"] == [value, value]
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_scenario_is_accepted(name: str) -> None:
+    assert make_experiment(name).resolved(SCHEMAS)
+
+
+def write_layers(folder: Path) -> tuple[str, str]:
+    """A scenario and a parameter file that contradict each other."""
+    scenario, params = folder / "scenario.yaml", folder / "params.yaml"
+    scenario.write_text("duration: 1.0\ncontroller: {law: {name: dtsm, k1: 1.0, k2: 1.0}, activation.blend: 1.0}\n")
+    params.write_text("controller: {ros__parameters: {law: {name: pidnftsm, k1: 2.0}, activation.blend: 2.0}}\n")
+    return str(scenario), str(params)
+
+
+def test_later_settings_win_scenario_parameter_file_law_option(tmp_path: Path) -> None:
+    scenario, params = write_layers(tmp_path)
+    of_scenario = make_experiment(scenario).settings["controller"]
+    assert of_scenario == {"law.name": "dtsm", "law.k1": 1.0, "law.k2": 1.0, "activation.blend": 1.0}
+    of_file = make_experiment(scenario, params=[params])
+    assert of_file.law == "pidnftsm"
+    assert of_file.settings["controller"] == {
+        "law.name": "pidnftsm",
+        "law.k1": 2.0,
+        "law.k2": 1.0,
+        "activation.blend": 2.0,
+    }
+    by_law = make_experiment(scenario, "piddtsm", params=[params])
+    assert by_law.law == "piddtsm"
+    by_option = make_experiment(
+        scenario, "piddtsm", params=[params], overrides=["controller.law.name=pid", "controller.law.k1=3.0"]
+    )
+    assert by_option.law == "pid"
+    assert by_option.settings["controller"]["law.k1"] == 3.0
+
+
+def test_a_refused_value_is_blamed_on_the_file_that_won(tmp_path: Path) -> None:
+    scenario, params = write_layers(tmp_path)
+    Path(params).write_text("controller: {ros__parameters: {activation.blend: -1.0}}\n")
+    with pytest.raises(UsageError, match=r"params.yaml: controller: activation.blend"):
+        make_experiment(scenario, params=[params]).resolved(SCHEMAS)
+
+
+def test_a_named_set_is_that_of_the_law_of_the_scenario(tmp_path: Path) -> None:
+    scenario, _ = write_layers(tmp_path)
+    experiment = make_experiment(scenario, params=["article"])
+    assert experiment.law == "dtsm"
+    assert experiment.settings["controller"]["law.kappa"] == 0.3
+    with pytest.raises(UsageError, match="practical parameters are made for piddtsm, not dtsm"):
+        make_experiment(scenario, params=["practical"])
+
+
+@pytest.mark.parametrize("schemas", [SCHEMAS, NODE_SCHEMAS], ids=["rollout", "nodes"])
+@pytest.mark.parametrize(
+    ("node", "settings", "said"),
+    [
+        ("controller", {"estimator.bandwidth": 30}, "bandwidth belongs to estimator.name extended_state_observer"),
+        ("controller", {"law.gain": 1}, "gain belongs to law.name super_twisting"),
+        ("controller", {"law.width": 1}, "width belongs to law.name sliding_mode and law.reaching boundary_layer"),
+        (
+            "controller",
+            {"law.name": "sliding_mode", "law.manifold": "none", "law.kd": 1},
+            "kd belongs to law.name .*; or law.manifold pid",
+        ),
+        ("controller", {"law.name": "pid", "law.alpha": 1}, "alpha belongs to law.name dtsm, piddtsm or sliding_mode"),
+        ("trajectory", {"reference.file": "x"}, "file belongs to reference.name csv"),
+        ("controller", {"law.kk": 1}, r"unknown parameter law.kk; did you mean law.k\?"),
+    ],
+)
+def test_a_parameter_of_another_choice_says_where_it_belongs(
+    schemas: Any, node: str, settings: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(ParameterError, match=said):
+        resolve(schemas[node], settings, 2)

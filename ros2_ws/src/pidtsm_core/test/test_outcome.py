@@ -1,0 +1,152 @@
+"""What happened in a run is told as it was: in numbers for programs, in words for people."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pidtsm_core.outcome import what_happened, why_not_followed
+from pidtsm_core.recording import Recording
+from pidtsm_core.rollout import Rollout, rollout
+from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status, Violation
+from pidtsm_core.summary import summarize
+
+STOPPED = (Mode.STOPPED, Fault.TRACKING_LIMIT, 2, Violation.TRACKING)
+HOLDING = (Mode.HOLDING, 0, 0, 0)
+
+
+def recording(run: Rollout, *said: tuple[slice, tuple[int, ...]], **changed: Any) -> Recording:
+    """Two seconds at 1 kHz in which the controller said these things of itself."""
+    status = np.zeros((len(run.time), len(Status)), dtype=np.uint8)
+    for where, codes in said:
+        status[where] = codes
+    return replace(Recording.of_rollout(run, "case1", "piddtsm", None), status=status, **changed)
+
+
+def test_a_run_that_follows_has_nothing_to_tell(run: Rollout) -> None:
+    values = summarize(recording(run))
+    assert values["outcome"] == "followed"
+    assert (values["faults"], values["violations"]) == ([], [])
+    assert (values["time_holding"], values["time_stopped"]) == (0.0, 0.0)
+    assert values["rejected"] is None
+    assert what_happened(values) == []
+    assert why_not_followed(values) == ""
+
+
+def test_a_fault_is_told_with_joint_and_time(run: Rollout) -> None:
+    values = summarize(recording(run, (slice(123, None), STOPPED)))
+    assert values["outcome"] == "stopped"
+    assert values["faults"] == [{"fault": "tracking_limit", "time": 0.123, "joint": "joint2", "reset": None}]
+    assert values["time_stopped"] == pytest.approx(2.0 - 0.123)
+    assert why_not_followed(values) == "stopped at 0.123 s: joint2 is beyond limits.tracking_error"
+    assert why_not_followed(values) in what_happened(values)
+
+
+def test_faults_that_were_reset_are_told_and_forgiven(run: Rollout) -> None:
+    lost = (Mode.STOPPED, Fault.STATE_STALE, 0, 0)
+    values = summarize(recording(run, (slice(100, 200), lost), (slice(300, 350), STOPPED)))
+    assert values["outcome"] == "followed"
+    assert values["faults"] == [
+        {"fault": "state_stale", "time": 0.1, "joint": None, "reset": 0.2},
+        {"fault": "tracking_limit", "time": 0.3, "joint": "joint2", "reset": 0.35},
+    ]
+    assert why_not_followed(values) == ""
+    told = what_happened(values)
+    assert "stopped at 0.1 s: no joint state; reset at 0.2 s" in told
+    assert "stopped for 0.15 s of 2 s" in told
+
+
+def test_a_fault_that_takes_the_place_of_another_is_told_too(run: Rollout) -> None:
+    too_tight = (Mode.STOPPED, Fault.EFFORT_RATE_LIMIT, 0, 0)
+    values = summarize(recording(run, (slice(100, 110), STOPPED), (slice(110, None), too_tight)))
+    assert [(fault["fault"], fault["time"]) for fault in values["faults"]] == [
+        ("tracking_limit", 0.1),
+        ("effort_rate_limit", 0.11),
+    ]
+    assert why_not_followed(values).startswith("stopped at 0.11 s: limits.effort_rate is too tight")
+
+
+def test_a_fault_counts_from_its_sample_although_the_mode_follows_later(run: Rollout) -> None:
+    values = summarize(recording(run, (slice(1999, None), (Mode.FOLLOWING, Fault.POSITION_LIMIT, 1, 1))))
+    assert values["outcome"] == "stopped"
+    assert values["time_stopped"] == 0.001
+
+
+def test_a_fault_of_another_version_is_told_by_its_number(run: Rollout) -> None:
+    values = summarize(recording(run, (slice(5, None), (Mode.STOPPED, 77, 9, 0))))
+    assert values["faults"] == [{"fault": "fault_77", "time": 0.005, "joint": None, "reset": None}]
+    assert "stopped at 0.005 s: fault_77" in what_happened(values)
+
+
+def test_holding_at_the_end_is_no_success(run: Rollout) -> None:
+    values = summarize(recording(run, (slice(500, 600), HOLDING), (slice(1900, None), HOLDING)))
+    assert values["outcome"] == "held"
+    assert values["time_holding"] == 0.2
+    assert "holds its position" in why_not_followed(values)
+    assert "holding for 0.2 s of 2 s" in what_happened(values)
+
+
+def test_violations_are_told_with_their_time(run: Rollout) -> None:
+    both = (0, 0, 0, Violation.POSITION | Violation.VELOCITY)
+    values = summarize(recording(run, (slice(100, 150), both), (slice(200, 210), (0, 0, 0, Violation.VELOCITY))))
+    assert values["violations"] == [
+        {"limit": "position", "time": 0.1, "duration": 0.05},
+        {"limit": "velocity", "time": 0.1, "duration": 0.06},
+    ]
+    assert "a joint was beyond limits.velocity for 0.06 s, first at 0.1 s" in what_happened(values)
+    assert values["outcome"] == "followed"
+
+
+def test_an_error_beyond_half_a_turn_is_running_away_whatever_comes_of_it(run: Rollout) -> None:
+    position = run.position.copy()
+    position[700, 1] += 3.2
+    values = summarize(recording(run, (slice(800, None), STOPPED), position=position))
+    assert values["outcome"] == "ran away"
+    assert why_not_followed(values).startswith("ran away")
+    assert what_happened(values)[0] == why_not_followed(values)
+    assert max(values["rmse"]) > 0.0
+
+
+def test_limits_of_effort_and_rate_are_told_apart(run: Rollout) -> None:
+    signals = run.signals.copy()
+    signals[:, Signal.SATURATED] = 0.0
+    signals[100:150, Signal.SATURATED, 0] = Limited.EFFORT
+    signals[150:160, Signal.SATURATED, 0] = Limited.EFFORT + Limited.RATE
+    signals[160:170, Signal.SATURATED, 1] = Limited.RATE
+    values = summarize(recording(run, signals=signals))
+    assert values["time_at_effort_limit"] == [0.06, 0.0]
+    assert values["time_at_rate_limit"] == [0.01, 0.01]
+    assert values["saturation"] == [0.03, 0.005]
+
+
+def test_torque_variation_a_second_compares_across_rates() -> None:
+    slow, fast = (
+        summarize(Recording.of_rollout(rollout({"simulator": {"rate": rate}}, 2.0), "case1", "piddtsm", None))
+        for rate in (500, 1000)
+    )
+    for one, other in zip(slow["torque_variation_rate"], fast["torque_variation_rate"], strict=True):
+        assert one == pytest.approx(other, rel=0.1)
+    period = 1.999 / 1999
+    assert fast["torque_variation_rate"] == pytest.approx([v / period for v in fast["torque_variation"]])
+
+
+def test_rejected_messages_are_told_by_node(run: Rollout) -> None:
+    values = summarize(recording(run, rejected={"controller": 3, "simulator": 0}))
+    assert values["rejected"] == {"controller": 3, "simulator": 0}
+    assert what_happened(values) == ["messages rejected: controller 3"]
+
+
+def test_a_rollout_tells_the_same_as_its_nodes_would() -> None:
+    """Also where nobody has made anything up."""
+    run = rollout(
+        {
+            "controller": {"limits.tracking_error": 0.45, "rehearsal.reset_fault": 0.4, "activation.blend": 0.5},
+            "trajectory": {"jump.time": 0.3, "jump.position": [0.0, 0.5]},
+        },
+        0.6,
+    )
+    values = summarize(Recording.of_rollout(run, "case1", "piddtsm", None))
+    assert values["outcome"] == "followed"
+    (fault,) = values["faults"]
+    assert (fault["fault"], fault["joint"], fault["time"], fault["reset"]) == ("tracking_limit", "joint2", 0.3, 0.4)

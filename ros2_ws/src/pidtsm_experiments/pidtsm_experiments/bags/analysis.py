@@ -1,0 +1,16 @@
+"""The metrics of a recorded bag."""
+
+from pathlib import Path
+from typing import Any
+
+from pidtsm_core.summary import summarize
+from pidtsm_experiments.bags.reader import METRICS_ONLY, read_recording
+
+
+def analyze(bag: Path) -> dict[str, Any]:
+    """Metrics of a bag, as in metrics.json.
+
+    Raises:
+        RecordingError: the bag is not that of a run.
+    """
+    return summarize(read_recording(bag, METRICS_ONLY))

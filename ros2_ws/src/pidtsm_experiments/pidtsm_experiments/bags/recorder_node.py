@@ -1,0 +1,311 @@
+"""Recorder node: writes what the experiment's topics carry to a rosbag2 bag (MCAP), message by message as it came."""
+
+import contextlib
+import gc
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
+
+from pidtsm_experiments.bags.writer import BagWriter, free_space
+from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.middleware import RECEIVERS, set_defaults
+from pidtsm_ros.qos import RECORDER, RELIABLE_READER
+from pidtsm_ros.scheduling import run_in_real_time
+from pidtsm_ros.startup import refuse, start_ros
+from pidtsm_ros.stop import Stop
+
+TOPICS = {
+    "simulator/ground_truth": JointState,
+    "controller/state": ControllerState,
+    "joint_commands": JointState,
+    "reference": JointReference,
+    "joint_states": JointState,
+}
+"""Relative names, as the nodes publish them, in the order of the subscriptions. A node learns of these in the same
+order: who counts those who listen to its topic of the loop (``start.subscribers``) knows then that its other topic is
+listened to."""
+DIAGNOSTICS = "/diagnostics"
+"""Recorded whoever publishes it, nodes of other systems included: nothing waits for it, or counts what is lost."""
+BARRIER = "joint_states"
+"""Subscribed to last, once every other topic has a publisher: a simulator that waits for them starts then."""
+
+MAX_BAG_SIZE = 1_000_000_000
+"""Bytes."""
+MAX_BAG_DURATION = 300.0
+"""s. The index of a file grows in memory until it is finished, by 0.5 MB in that time."""
+FLUSH_PERIOD = 0.2
+"""s between two writes to the file."""
+_BATCH = 0.02  # s
+_STATUS_PERIOD = 0.2  # s between two lines on standard output
+_WARNING_PERIOD = 1.0  # s between two lines about lost messages
+_PATIENCE = 10.0  # s of waiting for publishers before the log says so
+_SILENCE = 0.3  # s without a message after which everything sent has arrived
+_PRIORITY = 20
+"""Of the threads that take messages in, below the loop's: the buffers of their sockets hold 50 ms, and what is missed
+has to be sent again by those who have no time for it."""
+_NO_SERVICE = Parameter("start_type_description_service", value=False)
+
+
+class _Topic:
+    """A topic that is recorded.
+
+    Attributes:
+        subscription: holds the messages until they are taken.
+        number: of the topic in the bag.
+        received: messages taken.
+        lost: messages that were published and did not arrive, by the publisher's sequence numbers.
+    """
+
+    def __init__(self, subscription: Subscription, number: int) -> None:
+        self.subscription = subscription
+        self.number = number
+        self.received = 0
+        self.lost = 0
+        self._sequence: int | None = None
+
+    def take(self) -> bytes | None:
+        """The next message that waits, serialized."""
+        # Executors have no way to tell a callback the sequence number of serialized messages.
+        taken = self.subscription.handle.take_message(self.subscription.msg_type, True)
+        if taken is None:
+            return None
+        data, about = taken
+        self.received += 1
+        sequence: int | None = about["publication_sequence_number"]
+        if sequence is not None and self._sequence is not None:
+            gap = sequence - self._sequence - 1
+            # A publisher that was started again begins at 1; the numbers of several cannot be told apart.
+            if gap > 0 and self.subscription.get_publisher_count() <= 1:
+                self.lost += gap
+        self._sequence = sequence
+        return bytes(data)
+
+
+class RecorderNode(Node):
+    """Subscribes to `TOPICS` as raw bytes and writes them to a bag.
+
+    What has been received is in the file after `FLUSH_PERIOD`, and readable however the recorder ends. Where nothing
+    more can be written, or less than ``min_free_space`` would be left on the disk, the bag ends, and the node goes on
+    without, so that a loop that waits for its subscribers is not disturbed.
+
+    The node takes messages itself and is in no executor; it offers no services.
+
+    Parameters, all read at the start: ``output``, the folder of the bag, which must not exist; ``metadata``, a text
+    that is stored in the bag under the key ``pidtsm``; ``max_bag_size`` (bytes) and ``max_bag_duration`` (s), after
+    which a new file of the bag is begun, 0 for never; ``min_free_space`` (bytes) that recording leaves free;
+    ``plain_names``: the names of topics are written without the node's namespace.
+
+    Attributes:
+        failure: why the bag ended before the recorder; empty where it did not.
+    """
+
+    def __init__(self) -> None:
+        """Begin the bag.
+
+        Raises:
+            OSError: the bag cannot be begun there.
+        """
+        super().__init__("recorder", start_parameter_services=False, parameter_overrides=[_NO_SERVICE])
+        output = Path(self._parameter("output", "bag", "folder of the bag to make"))
+        metadata = self._parameter("metadata", "", "text stored with the bag")
+        size = self._parameter("max_bag_size", MAX_BAG_SIZE, "bytes after which a new file is begun; 0: never")
+        duration = self._parameter(
+            "max_bag_duration", MAX_BAG_DURATION, "seconds after which a new file is begun; 0: never"
+        )
+        self._reserve: int = self._parameter("min_free_space", 200_000_000, "bytes that recording leaves free")
+        if shortage := self._shortage(output):
+            raise OSError(f"{shortage}; free some space, record elsewhere, or lower min_free_space")
+        plain: bool = self._parameter("plain_names", False, "write names of topics without the node's namespace")
+        self._left_out = self.get_namespace().rstrip("/") if plain else ""
+        self.last = time.monotonic()
+        self.failure = ""
+        self._unwritten = 0
+        self._output = output
+        # Times of messages do not jump when somebody sets the clock.
+        self._epoch = time.time_ns() - time.monotonic_ns()
+        self._writer = BagWriter(output, metadata, size, duration)
+        self.connected = False
+        self._topics = {topic: self._record(topic) for topic in TOPICS if topic != BARRIER}
+        self._diagnostics = self._subscribe(DIAGNOSTICS, DiagnosticArray, RELIABLE_READER)
+        self._told = 0
+
+    def _parameter(self, name: str, default: Any, description: str) -> Any:
+        described = ParameterDescriptor(description=description, read_only=True)
+        if isinstance(default, float):
+            described.floating_point_range = [FloatingPointRange(from_value=0.0, to_value=1e9)]
+        elif isinstance(default, int) and not isinstance(default, bool):
+            described.integer_range = [IntegerRange(from_value=0, to_value=2**62, step=1)]
+        return self.declare_parameter(name, default, described).value
+
+    def _record(self, topic: str) -> _Topic:
+        return self._subscribe(topic, TOPICS[topic], RECORDER)
+
+    def _subscribe(self, topic: str, message_type: Any, qos: QoSProfile) -> _Topic:
+        subscription = self.create_subscription(message_type, topic, _never_called, qos, raw=True)
+        type_name = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
+        name = subscription.topic_name.removeprefix(self._left_out)
+        return _Topic(subscription, self._writer.add_topic(name, type_name))
+
+    @property
+    def samples(self) -> int:
+        """Samples of the ground truth received."""
+        return self._topics["simulator/ground_truth"].received
+
+    def connect(self) -> None:
+        """Subscribe to the last topic once all others have a publisher."""
+        if not self.connected and not self.missing():
+            self._topics[BARRIER] = self._record(BARRIER)
+            self.connected = True
+
+    def missing(self) -> list[str]:
+        """Topics without a publisher so far."""
+        subscriptions = [topic.subscription for topic in self._topics.values()]
+        return [s.topic_name for s in subscriptions if s.get_publisher_count() == 0]
+
+    def take(self) -> None:
+        """Take everything that has arrived to the bag."""
+        with self._writing():
+            for topic in (*self._topics.values(), self._diagnostics):
+                while (data := topic.take()) is not None:
+                    now = time.monotonic_ns()
+                    if topic is not self._diagnostics:
+                        self.last = now / 1e9
+                    if self.failure:
+                        self._unwritten += 1
+                    else:
+                        self._writer.write(topic.number, self._epoch + now, data)
+
+    def flush(self) -> None:
+        """Bring what was taken to the file, while there is space."""
+        if self.failure:
+            return
+        with self._writing():
+            self._writer.flush()
+            if shortage := self._shortage(self._output):
+                self._writer.close()
+                self._fail(shortage)
+
+    def tell_lost(self) -> None:
+        """Warn of messages lost since the last time."""
+        lost = self._lost()
+        if sum(lost.values()) > self._told:
+            self._told = sum(lost.values())
+            self.get_logger().warning(f"lost so far: {_counts(lost)}; the machine is too busy to record everything")
+
+    def close(self) -> None:
+        """Finish the bag, and say what is in it."""
+        if not self.failure:
+            with self._writing():
+                self._writer.close()
+        log = self.get_logger()
+        log.info(f"received {_counts({name: topic.received for name, topic in self._topics.items()})}")
+        if lost := self._lost():
+            log.warning(f"lost {_counts(lost)}")
+        if self.failure:
+            log.error(f"{self._output} is incomplete: {self.failure}; {self._unwritten} messages came after")
+
+    @contextlib.contextmanager
+    def _writing(self) -> Any:
+        """Within the block, an error of writing ends the bag and nothing else."""
+        try:
+            yield
+        except OSError as error:
+            self._writer.abort()
+            self._fail(f"cannot write: {error.strerror or error}")
+
+    def _fail(self, reason: str) -> None:
+        self.failure = reason
+        self.get_logger().error(f"recording ends here: {reason}; what was recorded before is in {self._output}")
+
+    def _shortage(self, path: Path) -> str:
+        free = free_space(path)
+        if free >= self._reserve:
+            return ""
+        return f"{path} is on a disk with {free / 1e6:.1f} MB left, min_free_space is {self._reserve / 1e6:.1f} MB"
+
+    def _lost(self) -> dict[str, int]:
+        return {name: topic.lost for name, topic in self._topics.items() if topic.lost}
+
+
+def _never_called(message: bytes) -> None:
+    """The node is in no executor."""
+
+
+def _counts(counts: dict[str, int]) -> str:
+    return ", ".join(f"{count} of {name}" for name, count in counts.items())
+
+
+def _tell_progress(recorder: RecorderNode) -> None:
+    """A line on standard output, for whoever reads it."""
+    with contextlib.suppress(BrokenPipeError):
+        print(f"recorded {recorder.samples}", flush=True)
+
+
+def _record(recorder: RecorderNode, stop: Stop) -> None:
+    """Record until asked to stop, and then on until nothing arrives any more."""
+    flush = _Every(FLUSH_PERIOD, recorder.flush)
+    rest = [_Every(_STATUS_PERIOD, lambda: _tell_progress(recorder)), _Every(_WARNING_PERIOD, recorder.tell_lost)]
+    patience = time.monotonic() + _PATIENCE
+    while not (stop.requested and time.monotonic() - recorder.last > _SILENCE):
+        # Waking for batches costs a fraction of waking for every message; the queues hold far more than a batch.
+        time.sleep(_BATCH)
+        recorder.connect()
+        recorder.take()
+        now = time.monotonic()
+        for task in (flush, *rest):
+            task.poll(now)
+        if now >= patience and recorder.missing():
+            recorder.get_logger().warning(f"waiting for a publisher of {', '.join(recorder.missing())}")
+            patience = now + _PATIENCE
+
+
+class _Every:
+    """Something to do at times."""
+
+    def __init__(self, period: float, work: Callable[[], None]) -> None:
+        self._period, self._work, self._next = period, work, 0.0
+
+    def poll(self, now: float) -> None:
+        if now >= self._next:
+            self._next = now + self._period
+            self._work()
+
+
+def run(stop: Stop) -> int:
+    """``ros2 run pidtsm_experiments recorder``: until a signal comes; returns the exit code: 1 for an incomplete bag.
+
+    Raises:
+        SystemExit: bad parameters, see `refuse`.
+    """
+    set_defaults("fastdds_recorder.xml")
+    start_ros(stop)
+    try:
+        recorder = RecorderNode()
+    except ParameterException as error:
+        refuse(error)
+    except Exception as error:
+        print(f"cannot record: {error}", file=sys.stderr)
+        return 1
+    gc.freeze()
+    if refused := run_in_real_time(_PRIORITY, RECEIVERS):
+        recorder.get_logger().info(refused)
+    try:
+        _record(recorder, stop)
+    finally:
+        recorder.close()
+        _tell_progress(recorder)
+        recorder.destroy_node()
+        rclpy.try_shutdown()
+    return 1 if recorder.failure else 0

@@ -1,0 +1,82 @@
+"""The metrics of a run as a table on the terminal."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from pidtsm_core.outcome import OF_TRACKING, RAN_AWAY, what_happened
+
+_ROWS = (
+    ("rmse", "RMSE", "rad"),
+    ("eci", "ECI, mean |torque|", "N m"),
+    ("steady_state_error", "steady-state error", "rad"),
+    ("settling_time", "settling time", "s"),
+    ("recovery_time", "recovery time", "s"),
+    ("torque_variation", "torque variation", "N m"),
+    ("torque_variation_rate", "torque variation a second", "N m/s"),
+    ("torque_jumps", "torque jumps", ""),
+    ("saturation", "saturated", "%"),
+    ("time_at_effort_limit", "at the effort limit", "s"),
+    ("time_at_rate_limit", "at the rate limit", "s"),
+    ("adaptive_gain", "adaptive gain, last", ""),
+)
+_FACTOR = {"saturation": 100.0}
+_ONLY_IF_ANY = ("time_at_effort_limit", "time_at_rate_limit")
+
+
+def metrics_table(metrics: Mapping[str, Any]) -> Table:
+    """One column a joint.
+
+    Args:
+        metrics: as in metrics.json.
+    """
+    said = [str(metrics[key]) for key in ("scenario", "law", "clock") if metrics[key] is not None]
+    run = f"{_number(metrics['duration'])} s, {metrics['samples']} samples"
+    title = ": ".join(filter(None, (", ".join(said), run)))
+    table = Table(title=escape(title), title_style="bold", box=box.SIMPLE_HEAD)
+    table.add_column("metric")
+    table.add_column("unit")
+    for joint in metrics["joints"]:
+        table.add_column(escape(joint), justify="right")
+    for key, label, unit in _ROWS:
+        if key in metrics and (key not in _ONLY_IF_ANY or any(metrics[key])):
+            table.add_row(label, unit, *_cells(metrics, key))
+    return table
+
+
+def _cells(metrics: Mapping[str, Any], key: str) -> list[str]:
+    """A metric of each joint; no number where it would pass for that of a run that tracks."""
+    if metrics["outcome"] == RAN_AWAY and key in OF_TRACKING:
+        return [f"[bold red]{RAN_AWAY}[/]"] * len(metrics[key])
+    return [_number(value, _FACTOR.get(key, 1.0)) for value in metrics[key]]
+
+
+def print_metrics(metrics: Mapping[str, Any], console: Console | None = None) -> None:
+    """Print the table, the timing and what was not normal; without a terminal it is plain text.
+
+    Args:
+        metrics: as in metrics.json.
+        console: where to, standard output by default.
+    """
+    console = console or Console()
+    console.print(metrics_table(metrics))
+    timing = metrics["timing"]
+    tick = " / ".join(_number(timing["compute_time"][key], 1e6) for key in ("p50", "p99", "max"))
+    console.print(
+        f"{_number(timing['rate'])} Hz, longest period {_number(timing['period_max'], 1e3)} ms, "
+        f"compute time {tick} us (p50 / p99 / max)",
+        highlight=False,
+    )
+    for text in what_happened(metrics):
+        console.print(text, style="bold red", highlight=False, markup=False)
+
+
+def _number(value: float | None, factor: float = 1.0) -> str:
+    """Four significant digits, enough to compare runs; a dash for what does not exist."""
+    if value is None:
+        return "-"
+    return str(value) if isinstance(value, int) and factor == 1.0 else f"{value * factor:.4g}"

@@ -1,0 +1,189 @@
+"""The article's evaluation: which runs it takes, and making them side by side."""
+
+import json
+import math
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing.context import SpawnProcess
+from multiprocessing.sharedctypes import Synchronized
+from pathlib import Path
+from typing import Any
+
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import ARTICLE, Experiment, article_parameters, make_experiment, ros_parameters
+from pidtsm_core.summary import summarize, write_metrics
+from pidtsm_experiments.bags.reader import RecordingError, read_recording
+from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.runs.results import result_folder
+from pidtsm_experiments.runs.runner import node_parameters, run
+from pidtsm_studies.article.claims import ARTICLE_LAWS
+
+SCENARIOS = ("case1", "case2")
+BASELINES = ("pid", "computed_torque", "super_twisting")
+PRINTED_DTSM = "dtsm_printed"
+"""DTSM with Table 1's kappa as printed, in Case 1 only: to show why another value is used."""
+
+_POLL = 0.1  # s
+
+Progress = Callable[[str, float], None]
+"""Called with the key of a run and the simulated time recorded so far, s."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A run of the reproduction.
+
+    Attributes:
+        scenario: name of the scenario.
+        law: name in tables and figures.
+        experiment: what is run.
+    """
+
+    scenario: str
+    law: str
+    experiment: Experiment
+
+    @property
+    def key(self) -> str:
+        """Name of the run, and of its folder."""
+        return f"{self.scenario}-{self.law}"
+
+
+def plan(duration: float | None = None) -> list[Planned]:
+    """Every run: the article's laws and the baselines in both cases, and DTSM as printed.
+
+    Args:
+        duration: s, instead of the scenarios' own; for a quick look only.
+    """
+    runs = [
+        Planned(scenario, law, make_experiment(scenario, law, duration, [ARTICLE] if law in ARTICLE_LAWS else []))
+        for scenario in SCENARIOS
+        for law in (*ARTICLE_LAWS, *BASELINES)
+    ]
+    printed = str(article_parameters(PRINTED_DTSM))
+    runs.append(Planned(SCENARIOS[0], PRINTED_DTSM, make_experiment(SCENARIOS[0], "dtsm", duration, [printed])))
+    return runs
+
+
+def make_runs(
+    planned: Sequence[Planned], folder: Path, workers: int, resume: bool, progress: Progress
+) -> dict[str, str]:
+    """Make the runs over the nodes in lockstep, several at a time, each in ROS domain and processes of its own.
+
+    Args:
+        planned: the runs.
+        folder: each run is left in a folder of its own, named after its key, below this one.
+        workers: number of runs at a time.
+        resume: keep runs that are there already, with the same parameters.
+        progress: called as the runs go on.
+
+    Returns:
+        By key, why a run failed.
+    """
+    waiting = [p for p in planned if not (resume and is_done(p, folder / p.key))]
+    for done in planned:
+        if done not in waiting:
+            progress(done.key, done.experiment.duration)
+    context = multiprocessing.get_context("spawn")
+    running: dict[str, tuple[SpawnProcess, Synchronized[float], Any]] = {}
+    failed: dict[str, str] = {}
+    try:
+        while waiting or running:
+            while waiting and len(running) < workers:
+                chosen = waiting.pop(0)
+                clock, errors = context.Value("d", 0.0), context.SimpleQueue()
+                process = context.Process(
+                    target=_make_run, args=(chosen.experiment, folder / chosen.key, clock, errors), name=chosen.key
+                )
+                process.start()
+                running[chosen.key] = process, clock, errors
+            time.sleep(_POLL)
+            for key, (process, clock, errors) in list(running.items()):
+                progress(key, clock.value)
+                if process.exitcode is None:
+                    continue
+                if process.exitcode != 0:
+                    failed[key] = "the process died" if errors.empty() else str(errors.get())
+                del running[key]
+    finally:
+        for process, _, _ in running.values():
+            process.terminate()
+        for process, _, _ in running.values():
+            process.join()
+    return failed
+
+
+def is_done(planned: Planned, folder: Path) -> bool:
+    """Whether the folder holds this run, complete and with these very parameters."""
+    if not (folder / "metrics.json").is_file():
+        return False
+    try:
+        return all(
+            (folder / "params" / f"{node}.yaml").read_text(encoding="utf-8") == ros_parameters(node, values)
+            for node, values in node_parameters(planned.experiment, "lockstep").items()
+        )
+    except OSError:
+        return False
+
+
+def load(planned: Sequence[Planned], folder: Path, failed: Mapping[str, str]) -> dict[tuple[str, str], Any]:
+    """Recordings and metrics by (scenario, law), from the bags; for a run that failed the reason."""
+    runs: dict[tuple[str, str], Any] = {}
+    for p in planned:
+        if p.key in failed:
+            runs[p.scenario, p.law] = failed[p.key]
+            continue
+        recording = read_recording(folder / p.key / "bag")
+        runs[p.scenario, p.law] = recording, summarize(recording)
+    return runs
+
+
+def write_results(runs: Mapping[tuple[str, str], Any], rows: Sequence[Any], file: Path) -> None:
+    """results.json: the metrics of every run, and the comparison with the article."""
+    content = {
+        "runs": {
+            f"{scenario}-{law}": {"failed": run} if isinstance(run, str) else run[1]
+            for (scenario, law), run in runs.items()
+        },
+        "comparison": [
+            {
+                "what": row.what,
+                "case": row.case,
+                "laws": list(row.laws),
+                "joint": row.joint,
+                "article": row.article,
+                "project": row.project,
+                "values": [value if value is None or math.isfinite(value) else None for value in row.values],
+                "deviation": row.deviation,
+                "why": row.why,
+            }
+            for row in rows
+        ],
+    }
+    file.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _make_run(experiment: Experiment, folder: Path, clock: "Synchronized[float]", errors: Any) -> None:
+    """One run, in a process of its own."""
+    signal.signal(signal.SIGTERM, _interrupt)
+
+    def show(seconds: float) -> None:
+        clock.value = seconds
+
+    try:
+        with result_folder(folder) as unfinished:
+            bag = run(experiment, "lockstep", unfinished, show)
+            write_metrics(summarize(read_recording(bag)), unfinished / "metrics.json")
+    except KeyboardInterrupt:
+        os._exit(130)
+    except (RunError, UsageError, RecordingError) as error:
+        errors.put(str(error))
+        os._exit(1)
+
+
+def _interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt

@@ -1,0 +1,108 @@
+"""Result folders: complete or absent, never somebody's other files, and of one process at a time."""
+
+import fcntl
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pidtsm_core.errors import UsageError
+
+_OURS = {"bag", "params", "log", "figures", "metrics.json", "robustness.json", "report.html"}
+
+
+@contextmanager
+def result_folder(out: Path) -> Iterator[Path]:
+    """Yield an empty folder to work in; it becomes `out` at the end of the block, replacing earlier results there.
+
+    Where the block raises, earlier results stay as they were, and the unfinished ones are kept beside them in
+    ``OUT.failed`` for a look at the logs.
+
+    Raises:
+        UsageError: `out` holds other things than results, cannot be written, or another process works in it.
+    """
+    out = out.absolute()
+    with locked(out):
+        if out.exists():
+            _check_ours(out)
+        unfinished = out.with_name(f"{out.name}.unfinished")
+        try:
+            shutil.rmtree(unfinished, ignore_errors=True)
+            unfinished.mkdir()
+        except OSError as error:
+            raise UsageError(_cannot_write(out, error)) from None
+        failed = out.with_name(f"{out.name}.failed")
+        try:
+            yield unfinished
+        except BaseException:
+            shutil.rmtree(failed, ignore_errors=True)
+            unfinished.rename(failed)
+            raise
+        shutil.rmtree(failed, ignore_errors=True)
+        if out.exists():
+            shutil.rmtree(out)
+        unfinished.rename(out)
+
+
+@contextmanager
+def locked(out: Path) -> Iterator[None]:
+    """Let no other process work in `out` within the block.
+
+    The lock is on a file beside `out`, and the kernel takes it back from a process that dies.
+
+    Raises:
+        UsageError: another process works in it, which the message names, or nothing can be written there.
+    """
+    out = out.absolute()
+    file = out.with_name(f".{out.name}.lock")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        lock = _lock(file)
+    except OSError as error:
+        raise UsageError(_cannot_write(out, error)) from None
+    if lock is None:
+        raise UsageError(f"{out} is being written by {_owner(file)}; wait for it, or choose another --out")
+    try:
+        yield
+    finally:
+        file.unlink(missing_ok=True)
+        os.close(lock)
+
+
+def _lock(file: Path) -> int | None:
+    """Descriptor of a file, made where it is not there, that is locked and says by whom; None: by another process."""
+    while True:
+        descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Whoever had it before has removed it, unless it is still the one of that name.
+            if file.exists() and os.path.samestat(file.stat(), os.fstat(descriptor)):
+                os.ftruncate(descriptor, 0)
+                os.write(descriptor, str(os.getpid()).encode())
+                return descriptor
+        except FileNotFoundError:
+            pass
+        except BlockingIOError:
+            os.close(descriptor)
+            return None
+        os.close(descriptor)
+
+
+def _owner(file: Path) -> str:
+    try:
+        return f"process {int(file.read_text(encoding='ascii'))}"
+    except (OSError, ValueError):  # It has just ended, or just begun.
+        return "another process"
+
+
+def _cannot_write(out: Path, error: OSError) -> str:
+    return f"cannot write to {out.parent}: {error.strerror}"
+
+
+def _check_ours(out: Path) -> None:
+    if not out.is_dir():
+        raise UsageError(f"{out} is a file; --out needs a folder")
+    foreign = sorted(entry.name for entry in out.iterdir() if entry.name not in _OURS)
+    if foreign:
+        raise UsageError(f"{out} holds other files ({', '.join(foreign[:3])}); choose another --out")

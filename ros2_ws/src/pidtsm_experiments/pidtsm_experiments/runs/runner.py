@@ -1,0 +1,327 @@
+"""Runs an experiment over real nodes: starts the processes, watches them, ends them."""
+
+import ctypes
+import json
+import os
+import secrets
+import selectors
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import Experiment, Settings, ros_parameters
+from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.parameters import Value, number
+from pidtsm_core.rollout import EXPERIMENT
+from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.runs.domain import own_domain
+from pidtsm_ros.middleware import on_this_machine
+from pidtsm_ros.security import ENCLAVES, SecurityError, require_security, security_requested
+
+EXECUTABLES = {
+    "simulator": ("two_link_sim", "simulator"),
+    "controller": ("pidtsm_controller", "controller"),
+    "trajectory": ("pidtsm_controller", "trajectory"),
+    "composed": ("pidtsm_ros", "composed"),
+    "recorder": ("pidtsm_experiments", "recorder"),
+    "visualization": ("two_link_sim", "visualization"),
+}
+"""Package and executable of each process; ``composed`` is simulator, trajectory and controller in one."""
+
+_ENDS = ("simulator", "composed")  # end by themselves when all samples are done
+_FIRST_SAMPLE_WITHIN = 180.0  # s; the very first run compiles
+_NEXT_SAMPLE_WITHIN = 20.0  # s
+_END_WITHIN = 10.0  # s from SIGINT to the end of a process
+_TAIL_LINES = 15
+_PROFILES = {"recorder": "fastdds_recorder.xml"}  # of Fast DDS, where they are not the nodes'
+_SUBSCRIBERS = {"simulator": 3, "controller": 2, "trajectory": 2}
+"""Who waits for how many at the start, the recorder among them."""
+_PR_SET_PDEATHSIG = 1
+_ENDING = (signal.SIGINT, signal.SIGTERM)
+
+Progress = Callable[[float], None]
+"""Called with the simulated time recorded so far, s."""
+Announce = Callable[[str], None]
+"""Called with a line that says where on the ROS graph a run is."""
+
+
+def _end_with_parent(runner: int) -> None:
+    """Let the process end when the runner does, however that happens."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != runner:  # It was killed before it could be asked for.
+        os._exit(1)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Put SIGINT and SIGTERM off until the end of the block."""
+    came: list[int] = []
+    previous = {number: signal.signal(number, lambda n, _: came.append(n)) for number in _ENDING}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        if came:
+            signal.raise_signal(came[0])
+
+
+class Process:
+    """One node's process, its output in a log file."""
+
+    def __init__(self, name: str, arguments: Sequence[str], environment: dict[str, str], log: Path) -> None:
+        """Start it; raises RunError where its package is not installed."""
+        package, executable = EXECUTABLES[name]
+        try:
+            path = Path(get_package_prefix(package), "lib", package, executable)
+        except PackageNotFoundError:
+            raise RunError(f"package {package} is not installed; source the workspace") from None
+        self.name = name
+        self.log = log
+        with log.open("wb") as output:
+            self.process = subprocess.Popen(
+                [str(path), "--ros-args", *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE if name == "recorder" else output,
+                stderr=output,
+                env=environment,
+                start_new_session=True,
+                preexec_fn=partial(_end_with_parent, os.getpid()),
+            )
+
+    def interrupt(self) -> None:
+        """Ask the process to end."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+
+    def wait(self) -> int:
+        """Exit code, after SIGKILL if the process does not end in time."""
+        try:
+            return self.process.wait(_END_WITHIN)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
+
+    def tail(self) -> str:
+        """The last lines of its output."""
+        lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
+        return "\n".join(f"    {line}" for line in lines[-_TAIL_LINES:]) or "    (it said nothing)"
+
+
+class Processes:
+    """All processes of a run; leaving the block ends them."""
+
+    def __init__(self) -> None:
+        self.running: dict[str, Process] = {}
+
+    def __enter__(self) -> "Processes":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # An impatient second Ctrl-C must not leave processes behind.
+        with _uninterrupted():
+            self.end(*self.running)
+
+    def start(self, name: str, arguments: Sequence[str], environment: dict[str, str], log: Path) -> Process:
+        """Start a node; see `Process`."""
+        # A Ctrl-C between the start of a process and its entry here would lose it.
+        with _uninterrupted():
+            self.running[name] = Process(name, arguments, environment, log)
+        return self.running[name]
+
+    def end(self, *names: str) -> None:
+        """Interrupt these, and wait for them; a process that ended badly is an error only if it was not killed."""
+        for name in names:
+            self.running[name].interrupt()
+        for name in names:
+            self.running.pop(name).wait()
+
+    def check(self) -> None:
+        """Raise RunError for a process that ended although it should run."""
+        for name, process in self.running.items():
+            code = process.process.poll()
+            if code is None or (name in _ENDS and code == 0):
+                continue
+            how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+            raise RunError(f"{name} {how}; its last lines:\n{process.tail()}")
+
+
+def run(
+    experiment: Experiment,
+    clock: str,
+    out: Path,
+    progress: Progress,
+    composed: bool = False,
+    announce: Announce = lambda place: None,
+) -> Path:
+    """Run an experiment and record it, in a ROS domain and a namespace of its own.
+
+    Even in a domain that somebody joins who starts later, the nodes command no other arm, and no other commands theirs.
+
+    Args:
+        experiment: what to run.
+        clock: ``lockstep`` or ``realtime``.
+        out: an existing folder; ``bag/``, ``params/`` and ``log/`` are made in it.
+        progress: called as the run goes on.
+        composed: simulator, trajectory and controller share one process.
+        announce: called once, before the nodes start; ``log/place.txt`` has the same line.
+
+    Returns:
+        Path of the bag.
+
+    Raises:
+        UsageError: a parameter that a node would refuse, or security that is asked for and cannot be had.
+        RunError: a process died or fell silent, or the bag is incomplete; the message names the process and shows its
+            last lines.
+    """
+    parameters = recorded_parameters(experiment, clock)
+    bag = out / "bag"
+    for folder in ("params", "log"):
+        (out / folder).mkdir()
+    with ExitStack() as stack:
+        domain, namespace = stack.enter_context(own_domain()), f"run_{secrets.token_hex(4)}"
+        place = f"ROS_DOMAIN_ID={domain}, namespace /{namespace}"
+        (out / "log" / "place.txt").write_text(place + "\n", encoding="utf-8")
+        announce(place)
+        processes = stack.enter_context(Processes())
+        metadata = _quoted(bag_metadata(experiment, clock, namespace))
+        arguments = {"recorder": ["-p", f"output:={bag}", "-p", f"metadata:={metadata}", "-p", "plain_names:=true"]}
+        for node, values in parameters.items():
+            file = out / "params" / f"{node}.yaml"
+            file.write_text(ros_parameters(node, values), encoding="utf-8")
+            arguments.setdefault("composed" if composed else node, []).extend(["--params-file", str(file)])
+        _check_security(arguments)
+        for name, words in arguments.items():
+            environment = _environment(name, domain, out / "log")
+            processes.start(name, [*words, "-r", f"__ns:=/{namespace}"], environment, out / "log" / f"{name}.log")
+        rate = number(parameters["simulator"]["rate"])
+        _watch(processes, lambda samples: progress(samples / rate))
+        processes.end(*(name for name in arguments if name != "recorder"))
+        recorder = processes.running["recorder"]
+        processes.end("recorder")
+        if recorder.process.returncode:
+            raise RunError(f"the bag is incomplete; the recorder's last lines:\n{recorder.tail()}")
+    return bag
+
+
+def _environment(process: str, domain: int, logs: Path) -> dict[str, str]:
+    return {
+        **on_this_machine(os.environ, _PROFILES.get(process, "fastdds.xml")),
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_LOG_DIR": str(logs / "ros"),
+        "PYTHONUNBUFFERED": "1",
+    }
+
+
+def _check_security(names: Iterable[str]) -> None:
+    """Start nothing where one of these executables would not be as secure as is asked for."""
+    try:
+        if security_requested():
+            for name in names:
+                require_security(f"{ENCLAVES}/{name}")
+    except SecurityError as error:
+        raise UsageError(str(error)) from None
+
+
+def bag_metadata(experiment: Experiment, clock: str, namespace: str = "") -> str:
+    """What the recorder stores with the bag, so that an analysis knows what was run: a JSON object.
+
+    Args:
+        experiment: what is run.
+        clock: ``lockstep`` or ``realtime``.
+        namespace: of the nodes, without slashes at its ends, where the recorder leaves it out of the names of topics.
+
+    Raises:
+        UsageError: see `node_parameters`.
+    """
+    known = {
+        "scenario": experiment.scenario,
+        "law": experiment.law,
+        "clock": clock,
+        "event_time": experiment.event_time,
+        **({"namespace": namespace} if namespace else {}),
+        "trajectory": node_parameters(experiment, clock)["trajectory"],
+    }
+    return json.dumps(known)
+
+
+def _quoted(text: str) -> str:
+    """A text as a YAML string, as the command line of ROS wants it."""
+    return "'" + text.replace("'", "''") + "'"
+
+
+def node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, Value]]:
+    """Every parameter of every node, by node, for a run with this clock.
+
+    Raises:
+        UsageError: a parameter that a node would refuse.
+    """
+    of_the_run: Settings = {
+        "simulator": {"clock": clock, "duration": experiment.duration},
+        "controller": {"reference.match": "stamp" if clock == "lockstep" else "latest"},
+        "trajectory": {"clock": clock},
+    }
+    settings = {
+        node: {**EXPERIMENT[node], **of_the_run[node], "start.subscribers": _SUBSCRIBERS[node], **given}
+        for node, given in experiment.settings.items()
+    }
+    return replace(experiment, settings=settings).resolved(NODE_SCHEMAS)
+
+
+_RECORDED: dict[str, dict[str, Value]] = {
+    "controller": {"output.type": "joint_state", "state.decimation": 1},
+    "simulator": {"input.type": "joint_state"},
+}
+"""What the recorder and the metrics of a run count on."""
+
+
+def recorded_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, Value]]:
+    """`node_parameters` of a run with a recorder.
+
+    Raises:
+        UsageError: a parameter that a node would refuse, or with which the bag would lack something.
+    """
+    parameters = node_parameters(experiment, clock)
+    for node, needed in _RECORDED.items():
+        for name, value in needed.items():
+            if parameters[node][name] != value:
+                raise UsageError(f"{node}.{name}: a run that is recorded needs {value}, not {parameters[node][name]}")
+    return parameters
+
+
+def _watch(processes: Processes, progress: Callable[[int], None]) -> None:
+    """Return when the simulator has done what it should; raise when anything else ends, or nothing goes on."""
+    recorder = processes.running["recorder"].process
+    simulator = next(processes.running[name].process for name in _ENDS if name in processes.running)
+    assert recorder.stdout is not None
+    samples, since, text = 0, time.monotonic(), b""
+    with selectors.DefaultSelector() as selector:
+        selector.register(recorder.stdout, selectors.EVENT_READ)
+        while True:
+            if selector.select(timeout=0.1):
+                text = (text + os.read(recorder.stdout.fileno(), 65536))[-200:]
+                *_, last = text.decode().rpartition("\n")[0].rsplit("\n", 1)
+                recorded = int(last.split()[1]) if last.startswith("recorded ") else samples
+                if recorded > samples:
+                    samples, since = recorded, time.monotonic()
+                    progress(samples)
+            processes.check()
+            if simulator.poll() == 0:
+                return
+            if time.monotonic() - since > (_NEXT_SAMPLE_WITHIN if samples else _FIRST_SAMPLE_WITHIN):
+                raise RunError(f"nothing was recorded for {time.monotonic() - since:.0f} s; {_last_words(processes)}")
+
+
+def _last_words(processes: Processes) -> str:
+    return "the processes' last lines:\n" + "\n".join(f"  {p.name}:\n{p.tail()}" for p in processes.running.values())

@@ -1,0 +1,28 @@
+"""What the nodes of a run are given."""
+
+import json
+from pathlib import Path
+
+from pidtsm_core.experiment import make_experiment, ros_parameters
+from pidtsm_core.node_parameters import NODE_ONLY, NODE_SCHEMAS
+from pidtsm_core.parameters import resolve
+from pidtsm_core.rollout import SCHEMAS
+from pidtsm_experiments.runs.runner import bag_metadata, node_parameters
+
+
+def test_a_rollout_gets_all_that_changes_a_torque(tmp_path: Path) -> None:
+    """Of all parameters of all nodes only those of nodes are dropped."""
+    everything = node_parameters(make_experiment("case1"), "lockstep")
+    params = tmp_path / "all.yaml"
+    params.write_text("".join(ros_parameters(node, values) for node, values in everything.items()))
+    left = make_experiment("case1", params=[str(params)]).without_node_parameters()
+    for node, values in everything.items():
+        assert set(values) - set(left.settings[node]) == {p.name for p in NODE_ONLY[node]}
+    left.resolved(SCHEMAS)
+
+
+def test_a_bag_knows_the_parameters_of_its_trajectory() -> None:
+    experiment = make_experiment("case1", overrides=["trajectory.jump.position=[0.1, 0.2]"])
+    known = json.loads(bag_metadata(experiment, "lockstep"))["trajectory"]
+    expected = node_parameters(experiment, "lockstep")["trajectory"]
+    assert resolve(NODE_SCHEMAS["trajectory"], known, 2) == expected

@@ -1,0 +1,233 @@
+"""What the article prints about its evaluation (section 4), beside what a reproduction gives.
+
+The article's numbers and statements are in claims.yaml. The project's are computed from the runs at hand.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from pidtsm_core.recording import Recording
+from pidtsm_studies.article.measures import measure
+from pidtsm_studies.article.printed import PRINTED
+from pidtsm_studies.reports.labels import CASES, NOTHING, label, value_text
+
+Run: TypeAlias = tuple[Recording, Mapping[str, Any]]
+"""A recording and its metrics, as `summary.summarize` gives them."""
+
+Reproduction: TypeAlias = Mapping[tuple[str, str], Run | str]
+"""Runs by (scenario, law); a run that did not come to its end is the sentence that tells why."""
+
+ARTICLE_LAWS = ("piddtsm", "pidnftsm", "dtsm")
+
+
+@dataclass(frozen=True)
+class Claim(ABC):
+    """Something that the article prints of one joint.
+
+    Attributes:
+        quantity: with the definition that the project uses.
+        case: scenario.
+        laws: which laws it is about, the one judged first.
+        joint: index, from 0.
+        unit: of the metric, empty for a count.
+        metric: what it is about, see `measures.measure`.
+        printed_in: where the article prints it.
+        reason: what may make the project's value another.
+        value: the article's number, or the sign of an `Order`.
+    """
+
+    quantity: str
+    case: str
+    laws: tuple[str, ...]
+    joint: int
+    unit: str
+    metric: str
+    printed_in: str
+    reason: str
+    value: float
+
+    def compare(self, reproduction: Reproduction) -> "Comparison":
+        """The claim beside the project's runs."""
+        outcomes = [reproduction.get((self.case, law), "not run") for law in self.laws]
+        missing = [f"{label(law)}: {o}" for law, o in zip(self.laws, outcomes, strict=True) if isinstance(o, str)]
+        metric = measure(self.metric)
+        values = tuple(None if isinstance(o, str) else metric(o[0], o[1], self.joint) for o in outcomes)
+        known = [value for value in values if value is not None]
+        if len(known) == len(values):
+            return Comparison(self, values, *self.judge(known))
+        return Comparison(self, values, "; ".join(missing) or NOTHING, NOTHING, None)
+
+    @abstractmethod
+    def printed(self) -> str:
+        """The article's value as a table shows it."""
+
+    @abstractmethod
+    def judge(self, values: Sequence[float]) -> tuple[str, str, bool | None]:
+        """The project's value and the deviation as a table shows them, and whether it holds; one value a law."""
+
+    def with_unit(self, text: str) -> str:
+        return f"{text} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A claim beside the project's value.
+
+    Attributes:
+        claim: the article's.
+        values: the project's value of each law; None where it does not exist.
+        project: as shown, with unit.
+        deviation: of the project from the article, as shown.
+        holds: whether a statement or limit of the article is true of the project; None for numbers and without runs.
+    """
+
+    claim: Claim
+    values: tuple[float | None, ...]
+    project: str
+    deviation: str
+    holds: bool | None
+
+
+@dataclass(frozen=True)
+class Number(Claim):
+    """A value of one law."""
+
+    about: bool = False
+
+    def printed(self) -> str:
+        return ("about " if self.about else "") + self.with_unit(value_text(self.value))
+
+    def judge(self, values: Sequence[float]) -> tuple[str, str, bool | None]:
+        if not math.isfinite(values[0]):
+            return value_text(values[0]), NOTHING, None
+        return self.with_unit(value_text(values[0])), f"{100.0 * (values[0] / self.value - 1.0):+.1f} %", None
+
+
+@dataclass(frozen=True)
+class Decrease(Claim):
+    """By how much the first law's value is below the second's, %."""
+
+    def printed(self) -> str:
+        return f"{self.value:g} % lower"
+
+    def judge(self, values: Sequence[float]) -> tuple[str, str, bool | None]:
+        own, other = values
+        if not other > 0.0:
+            return NOTHING, NOTHING, None
+        decrease = 100.0 * (1.0 - own / other)
+        return f"{abs(decrease):.1f} % {'lower' if decrease >= 0.0 else 'higher'}", self._points(decrease), None
+
+    def _points(self, decrease: float) -> str:
+        return f"{decrease - self.value:+.1f} percentage points"
+
+
+@dataclass(frozen=True)
+class Limit(Claim):
+    """What no law's value is above."""
+
+    def printed(self) -> str:
+        return f"at most {self.with_unit(value_text(self.value))}"
+
+    def judge(self, values: Sequence[float]) -> tuple[str, str, bool | None]:
+        largest = max(values)
+        holds = largest <= self.value
+        return f"at most {self.with_unit(value_text(largest))}", _verdict(holds), holds
+
+
+@dataclass(frozen=True)
+class Order(Claim):
+    """How the first law compares with each of the others: the value is -1 for smaller, 1 for larger."""
+
+    def printed(self) -> str:
+        others = " and ".join(label(law) for law in self.laws[1:])
+        return f"{label(self.laws[0])} {'smaller' if self.value < 0 else 'larger'} than {others}"
+
+    def judge(self, values: Sequence[float]) -> tuple[str, str, bool | None]:
+        holds = all(self.value * (values[0] - other) > 0.0 for other in values[1:])
+        return self.with_unit(_each(self.laws, values)), _verdict(holds), holds
+
+
+@dataclass(frozen=True)
+class Same(Claim):
+    """Values that are nearly the same: within 1 % of the first law's."""
+
+    def printed(self) -> str:
+        return " and ".join(label(law) for law in self.laws) + " nearly the same"
+
+    def judge(self, values: Sequence[float]) -> tuple[str, str, bool | None]:
+        holds = all(abs(value - values[0]) <= 0.01 * abs(values[0]) for value in values)
+        return self.with_unit(_each(self.laws, values)), _verdict(holds), holds
+
+
+def _each(laws: Sequence[str], values: Sequence[float]) -> str:
+    return ", ".join(f"{label(law)} {value_text(value)}" for law, value in zip(laws, values, strict=True))
+
+
+def _verdict(holds: bool) -> str:
+    return "as in the article" if holds else "not as in the article"
+
+
+_KINDS: Mapping[str, type[Claim]] = {
+    "number": Number,
+    "decrease": Decrease,
+    "limit": Limit,
+    "order": Order,
+    "same": Same,
+}
+
+
+def _claims() -> Iterable[Claim]:
+    """What claims.yaml has, one of each joint."""
+    for entry in PRINTED["claims"]:
+        for joint, value in enumerate(entry.get("values") or entry.get("signs") or (0.0, 0.0)):
+            more = {"about": True} if entry.get("about") else {}
+            yield _KINDS[entry["kind"]](
+                quantity=entry["quantity"],
+                case=entry["case"],
+                laws=tuple(entry["laws"]),
+                joint=joint,
+                unit=entry.get("unit", ""),
+                metric=entry["metric"],
+                printed_in=entry["printed_in"],
+                reason=PRINTED["reasons"][entry["reason"]],
+                value=value,
+                **more,
+            )
+
+
+CLAIMS = tuple(_claims())
+"""Everything that the article prints about its evaluation, in its order."""
+
+
+def compare(reproduction: Reproduction) -> list[Comparison]:
+    """Everything that the article prints about its evaluation, beside the project's runs."""
+    return [claim.compare(reproduction) for claim in CLAIMS]
+
+
+def markdown(comparisons: Iterable[Comparison]) -> str:
+    """The comparisons as a table in Markdown."""
+    head = ("quantity", "case", "joint", "article", "project", "deviation", "why it may deviate", "printed in")
+    lines = [head, ("---",) * len(head)]
+    for each in comparisons:
+        claim = each.claim
+        place = (CASES[claim.case], str(claim.joint + 1))
+        project = (claim.printed(), each.project, each.deviation)
+        lines.append((claim.quantity, *place, *project, claim.reason, claim.printed_in))
+    return "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |\n" for line in lines)
+
+
+def printed_rmse(case: str) -> dict[str, list[float]]:
+    """RMSE of both joints (rad) by law, as far as the article has it: printed, or following from its percentages."""
+    rmse: dict[str, list[float]] = {}
+    for claim in CLAIMS:
+        if (claim.case, claim.metric) != (case, "rmse"):
+            continue
+        if isinstance(claim, Number):
+            rmse.setdefault(claim.laws[0], []).append(claim.value)
+        elif isinstance(claim, Decrease):
+            own, other = claim.laws
+            rmse.setdefault(other, []).append(rmse[own][claim.joint] / (1.0 - claim.value / 100.0))
+    return rmse

@@ -1,0 +1,254 @@
+"""Figures of a recorded run, as PNG and SVG."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from pidtsm_core.parameters import Array
+from pidtsm_core.recording import Recording
+from pidtsm_core.signals import Signal
+
+Table: TypeAlias = NDArray[np.object_]
+"""Axes, shape (rows, columns)."""
+
+# Okabe and Ito's colours (wine for their yellow, which is lost on white), dark and light by turns to differ in
+# greyscale; dashes tell lines apart without colour.
+COLOURS = ("#0072B2", "#E69F00", "#000000", "#56B4E9", "#009E73", "#CC79A7", "#882255")
+DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)), (0, (8, 2)), (0, (2, 1)), (0, (6, 1)))
+STYLE: Any = {
+    "font.size": 9,
+    "axes.labelsize": 9,
+    "axes.titlesize": 9,
+    "axes.grid": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.xmargin": 0.0,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.2,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "savefig.dpi": 200,
+    "svg.fonttype": "none",  # text as text: small, and searchable
+    "svg.hashsalt": "pidtsm",  # the same run gives the same file
+}
+MARK: dict[str, Any] = {
+    "color": "#D55E00",
+    "linewidth": 4.0,
+    "solid_capstyle": "butt",
+    "clip_on": False,
+    "in_layout": False,
+}
+# Units of s, sigma and Y, which depend on the surface and the manifold of the law.
+_UNITS = {
+    "piddtsm": ("rad/s", "rad/s$^2$", "rad/s$^3$"),
+    "dtsm": ("rad/s", "rad/s", "rad/s$^2$"),
+    "pidnftsm": ("rad", "rad/s", "rad/s$^2$"),
+}
+_ANY_UNIT = ("SI unit", "SI unit", "SI unit")
+PARTS = 500
+"""Parts of the time axis of which a line keeps the extremes."""
+
+_WIDTH = 7.0  # inch
+_START = 1.0  # what of a run shows its start, s
+
+
+def write_figures(recording: Recording, directory: Path) -> list[Path]:
+    """Write all figures as PNG and SVG.
+
+    Args:
+        recording: the run.
+        directory: where to; made if it is not there.
+
+    Returns:
+        The files.
+    """
+    return save_figures({name: partial(draw, recording) for name, draw in FIGURES.items()}, directory)
+
+
+def save_figures(drawings: Mapping[str, Callable[[], Figure]], directory: Path) -> list[Path]:
+    """Draw in the style of this module and write each figure as PNG and SVG.
+
+    Args:
+        drawings: what draws each figure, by the name of its files.
+        directory: where to; made if it is not there.
+
+    Returns:
+        The files.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    files = []
+    with matplotlib.rc_context(STYLE):
+        for name, draw in drawings.items():
+            figure = draw()
+            for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
+                files.append(directory / f"{name}.{suffix}")
+                figure.savefig(files[-1], metadata=metadata)
+                figure.set_layout_engine("none")  # what is laid out stays so
+    return files
+
+
+def tracking(recording: Recording) -> Figure:
+    """True position and reference, a panel a joint."""
+    figure, table = panels(len(recording.joints))
+    for j, (ax, joint) in enumerate(zip(table[:, 0], recording.joints, strict=True)):
+        line(ax, recording.time, recording.position[:, j], 0, "$q$")
+        line(ax, recording.time, recording.reference[:, 0, j], 1, "$q_d$")
+        ax.set_ylabel(f"$q$ of {joint} (rad)")
+    return finished(figure, table, recording)
+
+
+def error(recording: Recording) -> Figure:
+    """True tracking error, eq. (7), and its size on a logarithmic scale."""
+    figure, table = panels(2)
+    for j, joint in enumerate(recording.joints):
+        line(table[0, 0], recording.time, recording.error[:, j], j, joint)
+        line(table[1, 0], *envelope(recording.time, np.abs(recording.error[:, j])), j, joint)
+    table[0, 0].set_ylabel("$e = q - q_d$ (rad)")
+    table[1, 0].set_ylabel("$|e|$, envelope (rad)")
+    logarithmic(table[1, 0])
+    return finished(figure, table, recording)
+
+
+def torque(recording: Recording) -> Figure:
+    """Applied torque, a row a joint: the whole run and its start; marked where the torque is at its limit."""
+    figure, table = panels(len(recording.joints), width_ratios=(3, 1))
+    for j, (row, joint) in enumerate(zip(table, recording.joints, strict=True)):
+        for ax, shown in zip(row, (slice(None), _start(recording)), strict=True):
+            time = recording.time[shown]
+            line(ax, time, recording.effort[shown, j], 0, "applied torque")
+            _mark(ax, time, recording.signals[shown, Signal.SATURATED, j] != 0.0, "at its limit")
+        row[0].set_ylabel(rf"$\tau$ of {joint} (N m)")
+        row[1].sharey(row[0])
+    return finished(figure, table, recording)
+
+
+def sliding_variables(recording: Recording) -> Figure:
+    """Sliding variable s, eq. (11), and manifold variable sigma, eq. (10): their size, and their start with sign."""
+    unit_s, unit_sigma, _ = _UNITS.get(recording.law or "", _ANY_UNIT)
+    rows = ((Signal.SLIDING_VARIABLE, "s", unit_s), (Signal.MANIFOLD_VARIABLE, r"\sigma", unit_sigma))
+    figure, table = panels(len(rows), width_ratios=(2, 1))
+    start = _start(recording)
+    for (size, signed), (signal, name, unit) in zip(table, rows, strict=True):
+        for j, joint in enumerate(recording.joints):
+            values = recording.signals[:, signal, j]
+            line(size, *envelope(recording.time, np.abs(values)), j, joint)
+            line(signed, recording.time[start], values[start], j, joint)
+        logarithmic(size)
+        size.set_ylabel(f"$|{name}|$, envelope ({unit})")
+        signed.set_ylabel(f"${name}$ ({unit})")
+    return finished(figure, table, recording)
+
+
+def adaptive_gain(recording: Recording) -> Figure:
+    """Adaptive gain Y, eq. (27), and switching term tau_sw, eq. (25)."""
+    _, unit_sigma, unit_gain = _UNITS.get(recording.law or "", _ANY_UNIT)
+    rows = ((Signal.ADAPTIVE_GAIN, f"$Y$ ({unit_gain})"), (Signal.SWITCHING_TERM, rf"$\tau_{{sw}}$ ({unit_sigma})"))
+    figure, table = panels(len(rows))
+    for ax, (signal, label) in zip(table[:, 0], rows, strict=True):
+        for j, joint in enumerate(recording.joints):
+            line(ax, recording.time, recording.signals[:, signal, j], j, joint)
+        ax.set_ylabel(label)
+    return finished(figure, table, recording)
+
+
+FIGURES: dict[str, Callable[[Recording], Figure]] = {
+    "tracking": tracking,
+    "error": error,
+    "torque": torque,
+    "sliding_variables": sliding_variables,
+    "adaptive_gain": adaptive_gain,
+}
+"""Every figure by the name of its files."""
+
+
+def _start(recording: Recording) -> slice:
+    """Which samples show the start of the run."""
+    return slice(int(np.searchsorted(recording.time, recording.time[0] + _START, side="right")))
+
+
+def panels(rows: int, width_ratios: Sequence[float] = (1,)) -> tuple[Figure, Table]:
+    """A figure of rows of panels over common time axes."""
+    figure = Figure(figsize=(_WIDTH, 0.9 + 1.7 * rows), layout="constrained")
+    return figure, figure.subplots(rows, len(width_ratios), sharex="col", squeeze=False, width_ratios=width_ratios)
+
+
+def finished(figure: Figure, table: Table, recording: Recording, title: str | None = None) -> Figure:
+    """Add what all figures have: the event, a title (of the run, where none is given), the legend, the time axis."""
+    if recording.event_time is not None:
+        for ax in table[:, 0]:
+            ax.axvline(recording.event_time, color="0.35", linewidth=0.8, linestyle=":", label="event")
+    said = ", ".join(filter(None, (recording.scenario, recording.law, recording.clock)))
+    table[0, 0].set_title(title or said, loc="left")
+    lines = table[0, 0].get_legend_handles_labels()
+    legend = table[0, -1].legend(*lines, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, borderaxespad=0.1)
+    legend.set_in_layout(False)  # it stands beside the title, over all columns
+    for ax in table[-1]:
+        ax.set_xlabel("time (s)")
+    if recording.time.size > 1:  # the last sample lasts as long as the others
+        table[-1, 0].set_xlim(recording.time[0], recording.time[-1] + np.median(np.diff(recording.time)))
+    figure.align_ylabels()
+    return figure
+
+
+def line(ax: Axes, time: Array, values: Array, number: int, label: str, zorder: float = 2.0) -> None:
+    """Draw a decimated line, of shape (samples,) each way, in the style with that number."""
+    ax.plot(
+        *decimated(time, values),
+        color=COLOURS[number % len(COLOURS)],
+        linestyle=DASHES[number % len(DASHES)],
+        label=label,
+        zorder=zorder,
+    )
+
+
+def _mark(ax: Axes, time: Array, where: NDArray[np.bool_], label: str) -> None:
+    """Mark times above the panel; a mark is wide enough to be seen even if it is one sample."""
+    begins = _parts(time)
+    ends = np.append(time[begins[1:]], time[-1])
+    height = np.where(np.logical_or.reduceat(where, begins), 1.02, np.nan)
+    spans = np.column_stack((time[begins], ends)).ravel()
+    ax.plot(spans, np.repeat(height, 2), transform=ax.get_xaxis_transform(), label=label, **MARK)
+
+
+def logarithmic(ax: Axes) -> None:
+    """Make the vertical axis logarithmic, if there is anything to show on it."""
+    if any(np.any(np.asarray(drawn.get_ydata()) > 0.0) for drawn in ax.lines):
+        ax.set_yscale("log", nonpositive="mask")
+
+
+def _parts(time: Array, parts: int = PARTS) -> NDArray[np.intp]:
+    """Where each part of the time axis that has samples begins, shape (at most parts,)."""
+    part = np.minimum((time - time[0]) / max(np.ptp(time), 1e-9) * parts, parts - 1).astype(np.intp)
+    return np.flatnonzero(np.diff(part, prepend=-1))
+
+
+def decimated(time: Array, values: Array, parts: int = PARTS) -> tuple[Array, Array]:
+    """The smallest and the largest value of each part of the time axis, in the order they come: no spike is lost.
+
+    Takes shape (samples,), gives shape (at most 2 parts,).
+    """
+    if time.size <= 2 * parts:
+        return time, values
+    begins = _parts(time, parts)
+    ends = np.append(begins[1:], time.size)
+    kept = [
+        index
+        for begin, end in zip(begins, ends, strict=True)
+        for index in (begin + values[begin:end].argmin(), begin + values[begin:end].argmax())
+    ]
+    keep = np.unique([0, *kept, time.size - 1])
+    return time[keep], values[keep]
+
+
+def envelope(time: Array, values: Array) -> tuple[Array, Array]:
+    """The largest value of each part of the time axis, from shape (samples,) to shape (parts,)."""
+    begins = _parts(time)
+    return time[begins], np.maximum.reduceat(values, begins)

@@ -1,0 +1,45 @@
+"""How laws, cases and values are called in tables and figures."""
+
+import math
+from collections.abc import Iterable
+
+LABELS = {
+    "piddtsm": "PIDDTSM",
+    "pidnftsm": "PIDNFTSM",
+    "dtsm": "DTSM",
+    "pid": "PID",
+    "computed_torque": "computed torque",
+    "super_twisting": "super-twisting",
+    "dtsm_printed": "DTSM, printed kappa",
+}
+"""How laws are called in tables and figures, in their order."""
+
+CASES = {"case1": "Case 1", "case2": "Case 2"}
+NOTHING = "–"
+"""What tables show for a value that does not exist."""
+
+
+def label(law: str) -> str:
+    """How a law is called in tables and figures."""
+    return LABELS.get(law, law.replace("_", " "))
+
+
+def style_indices(laws: Iterable[str]) -> dict[str, int]:
+    """The index of each law's style (`figures.COLOURS`, `figures.DASHES`), in the order of legends.
+
+    A law of `LABELS` has the same one everywhere; others get those that are left.
+    """
+    order = {law: index for index, law in enumerate(LABELS)}
+    laws = sorted(set(laws), key=lambda law: (order.get(law, len(order)), law))
+    free = [index for law, index in order.items() if law not in laws] or [0]
+    unknown = [law for law in laws if law not in order]
+    return {law: order[law] if law in order else free[unknown.index(law) % len(free)] for law in laws}
+
+
+def value_text(value: float | None, digits: int = 5) -> str:
+    """A value for a table."""
+    if value is None or math.isnan(value):
+        return NOTHING
+    if math.isinf(value):
+        return "not within the run"
+    return f"{value:.{digits}g}"

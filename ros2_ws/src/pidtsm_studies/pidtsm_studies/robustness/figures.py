@@ -1,0 +1,89 @@
+"""Figures of `robustness`: one for each imperfection, as PNG and SVG."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pidtsm_core.parameters import Array
+from pidtsm_studies.reports.figures import COLOURS, DASHES, panels, save_figures
+from pidtsm_studies.robustness.study import (
+    CONTENDERS,
+    ESTIMATORS,
+    IMPERFECTIONS,
+    LABELS,
+    LAWS,
+    Curve,
+    Imperfection,
+    Robustness,
+    combined,
+)
+
+PANELS = {
+    "success": "success rate",
+    "rmse": "RMSE (rad)",
+    "eci": "ECI (N m)",
+    "torque_variation": "torque variation\n(N m a sample)",
+}
+"""What each row of panels shows: the joints' root of the sum of squares for RMSE, their sum for ECI and variation."""
+LOGARITHMIC = ("rmse", "torque_variation")
+
+# One more than there are in `figures`, where it marks saturation, which no curve shows.
+_COLOURS = (*COLOURS, "#D55E00")
+_DASHES = (*DASHES, (0, (5, 1, 1, 1, 1, 1)))
+STYLES = {c.name: (_COLOURS[n], _DASHES[n]) for n, c in enumerate(CONTENDERS)}
+"""Colour and dashes of each contender."""
+
+
+def write_robustness_figures(robustness: Robustness, directory: Path) -> list[Path]:
+    """Write a figure for each imperfection; returns the files."""
+    drawings = {each.name: partial(_figure, robustness, each) for each in IMPERFECTIONS}
+    return save_figures(drawings, directory)
+
+
+def shown(curve: Curve, panel: str) -> tuple[Array, Array, Array]:
+    """Low edge of the band, curve and high edge of a panel, each of shape (values,); nan where there is nothing."""
+    if panel == "success":
+        low, high = curve.interval
+        return low, curve.success, high
+    band = combined(panel, curve.metrics[panel])
+    low, middle, high = np.where(np.isfinite(band), band, np.nan)
+    return low, middle, high
+
+
+def _figure(robustness: Robustness, imperfection: Imperfection) -> Figure:
+    """At the left the proposed law with each estimator, at the right all laws."""
+    figure, table = panels(len(PANELS), width_ratios=(1, 1))
+    values = np.array(robustness.values[imperfection.name], dtype=np.float64)
+    curves = robustness.curves[imperfection.name]
+    for row, (panel, name) in zip(table, PANELS.items(), strict=True):
+        row[1].sharey(row[0])
+        for ax, contenders in zip(row, (ESTIMATORS, LAWS), strict=True):
+            for contender in contenders:
+                _draw(ax, values, shown(curves[contender], panel), contender)
+            if panel in LOGARITHMIC:
+                ax.set_yscale("log", nonpositive="mask")
+        row[0].set_ylabel(name)
+    table[0, 0].set_ylim(-0.05, 1.05)
+    for ax, title in zip(table[0], ("the proposed law, by estimator", "all laws"), strict=True):
+        ax.set_title(title, loc="left")
+    for ax in table[-1]:
+        if imperfection.logarithmic:
+            ax.set_xscale("log")
+        ax.set_xlim(values[0], values[-1])  # the mildest at the left
+        ax.set_xlabel(imperfection.label)
+    figure.legend(*table[0, 0].get_legend_handles_labels(), loc="outside lower left")
+    figure.legend(*table[0, 1].get_legend_handles_labels(), loc="outside lower right", ncols=2)
+    for ax in table.flat:
+        ax.minorticks_off()
+    figure.align_ylabels()
+    return figure
+
+
+def _draw(ax: Axes, values: Array, curve: tuple[Array, Array, Array], contender: str) -> None:
+    colour, dashes = STYLES[contender]
+    low, middle, high = curve
+    ax.fill_between(values, low, high, color=colour, alpha=0.15, linewidth=0.0)
+    ax.plot(values, middle, color=colour, linestyle=dashes, label=LABELS[contender], clip_on=False)

@@ -1,0 +1,21 @@
+from setuptools import find_packages, setup
+
+NAME = "pidtsm_studies"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={NAME: ["py.typed", "article/*.yaml", "reports/templates/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools", "pidtsm_core", "numpy", "scipy", "matplotlib", "plotly", "pyyaml"],
+    extras_require={"test": ["pytest"]},
+    zip_safe=True,
+    maintainer="pidtsm maintainers",
+    maintainer_email="maintainers@pidtsm.example",
+    description="Studies of pidtsm without ROS: the article's claims, robustness, figures and reports.",
+    license="Apache-2.0",
+)

@@ -1,0 +1,109 @@
+"""All figures of any run are written, small, and no spike is lost."""
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pidtsm_core.recording import Recording
+from pidtsm_core.rollout import rollout
+from pidtsm_core.signals import Signal, Status
+from pidtsm_studies.reports import figures
+
+NAMES = ["tracking", "error", "torque", "sliding_variables", "adaptive_gain"]
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return Recording.of_rollout(rollout({}, 2.0), "case1", "piddtsm", None)
+
+
+def noisy(joints: int, samples: int) -> Recording:
+    """The worst for size: noise everywhere, and saturation at every second sample."""
+    random = np.random.default_rng(0)
+    signals = random.normal(size=(samples, len(Signal), joints))
+    signals[:, Signal.SATURATED] = (np.arange(samples) % 2)[:, None]
+    stamps = np.arange(samples, dtype=np.int64) * 1_000_000
+    return Recording(
+        joints=tuple(f"joint{j + 1}" for j in range(joints)),
+        time=stamps / 1e9,
+        stamps_ns=stamps,
+        position=random.normal(size=(samples, joints)),
+        velocity=random.normal(size=(samples, joints)),
+        effort=random.normal(size=(samples, joints)),
+        reference=random.normal(size=(samples, 3, joints)),
+        signals=signals,
+        status=np.zeros((samples, len(Status)), dtype=np.uint8),
+        compute_time=np.full(samples, 1e-5),
+        scenario=None,
+        law=None,
+        clock=None,
+        event_time=samples / 2000,
+    )
+
+
+def test_every_figure_is_written_as_png_and_svg(tmp_path: Path, recording: Recording) -> None:
+    before = dict(matplotlib.rcParams)
+    written = figures.write_figures(recording, tmp_path / "new" / "figures")
+    assert [path.name for path in written] == [f"{name}.{suffix}" for name in NAMES for suffix in ("png", "svg")]
+    for path in written:
+        if path.suffix == ".png":
+            assert path.read_bytes().startswith(b"\x89PNG")
+        else:
+            assert ET.parse(path).getroot().tag.endswith("svg")
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_the_same_run_gives_the_same_svg(tmp_path: Path, recording: Recording) -> None:
+    one, other = (figures.write_figures(recording, tmp_path / name) for name in ("one", "other"))
+    for a, b in zip(one, other, strict=True):
+        assert a.read_bytes() == b.read_bytes(), a.name
+
+
+@pytest.mark.parametrize("joints", [2, 7])
+def test_svgs_stay_small(tmp_path: Path, joints: int) -> None:
+    for path in figures.write_figures(noisy(joints, 30_000), tmp_path):
+        assert path.stat().st_size < (500_000 if path.suffix == ".svg" else 2_000_000), path.name
+
+
+@pytest.mark.parametrize("draw", figures.FIGURES.values(), ids=NAMES)
+def test_axes_have_units_and_the_event(recording: Recording, draw: Any) -> None:
+    figure = draw(replace(recording, event_time=1.0))
+    for ax in figure.axes:
+        assert not ax.get_xlabel() or ax.get_xlabel() == "time (s)"
+        assert not ax.get_ylabel() or ax.get_ylabel().endswith(")")
+    (legend,) = (ax.get_legend() for ax in figure.axes if ax.get_legend())
+    assert "event" in [text.get_text() for text in legend.get_texts()]
+    assert "event" not in [line.get_label() for ax in draw(recording).axes for line in ax.lines]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_very_short_runs_are_drawn(tmp_path: Path, samples: int) -> None:
+    assert len(figures.write_figures(noisy(1, samples), tmp_path)) == 10
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_run_without_any_error_is_drawn(tmp_path: Path, recording: Recording) -> None:
+    still = replace(recording, reference=recording.position[:, None].repeat(3, axis=1), signals=0 * recording.signals)
+    assert len(figures.write_figures(still, tmp_path)) == 10
+
+
+@given(st.integers(1, 20_000), st.integers(0, 2**32 - 1))
+def test_decimation_keeps_every_extreme(samples: int, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    time = np.cumsum(random.exponential(size=samples))
+    values = random.normal(size=samples)
+    kept_time, kept = figures.decimated(time, values)
+    assert kept_time.size == kept.size <= 2 * figures.PARTS + 2
+    assert (kept_time[0], kept_time[-1]) == (time[0], time[-1])
+    assert np.all(np.diff(kept_time) > 0)
+    assert np.isin(kept, values).all()
+    assert (kept.min(), kept.max()) == (values.min(), values.max())
+    assert figures.envelope(time, values)[1].max() == values.max()

@@ -1,0 +1,389 @@
+"""Simulator node: publishes what the sensors say, takes effort commands, integrates the arm."""
+
+import time
+
+import numpy as np
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from pidtsm_core.joints import JointOrder
+from pidtsm_core.node_parameters import PRIORITY, simulator_node_schema
+from pidtsm_core.parameters import names, number
+from pidtsm_core.robots import robot_joints
+from pidtsm_core.simulation.simulator import SimulatedRobot
+from pidtsm_core.timing import period_nanoseconds, seconds
+from pidtsm_ros.bursts import Bursts
+from pidtsm_ros.diagnostics import Diagnostics, Reading, loop_readings
+from pidtsm_ros.effort_topics import EFFORT_TOPICS
+from pidtsm_ros.loop_statistics import LoopStatistics
+from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.process import run_nodes
+from pidtsm_ros.stamps import serialized_nanoseconds
+from pidtsm_ros.stop import Stop
+from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
+
+_POLL = 0.02
+"""s between two looks at who is connected."""
+_SETTLE = 0.3
+"""s in realtime from when everybody is seen to the first sample. A connection has two ends, some of them elsewhere:
+in lockstep a sample waits for its answer, here the reference would run ahead of a controller that is not connected."""
+_PATIENCE = 3.0
+"""s of waiting for others before the log says so, and between two such lines."""
+_CALM = 1.0
+"""s without a change after which the log tells of the brakes again; those that go to and fro make one line."""
+_LATEST_CATCH_UP = 20
+"""Periods that realtime may be late before it gives up making up for them."""
+_ASK_AGAIN = 1.0
+"""s without an answer to the first sample of all in lockstep. What it asks may not be connected yet, or not active."""
+_UNANSWERED = 5
+"""Periods without an answer to the first sample of all in realtime, after which it comes again. The first answer takes
+longer than others, and to become active a controller needs a joint state that is not old (``watchdog.state_stop``)."""
+_LONGEST_SILENCE = 1000
+"""Samples without a measurement that lockstep goes through before others get a turn."""
+
+
+class SimulatorNode(ManagedNode):
+    """The simulated arm.
+
+    The torque of the command that answers sample k is held from sample k to k + 1. Until the first command
+    arrives the arm stands on its brakes and no sample passes, unless ``start.subscribers`` is 0: the joint state is
+    published again, in realtime every few periods and with a fresh stamp. In realtime the arm stands on its
+    brakes also when commands stay out (``command.timeout``), and a command with the stamp of the one taken last takes
+    its place.
+    Sensors, delays, losses and motors are those of `SimulatedRobot`: a joint state carries the stamp of its
+    acquisition, and one that is lost is not published.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("simulator", simulator_node_schema, robot_joints)
+
+    def configure(self) -> None:
+        values = self.values
+        self._joints_of_arm = list(names(values["joints"]))
+        self._period = period_nanoseconds(int(number(values["rate"])))
+        self._samples = round(number(values["duration"]) * 1e9 / self._period)
+        # Compile before the loop.
+        SimulatedRobot(values).compile()
+
+        joints = len(self._joints_of_arm)
+        self._measured = OutgoingMessage(JointState(name=self._joints_of_arm), ("position", "effort"), joints=joints)
+        self._truth = OutgoingMessage(
+            JointState(name=self._joints_of_arm), ("position", "velocity", "effort"), joints=joints
+        )
+        self._clock_message = OutgoingMessage(Clock())
+        self._order = JointOrder(self._joints_of_arm)
+        self._incoming = IncomingMessages(JointState, ("effort",), self._joints_of_arm)
+        self._received = np.zeros((1, joints))
+        self._statistics = LoopStatistics(number(values["diagnostics.deadline"]))
+
+        self._joint_states = self.advertise(JointState, "joint_states")
+        self._ground_truth = self.advertise(JointState, "~/ground_truth")
+        if self.lockstep:
+            self._clock_topic = self.advertise(Clock, "/clock")
+        self._input = EFFORT_TOPICS[str(values["input.type"])]
+        self._stamped = self._input.message_type is JointState
+        on_command = self._on_command if self._stamped else self._on_array
+        self._commands = self.listen(self._input.message_type, self._input.name, on_command, raw=self._stamped)
+        self._diagnostics = Diagnostics(self)
+        self.offer("~/reset", self._reset)
+
+    @property
+    def lockstep(self) -> bool:
+        return self.values["clock"] == "lockstep"
+
+    @property
+    def priority(self) -> int:
+        return 0 if self.lockstep else int(number(self.values[PRIORITY.name]))
+
+    def activate(self) -> None:
+        self._robot = SimulatedRobot(self.values)
+        self._effort = np.zeros(self._robot.joints)
+        self._commanded = False
+        self._sample = -1
+        self._acquired = -1
+        self._asked = False
+        self._answered = -1
+        self._told = time.monotonic()
+        self._connected_since = 0.0
+        self._skipped = 0
+        self._begun = False
+        self._samples_answered = 0
+        self._stale, self._unknown = Bursts(), Bursts()
+        self._braked = self._braked_told = False
+        self._brakes_moved = 0.0
+        self._brakings = 0
+        self._reported = -1
+        self._compute_time = 0.0
+        self._statistics.reset()
+
+    def parameters_changed(self) -> None:
+        if self.active:
+            self._robot.set_parameters(self.values)
+            self._statistics.deadline = number(self.values["diagnostics.deadline"])
+
+    def poll(self) -> float:
+        if not self.active:
+            return _POLL
+        if self._diagnostics.due:
+            self.diagnose()
+        if self._sample < 0:
+            if not self._others_ready():
+                return _POLL
+            self._start()
+        if not self.lockstep:
+            return self._keep_time()
+        if not self._asked:
+            self._go_on()
+            return 0.0
+        self._check_silence()
+        return _POLL
+
+    # Start.
+
+    def _others_ready(self) -> bool:
+        wanted = number(self.values["start.subscribers"])
+        listening = self._joint_states.get_subscription_count()
+        commanded = self._commands.get_publisher_count()
+        # In lockstep nothing goes on without a command.
+        if listening >= wanted and (commanded > 0 or (wanted == 0 and not self.lockstep)):
+            self._connected_since = self._connected_since or time.monotonic()
+            return self.lockstep or wanted == 0 or time.monotonic() - self._connected_since > _SETTLE
+        self._connected_since = 0.0
+        self._tell_waiting(
+            f"joint_states has {listening} of {wanted:g} subscribers, {self._input.name} {commanded} publishers"
+        )
+        return False
+
+    def _tell_waiting(self, what: str) -> None:
+        """Log from time to time what is waited for."""
+        now = time.monotonic()
+        if now - self._told > _PATIENCE:
+            self._told = now
+            self.get_logger().info(f"waiting: {what}")
+
+    @property
+    def _awaits_first(self) -> bool:
+        """No command has come yet, and no sample passes without."""
+        return not self._begun and (self.lockstep or number(self.values["start.subscribers"]) > 0)
+
+    def _ask_again(self, later: int) -> None:
+        """Realtime: publish the sample that nobody has answered once more, so many periods later."""
+        self._began += later * self._period
+        self._first_stamp += later * self._period
+        # An answer to any of those sent so far will do.
+        self._answered -= later
+        self._publish_sample(self._sample)
+        self._tell_waiting(f"no command on {self._input.name} so far; is a controller active?")
+
+    def _start(self) -> None:
+        self._first_stamp = 0 if self.lockstep else time.time_ns()
+        self._began = time.monotonic_ns()
+        self._told = time.monotonic()
+        self._publish_sample(0)
+
+    # One sample.
+
+    def _stamp(self, sample: int) -> int:
+        return self._first_stamp + sample * self._period
+
+    def _publish_sample(self, sample: int) -> None:
+        """Publish the measurement that arrives at this sample, if one does."""
+        acquired, measured = self._robot.sense(sample)
+        self._asked = acquired >= 0
+        self._sample = sample
+        self._sent = time.monotonic_ns()
+        if self._asked:
+            self._acquired = acquired
+            self._measured.arrays[0] = measured
+            self._measured.arrays[1] = self._robot.applied
+            self._joint_states.publish(self._measured.to_bytes(self._stamp(acquired)))
+        if self.lockstep:
+            self._clock_topic.publish(self._clock_message.to_bytes(self._stamp(sample)))
+        self._statistics.tick(self._sent, 0.0, self._compute_time)
+
+    def _advance(self) -> None:
+        """Integrate to the next sample, publish that, and the truth of the one that ends here."""
+        began = time.perf_counter()
+        arm, truth = self._robot.state.arm, self._truth.arrays
+        truth[0] = arm.position
+        truth[1] = arm.derivatives[0]
+        ended = self._stamp(self._sample)
+        self._act()
+        truth[2] = arm.effort
+        self._compute_time = time.perf_counter() - began
+
+        done = self._samples and self._sample + 1 >= self._samples
+        if not done:
+            self._publish_sample(self._sample + 1)
+        self._ground_truth.publish(self._truth.to_bytes(ended))
+        if done:
+            took = (time.monotonic_ns() - self._began) / 1e9
+            self.get_logger().info(
+                f"done: {self._samples} samples in {took:.4f} s; "
+                f"{self._skipped} skipped, {self._samples_answered} answered"
+            )
+            self.diagnose()
+            self.finished = True
+            self.active = False
+
+    def _go_on(self) -> None:
+        """Lockstep: advance to the next sample that somebody can answer."""
+        for _ in range(_LONGEST_SILENCE):
+            self._advance()
+            if self._asked or self.finished:
+                break
+
+    def _act(self) -> None:
+        """Move the arm over one period."""
+        commanded, self._commanded = self._commanded, False
+        self._robot.act(self._sample, commanded, self._effort)
+        braked = self._robot.braked
+        # Before the first command the brakes are closed anyway.
+        if (braked != self._braked or braked != self._braked_told) and self._robot.silence:
+            self._report_brakes(braked)
+
+    def _report_brakes(self, braked: bool) -> None:
+        """Log that the robot has closed its brakes for want of commands, or opened them, unless they did just now."""
+        now = time.monotonic()
+        calm = now - self._brakes_moved > _CALM
+        if braked != self._braked:
+            self._braked, self._brakes_moved = braked, now
+            self._brakings += braked
+        if not calm or braked == self._braked_told:
+            return
+        self._braked_told = braked
+        if braked:
+            silence = seconds(self._robot.silence * self._period)
+            self.get_logger().warning(f"no command for {silence:.3g} s (command.timeout): the brakes stop the arm")
+        else:
+            self.get_logger().info("command received: brakes released")
+
+    def _on_command(self, data: bytes) -> None:
+        stamp = serialized_nanoseconds(data)
+        answered, remainder = divmod(stamp - self._first_stamp, self._period) if self._sample >= 0 else (0, 1)
+        if remainder or answered > self._acquired:
+            self.rejected += 1
+            if self._unknown.begins():
+                self.get_logger().error(f"rejected {self._input.name}: the stamp is that of no joint state sent")
+        elif answered > self._answered or (answered == self._answered and self._replaceable):
+            self._incoming.read(data, self._received)
+            self._take(answered)
+        elif self._stale.begins():
+            self.get_logger().warning(f"ignored {self._input.name}: this joint state or a later one is answered")
+
+    @property
+    def _replaceable(self) -> bool:
+        """Realtime: drives take the newest torque, also where it comes without a new joint state."""
+        return not self.lockstep and self._begun
+
+    def _on_array(self, message: Float64MultiArray) -> None:
+        """Without a stamp it answers the joint state sent last; in lockstep only one that waits for its answer."""
+        if self._sample < 0 or (self.lockstep and self._answered == self._acquired):
+            return
+        self._order.read(self._joints_of_arm, message.data, self._input.field, self._received[0])
+        self._take(self._acquired)
+
+    def _take(self, answered: int) -> None:
+        """The torques received answer this sample."""
+        self._effort[:] = self._received[0]
+        self._begun = True
+        self._samples_answered += answered > max(self._answered, -1)
+        self._answered = answered
+        self._commanded = True
+        if self.lockstep and answered == self._acquired:
+            self._go_on()
+
+    # Clocks.
+
+    def _keep_time(self) -> float:
+        """Realtime: advance when the next sample is due; returns the time until the next one, in s.
+
+        A sample that was late is followed by the next after half a period at the earliest, so that lateness is made
+        up for and no burst meets the others. Beyond `_LATEST_CATCH_UP` the samples that nobody took are skipped:
+        the arm moves on under the torque it has, as one of steel does, and its brakes close in time.
+        """
+        now, due = time.monotonic_ns(), self._due()
+        earliest = self._sent + self._period // 2
+        if now >= due and now >= earliest:
+            late = (now - due) // self._period
+            if self._asked and self._awaits_first:
+                self._ask_again(_UNANSWERED + late)
+            else:
+                if late > _LATEST_CATCH_UP:
+                    self._skip(late)
+                self._advance()
+            now, due = time.monotonic_ns(), self._due()
+            earliest = self._sent + self._period // 2
+        return max(0, due - now, earliest - now) / 1e9
+
+    def _due(self) -> int:
+        """When the next sample is due, or the first is to come again; ns of the monotonic clock."""
+        periods = _UNANSWERED if self._asked and self._awaits_first else 1
+        return self._began + (self._sample + periods) * self._period
+
+    def _reset(self) -> str:
+        """Put the arm back to its start; returns why not, or nothing."""
+        if not self.active:
+            return "the simulator is not active"
+        self._robot.reset(self.values)
+        self.get_logger().info("reset: the arm is at its initial position, at rest")
+        return ""
+
+    def _skip(self, samples: int) -> None:
+        """Let samples pass without telling anybody."""
+        for _ in range(min(samples, self._samples - 2 - self._sample) if self._samples else samples):
+            self._act()
+            self._sample += 1
+            self._skipped += 1
+            self._robot.sense(self._sample)
+
+    def _check_silence(self) -> None:
+        """Lockstep: end the run where a command stays out, with the name of who is silent; the first may be late."""
+        now = time.monotonic_ns()
+        if self._awaits_first:
+            self._tell_waiting(f"no command on {self._input.name} so far; is a controller active?")
+            # An array could be the answer to either.
+            if self._stamped and now - self._sent > _ASK_AGAIN * 1e9:
+                self._sent = now
+                self._joint_states.publish(self._measured.to_bytes(self._stamp(self._acquired)))
+            return
+        timeout = number(self.values["lockstep.timeout"])
+        if now - self._sent <= timeout * 1e9:
+            return
+        writers = [
+            f"{i.node_namespace.rstrip('/')}/{i.node_name}"
+            for i in self.get_publishers_info_by_topic(self._commands.topic_name)
+        ]
+        who = f"{', '.join(writers)} is silent" if writers else f"no node publishes {self._input.name} any more"
+        self.get_logger().fatal(
+            f"no command for t = {seconds(self._acquired * self._period):g} s within {timeout:g} s: {who}"
+        )
+        self.finished = self.failed = True
+
+    def diagnose(self) -> None:
+        idle = ""
+        if self._sample < 0:
+            idle = "waiting for the others"
+        elif self._awaits_first:
+            idle = "waiting for the first command"
+        elif self._braked:
+            idle = "on the brakes: no command for longer than command.timeout"
+        elif self._sample == self._reported:
+            idle = "no sample for a second"
+        self._reported = self._sample
+        readings = [
+            *loop_readings(self._statistics, judged=not self.lockstep),
+            Reading("samples", self._sample + 1),
+            Reading("samples skipped", self._skipped),
+            Reading("stops by the brakes since activation", self._brakings),
+            Reading("samples since the last command's", self._sample - self._answered),
+            Reading("commands ignored for a stale stamp since activation", self._stale.count),
+            Reading("commands rejected for an unknown stamp since activation", self._unknown.count),
+        ]
+        self._diagnostics.publish(readings, idle, scale=self._statistics.scale)
+
+
+def run(stop: Stop) -> int:
+    """``ros2 run two_link_sim simulator``; returns the exit code."""
+    return run_nodes([SimulatorNode], stop)
