@@ -47,7 +47,7 @@ def test_a_signal_at_any_moment_of_the_start_ends_a_node_cleanly(bench: Bench, n
 
 @pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
 def test_messages_come_in_by_udp_alone(bench: Bench, discovery: str) -> None:
-    """Shared memory has locks, which a reader that is killed leaves closed, and opening it takes a third of a second."""
+    """Shared memory has locks, which a reader that is killed leaves closed, and to open it stops all for 0.3 s."""
     bench.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = discovery
     process = bench.start("simulator")
     bench.spin_until(lambda: "active" in process.log.read_text(), "the simulator is active")

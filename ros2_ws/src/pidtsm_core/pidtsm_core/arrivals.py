@@ -42,6 +42,9 @@ class _Row(NamedTuple):
         return _Row(stamp, stamp, 1, now or 0)
 
 
+_NO_ROW = _Row()
+
+
 class Arrivals:
     """Judges the stamps of one source's messages in the order in which they arrive.
 
@@ -77,7 +80,7 @@ class Arrivals:
         """Take whatever comes next for the first message."""
         self.last = -1
         self.elapsed = self.period = self._taken = self._lead = 0
-        self._row = _Row()
+        self._row = _NO_ROW
 
     def judge(self, stamp: int, now: int | None) -> Stamp:
         """What the stamp (ns) of a message says; if the message is used, `take` is to be called.
@@ -103,22 +106,27 @@ class Arrivals:
         """Use the message that was judged so."""
         if judged is Stamp.REPEATED:
             return
-        known = self.last >= 0
+        follows = judged is Stamp.NEW and self.last >= 0
         if now is not None:
-            lead, since = stamp - now, now - self._taken
-            goes_on = known and judged is Stamp.NEW
-            # Simulated time may be slower than one's own; but where one has not run, it is not.
-            slower = (self._lead - lead) * since // NANOSECONDS if since < self._STALL else 0
-            self._lead = max(lead, self._lead - slower - since // self._DRIFT) if goes_on else lead
-            if judged is Stamp.RESTARTED:
-                # The source's own time from its first message on; one's own only before, where it may have been silent.
-                silence = self._row.began - self._taken
-                self.elapsed = stamp - self._row.first + (silence if silence > self._STALL else self.period)
-            self._taken = now
-        if known and judged is Stamp.NEW:
+            self._compare_clocks(judged, stamp, now, follows)
+        if follows:
             self.period = track_period(self.period, stamp - self.last)
         self.last = stamp
-        self._row = _Row()
+        self._row = _NO_ROW
+
+    def _compare_clocks(self, judged: Stamp, stamp: int, now: int, follows: bool) -> None:
+        lead, since = stamp - now, now - self._taken
+        if not follows or lead >= self._lead:
+            self._lead = lead
+        else:
+            # Simulated time may be slower than one's own; but where one has not run, it is not.
+            slower = (self._lead - lead) * since // NANOSECONDS if since < self._STALL else 0
+            self._lead = max(lead, self._lead - slower - since // self._DRIFT)
+        if judged is Stamp.RESTARTED:
+            # The source's own time from its first message on; one's own only before, where it may have been silent.
+            silence = self._row.began - self._taken
+            self.elapsed = stamp - self._row.first + (silence if silence > self._STALL else self.period)
+        self._taken = now
 
     def age(self, now: int, system_time: int) -> int:
         """How old the message used last is, ns, going by its stamp.

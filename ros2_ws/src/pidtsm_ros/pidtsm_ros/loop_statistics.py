@@ -85,7 +85,7 @@ class LoopStatistics:
         self._squares += period * period
         if period > self._longest_period:
             self._longest_period = period
-        if period > self.deadline * self.scale:
+        if period > self.deadline and period > self.deadline * self.scale:
             self.missed += 1
         if age > self._longest_age:
             self._longest_age = age

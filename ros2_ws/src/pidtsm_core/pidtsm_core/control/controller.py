@@ -133,7 +133,6 @@ class Controller:
         stop_now(self.memory, self.numbers, int(Fault.STATE_STALE), 0, self.effort, self.signals)
         leave_now(self.memory, self.numbers, self.effort, self.signals)
         set_clock(self.state, 0)
-        stop_after(self.config, self.state)
         reset_fault(self.state)
         self.reset()
 
@@ -160,7 +159,7 @@ class Controller:
     @property
     def state_stop(self) -> int:
         """How long joint states may stay out, ns."""
-        return int(stop_after(self.config, self.state))
+        return stop_after(self.config.state_stop, int(self.state.clock[Clock.PERIOD]))
 
     def set_clock(self, stamp: int, elapsed: int) -> None:
         """Go on in another time: the clock of the joint states has been set, or their source been started anew.

@@ -1,6 +1,6 @@
 """The controller's one step: everything between a measured position and the commanded effort."""
 
-from pidtsm_core.compiled import njit, outlined
+from pidtsm_core.compiled import inlined, njit, outlined
 from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_base
 from pidtsm_core.control.effort import carry, limit_rate
 from pidtsm_core.control.plausibility import doubt
@@ -70,10 +70,10 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
     clock[Clock.COMMANDED] = 1
 
 
-@njit
-def stop_after(config: ControllerConfig, state: ControllerState) -> int:
-    """How long joint states may stay out, ns: ``watchdog.state_stop``, but some periods at least."""
-    return max(config.state_stop, _PERIODS_TO_STOP * state.clock[Clock.PERIOD])
+@inlined
+def stop_after(state_stop: int, period: int) -> int:
+    """How long joint states may stay out, ns: ``watchdog.state_stop``, but some nominal periods (ns) at least."""
+    return max(state_stop, _PERIODS_TO_STOP * period)
 
 
 @njit
@@ -82,7 +82,7 @@ def _watch_gaps(config: ControllerConfig, state: ControllerState, period: int) -
     clock = state.clock
     if period > max(config.state_hold, _PERIODS_TO_HOLD * clock[Clock.PERIOD]):
         clock[Clock.LATE] += 1
-    if period > stop_after(config, state):
+    if period > stop_after(config.state_stop, clock[Clock.PERIOD]):
         stop(state, Fault.STATE_STALE, 0)
         hold_elsewhere(state)
     clock[Clock.PERIOD] = track_period(clock[Clock.PERIOD], period)
