@@ -18,10 +18,10 @@ from pidtsm_core.signals import Signal
 Table: TypeAlias = NDArray[np.object_]
 """Axes, shape (rows, columns)."""
 
-# Okabe and Ito's colours (wine for their yellow, which is lost on white), dark and light by turns to differ in
-# greyscale; dashes tell lines apart without colour.
 COLOURS = ("#0072B2", "#E69F00", "#000000", "#56B4E9", "#009E73", "#CC79A7", "#882255")
+"""Okabe and Ito's (wine for their yellow, which is lost on white), dark and light by turns to differ in greyscale."""
 DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)), (0, (8, 2)), (0, (2, 1)), (0, (6, 1)))
+"""Matplotlib's, as many as `COLOURS`: they tell lines apart without colour."""
 STYLE: Any = {
     "font.size": 9,
     "axes.labelsize": 9,
@@ -39,6 +39,7 @@ STYLE: Any = {
     "svg.fonttype": "none",  # text as text: small, and searchable
     "svg.hashsalt": "pidtsm",  # the same run gives the same file
 }
+"""Matplotlib's settings for every figure."""
 MARK: dict[str, Any] = {
     "color": "#D55E00",
     "linewidth": 4.0,
@@ -46,6 +47,8 @@ MARK: dict[str, Any] = {
     "clip_on": False,
     "in_layout": False,
 }
+"""Line above a panel that marks when something was so."""
+
 # Units of s, sigma and Y, which depend on the surface and the manifold of the law.
 _UNITS = {
     "piddtsm": ("rad/s", "rad/s$^2$", "rad/s$^3$"),
@@ -74,7 +77,7 @@ def write_figures(recording: Recording, directory: Path) -> list[Path]:
 
 
 def save_figures(drawings: Mapping[str, Callable[[], Figure]], directory: Path) -> list[Path]:
-    """Draw in the style of this module and write each figure as PNG and SVG.
+    """Draw each figure in the style of this module and write it as PNG and SVG.
 
     Args:
         drawings: what draws each figure, by the name of its files.
@@ -170,23 +173,41 @@ FIGURES: dict[str, Callable[[Recording], Figure]] = {
 
 
 def _start(recording: Recording) -> slice:
-    """Which samples show the start of the run."""
+    """Which samples show the start of a run."""
     return slice(int(np.searchsorted(recording.time, recording.time[0] + _START, side="right")))
 
 
 def panels(rows: int, width_ratios: Sequence[float] = (1,)) -> tuple[Figure, Table]:
-    """A figure of rows of panels over common time axes."""
+    """A figure of rows of panels over common time axes.
+
+    Args:
+        rows: their number.
+        width_ratios: widths of the columns, relative to each other.
+
+    Returns:
+        The figure, and its axes of shape (rows, columns).
+    """
     figure = Figure(figsize=(_WIDTH, 0.9 + 1.7 * rows), layout="constrained")
     return figure, figure.subplots(rows, len(width_ratios), sharex="col", squeeze=False, width_ratios=width_ratios)
 
 
 def finished(figure: Figure, table: Table, recording: Recording, title: str | None = None) -> Figure:
-    """Add what all figures have: the event, a title (of the run, where none is given), the legend, the time axis."""
+    """Add what all figures have: the event, a title, the legend, the label and the end of the time axis.
+
+    Args:
+        figure: as `panels` made it.
+        table: its axes, shape (rows, columns).
+        recording: the run that it is of.
+        title: scenario, law and clock of the run where none is given.
+
+    Returns:
+        The figure.
+    """
     if recording.event_time is not None:
         for ax in table[:, 0]:
             ax.axvline(recording.event_time, color="0.35", linewidth=0.8, linestyle=":", label="event")
-    said = ", ".join(filter(None, (recording.scenario, recording.law, recording.clock)))
-    table[0, 0].set_title(title or said, loc="left")
+    run = ", ".join(filter(None, (recording.scenario, recording.law, recording.clock)))
+    table[0, 0].set_title(title or run, loc="left")
     lines = table[0, 0].get_legend_handles_labels()
     legend = table[0, -1].legend(*lines, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, borderaxespad=0.1)
     legend.set_in_layout(False)  # it stands beside the title, over all columns
@@ -198,12 +219,21 @@ def finished(figure: Figure, table: Table, recording: Recording, title: str | No
     return figure
 
 
-def line(ax: Axes, time: Array, values: Array, number: int, label: str, zorder: float = 2.0) -> None:
-    """Draw a decimated line, of shape (samples,) each way, in the style with that number."""
+def line(ax: Axes, time: Array, values: Array, style: int, label: str, zorder: float = 2.0) -> None:
+    """Draw a decimated line.
+
+    Args:
+        ax: where.
+        time: s, shape (samples,).
+        values: in the unit of the axis, shape (samples,).
+        style: index of the style, into `COLOURS` and `DASHES`; beyond their end it begins anew.
+        label: in the legend.
+        zorder: lines with a larger one hide the others.
+    """
     ax.plot(
         *decimated(time, values),
-        color=COLOURS[number % len(COLOURS)],
-        linestyle=DASHES[number % len(DASHES)],
+        color=COLOURS[style % len(COLOURS)],
+        linestyle=DASHES[style % len(DASHES)],
         label=label,
         zorder=zorder,
     )
@@ -231,9 +261,15 @@ def _parts(time: Array, parts: int = PARTS) -> NDArray[np.intp]:
 
 
 def decimated(time: Array, values: Array, parts: int = PARTS) -> tuple[Array, Array]:
-    """The smallest and the largest value of each part of the time axis, in the order they come: no spike is lost.
+    """The smallest and the largest value of each part of the time axis, so that no spike is lost.
 
-    Takes shape (samples,), gives shape (at most 2 parts,).
+    Args:
+        time: s, increasing, shape (samples,).
+        values: shape (samples,).
+        parts: into how many the time axis is cut.
+
+    Returns:
+        Time and values of what is kept, with the first and the last sample, shape (at most 2 parts + 2,) each.
     """
     if time.size <= 2 * parts:
         return time, values
@@ -249,6 +285,14 @@ def decimated(time: Array, values: Array, parts: int = PARTS) -> tuple[Array, Ar
 
 
 def envelope(time: Array, values: Array) -> tuple[Array, Array]:
-    """The largest value of each part of the time axis, from shape (samples,) to shape (parts,)."""
+    """The largest value of each part of the time axis.
+
+    Args:
+        time: s, increasing, shape (samples,).
+        values: shape (samples,).
+
+    Returns:
+        Where each part begins, s, and its largest value, shape (at most `PARTS`,) each.
+    """
     begins = _parts(time)
     return time[begins], np.maximum.reduceat(values, begins)

@@ -15,19 +15,20 @@ LABELS = {
 """How laws are called in tables and figures, in their order."""
 
 CASES = {"case1": "Case 1", "case2": "Case 2"}
+"""How the article's cases are called in tables and figures, by scenario."""
 NOTHING = "–"
 """What tables show for a value that does not exist."""
 
 
 def label(law: str) -> str:
-    """How a law is called in tables and figures."""
+    """How a law, by its name, is called in tables and figures."""
     return LABELS.get(law, law.replace("_", " "))
 
 
 def style_indices(laws: Iterable[str]) -> dict[str, int]:
     """The index of each law's style (`figures.COLOURS`, `figures.DASHES`), in the order of legends.
 
-    A law of `LABELS` has the same one everywhere; others get those that are left.
+    A law of `LABELS` has the same style everywhere; others share the styles that are left.
     """
     order = {law: index for index, law in enumerate(LABELS)}
     laws = sorted(set(laws), key=lambda law: (order.get(law, len(order)), law))
@@ -37,7 +38,10 @@ def style_indices(laws: Iterable[str]) -> dict[str, int]:
 
 
 def value_text(value: float | None, digits: int = 5) -> str:
-    """A value for a table."""
+    """A value for a table, with so many significant digits.
+
+    None and nan, which stand for no value, become `NOTHING`; inf is a time that the run did not reach.
+    """
     if value is None or math.isnan(value):
         return NOTHING
     if math.isinf(value):

@@ -8,7 +8,7 @@ function unpack(packed) {
   return new Float32Array(Uint8Array.from(atob(packed.bdata), (c) => c.charCodeAt(0)).buffer);
 }
 
-// Plots. Each is drawn when it comes near the window; what the controls say holds for those still to come.
+// Plots. Each is drawn when it comes near the window; the controls decide about those still to come too.
 
 const drawn = new Set();
 
@@ -65,7 +65,7 @@ window.addEventListener("beforeprint", () => plots.forEach(draw));
 document.querySelectorAll('input[name="law"]').forEach((box) =>
   box.addEventListener("change", () => {
     for (const div of plots.filter((plot) => drawn.has(plot.id))) {
-      const its = div.data.flatMap((trace, number) => (trace.meta === box.value ? [number] : []));
+      const its = div.data.flatMap((trace, index) => (trace.meta === box.value ? [index] : []));
       if (its.length) Plotly.restyle(div, { visible: box.checked ? true : "legendonly" }, its);
     }
   }),
@@ -149,9 +149,9 @@ function animate({ links, rate, box, runs }) {
     slider.max = (run.samples - 1) / rate;
     slider.step = 1 / rate;
     for (const id of ["arm-links", "arm-trail"]) element(id).style.stroke = run.colour;
-    element("arm-errors").replaceChildren(...run.joints.map((joint, number) => {
+    element("arm-errors").replaceChildren(...run.joints.map((joint, index) => {
       const entry = document.createElement("div");
-      entry.innerHTML = `<dt></dt><dd><output id="arm-error-${number}" for="arm-time"></output></dd>`;
+      entry.innerHTML = `<dt></dt><dd><output id="arm-error-${index}" for="arm-time"></output></dd>`;
       entry.firstChild.textContent = `error of ${joint}`;
       return entry;
     }));

@@ -1,0 +1,131 @@
+"""The interactive plots of the reports: plotly's figures, a panel a joint."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from pidtsm_core.parameters import Array
+from pidtsm_core.recording import Recording
+from pidtsm_core.signals import Signal
+from pidtsm_studies.article.claims import Run
+from pidtsm_studies.reports.figures import COLOURS, DASHES, decimated
+from pidtsm_studies.reports.labels import label
+
+_PARTS = 1000  # of the time axis of which a line keeps the extremes
+_LINE_WIDTH = 1.8  # pixels
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Something that is plotted over time.
+
+    Attributes:
+        name: in ids.
+        title: of the plot.
+        axis: label of the vertical axes, in plotly's markup.
+        values: of a run, shape (samples, joints).
+        signed: whether its size on a logarithmic axis is worth a look too.
+    """
+
+    name: str
+    title: str
+    axis: str
+    values: Callable[[Recording], Array]
+    signed: bool = False
+
+
+def _signal(signal: Signal) -> Callable[[Recording], Array]:
+    return lambda recording: recording.signals[:, signal]
+
+
+QUANTITIES = (
+    Quantity("tracking", "Tracking", "q (rad)", lambda recording: recording.position),
+    Quantity("error", "Tracking error", "e = q − q<sub>d</sub> (rad)", lambda recording: recording.error, signed=True),
+    Quantity("torque", "Applied torque", "τ (N m)", lambda recording: recording.effort),
+    Quantity("sliding", "Sliding variable s, in the unit of the law's surface", "s", _signal(Signal.SLIDING_VARIABLE)),
+    Quantity("manifold", "Manifold variable σ, in the unit of the law", "σ", _signal(Signal.MANIFOLD_VARIABLE)),
+    Quantity("gain", "Adaptive gain Υ, in the unit of σ a second", "Υ", _signal(Signal.ADAPTIVE_GAIN)),
+)
+"""Every quantity in the order of the plots."""
+
+
+def plot(quantity: Quantity, runs: Mapping[str, Run], styles: Mapping[str, int]) -> Any:
+    """A quantity of every run that has it, over time.
+
+    Args:
+        quantity: one of `QUANTITIES`.
+        runs: of one case by law, at least one.
+        styles: index of each law's style, as `labels.style_indices` gives them.
+
+    Returns:
+        Plotly's figure, or None where the quantity is zero in every run.
+    """
+    values = {law: quantity.values(recording) for law, (recording, _) in runs.items()}
+    shown = [law for law in runs if np.any(values[law])]  # A law without the quantity has zeros.
+    if not shown:
+        return None
+    first = next(iter(runs.values()))[0]
+    figure = make_subplots(rows=len(first.joints), cols=1, shared_xaxes=True, vertical_spacing=0.06)
+    for j in range(len(first.joints)):
+        if quantity.name == "tracking":
+            line = {"color": "#bdbdbd", "width": 5}
+            figure.add_trace(_trace(first.time, first.reference[:, 0, j], "reference", line, j == 0), j + 1, 1)
+    for law in shown:
+        line = line_style(colour(styles[law]), DASHES[styles[law] % len(DASHES)])
+        for j in range(len(first.joints)):
+            trace = _trace(runs[law][0].time, values[law][:, j], label(law), line, j == 0, law)
+            figure.add_trace(trace, j + 1, 1)
+    if first.event_time is not None:
+        figure.add_vline(first.event_time, line={"color": "#595959", "width": 1, "dash": "dot"})
+    set_style(figure, 120 + 190 * len(first.joints))
+    figure.update_xaxes(title_text="time (s)", row=len(first.joints), col=1)
+    for j, joint in enumerate(first.joints):
+        figure.update_yaxes(title_text=f"{escape(joint)}: {quantity.axis}", row=j + 1, col=1)
+    return figure
+
+
+def set_style(figure: Any, height: int) -> None:
+    """Give a figure the style of the reports.
+
+    Args:
+        figure: plotly's.
+        height: pixels.
+    """
+    figure.update_layout(
+        template="plotly_white",
+        height=height,
+        margin={"l": 70, "r": 12, "t": 30, "b": 45},
+        font={"color": "#1a1a1a", "size": 13},
+        hovermode="x unified",
+        legend={"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "itemdoubleclick": False},
+    )
+    figure.update_xaxes(hoverformat=".4g", showline=True, linecolor="#767676")
+    figure.update_yaxes(hoverformat=".5g", exponentformat="power", zerolinecolor="#d0d0d0")
+
+
+def line_style(colour: str, dashes: Any) -> dict[str, Any]:
+    """A line in plotly's words.
+
+    Args:
+        colour: as CSS has it.
+        dashes: matplotlib's, as in `figures.DASHES`.
+    """
+    dash = "solid" if dashes == "-" else ",".join(f"{_LINE_WIDTH * length:g}px" for length in dashes[1])
+    return {"color": colour, "dash": dash, "width": _LINE_WIDTH}
+
+
+def colour(style: int) -> str:
+    """The colour of the style with this index."""
+    return COLOURS[style % len(COLOURS)]
+
+
+def _trace(time: Array, values: Array, name: str, line: Mapping[str, Any], legend: bool, law: str = "") -> Any:
+    x, y = (part.astype(np.float32) for part in decimated(time, values, _PARTS))
+    return go.Scatter(
+        x=x, y=y, mode="lines", name=name, line=line, legendgroup=law or name, showlegend=legend, meta=law or None
+    )

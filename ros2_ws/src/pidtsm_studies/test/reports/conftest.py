@@ -1,0 +1,52 @@
+"""Runs with stand-ins for the article's laws, and the reports of them."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeAlias
+
+import pytest
+
+from pidtsm_core.recording import Recording
+from pidtsm_core.rollout import rollout
+from pidtsm_core.summary import summarize
+from pidtsm_studies.article.claims import Run, compare
+from pidtsm_studies.reports.labels import CASES
+from pidtsm_studies.reports.report import write_report
+
+RunOf: TypeAlias = Callable[[str, str], Run]
+
+GAINS = {"piddtsm": 3.0, "pidnftsm": 2.0, "dtsm": 1.0}  # of stand-ins
+NOTE = "DTSM with the printed kappa ends at 0.5 s <not a tag> & so on."
+FAILED = "the loop is not finite any more after 0.5 s"
+
+
+@pytest.fixture(scope="session")
+def run_of() -> RunOf:
+    """Two seconds of a case with the stand-in for a law."""
+
+    def run(case: str, law: str) -> Run:
+        result = rollout({"controller": {"law.k1": GAINS[law]}}, 2.0)
+        recording = Recording.of_rollout(result, case, law, 1.0 if case == "case2" else None)
+        return recording, summarize(recording)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def reproduction(run_of: RunOf) -> dict[tuple[str, str], Run | str]:
+    runs: dict[tuple[str, str], Run | str] = {(case, law): run_of(case, law) for case in CASES for law in GAINS}
+    return {**runs, ("case1", "dtsm_printed"): FAILED}
+
+
+@pytest.fixture(scope="session")
+def report(tmp_path_factory: pytest.TempPathFactory, reproduction: dict[tuple[str, str], Run | str]) -> Path:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(path, reproduction, compare(reproduction), [NOTE])
+    return path
+
+
+@pytest.fixture(scope="session")
+def single(tmp_path_factory: pytest.TempPathFactory, run_of: RunOf) -> Path:
+    path = tmp_path_factory.mktemp("single") / "report.html"
+    write_report(path, run_of("case1", "piddtsm"))
+    return path

@@ -1,0 +1,192 @@
+"""What a browser makes of the report: plots, boxes, animation, keyboard and width."""
+
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from devtools import CHROMIUM, Page, browser
+
+from pidtsm_core.recording import Recording
+from pidtsm_studies.article.claims import Run
+from pidtsm_studies.reports.labels import CASES
+from pidtsm_studies.reports.report import LINKS
+
+PLOTS = 6  # a case
+LAWS = 3
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with browser(tmp_path_factory.mktemp("browser") / "profile") as page:
+        yield page
+
+
+@pytest.fixture
+def opened(page: Page, report: Path) -> Page:
+    page.open(report)
+    return page
+
+
+def show_all_plots(page: Page) -> None:
+    """Scroll through the page as a reader does."""
+    for index in range(page.evaluate("document.querySelectorAll('.plot').length")):
+        plot = f"document.querySelectorAll('.plot')[{index}]"
+        page.evaluate(f"{plot}.scrollIntoView()")
+        page.wait(f"{plot}.querySelectorAll('.scatterlayer .trace').length > 0")
+
+
+def traces(page: Page, law: str) -> int:
+    """How many lines of a law are drawn, in all plots."""
+    return int(
+        page.evaluate(
+            "[...document.querySelectorAll('.plot')].flatMap(plot => plot._fullData || [])"
+            f".filter(trace => trace.meta === {law!r} && trace.visible === true).length"
+        )
+    )
+
+
+def lines(page: Page, plot: str) -> int:
+    return int(page.evaluate(f"document.querySelectorAll('#{plot} .scatterlayer .trace .js-line').length"))
+
+
+def arm(page: Page, part: str = "links") -> list[tuple[float, float]]:
+    points = page.evaluate(f"document.getElementById('arm-{part}').getAttribute('points')")
+    return [(float(x), float(y)) for x, y in (point.split(",") for point in points.split())]
+
+
+def test_a_browser_draws_everything_without_complaint_or_network(opened: Page, report: Path) -> None:
+    show_all_plots(opened)
+    assert opened.evaluate("document.querySelectorAll('.plot .main-svg').length") >= len(CASES) * PLOTS
+    assert traces(opened, "piddtsm") == len(CASES) * PLOTS * 2
+    assert opened.complaints == []
+    assert [url for url in opened.requests if not url.startswith(("data:", "blob:"))] == [report.as_uri()]
+    buttons = opened.evaluate("[...document.querySelectorAll('.modebar-btn')].map(button => button.dataset.title)")
+    assert "Reset axes" in buttons
+    assert not any("hare" in title or "loud" in title for title in buttons)
+
+
+def test_a_box_takes_its_law_out_of_every_plot(opened: Page) -> None:
+    opened.evaluate("document.getElementById('case1-tracking').scrollIntoView()")
+    opened.wait("document.querySelectorAll('#case1-tracking .scatterlayer .trace').length > 0")
+    before = lines(opened, "case1-tracking")
+    opened.click('input[name="law"][value="dtsm"]')
+    assert traces(opened, "dtsm") == 0
+    show_all_plots(opened)  # also in those that had not been drawn
+    assert traces(opened, "dtsm") == 0
+    assert traces(opened, "piddtsm") == len(CASES) * PLOTS * 2
+    assert lines(opened, "case1-tracking") == before - 2
+    opened.click('input[name="law"][value="dtsm"]')
+    assert traces(opened, "dtsm") == len(CASES) * PLOTS * 2
+
+
+def test_the_legend_and_the_boxes_say_the_same(opened: Page) -> None:
+    show_all_plots(opened)
+    toggles = "document.querySelectorAll('#case2-torque .legendtoggle')"
+    assert opened.evaluate(f"{toggles}.length") == LAWS
+    opened.evaluate(f"{toggles}[1].setAttribute('data-test', 'pidnftsm')")
+    opened.click('[data-test="pidnftsm"]')
+    opened.wait("!document.querySelector('input[value=\"pidnftsm\"]').checked")  # after its wait for a double click
+    assert traces(opened, "pidnftsm") == 0
+    assert traces(opened, "dtsm") > 0
+
+
+def test_the_error_is_shown_on_both_scales(opened: Page) -> None:
+    opened.click('input[data-log="case1-error"]')
+    layout = "document.getElementById('case1-error')._fullLayout"
+    opened.wait(f"{layout}?.yaxis2.type === 'log'")
+    smallest = "Math.min(...document.getElementById('case1-error')._fullData.flatMap(t => [...t.y]))"
+    assert opened.evaluate(smallest) >= 0.0
+    opened.click('input[data-log="case1-error"]')
+    opened.wait(f"{layout}.yaxis2.type === 'linear'")
+    assert opened.evaluate(smallest) < 0.0
+
+
+def test_the_slider_moves_the_arm_to_where_it_was(opened: Page, reproduction: dict[tuple[str, str], Run | str]) -> None:
+    recording = reproduction["case1", "piddtsm"][0]
+    assert isinstance(recording, Recording)
+    start = arm(opened)
+    opened.focus("#arm-time")
+    opened.key("End", 35)
+    opened.wait(f"Number(document.getElementById('arm-time').value) > {recording.time[-1] - 0.1}")
+    for part, angles in (("links", recording.position), ("reference", recording.reference[:, 0])):
+        sample = round(opened.evaluate("Number(document.getElementById('arm-time').value)") * 1000)
+        sums = np.cumsum(angles[sample])
+        tip = [np.dot(LINKS, np.cos(sums)), -np.dot(LINKS, np.sin(sums))]
+        np.testing.assert_allclose(arm(opened, part)[-1], tip, atol=2e-5)
+    assert arm(opened) != start
+    shown = opened.evaluate("document.getElementById('arm-error-0').value")
+    assert float(shown.removesuffix(" rad")) == pytest.approx(recording.error[sample, 0], rel=1e-2)
+    assert opened.evaluate("document.getElementById('arm-clock').value").startswith(f"{sample / 1000:.2f}")
+    opened.key("Home", 36)
+    opened.wait("document.getElementById('arm-time').value === '0'")
+    assert arm(opened) == start
+
+
+def test_play_and_pause_work_from_the_keyboard(opened: Page) -> None:
+    opened.focus("#arm-play")
+    opened.key(" ", 32, " ")
+    opened.wait("Number(document.getElementById('arm-time').value) > 0.2")
+    assert opened.evaluate("document.getElementById('arm-play').textContent") == "Pause"
+    opened.key(" ", 32, " ")
+    assert opened.evaluate("document.getElementById('arm-play').textContent") == "Play"
+    paused = arm(opened)
+    opened.evaluate("new Promise(resolve => setTimeout(resolve, 200))")
+    assert arm(opened) == paused
+    opened.evaluate("document.getElementById('arm-speed').value = '10'")
+    opened.key(" ", 32, " ")
+    opened.wait("document.getElementById('arm-play').textContent === 'Play'")  # it stops at the end
+    slider = "document.getElementById('arm-time')"
+    assert opened.evaluate(f"{slider}.value === {slider}.max")
+
+
+def test_case_and_law_of_the_arm_are_chosen(opened: Page) -> None:
+    opened.focus("#arm-time")
+    opened.key("PageUp", 33)
+    first = arm(opened)
+    assert not opened.evaluate("document.getElementById('arm-event').checkVisibility()")
+    opened.focus("#arm-law")
+    opened.key("ArrowDown", 40)
+    opened.wait("document.getElementById('arm-law').value === 'pidnftsm'")
+    assert arm(opened) != first
+    opened.focus("#arm-case")
+    opened.key("ArrowDown", 40)
+    opened.wait("document.getElementById('arm-event').checkVisibility()")
+    assert "1 s" in opened.evaluate("document.getElementById('arm-event').textContent")
+
+
+@pytest.mark.parametrize("width", [1200, 400])
+def test_the_page_is_as_wide_as_the_window(page: Page, report: Path, width: int) -> None:
+    page.open(report, width)
+    show_all_plots(page)
+    assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+    widest = page.evaluate("Math.max(...[...document.querySelectorAll('.plot svg')].map(s => s.clientWidth))")
+    assert 0.8 * width < widest <= width
+
+
+def test_a_single_run_works_alone(page: Page, single: Path) -> None:
+    page.open(single)
+    show_all_plots(page)
+    assert traces(page, "piddtsm") == PLOTS * 2
+    toggles = "document.querySelector('#case1-error .legendtoggle')"
+    page.evaluate(f"{toggles}.setAttribute('data-test', 'own')")
+    page.click('[data-test="own"]')
+    page.wait("document.querySelectorAll('#case1-error .scatterlayer .js-line').length === 0")
+    assert page.complaints == []
+    assert math.isclose(math.hypot(*arm(page)[1]), LINKS[0], abs_tol=1e-4)
+
+
+def test_text_is_dark_on_light(opened: Page) -> None:
+    script = """[...document.querySelectorAll('h1, h2, p, th, td, caption, small, label, a, dt, dd')]
+        .map(element => getComputedStyle(element).color)"""
+    for colour in set(opened.evaluate(script)):
+        red, green, blue = (int(part) / 255 for part in re.findall(r"\d+", colour)[:3])
+        luminance = sum(
+            weight * (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4)
+            for weight, part in ((0.2126, red), (0.7152, green), (0.0722, blue))
+        )
+        assert 1.05 / (luminance + 0.05) >= 4.5, colour
