@@ -18,25 +18,28 @@ Run: TypeAlias = tuple[Recording, Mapping[str, Any]]
 """A recording and its metrics, as `summary.summarize` gives them."""
 
 Reproduction: TypeAlias = Mapping[tuple[str, str], Run | str]
-"""Runs by (scenario, law); a run that did not come to its end is the sentence that tells why."""
+"""Runs by (scenario, law); in place of a run that did not come to its end stands the reason, a sentence."""
 
 ARTICLE_LAWS = ("piddtsm", "pidnftsm", "dtsm")
+"""In the article's order: the proposed law first."""
+
+_JOINTS = (0, 1)
+_NEARLY = 0.01  # share up to which values are nearly the same; the article gives none
 
 
 @dataclass(frozen=True)
 class Claim(ABC):
-    """Something that the article prints of one joint.
+    """Something that the article prints about one joint.
 
     Attributes:
-        quantity: with the definition that the project uses.
+        quantity: in words, with the definition that the project uses.
         case: scenario.
         laws: which laws it is about, the one judged first.
         joint: index, from 0.
         unit: of the metric, empty for a count.
-        metric: what it is about, see `measures.measure`.
+        metric: its name, see `measures.measure`.
         printed_in: where the article prints it.
-        reason: what may make the project's value another.
-        value: the article's number, or the sign of an `Order`.
+        reason: why the project's value may be another, a sentence or several.
     """
 
     quantity: str
@@ -47,18 +50,23 @@ class Claim(ABC):
     metric: str
     printed_in: str
     reason: str
-    value: float
 
     def compare(self, reproduction: Reproduction) -> "Comparison":
-        """The claim beside the project's runs."""
-        outcomes = [reproduction.get((self.case, law), "not run") for law in self.laws]
-        missing = [f"{label(law)}: {o}" for law, o in zip(self.laws, outcomes, strict=True) if isinstance(o, str)]
+        """The claim beside the project's runs.
+
+        Raises:
+            KeyError: a run has no such metric.
+        """
+        outcomes = {law: reproduction.get((self.case, law), "not run") for law in self.laws}
+        missing = [f"{label(law)}: {outcome}" for law, outcome in outcomes.items() if isinstance(outcome, str)]
         metric = measure(self.metric)
-        values = tuple(None if isinstance(o, str) else metric(o[0], o[1], self.joint) for o in outcomes)
-        known = [value for value in values if value is not None]
-        if len(known) == len(values):
-            return Comparison(self, values, *self.judge(known))
-        return Comparison(self, values, "; ".join(missing) or NOTHING, NOTHING, None)
+        values = tuple(
+            None if isinstance(outcome, str) else metric(*outcome, self.joint) for outcome in outcomes.values()
+        )
+        present = [value for value in values if value is not None]
+        if len(present) < len(values):
+            return Comparison(self, values, "; ".join(missing) or NOTHING, NOTHING, None)
+        return Comparison(self, values, *self.judge(present))
 
     @abstractmethod
     def printed(self) -> str:
@@ -66,9 +74,17 @@ class Claim(ABC):
 
     @abstractmethod
     def judge(self, values: Sequence[float]) -> tuple[str, str, bool | None]:
-        """The project's value and the deviation as a table shows them, and whether it holds; one value a law."""
+        """What becomes of the claim with the project's values.
+
+        Args:
+            values: one a law, in the order of `laws`.
+
+        Returns:
+            The project's value and its deviation, as a table shows them, and whether the claim holds.
+        """
 
     def with_unit(self, text: str) -> str:
+        """A value with the claim's unit, if it has one."""
         return f"{text} {self.unit}".rstrip()
 
 
@@ -93,8 +109,9 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Number(Claim):
-    """A value of one law."""
+    """A value of one law; `about` where the article does not print it exactly."""
 
+    value: float
     about: bool = False
 
     def printed(self) -> str:
@@ -110,6 +127,8 @@ class Number(Claim):
 class Decrease(Claim):
     """By how much the first law's value is below the second's, %."""
 
+    value: float
+
     def printed(self) -> str:
         return f"{self.value:g} % lower"
 
@@ -118,15 +137,18 @@ class Decrease(Claim):
         if not other > 0.0:
             return NOTHING, NOTHING, None
         decrease = 100.0 * (1.0 - own / other)
-        return f"{abs(decrease):.1f} % {'lower' if decrease >= 0.0 else 'higher'}", self._points(decrease), None
-
-    def _points(self, decrease: float) -> str:
-        return f"{decrease - self.value:+.1f} percentage points"
+        return (
+            f"{abs(decrease):.1f} % {'lower' if decrease >= 0.0 else 'higher'}",
+            f"{decrease - self.value:+.1f} percentage points",
+            None,
+        )
 
 
 @dataclass(frozen=True)
 class Limit(Claim):
     """What no law's value is above."""
+
+    value: float
 
     def printed(self) -> str:
         return f"at most {self.with_unit(value_text(self.value))}"
@@ -139,26 +161,28 @@ class Limit(Claim):
 
 @dataclass(frozen=True)
 class Order(Claim):
-    """How the first law compares with each of the others: the value is -1 for smaller, 1 for larger."""
+    """How the first law's value compares with each other's: the sign is -1 for smaller, 1 for larger."""
+
+    sign: int
 
     def printed(self) -> str:
         others = " and ".join(label(law) for law in self.laws[1:])
-        return f"{label(self.laws[0])} {'smaller' if self.value < 0 else 'larger'} than {others}"
+        return f"{label(self.laws[0])} {'smaller' if self.sign < 0 else 'larger'} than {others}"
 
     def judge(self, values: Sequence[float]) -> tuple[str, str, bool | None]:
-        holds = all(self.value * (values[0] - other) > 0.0 for other in values[1:])
+        holds = all(self.sign * (values[0] - other) > 0.0 for other in values[1:])
         return self.with_unit(_each(self.laws, values)), _verdict(holds), holds
 
 
 @dataclass(frozen=True)
 class Same(Claim):
-    """Values that are nearly the same: within 1 % of the first law's."""
+    """Values that are nearly the same: within a hundredth of the first law's."""
 
     def printed(self) -> str:
         return " and ".join(label(law) for law in self.laws) + " nearly the same"
 
     def judge(self, values: Sequence[float]) -> tuple[str, str, bool | None]:
-        holds = all(abs(value - values[0]) <= 0.01 * abs(values[0]) for value in values)
+        holds = all(abs(value - values[0]) <= _NEARLY * abs(values[0]) for value in values)
         return self.with_unit(_each(self.laws, values)), _verdict(holds), holds
 
 
@@ -170,40 +194,52 @@ def _verdict(holds: bool) -> str:
     return "as in the article" if holds else "not as in the article"
 
 
-_KINDS: Mapping[str, type[Claim]] = {
-    "number": Number,
-    "decrease": Decrease,
-    "limit": Limit,
-    "order": Order,
-    "same": Same,
-}
+def claim_of(entry: Mapping[str, Any], joint: int) -> Claim:
+    """What an entry of claims.yaml says about one joint.
+
+    Args:
+        entry: one of `PRINTED`'s claims.
+        joint: index, from 0.
+
+    Raises:
+        ValueError: there is no such kind of claim.
+        KeyError: something is missing.
+    """
+    common: dict[str, Any] = {
+        "quantity": entry["quantity"],
+        "case": entry["case"],
+        "laws": tuple(entry["laws"]),
+        "joint": joint,
+        "unit": entry.get("unit", ""),
+        "metric": entry["metric"],
+        "printed_in": entry["printed_in"],
+        "reason": PRINTED["reasons"][entry["reason"]],
+    }
+    match entry["kind"]:
+        case "number":
+            return Number(**common, value=entry["values"][joint], about=entry.get("about", False))
+        case "decrease":
+            return Decrease(**common, value=entry["values"][joint])
+        case "limit":
+            return Limit(**common, value=entry["values"][joint])
+        case "order":
+            return Order(**common, sign=entry["signs"][joint])
+        case "same":
+            return Same(**common)
+        case kind:
+            raise ValueError(f"claims.yaml: {entry['quantity']}: {kind} is no kind of claim")
 
 
-def _claims() -> Iterable[Claim]:
-    """What claims.yaml has, one of each joint."""
-    for entry in PRINTED["claims"]:
-        for joint, value in enumerate(entry.get("values") or entry.get("signs") or (0.0, 0.0)):
-            more = {"about": True} if entry.get("about") else {}
-            yield _KINDS[entry["kind"]](
-                quantity=entry["quantity"],
-                case=entry["case"],
-                laws=tuple(entry["laws"]),
-                joint=joint,
-                unit=entry.get("unit", ""),
-                metric=entry["metric"],
-                printed_in=entry["printed_in"],
-                reason=PRINTED["reasons"][entry["reason"]],
-                value=value,
-                **more,
-            )
-
-
-CLAIMS = tuple(_claims())
+CLAIMS = tuple(claim_of(entry, joint) for entry in PRINTED["claims"] for joint in _JOINTS)
 """Everything that the article prints about its evaluation, in its order."""
 
 
 def compare(reproduction: Reproduction) -> list[Comparison]:
-    """Everything that the article prints about its evaluation, beside the project's runs."""
+    """Every claim beside the project's runs, in the order of `CLAIMS`.
+
+    Raises:
+        KeyError: a run lacks a metric that a claim is about.
+    """
     return [claim.compare(reproduction) for claim in CLAIMS]
 
 
@@ -219,8 +255,28 @@ def markdown(comparisons: Iterable[Comparison]) -> str:
     return "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |\n" for line in lines)
 
 
+def as_json(comparison: Comparison) -> dict[str, Any]:
+    """A comparison in results.json; a value that does not exist, or is not finite, is null."""
+    claim = comparison.claim
+    return {
+        "what": claim.quantity,
+        "case": claim.case,
+        "laws": list(claim.laws),
+        "joint": claim.joint,
+        "article": claim.printed(),
+        "project": comparison.project,
+        "values": [value if value is not None and math.isfinite(value) else None for value in comparison.values],
+        "deviation": comparison.deviation,
+        "why": claim.reason,
+    }
+
+
 def printed_rmse(case: str) -> dict[str, list[float]]:
-    """RMSE of both joints (rad) by law, as far as the article has it: printed, or following from its percentages."""
+    """RMSE of both joints (rad) by law, as far as the article has it: printed, or following from its percentages.
+
+    Args:
+        case: scenario.
+    """
     rmse: dict[str, list[float]] = {}
     for claim in CLAIMS:
         if (claim.case, claim.metric) != (case, "rmse"):

@@ -12,17 +12,21 @@ from pidtsm_core.recording import Recording
 from pidtsm_studies.article.printed import PRINTED
 
 Measure: TypeAlias = Callable[[Recording, Mapping[str, Any], int], float | None]
-"""One number of one joint of a run: None where it does not exist, inf for a time that the run did not reach.
+"""One value of one joint of a run: None where it does not exist, inf for a time that the run did not reach.
 
 Arguments: the run, its metrics (`summary.summarize`), and the index of the joint.
 """
 
 _TIMES = ("settling_time", "recovery_time")
-"""Metrics of a run that may not come so far, or in which nothing happened to recover from."""
+"""Metrics that are None in a run that ends before, and absent from one without an event to recover from."""
 
 
 def measure(name: str) -> Measure:
-    """One of `MEASURES`, or the metric of that name."""
+    """What a claim's metric is in a run.
+
+    Args:
+        name: one of `MEASURES`, or a metric of `summary.summarize`; a run without that metric gives a KeyError.
+    """
     return MEASURES.get(name) or partial(_metric, name)
 
 
@@ -34,17 +38,19 @@ def _metric(name: str, recording: Recording, metrics: Mapping[str, Any], joint: 
 
 
 def _steady_state_time(recording: Recording, metrics: Mapping[str, Any], joint: int) -> float | None:
-    """From the first sample until |e| stays below the article's steady-state error, s."""
+    """Time from the first sample until |e| stays below the article's steady-state error, s."""
     above = np.flatnonzero(np.abs(recording.error[:, joint]) >= PRINTED["steady_state_error"][joint])
     first = above[-1] + 1 if above.size else 0
     return float(recording.time[first] - recording.time[0]) if first < recording.time.size else math.inf
 
 
 def _largest_torque(recording: Recording, metrics: Mapping[str, Any], joint: int) -> float | None:
+    """Largest |tau| of the run, N m."""
     return float(np.abs(recording.effort[:, joint]).max())
 
 
 def _largest_error_time(recording: Recording, metrics: Mapping[str, Any], joint: int) -> float | None:
+    """Time from the first sample until the largest |e| of the run, s."""
     return float(recording.time[np.abs(recording.error[:, joint]).argmax()] - recording.time[0])
 
 
@@ -72,6 +78,7 @@ def _error_after_event(recording: Recording, metrics: Mapping[str, Any], joint: 
 
 
 def _steady(recording: Recording) -> slice:
+    """Which samples count as the steady state."""
     return slice(int(recording.time.size * (1.0 - STEADY_SHARE)), None)
 
 
@@ -84,4 +91,4 @@ MEASURES: Mapping[str, Measure] = {
     "steady_torque": _steady_torque,
     "error_after_event": _error_after_event,
 }
-"""Beside the metrics of a run."""
+"""What the claims need beside the metrics of a run, by name."""

@@ -6,4 +6,4 @@ from typing import Any
 import yaml
 
 PRINTED: dict[str, Any] = yaml.safe_load((files(__package__) / "claims.yaml").read_text(encoding="utf-8"))
-"""The file's content."""
+"""The file's content: two values that the article prints beside its claims, the reasons by name, and the claims."""

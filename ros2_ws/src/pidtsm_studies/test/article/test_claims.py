@@ -1,5 +1,6 @@
 """The article's numbers beside made-up runs."""
 
+import json
 import math
 from dataclasses import replace
 from typing import Any
@@ -16,11 +17,14 @@ from pidtsm_studies.article.claims import (
     Comparison,
     Reproduction,
     Run,
+    as_json,
+    claim_of,
     compare,
     markdown,
     printed_rmse,
 )
-from pidtsm_studies.article.measures import measure
+from pidtsm_studies.article.measures import MEASURES, measure
+from pidtsm_studies.article.printed import PRINTED
 from pidtsm_studies.reports.labels import CASES, LABELS, NOTHING, style_indices
 
 
@@ -56,14 +60,14 @@ def reproduction() -> Reproduction:
     return {(case, law): made_up_run(case, law, scale) for case in CASES for law, scale in SCALES.items()}
 
 
-def one(rows: list[Comparison], case: str, joint: int, **attributes: Any) -> Comparison:
-    (row,) = (
-        row
-        for row in rows
-        if (row.claim.case, row.claim.joint) == (case, joint)
-        and all(getattr(row.claim, k) == v for k, v in attributes.items())
+def one(comparisons: list[Comparison], case: str, joint: int, **attributes: Any) -> Comparison:
+    (comparison,) = (
+        comparison
+        for comparison in comparisons
+        if (comparison.claim.case, comparison.claim.joint) == (case, joint)
+        and all(getattr(comparison.claim, k) == v for k, v in attributes.items())
     )
-    return row
+    return comparison
 
 
 def test_every_claim_has_a_source_and_a_reason() -> None:
@@ -75,15 +79,55 @@ def test_every_claim_has_a_source_and_a_reason() -> None:
         assert set(claim.laws) <= set(ARTICLE_LAWS)
 
 
-def test_claims_are_there_once() -> None:
-    rows = compare({})
-    assert (
-        len(
-            {(row.claim.quantity, row.claim.case, row.claim.laws, row.claim.joint, row.claim.printed()) for row in rows}
+def test_every_reason_is_one_of_a_claim() -> None:
+    assert set(PRINTED["reasons"].values()) == {claim.reason for claim in CLAIMS}
+
+
+def test_the_metric_of_every_claim_is_known_and_has_a_unit_unless_it_is_a_count(reproduction: Reproduction) -> None:
+    for claim in CLAIMS:
+        run = reproduction[claim.case, claim.laws[0]]
+        assert not isinstance(run, str)
+        assert claim.metric in {*MEASURES, *run[1]}, claim.quantity
+        assert (claim.unit == "") == (claim.metric == "torque_jumps"), claim.quantity
+
+
+def test_every_claim_is_there_once_for_each_joint() -> None:
+    places = [(type(c), c.quantity, c.case, c.laws, c.printed_in) for c in CLAIMS]
+    assert len(set(places)) == len(PRINTED["claims"])
+    for place in places:
+        assert [c.joint for c, other in zip(CLAIMS, places, strict=True) if other == place] == [0, 1]
+
+
+def test_an_entry_has_what_its_kind_needs_and_no_more() -> None:
+    common = {"quantity", "kind", "case", "laws", "metric", "unit", "printed_in", "reason"}
+    own = {"number": {"values", "about"}, "decrease": {"values"}, "limit": {"values"}, "order": {"signs"}}
+    laws = {"number": 1, "decrease": 2}
+    for entry in PRINTED["claims"]:
+        kind = entry["kind"]
+        known = common | own.get(kind, set())
+        assert known - {"unit", "about"} <= entry.keys() <= known, entry
+        assert len(entry["laws"]) == laws.get(kind, len(set(entry["laws"])))
+        assert len(entry.get("values", (0, 0))) == 2
+        assert set(entry.get("signs", (-1, 1))) <= {-1, 1}
+        assert len(entry.get("signs", (0, 0))) == 2
+
+
+def test_a_kind_that_is_none_is_refused() -> None:
+    entry = {**PRINTED["claims"][0], "kind": "rumour"}
+    with pytest.raises(ValueError, match=r"claims\.yaml: RMSE: rumour is no kind of claim"):
+        claim_of(entry, 0)
+
+
+def test_comparisons_are_plain_data_for_json(reproduction: Reproduction) -> None:
+    recording, metrics = made_up_run("case2", "piddtsm")
+    never = {**reproduction, ("case2", "piddtsm"): (recording, {**metrics, "recovery_time": [None, None]})}
+    for comparison in compare(never):
+        content = as_json(comparison)
+        assert json.loads(json.dumps(content, allow_nan=False)) == content
+        assert [value if value is None or math.isfinite(value) else None for value in comparison.values] == (
+            content["values"]
         )
-        == len(rows)
-        == len(CLAIMS)
-    )
+        assert content["why"] == comparison.claim.reason
 
 
 @pytest.mark.parametrize(
@@ -91,12 +135,12 @@ def test_claims_are_there_once() -> None:
     [("case1", 0, 0.03808), ("case1", 1, 0.00889), ("case2", 0, 0.03827), ("case2", 1, 0.00903)],
 )
 def test_numbers_have_the_relative_deviation(reproduction: Reproduction, case: str, joint: int, printed: float) -> None:
-    row = one(compare(reproduction), case, joint, quantity="RMSE", laws=("piddtsm",))
+    comparison = one(compare(reproduction), case, joint, quantity="RMSE", laws=("piddtsm",))
     rmse = reproduction[case, "piddtsm"][1]["rmse"][joint]  # type: ignore[index, call-overload]
-    assert row.claim.printed() == f"{printed} rad"
-    assert row.values == (rmse,)
-    assert row.deviation == f"{100 * (rmse / printed - 1):+.1f} %"
-    assert row.holds is None
+    assert comparison.claim.printed() == f"{printed} rad"
+    assert comparison.values == (rmse,)
+    assert comparison.deviation == f"{100 * (rmse / printed - 1):+.1f} %"
+    assert comparison.holds is None
 
 
 @pytest.mark.parametrize(
@@ -106,32 +150,32 @@ def test_numbers_have_the_relative_deviation(reproduction: Reproduction, case: s
 def test_percentages_are_below_the_other_law(
     reproduction: Reproduction, other: str, joint: int, printed: int, project: int
 ) -> None:
-    row = one(compare(reproduction), "case1", joint, quantity=f"RMSE against {other.upper()}")
-    assert row.claim.printed() == f"{printed} % lower"
-    assert row.project == f"{project}.0 % lower"
-    assert row.deviation == f"{project - printed:+.1f} percentage points"
+    comparison = one(compare(reproduction), "case1", joint, quantity=f"RMSE against {other.upper()}")
+    assert comparison.claim.printed() == f"{printed} % lower"
+    assert comparison.project == f"{project}.0 % lower"
+    assert comparison.deviation == f"{project - printed:+.1f} percentage points"
 
 
 def test_a_law_that_is_worse_than_another_is_said_to_be_higher(reproduction: Reproduction) -> None:
     worse = {**reproduction, ("case1", "pidnftsm"): made_up_run("case1", "pidnftsm", 0.5)}
-    row = one(compare(worse), "case1", 0, quantity="RMSE against PIDNFTSM")
-    assert (row.project, row.deviation) == ("100.0 % higher", "-125.0 percentage points")
+    comparison = one(compare(worse), "case1", 0, quantity="RMSE against PIDNFTSM")
+    assert (comparison.project, comparison.deviation) == ("100.0 % higher", "-125.0 percentage points")
 
 
 def test_statements_hold_or_not(reproduction: Reproduction) -> None:
-    rows = compare(reproduction)
-    assert one(rows, "case1", 0, quantity="RMSE", laws=ARTICLE_LAWS).holds is True
+    comparisons = compare(reproduction)
+    assert one(comparisons, "case1", 0, quantity="RMSE", laws=ARTICLE_LAWS).holds is True
     against_dtsm = {"quantity": "ECI, mean |torque|", "laws": ("piddtsm", "dtsm")}
-    assert one(rows, "case1", 0, **against_dtsm).holds is True
-    assert one(rows, "case1", 1, **against_dtsm).holds is False  # the article has it higher in joint 2
-    assert one(rows, "case2", 0, quantity="ECI, mean |torque|").holds is True
-    torque = one(rows, "case2", 0, laws=("piddtsm", "pidnftsm"), printed_in="section 4, Case 2, Figure 11")
+    assert one(comparisons, "case1", 0, **against_dtsm).holds is True
+    assert one(comparisons, "case1", 1, **against_dtsm).holds is False  # the article has it higher in joint 2
+    assert one(comparisons, "case2", 0, quantity="ECI, mean |torque|").holds is True
+    torque = one(comparisons, "case2", 0, laws=("piddtsm", "pidnftsm"), printed_in="section 4, Case 2, Figure 11")
     assert torque.holds is False  # 30 and 37.5 N m are not nearly the same
 
 
 def test_limits_are_those_of_the_largest_of_all_laws(reproduction: Reproduction) -> None:
-    row = one(compare(reproduction), "case1", 0, quantity="largest applied torque")
-    assert (row.claim.printed(), row.project, row.holds) == ("at most 100 N m", "at most 60 N m", True)
+    limit = one(compare(reproduction), "case1", 0, quantity="largest applied torque")
+    assert (limit.claim.printed(), limit.project, limit.holds) == ("at most 100 N m", "at most 60 N m", True)
     beyond = {**reproduction, ("case1", "dtsm"): made_up_run("case1", "dtsm", 4.0)}
     assert one(compare(beyond), "case1", 0, quantity="largest applied torque").holds is False
 
@@ -149,34 +193,33 @@ def test_a_time_that_was_not_reached_is_later_than_all_others(reproduction: Repr
     assert (own.project, own.deviation) == ("not within the run", NOTHING)
 
 
-def test_without_runs_every_row_says_so() -> None:
-    for row in compare({("case1", "dtsm"): "not finite after 0.5 s"}):
-        assert "not run" in row.project or row.project == "DTSM: not finite after 0.5 s"
-        assert row.deviation == NOTHING
-        assert row.holds is None
-        assert None in row.values
+def test_without_runs_every_comparison_says_so() -> None:
+    for comparison in compare({("case1", "dtsm"): "not finite after 0.5 s"}):
+        assert "not run" in comparison.project or comparison.project == "DTSM: not finite after 0.5 s"
+        assert comparison.deviation == NOTHING
+        assert comparison.holds is None
+        assert None in comparison.values
 
 
 def test_a_run_without_the_event_has_no_recovery(reproduction: Reproduction) -> None:
     run = made_up_run("case1", "piddtsm")
-    rows = compare({("case2", "piddtsm"): run})
     own = [
-        row
-        for row in rows
-        if row.claim.case == "case2" and row.claim.laws == ("piddtsm",) and "recovery" in row.claim.quantity
+        each
+        for each in compare({("case2", "piddtsm"): run})
+        if (each.claim.case, each.claim.laws) == ("case2", ("piddtsm",)) and "recovery" in each.claim.quantity
     ]
-    assert [(row.values, row.project) for row in own] == [((None,), NOTHING)] * 2
+    assert [(each.values, each.project) for each in own] == [((None,), NOTHING)] * 2
 
 
-def test_the_table_has_a_line_a_row(reproduction: Reproduction) -> None:
-    rows = compare(reproduction)
-    head, rule, *lines = markdown(rows).splitlines()
-    assert len(lines) == len(rows)
+def test_the_table_has_a_line_a_comparison(reproduction: Reproduction) -> None:
+    comparisons = compare(reproduction)
+    head, rule, *lines = markdown(comparisons).splitlines()
+    assert len(lines) == len(comparisons)
     for line in (head, rule, *lines):
         assert line.replace(r"\|", "").count("|") == 9  # 8 columns, whatever bars the texts have
-    for line, row in zip(lines, rows, strict=True):
-        assert row.project.replace("|", r"\|") in line
-        assert row.claim.reason.replace("|", r"\|") in line
+    for line, comparison in zip(lines, comparisons, strict=True):
+        assert comparison.project.replace("|", r"\|") in line
+        assert comparison.claim.reason.replace("|", r"\|") in line
 
 
 def test_the_articles_rmse_of_other_laws_follows_from_its_percentages() -> None:

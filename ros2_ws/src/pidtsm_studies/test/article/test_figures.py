@@ -41,7 +41,7 @@ def drawings(reproduction: dict[tuple[str, str], Run | str], case: str) -> dict[
 def test_all_ten_are_written_as_png_and_svg(tmp_path: Path, reproduction: dict[tuple[str, str], Run | str]) -> None:
     written = article_figures.write_article_figures(reproduction, tmp_path)
     assert [path.name for path in written] == [
-        f"figure{number:02}.{suffix}" for number in range(3, 13) for suffix in ("png", "svg")
+        f"figure{figure:02}.{suffix}" for figure in range(3, 13) for suffix in ("png", "svg")
     ]
     assert all(path.stat().st_size > 5000 for path in written)
 
@@ -53,8 +53,8 @@ def test_lines_are_of_all_laws_each_in_its_colour(reproduction: dict[tuple[str, 
         assert len(figures[name].axes) == 4
         for ax in figures[name].axes:
             colours = {line.get_label(): to_hex(line.get_color()).upper() for line in ax.lines}
-            for number, law in enumerate(ARTICLE_LAWS):
-                assert colours[LABELS[law]] == COLOURS[number].upper()
+            for style, law in enumerate(ARTICLE_LAWS):
+                assert colours[LABELS[law]] == COLOURS[style].upper()
         (legend,) = (ax.get_legend() for ax in figures[name].axes if ax.get_legend())
         expected = [LABELS[law] for law in ARTICLE_LAWS]
         expected = ["reference", *expected] if name == "tracking" else expected
@@ -98,6 +98,6 @@ def test_axes_have_units(reproduction: dict[tuple[str, str], Run | str]) -> None
 def test_a_law_that_did_not_run_is_left_out(tmp_path: Path, reproduction: dict[tuple[str, str], Run | str]) -> None:
     some = {key: run if key == ("case1", "dtsm") else "not finite after 1 s" for key, run in reproduction.items()}
     written = article_figures.write_article_figures(some, tmp_path)
-    assert [path.stem for path in written if path.suffix == ".svg"] == [f"figure{number:02}" for number in range(3, 8)]
+    assert [path.stem for path in written if path.suffix == ".svg"] == [f"figure{figure:02}" for figure in range(3, 8)]
     assert "PIDDTSM" not in (tmp_path / "figure03.svg").read_text()
     assert not article_figures.write_article_figures({}, tmp_path / "none")
