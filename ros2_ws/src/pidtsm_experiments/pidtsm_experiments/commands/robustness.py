@@ -10,21 +10,14 @@ from rich.table import Table
 
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar
 from pidtsm_experiments.runs.results import result_folder
+from pidtsm_studies.robustness.contenders import CONTENDERS, OBSERVER
 from pidtsm_studies.robustness.figures import write_robustness_figures
+from pidtsm_studies.robustness.imperfections import IMPERFECTIONS
 from pidtsm_studies.robustness.report import write_robustness_report
-from pidtsm_studies.robustness.study import (
-    CONTENDERS,
-    FULL,
-    IMPERFECTIONS,
-    OBSERVER,
-    QUICK,
-    ROWS,
-    Robustness,
-    as_json,
-    measure,
-    measured_text,
-    tolerance,
-)
+from pidtsm_studies.robustness.requirements import REQUIREMENTS
+from pidtsm_studies.robustness.results import FULL, QUICK, Robustness, as_json
+from pidtsm_studies.robustness.study import measure
+from pidtsm_studies.robustness.wording import measured_text, tolerance_text
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,27 +48,27 @@ def execute(options: argparse.Namespace) -> int:
         print(text)
         return 0
     console = Console()
-    console.print(_rows(robustness))
+    console.print(_requirements(robustness))
     console.print(_tolerance(robustness))
     CONSOLE.print(f"{options.out}: report.html robustness.json figures/", highlight=False)
     return 0
 
 
-def _rows(robustness: Robustness) -> Table:
+def _requirements(robustness: Robustness) -> Table:
     effort = robustness.effort
     title = (
-        f"imperfect hardware: practical set within its limits in {robustness.met()} of {len(ROWS)} rows "
+        f"imperfect hardware: practical set within its limits in {robustness.met()} of {len(REQUIREMENTS)} rows "
         f"({effort.duration:g} s, {effort.seeds} seeds)"
     )
     table = _table(title, "hardware", "set", "RMSE", "ECI", "error (rad)", "variation (N m)", "success")
-    for row, judged in zip(ROWS, robustness.rows, strict=True):
-        for name, each in judged.items():
-            met = each.met(row)
+    for requirement, by_contender in zip(REQUIREMENTS, robustness.achievements, strict=True):
+        for name, each in by_contender.items():
+            kept = each.kept(requirement)
             cells = (
-                f"{measured_text(value)}{'' if met[quantity] else ' [bold red]✗[/]'}"
+                f"{measured_text(value)}{'' if kept[quantity] else ' [bold red]✗[/]'}"
                 for quantity, value in each.values.items()
             )
-            head = row.label if name == OBSERVER.name else ""
+            head = requirement.label if name == OBSERVER.name else ""
             table.add_row(head, name, *cells, f"{100.0 * each.success:.0f} %")
     return table
 
@@ -85,7 +78,7 @@ def _tolerance(robustness: Robustness) -> Table:
     table = _table("tolerated: up to here every run succeeded", "", *names)
     for each in IMPERFECTIONS:
         head = f"{each.name}\n[dim]{each.unit}[/]" if each.unit else each.name
-        table.add_row(head, *(tolerance(robustness, each, contender.name) for contender in CONTENDERS))
+        table.add_row(head, *(tolerance_text(robustness, each, contender.name) for contender in CONTENDERS))
     return table
 
 

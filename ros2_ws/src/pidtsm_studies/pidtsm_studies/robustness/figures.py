@@ -1,4 +1,4 @@
-"""Figures of `robustness`: one for each imperfection, as PNG and SVG."""
+"""Figures of the study: one for each imperfection, as PNG and SVG."""
 
 from functools import partial
 from pathlib import Path
@@ -9,17 +9,9 @@ from matplotlib.figure import Figure
 
 from pidtsm_core.parameters import Array
 from pidtsm_studies.reports.figures import COLOURS, DASHES, panels, save_figures
-from pidtsm_studies.robustness.study import (
-    CONTENDERS,
-    ESTIMATORS,
-    IMPERFECTIONS,
-    LABELS,
-    LAWS,
-    Curve,
-    Imperfection,
-    Robustness,
-    combined,
-)
+from pidtsm_studies.robustness.contenders import ESTIMATORS, LABELS, LAWS
+from pidtsm_studies.robustness.imperfections import IMPERFECTIONS, Imperfection
+from pidtsm_studies.robustness.results import Curve, Robustness, combined
 
 PANELS = {
     "success": "success rate",
@@ -33,23 +25,36 @@ LOGARITHMIC = ("rmse", "torque_variation")
 # One more than there are in `figures`, where it marks saturation, which no curve shows.
 _COLOURS = (*COLOURS, "#D55E00")
 _DASHES = (*DASHES, (0, (5, 1, 1, 1, 1, 1)))
-STYLES = {c.name: (_COLOURS[n], _DASHES[n]) for n, c in enumerate(CONTENDERS)}
+STYLES = dict(zip(LABELS, zip(_COLOURS, _DASHES, strict=True), strict=True))
 """Colour and dashes of each contender."""
 
 
 def write_robustness_figures(robustness: Robustness, directory: Path) -> list[Path]:
-    """Write a figure for each imperfection; returns the files."""
+    """Write a figure for each imperfection.
+
+    Args:
+        robustness: the results.
+        directory: where to; made if it is not there.
+
+    Returns:
+        The files.
+    """
     drawings = {each.name: partial(_figure, robustness, each) for each in IMPERFECTIONS}
     return save_figures(drawings, directory)
 
 
-def shown(curve: Curve, panel: str) -> tuple[Array, Array, Array]:
-    """Low edge of the band, curve and high edge of a panel, each of shape (values,); nan where there is nothing."""
+def band(curve: Curve, panel: str) -> tuple[Array, Array, Array]:
+    """Low edge of the band, curve and high edge, each of shape (values,); nan where there is nothing.
+
+    Args:
+        curve: of a contender.
+        panel: one of `PANELS`.
+    """
     if panel == "success":
         low, high = curve.interval
         return low, curve.success, high
-    band = combined(panel, curve.metrics[panel])
-    low, middle, high = np.where(np.isfinite(band), band, np.nan)
+    percentiles = combined(panel, curve.metrics[panel])
+    low, middle, high = np.where(np.isfinite(percentiles), percentiles, np.nan)
     return low, middle, high
 
 
@@ -62,7 +67,7 @@ def _figure(robustness: Robustness, imperfection: Imperfection) -> Figure:
         row[1].sharey(row[0])
         for ax, contenders in zip(row, (ESTIMATORS, LAWS), strict=True):
             for contender in contenders:
-                _draw(ax, values, shown(curves[contender], panel), contender)
+                _draw(ax, values, band(curves[contender], panel), contender)
             if panel in LOGARITHMIC:
                 ax.set_yscale("log", nonpositive="mask")
         row[0].set_ylabel(name)

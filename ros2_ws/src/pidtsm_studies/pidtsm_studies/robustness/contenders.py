@@ -1,0 +1,71 @@
+"""The controllers that are tried."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pidtsm_core.experiment import ARTICLE, PRACTICAL, Settings, make_experiment
+from pidtsm_studies.reports.labels import label
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A controller that is tried.
+
+    Attributes:
+        name: in results.
+        label: in tables and figures.
+        law: name of the law.
+        params: parameter sets, as of `make_experiment`.
+        overrides: ``NODE.PARAMETER=VALUE``.
+    """
+
+    name: str
+    label: str
+    law: str
+    params: tuple[str, ...] = ()
+    overrides: tuple[str, ...] = ()
+
+    @property
+    def heading(self) -> str:
+        """Its name in words, for where there is little room."""
+        return self.name.replace("_", " ")
+
+    def settings(self, scenario: str, overrides: Sequence[str] = ()) -> Settings:
+        """Parameters of a run in this scenario.
+
+        Args:
+            scenario: name.
+            overrides: ``NODE.PARAMETER=VALUE``, beside the contender's own.
+
+        Raises:
+            UsageError: no such scenario, or no such parameter; see `make_experiment`.
+        """
+        every = (*self.overrides, *overrides)
+        return make_experiment(scenario, self.law, None, self.params, every).without_node_parameters().settings
+
+
+OBSERVER = Contender("practical", "PIDDTSM, practical: observer", "piddtsm", (PRACTICAL,))
+FILTERED = Contender("article", "PIDDTSM, article: filtered difference", "piddtsm", (ARTICLE,))
+DIFFERENTIATOR = Contender(
+    "levant",
+    "PIDDTSM, article: robust differentiator",
+    "piddtsm",
+    (ARTICLE,),
+    ("controller.estimator.name=robust_differentiator",),
+)
+CONTENDERS = (
+    OBSERVER,
+    FILTERED,
+    DIFFERENTIATOR,
+    *(Contender(law, label(law), law, (ARTICLE,)) for law in ("pidnftsm", "dtsm")),
+    *(Contender(law, label(law), law) for law in ("pid", "computed_torque", "super_twisting")),
+)
+"""In the order of legends. All but the observer's and the differentiator's use filtered differences, as the article."""
+ESTIMATORS = tuple(c.name for c in (OBSERVER, FILTERED, DIFFERENTIATOR))
+"""Names of the proposed law with each estimator."""
+LAWS = tuple(c.name for c in CONTENDERS if c not in (FILTERED, DIFFERENTIATOR))
+"""Names of the proposed law, the comparators and the baselines."""
+LABELS = {c.name: c.label for c in CONTENDERS}
+"""Labels by name."""
+FOR_REQUIREMENTS = (OBSERVER, FILTERED)
+"""Which are measured against the requirements: the set for real hardware, and the article's own."""

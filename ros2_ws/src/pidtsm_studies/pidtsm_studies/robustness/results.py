@@ -1,0 +1,183 @@
+"""What the study finds: a curve of each contender over each imperfection, and what it achieves of each requirement."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from pidtsm_core.parameters import Array
+from pidtsm_studies.robustness.contenders import CONTENDERS, OBSERVER
+from pidtsm_studies.robustness.imperfections import CASE, IMPERFECTIONS, Imperfection
+from pidtsm_studies.robustness.requirements import REQUIREMENTS, Requirement
+
+LATE = 10.0
+"""From when on a run is judged, s: the transient is over."""
+TRACKING = 0.02
+"""A run whose error reaches this after `LATE` has failed, rad."""
+METRICS = ("rmse", "eci", "torque_variation", "late_error")
+"""What curves show; `late_error` is the largest |e| after `LATE`, the others are those of `pidtsm_core.metrics`."""
+BAND = (5.0, 50.0, 95.0)
+"""Percentiles over the seeds: the band of a curve and, in between, the curve."""
+CONFIDENCE = 0.95
+"""Of the interval of a success rate (Wilson's)."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is run.
+
+    Attributes:
+        seeds: for each value where something is random; elsewhere one run says as much.
+        values: of each imperfection: how many, spread over all.
+        duration: of each run, s; longer than `LATE`.
+    """
+
+    seeds: int
+    values: int
+    duration: float
+
+
+FULL = Effort(seeds=20, values=20, duration=30.0)
+QUICK = Effort(seeds=2, values=2, duration=11.0)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A contender against an imperfection.
+
+    Attributes:
+        success: share of the runs whose error stays below `TRACKING` and whose torque is off its limits after `LATE`;
+            shape (values,).
+        interval: of that share, low and high, shape (2, values); nan where nothing is random.
+        metrics: those of `METRICS`, percentiles `BAND` over the seeds, shape (3, values, joints); inf where a run
+            left the finite numbers.
+    """
+
+    success: Array
+    interval: Array
+    metrics: Mapping[str, Array]
+
+    @property
+    def tolerated(self) -> int:
+        """Number of values, from the mildest on, at which every run succeeded."""
+        failed = np.flatnonzero(self.success < 1.0)
+        return int(failed[0]) if failed.size else self.success.size
+
+
+@dataclass(frozen=True)
+class Achievement:
+    """What a contender achieves of a requirement.
+
+    Attributes:
+        values: measured, by quantity; inf where a run left the finite numbers.
+        success: share of the runs that succeeded.
+    """
+
+    values: Mapping[str, float]
+    success: float
+
+    def kept(self, requirement: Requirement) -> dict[str, bool]:
+        """Whether each limit is kept, by quantity."""
+        return {quantity: self.values[quantity] <= limit for quantity, limit in requirement.limits.items()}
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """The result of the study.
+
+    Attributes:
+        effort: how much was run.
+        runs: their number.
+        diverged: number of runs that left the finite numbers; they count as failed.
+        values: of each imperfection.
+        curves: by imperfection and contender.
+        achievements: by contender, one for each of `REQUIREMENTS` in their order.
+    """
+
+    effort: Effort
+    runs: int
+    diverged: int
+    values: Mapping[str, tuple[float, ...]]
+    curves: Mapping[str, Mapping[str, Curve]]
+    achievements: Sequence[Mapping[str, Achievement]]
+
+    def met(self) -> int:
+        """How many requirements the practical set meets in full."""
+        pairs = zip(REQUIREMENTS, self.achievements, strict=True)
+        return sum(all(by_contender[OBSERVER.name].kept(each).values()) for each, by_contender in pairs)
+
+
+def combined(metric: str, values: Array) -> Array:
+    """Both joints in one number for figures: root of the sum of squares, sum, or the larger.
+
+    Args:
+        metric: one of `METRICS`.
+        values: shape (..., joints).
+
+    Returns:
+        Shape (...).
+    """
+    if metric == "rmse":
+        return np.asarray(np.sqrt(np.sum(values**2, axis=-1)))
+    return np.asarray(np.max(values, axis=-1) if metric == "late_error" else np.sum(values, axis=-1))
+
+
+def as_json(robustness: Robustness) -> dict[str, Any]:
+    """The content of robustness.json; what does not exist, or is not finite, is null."""
+    return {
+        "effort": asdict(robustness.effort),
+        "runs": robustness.runs,
+        "diverged": robustness.diverged,
+        "success": {"after": LATE, "error": TRACKING, "confidence": CONFIDENCE},
+        "percentiles": list(BAND),
+        "contenders": {c.name: {"label": c.label, "settings": c.settings(CASE)["controller"]} for c in CONTENDERS},
+        "rows": [
+            _requirement_json(each, by_contender)
+            for each, by_contender in zip(REQUIREMENTS, robustness.achievements, strict=True)
+        ],
+        "imperfections": {each.name: _imperfection_json(each, robustness) for each in IMPERFECTIONS},
+    }
+
+
+def _requirement_json(requirement: Requirement, by_contender: Mapping[str, Achievement]) -> dict[str, Any]:
+    return {
+        "row": requirement.label,
+        "scenarios": [{"scenario": scenario, "set": list(overrides)} for scenario, overrides in requirement.runs],
+        "limits": {quantity: _finite_or_none(limit) for quantity, limit in requirement.limits.items()},
+        "contenders": {
+            name: {
+                "values": {quantity: _finite_or_none(value) for quantity, value in each.values.items()},
+                "success": each.success,
+                "met": each.kept(requirement),
+            }
+            for name, each in by_contender.items()
+        },
+    }
+
+
+def _imperfection_json(imperfection: Imperfection, robustness: Robustness) -> dict[str, Any]:
+    return {
+        "label": imperfection.label,
+        "parameters": list(imperfection.parameters),
+        "beside": dict(imperfection.fixed),
+        "values": list(robustness.values[imperfection.name]),
+        "seeds": robustness.effort.seeds if imperfection.random else 1,
+        "contenders": {
+            name: {
+                "tolerated": curve.tolerated,
+                "success": _finite_or_none(curve.success),
+                "interval": _finite_or_none(curve.interval),
+                "metrics": {metric: _finite_or_none(table) for metric, table in curve.metrics.items()},
+            }
+            for name, curve in robustness.curves[imperfection.name].items()
+        },
+    }
+
+
+def _finite_or_none(values: float | Array) -> Any:
+    """For JSON: lists of numbers, None where one is not finite."""
+    array = np.asarray(values, dtype=np.float64)
+    table: Any = array.astype(object)
+    table[~np.isfinite(array)] = None
+    return table.tolist()

@@ -1,0 +1,76 @@
+"""The page of the robustness study: all of it is there, and a browser draws it."""
+
+import re
+from pathlib import Path
+
+import pytest
+from devtools import CHROMIUM, browser
+
+from pidtsm_studies.robustness.contenders import CONTENDERS
+from pidtsm_studies.robustness.imperfections import IMPERFECTIONS
+from pidtsm_studies.robustness.report import write_robustness_report
+from pidtsm_studies.robustness.requirements import REQUIREMENTS
+from pidtsm_studies.robustness.results import Robustness
+from pidtsm_studies.robustness.wording import measured_text, tolerance_text
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory, quick: Robustness) -> Path:
+    path = tmp_path_factory.mktemp("robustness") / "report.html"
+    write_robustness_report(path, quick)
+    return path
+
+
+def test_it_shows_all_and_asks_for_nothing_outside(report: Path, quick: Robustness) -> None:
+    page = report.read_text(encoding="utf-8")
+    assert re.findall(r'<h2 id="(\w+)"', page) == ["rows", "tolerance", "curves", "method"]
+    assert re.findall(r'class="plot" id="(\w+)"', page) == [imperfection.name for imperfection in IMPERFECTIONS]
+    assert re.findall(r'name="law" value="(\w+)"', page) == [contender.name for contender in CONTENDERS]
+    assert "default-src 'none'" in page
+    for requirement in REQUIREMENTS:
+        assert requirement.label in page
+
+
+def test_tables_have_every_value_and_verdict(report: Path, quick: Robustness) -> None:
+    sections = report.read_text(encoding="utf-8").partition('<h2 id="rows">')[2]
+    requirements, _, rest = sections.partition('<h2 id="tolerance">')
+    verdicts = [
+        kept
+        for requirement, by_contender in zip(REQUIREMENTS, quick.achievements, strict=True)
+        for achievement in by_contender.values()
+        for quantity, kept in achievement.kept(requirement).items()
+        if requirement.limits[quantity] != float("inf")
+    ]
+    assert re.findall(r'<td class="(\w+)">', requirements) == ["holds" if kept else "fails" for kept in verdicts]
+    for by_contender in quick.achievements:
+        for achievement in by_contender.values():
+            assert all(f">{measured_text(value)}" in requirements for value in achievement.values.values())
+    cells = re.findall(r"<td>([^<]*)</td>", rest.partition("</table>")[0])
+    tolerated = [tolerance_text(quick, each, contender.name) for each in IMPERFECTIONS for contender in CONTENDERS]
+    assert [cell for cell in cells if " to " not in cell] == tolerated
+
+
+def test_the_same_results_give_the_same_file(tmp_path: Path, report: Path, quick: Robustness) -> None:
+    write_robustness_report(tmp_path / "again.html", quick)
+    assert (tmp_path / "again.html").read_bytes() == report.read_bytes()
+
+
+def test_what_diverged_is_counted(tmp_path: Path, with_failures: Robustness) -> None:
+    write_robustness_report(tmp_path / "report.html", with_failures)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"has failed, and has no such values: 1 of {with_failures.runs} runs." in page
+    assert "The practical set is within its limits in 0 of 6 rows" in page
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
+def test_a_browser_draws_every_curve(tmp_path: Path, report: Path) -> None:
+    with browser(tmp_path / "profile") as page:
+        page.open(report)
+        for imperfection in IMPERFECTIONS:
+            page.evaluate(f"document.getElementById('{imperfection.name}').scrollIntoView()")
+            page.wait(f"document.querySelectorAll('#{imperfection.name} .scatterlayer .trace .js-line').length > 0")
+        page.click('input[name="law"][value="dtsm"]')
+        shown = "document.getElementById('noise')._fullData.filter(t => t.meta === '{}' && t.visible === true).length"
+        assert page.evaluate(shown.format("dtsm")) == 0
+        assert page.evaluate(shown.format("pid")) == 8  # a band and a line in each panel
+        assert page.complaints == []
