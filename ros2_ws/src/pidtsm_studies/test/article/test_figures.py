@@ -95,9 +95,12 @@ def test_axes_have_units(reproduction: dict[tuple[str, str], Run | str]) -> None
                 assert ax.get_xlabel() in ("", "time (s)")
 
 
-def test_a_law_that_did_not_run_is_left_out(tmp_path: Path, reproduction: dict[tuple[str, str], Run | str]) -> None:
+def test_a_law_that_did_not_run_is_left_out(
+    tmp_path: Path, reproduction: dict[tuple[str, str], Run | str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(article_figures, "FIGURES", article_figures.FIGURES[:1])
     some = {key: run if key == ("case1", "dtsm") else "not finite after 1 s" for key, run in reproduction.items()}
     written = article_figures.write_article_figures(some, tmp_path)
-    assert [path.stem for path in written if path.suffix == ".svg"] == [f"figure{figure:02}" for figure in range(3, 8)]
+    assert [path.stem for path in written if path.suffix == ".svg"] == ["figure03"]
     assert "PIDDTSM" not in (tmp_path / "figure03.svg").read_text()
     assert not article_figures.write_article_figures({}, tmp_path / "none")

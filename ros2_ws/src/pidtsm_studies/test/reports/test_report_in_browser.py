@@ -2,12 +2,11 @@
 
 import math
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from devtools import CHROMIUM, Page, browser
+from devtools import CHROMIUM, Page
 
 from pidtsm_core.recording import Recording
 from pidtsm_studies.article.claims import Run
@@ -18,12 +17,6 @@ PLOTS = 6  # a case
 LAWS = 3
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with browser(tmp_path_factory.mktemp("browser") / "profile") as page:
-        yield page
 
 
 @pytest.fixture

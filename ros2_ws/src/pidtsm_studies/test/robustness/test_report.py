@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from devtools import CHROMIUM, browser
+from devtools import CHROMIUM, Page
 
 from pidtsm_studies.robustness.contenders import CONTENDERS
 from pidtsm_studies.robustness.imperfections import IMPERFECTIONS
@@ -63,14 +63,13 @@ def test_what_diverged_is_counted(tmp_path: Path, with_failures: Robustness) -> 
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
-def test_a_browser_draws_every_curve(tmp_path: Path, report: Path) -> None:
-    with browser(tmp_path / "profile") as page:
-        page.open(report)
-        for imperfection in IMPERFECTIONS:
-            page.evaluate(f"document.getElementById('{imperfection.name}').scrollIntoView()")
-            page.wait(f"document.querySelectorAll('#{imperfection.name} .scatterlayer .trace .js-line').length > 0")
-        page.click('input[name="law"][value="dtsm"]')
-        shown = "document.getElementById('noise')._fullData.filter(t => t.meta === '{}' && t.visible === true).length"
-        assert page.evaluate(shown.format("dtsm")) == 0
-        assert page.evaluate(shown.format("pid")) == 8  # a band and a line in each panel
-        assert page.complaints == []
+def test_a_browser_draws_every_curve(page: Page, report: Path) -> None:
+    page.open(report)
+    for imperfection in IMPERFECTIONS:
+        page.evaluate(f"document.getElementById('{imperfection.name}').scrollIntoView()")
+        page.wait(f"document.querySelectorAll('#{imperfection.name} .scatterlayer .trace .js-line').length > 0")
+    page.click('input[name="law"][value="dtsm"]')
+    shown = "document.getElementById('noise')._fullData.filter(t => t.meta === '{}' && t.visible === true).length"
+    assert page.evaluate(shown.format("dtsm")) == 0
+    assert page.evaluate(shown.format("pid")) == 8  # a band and a line in each panel
+    assert page.complaints == []

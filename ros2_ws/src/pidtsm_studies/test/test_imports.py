@@ -1,0 +1,34 @@
+"""The studies need no ROS and no nodes: they are computed from arrays, with pidtsm_core and libraries alone."""
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+import pidtsm_core
+import pidtsm_studies
+
+PACKAGES = [Path(package.__path__[0]) for package in (pidtsm_core, pidtsm_studies)]
+FILES = [file for package in PACKAGES for file in sorted(package.rglob("*.py"))]
+LIBRARIES = {"jinja2", "joblib", "matplotlib", "numba", "numpy", "plotly", "scipy", "yaml"}
+
+
+def imported(file: Path) -> set[str]:
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names.add(node.module)
+    return {name.partition(".")[0] for name in names} - sys.stdlib_module_names
+
+
+def test_both_packages_are_found() -> None:
+    assert {file.name for file in FILES} >= {"rollout.py", "claims.py", "study.py", "page.py"}
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: "/".join(file.parts[-2:]))
+def test_only_the_core_and_libraries_are_imported(file: Path) -> None:
+    of_pidtsm = {"pidtsm_core", "pidtsm_studies"} if PACKAGES[1] in file.parents else {"pidtsm_core"}
+    assert imported(file) <= of_pidtsm | LIBRARIES
