@@ -12,6 +12,7 @@ SOURCE = Path(__file__).resolve().parents[1] / "ros2_ws" / "src"
 PACKAGES = sorted(file.parent for file in SOURCE.glob("*/package.xml"))
 ROSDEP_KEYS = {
     "hypothesis": "python3-hypothesis",
+    "jinja2": "python3-jinja2",
     "joblib": "python3-joblib",
     "matplotlib": "python3-matplotlib",
     "numba": "python3-numba",

@@ -13,11 +13,16 @@ from pidtsm_core.rollout import Rollout, rollout
 from pidtsm_core.signals import Signal
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.runs.runner import run
-from pidtsm_studies.robustness.study import FULL, LATE, ROWS, Row
+from pidtsm_studies.robustness.requirements import REQUIREMENTS, Requirement
+from pidtsm_studies.robustness.results import FULL, LATE
 
 EACH = pytest.mark.parametrize(
-    ("row", "scenario", "overrides"),
-    [pytest.param(row, *run, id=" ".join((run[0], *run[1]))) for row in ROWS for run in row.runs],
+    ("requirement", "scenario", "overrides"),
+    [
+        pytest.param(requirement, *run, id=" ".join((run[0], *run[1])))
+        for requirement in REQUIREMENTS
+        for run in requirement.runs
+    ],
 )
 
 
@@ -46,29 +51,31 @@ def test_with_ideal_sensors_it_tracks_as_the_article_does(ideal: dict[str, Array
 
 @EACH
 def test_with_real_sensors_and_drives_it_stays_within_its_limits(
-    ideal: dict[str, Array], row: Row, scenario: str, overrides: tuple[str, ...]
+    ideal: dict[str, Array], requirement: Requirement, scenario: str, overrides: tuple[str, ...]
 ) -> None:
     found, worst = [], 0.0
-    for seed in range(FULL.seeds if row.random else 1):
+    for seed in range(FULL.seeds if requirement.random else 1):
         result = roll(scenario, (*overrides, f"simulator.seed={seed}"))
         found.append(judged(result))
         worst = max(worst, np.abs(error(result)[result.time >= LATE]).max())
         assert not result.signals[1000:, Signal.SATURATED].any()
     mean = {name: np.mean([each[name] for each in found], axis=0) for name in ideal}
-    assert (mean["rmse"] <= row.limits["rmse"] * ideal["rmse"]).all()
-    assert (mean["eci"] <= row.limits["eci"] * ideal["eci"]).all()
-    assert (mean["torque_variation"] <= row.limits["torque_variation"]).all()
-    assert worst <= row.limits["late_error"]
+    assert (mean["rmse"] <= requirement.limits["rmse"] * ideal["rmse"]).all()
+    assert (mean["eci"] <= requirement.limits["eci"] * ideal["eci"]).all()
+    assert (mean["torque_variation"] <= requirement.limits["torque_variation"]).all()
+    assert worst <= requirement.limits["late_error"]
 
 
 @EACH
-def test_the_adaptive_gain_stays_bounded_for_ten_minutes(row: Row, scenario: str, overrides: tuple[str, ...]) -> None:
+def test_the_adaptive_gain_stays_bounded_for_ten_minutes(
+    requirement: Requirement, scenario: str, overrides: tuple[str, ...]
+) -> None:
     result = roll(scenario, overrides, 600.0)
     assert result.signals[:, Signal.ADAPTIVE_GAIN].max() <= 20.0
     # And what is bounded does no harm.
     late = slice(-30_000, None)
     variation = np.abs(np.diff(result.effort[late], axis=0)).mean(axis=0)
-    assert (variation <= row.limits["torque_variation"]).all()
+    assert (variation <= requirement.limits["torque_variation"]).all()
 
 
 @pytest.mark.parametrize("scenario", ["loss", "hard"])

@@ -1,7 +1,6 @@
 """The article's evaluation: which runs it takes, and making them side by side."""
 
 import json
-import math
 import multiprocessing
 import os
 import signal
@@ -20,7 +19,7 @@ from pidtsm_experiments.bags.reader import RecordingError, read_recording
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_experiments.runs.runner import node_parameters, run
-from pidtsm_studies.article.claims import ARTICLE_LAWS
+from pidtsm_studies.article.claims import ARTICLE_LAWS, Comparison, as_json
 
 SCENARIOS = ("case1", "case2")
 BASELINES = ("pid", "computed_torque", "super_twisting")
@@ -142,27 +141,14 @@ def load(planned: Sequence[Planned], folder: Path, failed: Mapping[str, str]) ->
     return runs
 
 
-def write_results(runs: Mapping[tuple[str, str], Any], rows: Sequence[Any], file: Path) -> None:
+def write_results(runs: Mapping[tuple[str, str], Any], comparisons: Sequence[Comparison], file: Path) -> None:
     """results.json: the metrics of every run, and the comparison with the article."""
     content = {
         "runs": {
             f"{scenario}-{law}": {"failed": run} if isinstance(run, str) else run[1]
             for (scenario, law), run in runs.items()
         },
-        "comparison": [
-            {
-                "what": row.what,
-                "case": row.case,
-                "laws": list(row.laws),
-                "joint": row.joint,
-                "article": row.article,
-                "project": row.project,
-                "values": [value if value is None or math.isfinite(value) else None for value in row.values],
-                "deviation": row.deviation,
-                "why": row.why,
-            }
-            for row in rows
-        ],
+        "comparison": [as_json(comparison) for comparison in comparisons],
     }
     file.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
