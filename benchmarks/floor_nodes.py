@@ -18,13 +18,13 @@ from sensor_msgs.msg import JointState
 
 from pidtsm_controller.controller_node import ControllerNode
 from pidtsm_controller.trajectory_node import TrajectoryNode
+from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.node_parameters import AUTOSTART, PRIORITY
 from pidtsm_core.parameters import Parameter, number
 from pidtsm_core.signals import Signal
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros import process
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import OutgoingMessage
 from two_link_sim.simulator_node import SimulatorNode

@@ -18,13 +18,14 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.node_parameters import simulator_node_schema
 from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.robots.two_link import TWO_LINK
 from pidtsm_core.simulation.simulator import SimulatedRobot
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.qos import RECORDER
-from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds, set_stamp
+from pidtsm_ros.stamps import nanoseconds, set_stamp
 
 NAMES = ["joint1", "joint2"]
 LIMITS = np.array([100.0, 50.0])

@@ -23,8 +23,9 @@ from rig import SECOND, Rigs, Watch, document_rows, gravity
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_msgs.msg import ControllerState, JointReference
-from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds
+from pidtsm_ros.stamps import nanoseconds
 
 PAGE = Path(__file__).parents[1] / "docs" / "faults.md"
 STEP = 10.0  # N m

@@ -1,4 +1,4 @@
-"""The recorder loses nothing that is older than a second, says what is missing, and never ends with its disk."""
+"""The recorder loses nothing that is older than a second, reports what is missing, and outlives its disk."""
 
 import os
 import random
@@ -17,15 +17,16 @@ from bench import Bench
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 
+from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_experiments.bags.recorder_node import TOPICS
 from pidtsm_experiments.bags.recovery import readable
 from pidtsm_experiments.runs.runner import Process
 from pidtsm_ros.middleware import RECEIVERS
 from pidtsm_ros.qos import PUBLISHER
-from pidtsm_ros.stamps import serialized_nanoseconds, set_stamp
+from pidtsm_ros.stamps import set_stamp
 
 PUBLISHED = ("joint_states", "simulator/ground_truth")
-"""At 1 kHz; the other topics have publishers that are silent."""
+"""At 1 kHz; the publishers of the other topics publish nothing."""
 PERIOD = 1_000_000  # ns
 KILLED = 20
 AT_ONCE = 5
@@ -34,7 +35,7 @@ PROMISE = 1_000_000_000  # ns; what is older than that is readable
 
 
 class Loop:
-    """Publishes what recorders listen to, as fast as a loop does."""
+    """Publishes what recorders subscribe to, as fast as a loop does."""
 
     def __init__(self, bench: Bench, namespace: str = "") -> None:
         self.bench = bench
@@ -59,7 +60,7 @@ class Loop:
         return process
 
     def wait_for(self, recorders: int) -> None:
-        """Until so many recorders have subscribed to everything."""
+        """Wait until so many recorders have subscribed to every topic."""
 
         def all_listen() -> bool:
             return all(p.get_subscription_count() >= recorders for p in self._publishers.values())
@@ -67,9 +68,9 @@ class Loop:
         self.bench.spin_until(all_listen, f"{recorders} recorders listen")
 
     def publish(self) -> None:
-        """One sample: `sent` gets its stamp, `out` the time when it had left, which may be later.
+        """Publish one sample; `sent` gets its stamp, `out` the time when publishing was done.
 
-        A reader that is killed can keep a publisher waiting.
+        That may be later: a reader that is killed can block a publisher.
         """
         now = time.time_ns()
         set_stamp(self._message.header.stamp, now)
@@ -79,7 +80,7 @@ class Loop:
             self.out[topic].append(time.time_ns())
 
     def run(self, seconds: float = 0.0) -> Iterator[float]:
-        """Publish at 1 kHz, yielding the time since the begin (s) after each sample; forever where `seconds` is 0."""
+        """Publish at 1 kHz, and yield the time since the start (s) after each sample; without end if `seconds` is 0."""
         began = time.monotonic_ns()
         due = began
         while not seconds or due - began < seconds * 1e9:
@@ -97,10 +98,10 @@ def loop(bench: Bench) -> Loop:
 def recorded(bag: Path, namespace: str = "") -> dict[str, set[int]]:
     """Stamps in a bag, finished or not, by topic."""
     stamps: dict[str, set[int]] = defaultdict(set)
-    with readable(bag) as found:
-        if not found.files:
+    with readable(bag) as rest:
+        if not rest.files:
             return stamps  # Killed before anything was written.
-        with AnyReader(found.files) as reader:
+        with AnyReader(rest.files) as reader:
             for connection, _, payload in reader.messages():
                 stamps[connection.topic.removeprefix(namespace + "/")].add(serialized_nanoseconds(payload))
     return stamps
@@ -150,8 +151,8 @@ def test_what_a_recorder_missed_while_it_was_stopped_it_gets_afterwards(bench: B
         assert set(loop.sent[topic]) == got[topic]
 
 
-def test_what_takes_messages_in_goes_before_other_work(bench: Bench) -> None:
-    """Else a busy machine misses some, which the loop has to send again."""
+def test_threads_that_receive_go_before_other_work(bench: Bench) -> None:
+    """Otherwise messages are missed on a busy machine, and the loop must send them again."""
     process = bench.start("recorder", f"output:={bench.folder / 'bag'}")
     bench.spin_until(lambda: (bench.folder / "bag").exists(), "a recorder")
     if "SCHED_FIFO is not permitted" in process.log.read_text():
@@ -162,7 +163,7 @@ def test_what_takes_messages_in_goes_before_other_work(bench: Bench) -> None:
         receivers = [thread for thread in threads if (thread / "comm").read_text().startswith(RECEIVERS)]
         return bool(receivers) and all(os.sched_getscheduler(int(t.name)) == os.SCHED_FIFO for t in receivers)
 
-    bench.spin_until(first_in_first_out, "threads that take messages in")
+    bench.spin_until(first_in_first_out, "threads that receive messages")
 
 
 # Full disks.
@@ -182,21 +183,21 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 def fill(loop: Loop, process: Process) -> None:
-    """Publish until the recorder says that its bag has ended, and a little on."""
+    """Publish until the recorder logs that its bag has ended, and 0.5 s longer."""
     loop.wait_for(1)
-    said = ""
+    log = ""
     for _ in loop.run(30.0):
         if len(loop.sent[PUBLISHED[0]]) % 100 == 0:
-            said = process.log.read_text()
-        if "recording ends here" in said:
+            log = process.log.read_text()
+        if "recording ends here" in log:
             break
-    assert "recording ends here" in said, said
+    assert "recording ends here" in log, log
     for _ in loop.run(0.5):
         assert process.process.poll() is None
 
 
 def end(process: Process) -> tuple[int, str, str]:
-    """Exit code, log and progress of a recorder that is asked to end."""
+    """Interrupt a recorder; its exit code, log and progress."""
     process.interrupt()
     code = process.wait()
     assert process.process.stdout is not None
@@ -204,7 +205,7 @@ def end(process: Process) -> tuple[int, str, str]:
 
 
 def check_ended_early(loop: Loop, bag: Path, process: Process, reason: str) -> None:
-    """The bag is whole up to some moment; the recorder went on listening, and tells."""
+    """The bag is whole up to some moment; the recorder kept receiving, and reports that."""
     code, log, progress = end(process)
     assert code == 1
     assert f"recording ends here: {reason}" in log
@@ -248,7 +249,7 @@ def test_a_disk_without_space_is_refused(bench: Bench) -> None:
     assert not (bench.folder / "bag").exists()
 
 
-# What is missing is told, and a bag may have many files.
+# What is missing is reported, and a bag may have many files.
 
 
 def test_lost_messages_are_counted(bench: Bench, loop: Loop) -> None:
@@ -262,7 +263,7 @@ def test_lost_messages_are_counted(bench: Bench, loop: Loop) -> None:
     for _ in range(PUBLISHER.depth + 3000):
         loop.publish()
     process.process.send_signal(signal.SIGCONT)
-    bench.spin_until(lambda: "lost so far" in process.log.read_text(), "the recorder tells")
+    bench.spin_until(lambda: "lost so far" in process.log.read_text(), "a warning of the recorder")
     code, log, _ = end(process)
     assert code == 0
     got = recorded(bench.folder / "bag")

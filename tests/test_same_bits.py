@@ -15,6 +15,7 @@ from sensor_msgs.msg import JointState
 
 from pidtsm_controller.controller_node import ControllerNode
 from pidtsm_controller.trajectory_node import TrajectoryNode
+from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.experiment import Experiment, ros_parameters
 from pidtsm_core.laws import LAWS
 from pidtsm_core.node_parameters import AUTOSTART
@@ -26,7 +27,6 @@ from pidtsm_experiments.runs.runner import node_parameters
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run_nodes
-from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.stop import Stop
 from two_link_sim.simulator_node import SimulatorNode
 

@@ -9,6 +9,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 from pidtsm_core.arrivals import Arrivals, Stamp
+from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.control import Clock, Controller
 from pidtsm_core.joints import MessageError
 from pidtsm_core.node_parameters import PRIORITY, controller_node_schema
@@ -23,7 +24,6 @@ from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run_nodes
 from pidtsm_ros.qos import KEPT
-from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage, deserialize
 

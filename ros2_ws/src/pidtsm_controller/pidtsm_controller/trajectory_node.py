@@ -8,6 +8,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_core.arrivals import Arrivals, Stamp
+from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.joints import JointOrder, MessageError
 from pidtsm_core.node_parameters import PRIORITY, trajectory_node_schema
 from pidtsm_core.parameters import Array, names, number
@@ -18,7 +19,7 @@ from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.diagnostics import Diagnostics, Reading
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run_nodes
-from pidtsm_ros.stamps import nanoseconds, serialized_nanoseconds
+from pidtsm_ros.stamps import nanoseconds
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import OutgoingMessage, deserialize
 

@@ -7,6 +7,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.joints import JointOrder
 from pidtsm_core.node_parameters import PRIORITY, simulator_node_schema
 from pidtsm_core.parameters import names, number
@@ -19,7 +20,6 @@ from pidtsm_ros.effort_topics import EFFORT_TOPICS
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run_nodes
-from pidtsm_ros.stamps import serialized_nanoseconds
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 
