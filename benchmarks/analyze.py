@@ -12,7 +12,7 @@ import numpy as np
 
 from pidtsm_core.rollout import rollout
 from pidtsm_core.signals import Signal, Status
-from pidtsm_experiments.bags.reader import typestore
+from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.recorder_node import FLUSH_PERIOD, MAX_BAG_DURATION, MAX_BAG_SIZE
 from pidtsm_experiments.bags.writer import BagWriter
 from pidtsm_experiments.commands.bench import Row
@@ -20,7 +20,7 @@ from pidtsm_experiments.commands.bench import Row
 _ANALYZE = "from pidtsm_experiments.bags.analysis import analyze; analyze(bag)"
 _READ = """
 from rosbags.highlevel import AnyReader
-from pidtsm_experiments.bags.reader import typestore
+from pidtsm_experiments.bags.message_types import typestore
 with AnyReader([bag], default_typestore=typestore()) as reader:
     for connection, stamp, payload in reader.messages():
         pass

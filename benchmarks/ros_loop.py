@@ -22,7 +22,8 @@ from watching import FLOOR_NODES, watched
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.summary import summarize
-from pidtsm_experiments.bags.reader import read_recording, typestore
+from pidtsm_experiments.bags.message_types import typestore
+from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.commands.bench import Row
 from pidtsm_experiments.runs.domain import own_domain
 from pidtsm_experiments.runs.runner import Processes

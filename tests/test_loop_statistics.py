@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosbags.highlevel import AnyReader
 
 from pidtsm_core.experiment import make_experiment
-from pidtsm_experiments.bags.reader import typestore
+from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.runs.runner import run
 
 FIELDS = ("period", "rate", "period_jitter", "state_age", "missed_deadlines", "compute_time")

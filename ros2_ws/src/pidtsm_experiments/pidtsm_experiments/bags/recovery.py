@@ -1,4 +1,4 @@
-"""Reads what there is of a bag that was never finished: its recorder was killed, or its disk was full."""
+"""Reads what is left of a bag that was never finished: its recorder was killed, or its disk was full."""
 
 import shutil
 import struct
@@ -33,8 +33,8 @@ class Readable:
     """A bag as rosbags can read it.
 
     Attributes:
-        files: its folder, or its files; empty where nothing in it can be read.
-        flaws: what tells that the bag was not finished; empty for one that was.
+        files: its folder, or its files; empty if nothing in it can be read.
+        flaws: the signs that the bag was not finished; empty for one that was.
     """
 
     files: list[Path]
@@ -43,10 +43,10 @@ class Readable:
 
 @contextmanager
 def readable(path: Path) -> Iterator[Readable]:
-    """Yield a bag as it can be read; nothing of the bag itself is changed.
+    """Yield a bag as it can be read, without changing the bag itself.
 
-    An MCAP file that ends somewhere is copied to a temporary folder, up to its last whole record, and ended as the
-    format wants it.
+    An MCAP file without its end is copied to a temporary folder, up to its last whole record, and ended there as the
+    format requires.
 
     Args:
         path: folder of a bag, or one file.
@@ -58,20 +58,20 @@ def readable(path: Path) -> Iterator[Readable]:
         yield Readable([path], [])
         return
     with TemporaryDirectory(prefix="pidtsm-") as folder:
-        found = []
+        whole = []
         for file in files:
             if file not in cut:
-                found.append(file)
+                whole.append(file)
                 continue
             end = _end_of_records(file)
             flaws.append(f"{file.name} has no end: {end} of its {file.stat().st_size} bytes are whole records")
             if end:
-                found.append(_ended(file, end, Path(folder)))
-        yield Readable(found, flaws)
+                whole.append(_ended(file, end, Path(folder)))
+        yield Readable(whole, flaws)
 
 
 def stored_metadata(file: Path, key: str) -> Mapping[str, str]:
-    """The MCAP metadata record with this name at the begin of a file; empty where there is none."""
+    """The MCAP metadata record with this name at the beginning of a file; empty if there is none."""
     with file.open("rb") as stream, suppress(McapError, struct.error, ValueError):
         for record in StreamReader(stream, emit_chunks=True).records:
             if isinstance(record, Metadata) and record.name == key:
@@ -89,7 +89,7 @@ def _is_whole(file: Path) -> bool:
 
 
 def _end_of_records(file: Path) -> int:
-    """Bytes of a file up to the end of its last whole record of data, 0 where there is none."""
+    """Bytes of a file up to the end of its last whole record of data; 0 if there is none."""
     size = file.stat().st_size
     with file.open("rb") as stream:
         if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
@@ -105,7 +105,7 @@ def _end_of_records(file: Path) -> int:
 
 
 def _ended(file: Path, end: int, folder: Path) -> Path:
-    """A copy of the first bytes of an MCAP file with an end that refers to no index."""
+    """Copy the first `end` bytes of an MCAP file to a folder, and add an end that refers to no index."""
     copy = folder / file.name
     shutil.copyfile(file, copy)
     with copy.open("r+b") as stream:

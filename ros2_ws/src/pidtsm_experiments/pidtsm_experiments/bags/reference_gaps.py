@@ -1,4 +1,4 @@
-"""References that a bag lacks: computed as the trajectory would have, or, where that is not known, interpolated."""
+"""References that a bag lacks: computed as the trajectory does, or, where its motion is not known, interpolated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,18 +14,18 @@ from pidtsm_core.references import ReferenceMotion, reference_joints
 from pidtsm_core.timing import seconds
 
 LONGEST_GAP = 100_000_000
-"""ns without a reference over which one can still be interpolated."""
+"""ns; a reference can be interpolated this far from a recorded one."""
 
-_COMPARED = 200  # references that are computed to see whether the motion is the recorded one
+_COMPARED = 200  # recorded references that a known motion must agree with
 
 
 @dataclass(frozen=True)
 class KnownMotion:
-    """The motion that the trajectory was told to make.
+    """The motion that the trajectory publishes.
 
     Attributes:
         motion: the same as the trajectory's.
-        places: of the recording's joints among the motion's, shape (joints,).
+        places: indices of the recording's joints among the motion's, shape (joints,).
         start: stamp at which it began, ns.
     """
 
@@ -34,7 +34,7 @@ class KnownMotion:
     start: int
 
     def at(self, stamps: Stamps) -> Array:
-        """q_d, q_d', q_d'' to the last bit as the trajectory computes them, shape (3, stamps, joints)."""
+        """q_d, q_d', q_d'' to the last bit as the trajectory computes them, rad and s, shape (3, stamps, joints)."""
         desired = np.zeros((3, self.motion.joints))
         values = np.empty((3, stamps.size, self.places.size))
         for k, elapsed in enumerate((stamps - self.start).tolist()):
@@ -43,7 +43,7 @@ class KnownMotion:
         return values
 
     def stays_out(self, stamps: Stamps) -> NDArray[np.bool_]:
-        """Where the trajectory was told to say nothing, shape (stamps,)."""
+        """Whether the trajectory is to publish nothing at each of these stamps, shape (stamps,)."""
         elapsed = (stamps - self.start) / 1e9
         return (self.motion.config.dropout_begin <= elapsed) & (elapsed < self.motion.config.dropout_end)
 
@@ -51,17 +51,17 @@ class KnownMotion:
 def known_motion(
     parameters: object, joints: Sequence[str], start: int, stamps: Stamps, values: Array, lacking: Stamps
 ) -> KnownMotion | None:
-    """The motion that a bag's parameters describe, if what was recorded is that motion.
+    """The motion that a bag's parameters describe, None if it is not the recorded one.
 
-    Another is recorded where somebody commanded a trajectory, or changed a file.
+    Another motion is recorded when somebody commands a trajectory, or changes a file.
 
     Args:
         parameters: of the trajectory, by name, as the bag has them; anything else gives None.
         joints: names, in the order of the recording.
-        start: stamp of the first reference, ns, be it one without values.
-        stamps: of the references that were recorded, ns, increasing.
-        values: of them, shape (3, stamps, joints).
-        lacking: stamps to be filled, ns.
+        start: stamp of the first reference, with or without values, ns.
+        stamps: of the recorded references, ns, increasing, shape (stamps,).
+        values: of the recorded references, rad and s, shape (3, stamps, joints).
+        lacking: stamps to be filled, ns, shape (lacking,).
     """
     motion = _motion(parameters)
     if motion is None or not set(joints) <= set(motion[1]):
@@ -87,7 +87,7 @@ def _motion(parameters: object) -> tuple[ReferenceMotion, tuple[str, ...]] | Non
 
 
 def _spread(stamps: Stamps, lacking: Stamps) -> NDArray[np.intp]:
-    """Places in `stamps` of neighbours of what is lacking, and of others, evenly; `_COMPARED` at most."""
+    """Indices of `stamps` next to those that lack, and of others, spread evenly; `_COMPARED` at most."""
     if stamps.size == 0:
         return np.empty(0, dtype=np.intp)
     after = np.searchsorted(stamps, lacking)
@@ -96,15 +96,20 @@ def _spread(stamps: Stamps, lacking: Stamps) -> NDArray[np.intp]:
     return np.unique(np.concatenate(both))
 
 
-def _evenly(places: NDArray[np.intp], number: int) -> NDArray[np.intp]:
-    """So many of the places, spread evenly, with the first and the last."""
-    if places.size <= number:
-        return places
-    return places[np.linspace(0, places.size - 1, number).round().astype(np.intp)]
+def _evenly(indices: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """At most `count` of the indices, spread evenly, with the first and the last."""
+    if indices.size <= count:
+        return indices
+    return indices[np.linspace(0, indices.size - 1, count).round().astype(np.intp)]
 
 
 def near(stamps: Stamps, lacking: Stamps) -> Stamps:
-    """Those that lack near enough to a reference, of `stamps`, to know what it was."""
+    """Those of the stamps that lack a reference which are at most `LONGEST_GAP` from a recorded one.
+
+    Args:
+        stamps: of the recorded references, ns, increasing, shape (stamps,).
+        lacking: stamps without a reference, ns, shape (lacking,).
+    """
     if stamps.size < 2:
         return np.empty(0, dtype=np.int64)
     after = np.clip(np.searchsorted(stamps, lacking), 1, stamps.size - 1)
@@ -113,12 +118,12 @@ def near(stamps: Stamps, lacking: Stamps) -> Stamps:
 
 
 def interpolated(stamps: Stamps, values: Array, lacking: Stamps) -> Array:
-    """The cubic that fits position and velocity beside what lacks, shape (3, lacking, joints).
+    """Interpolate with the cubics that fit the neighbours' position and velocity, shape (3, lacking, joints).
 
     Args:
-        stamps: of the references that were recorded, ns, increasing, at least two.
-        values: of them, shape (3, stamps, joints).
-        lacking: stamps, ns.
+        stamps: of the recorded references, ns, increasing, at least two, shape (stamps,).
+        values: of the recorded references, rad and s, shape (3, stamps, joints).
+        lacking: stamps without a reference, ns, shape (lacking,).
     """
     from scipy.interpolate import CubicHermiteSpline  # Rarely needed, and slow to import.
 

@@ -1,4 +1,4 @@
-"""How many messages each node could not use, from what it said on /diagnostics."""
+"""How many messages each node rejected, from its reports on /diagnostics."""
 
 from collections.abc import Iterable
 from contextlib import suppress
@@ -8,11 +8,11 @@ _KEY = "messages rejected since the start"  # as `pidtsm_ros.diagnostics` writes
 
 
 def rejections(reports: Iterable[Any], namespace: str) -> dict[str, int] | None:
-    """The last count of each node; None where no node has said one.
+    """The last count of each node, by its name; None if no node reports one.
 
     Args:
-        reports: diagnostic_msgs/DiagnosticArray, in the order they came.
-        namespace: of the nodes, without slashes at its ends; others share the topic.
+        reports: diagnostic_msgs/DiagnosticArray, in the order of their times.
+        namespace: of the nodes, without slashes at its ends; nodes of other namespaces publish on the topic, too.
     """
     counts: dict[str, int] = {}
     for report in reports:

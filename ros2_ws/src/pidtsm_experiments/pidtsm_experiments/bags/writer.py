@@ -12,7 +12,8 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter
 
-from pidtsm_experiments.bags.reader import METADATA_KEY, typestore
+from pidtsm_experiments.bags.message_types import typestore
+from pidtsm_experiments.bags.metadata import METADATA_KEY
 
 _INFORMATION = "rosbag2_bagfile_information"
 _LARGEST_CHUNK = 300_000

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pidtsm_core.errors import UsageError
 from pidtsm_experiments.bags.analysis import analyze
-from pidtsm_experiments.bags.reader import RecordingError, UnfinishedBag
+from pidtsm_experiments.bags.errors import RecordingError, UnfinishedBag
 from pidtsm_experiments.commands.options import show_metrics
 
 

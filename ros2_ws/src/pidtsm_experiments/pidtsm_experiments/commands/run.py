@@ -6,7 +6,8 @@ from pathlib import Path
 from pidtsm_core.experiment import Experiment
 from pidtsm_core.parameters import number
 from pidtsm_core.summary import summarize, write_metrics
-from pidtsm_experiments.bags.reader import RecordingError, read_recording
+from pidtsm_experiments.bags.errors import RecordingError
+from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.commands.options import (
     CONSOLE,
     add_experiment_arguments,

@@ -15,7 +15,8 @@ from typing import Any
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import ARTICLE, Experiment, article_parameters, make_experiment, ros_parameters
 from pidtsm_core.summary import summarize, write_metrics
-from pidtsm_experiments.bags.reader import RecordingError, read_recording
+from pidtsm_experiments.bags.errors import RecordingError
+from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_experiments.runs.runner import node_parameters, run

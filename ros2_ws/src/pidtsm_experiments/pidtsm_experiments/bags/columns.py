@@ -1,0 +1,310 @@
+"""Topics of a bag as arrays: decodes blocks of messages at once."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection, Nodetype
+
+from pidtsm_core.cdr import DOUBLE, ENCODING, STAMP_BEGIN, STAMP_END, end_of_empty, places_of_numbers, stamps_of
+from pidtsm_core.parameters import Array
+from pidtsm_core.recording import Codes, Stamps
+from pidtsm_core.signals import Status
+from pidtsm_experiments.bags.errors import RecordingError, damaged
+from pidtsm_experiments.bags.rejections import rejections
+from pidtsm_experiments.bags.topics import DIAGNOSTICS, REFERENCE, STATE, TRUTH, WantedTopic
+
+_FLOAT64 = ((Nodetype.BASE, ("float64", 0)), (Nodetype.SEQUENCE, ((Nodetype.BASE, ("float64", 0)), 0)))
+"""Kinds of fields, as rosbags writes them: float64 and float64[]."""
+_BLOCK = 2048  # messages decoded at once: enough for NumPy, little enough for memory and for mixed layouts
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The messages of one topic as arrays.
+
+    Attributes:
+        topic: whose messages these are.
+        stamps: ns, shape (messages,).
+        values: shape (fields, messages, joints), order of the topic's fields. The memory of a field that is not kept
+            is never written to, so that the operating system only promises it.
+        scalars: shape (messages,), or (0,) where the topic has no scalar.
+        codes: shape (messages, codes), order of the topic's codes.
+        filled: whether a message has joints and values, shape (messages,).
+        kept: indices of the fields that are kept.
+    """
+
+    topic: WantedTopic
+    stamps: Stamps
+    values: Array
+    scalars: Array
+    codes: Codes
+    filled: NDArray[np.bool_]
+    kept: Sequence[int]
+
+    @classmethod
+    def blank(cls, topic: WantedTopic, messages: int, joints: int, kept: Sequence[int]) -> "Columns":
+        """Zeros for so many messages."""
+        return cls(
+            topic,
+            np.zeros(messages, dtype=np.int64),
+            np.zeros((len(topic.fields), messages, joints)),
+            np.zeros(messages if topic.scalar else 0),
+            np.zeros((messages, len(topic.codes)), dtype=np.uint8),
+            np.ones(messages, dtype=np.bool_),
+            kept,
+        )
+
+    def view(self, start: int, stop: int) -> "Columns":
+        """Views of the messages from `start` to before `stop`."""
+        return Columns(
+            self.topic,
+            self.stamps[start:stop],
+            self.values[:, start:stop],
+            self.scalars[start:stop],
+            self.codes[start:stop],
+            self.filled[start:stop],
+            self.kept,
+        )
+
+    def at(self, rows: NDArray[np.intp]) -> "Columns":
+        """A copy of the messages at these places, shape (rows,)."""
+        copy = Columns.blank(self.topic, rows.size, self.values.shape[2], self.kept)
+        copy.stamps[:] = self.stamps[rows]
+        copy.codes[:] = self.codes[rows]
+        copy.filled[:] = self.filled[rows]
+        for i in self.kept:
+            copy.values[i] = self.values[i, rows]
+        if self.topic.scalar:
+            copy.scalars[:] = self.scalars[rows]
+        return copy
+
+    def sorted(self) -> "Columns":
+        """The messages in the order of their stamps, the first with each stamp; a copy only where that differs."""
+        if (np.diff(self.stamps) > 0).all():
+            return self
+        return self.at(np.unique(self.stamps, return_index=True)[1])
+
+
+class BagMessages:
+    """The messages of an open bag, whose errors name what cannot be read."""
+
+    def __init__(self, reader: AnyReader) -> None:
+        self._reader = reader
+
+    def serialized(self, connections: Sequence[Connection]) -> Iterator[tuple[str, bytes]]:
+        """Yield name of the topic and serialized message of every message of `connections`, in the order of the bag.
+
+        Raises:
+            RecordingError: the file is damaged.
+        """
+        try:
+            for connection, _, data in self._reader.messages(connections):
+                yield connection.topic, data
+        except Exception as error:  # Broken files are met with many exceptions, rosbags' own and Python's.
+            raise damaged("the messages cannot be read", error) from error
+
+    def parse(self, data: bytes, topic: WantedTopic) -> Any:
+        """The message.
+
+        Raises:
+            RecordingError: it is damaged.
+        """
+        try:
+            return self._reader.deserialize(data, topic.msgtype)
+        except Exception as error:  # as in serialized
+            raise damaged(f"a message of {topic.name} cannot be read", error) from error
+
+    def places(self, message: Any, data: bytes, topic: WantedTopic) -> dict[str, slice]:
+        """Where the numbers of each float64 field stand in a serialized message; empty arrays have no place.
+
+        Args:
+            message: the same message; its numbers are overwritten.
+            data: serialized.
+            topic: of the message.
+
+        Raises:
+            RecordingError: it is not little-endian CDR.
+        """
+        store = self._reader.typestore
+        names = [name for name, kind in store.get_msgdef(topic.msgtype).fields if kind in _FLOAT64]
+        sizes = {name: np.size(getattr(message, name)) for name in names}
+        marked, places = places_of_numbers(
+            message, names, lambda marked: store.serialize_cdr(marked, topic.msgtype, little_endian=True)
+        )
+        if marked[:ENCODING] != data[:ENCODING]:
+            raise RecordingError(f"{topic.name} is not little-endian CDR")
+        return {name: slice(place, place + DOUBLE * sizes[name]) for name, place in places.items()}
+
+
+def read_columns(
+    reader: AnyReader,
+    connections_of: Mapping[WantedTopic, Sequence[Connection]],
+    only: frozenset[str] | None,
+    namespace: str,
+) -> tuple[tuple[str, ...], dict[WantedTopic, Columns], dict[str, int] | None]:
+    """Read the topics of a run.
+
+    Args:
+        reader: of the bag.
+        connections_of: the topics to read.
+        only: names of the fields to keep; None keeps all.
+        namespace: of the nodes, if the names of topics do not have it, else empty.
+
+    Returns:
+        Names of the ground truth's joints; every topic of samples, sorted by stamp, each stamp once; and how many
+        messages each node rejected, None if no node says so.
+
+    Raises:
+        RecordingError: messages are damaged, or have no values, or values that are not finite.
+    """
+    messages = BagMessages(reader)
+    _, first = next(messages.serialized(connections_of[TRUTH]), ("", b""))
+    joints = tuple(messages.parse(first, TRUTH).name)
+    decoders: dict[WantedTopic, _Decoder] = {}
+    decoder_of: dict[str, _Decoder] = {}
+    for topic, connections in connections_of.items():
+        if topic is not DIAGNOSTICS:
+            count = sum(connection.msgcount for connection in connections)
+            decoders[topic] = _Decoder(topic, count, joints, only, messages)
+            decoder_of.update({connection.topic: decoders[topic] for connection in connections})
+    reports = []
+    for name, data in messages.serialized([c for connections in connections_of.values() for c in connections]):
+        if decoder := decoder_of.get(name):
+            decoder.add(data)
+        else:
+            reports.append(messages.parse(data, DIAGNOSTICS))
+    columns = {topic: decoder.finish() for topic, decoder in decoders.items()}
+    own = namespace or connections_of[TRUTH][0].topic.removesuffix(TRUTH.name).strip("/")
+    return joints, columns, rejections(reports, own)
+
+
+class _Decoder:
+    """Takes the messages of one topic, and decodes them a block at a time.
+
+    Objects would take most of the time of reading a bag. But the messages of a topic nearly always differ in nothing
+    but their numbers, so that where the numbers stand in one tells where they stand in all.
+    """
+
+    def __init__(
+        self,
+        topic: WantedTopic,
+        count: int,
+        joints: tuple[str, ...],
+        only: frozenset[str] | None,
+        messages: BagMessages,
+    ) -> None:
+        self._topic, self._joints, self._messages = topic, joints, messages
+        # The reference may have to be interpolated.
+        kept = [i for i, name in enumerate(topic.fields) if only is None or name in only or topic is REFERENCE]
+        self._columns = Columns.blank(topic, count, len(joints), kept)
+        self._decoded = 0
+        self._block: list[bytes] = []
+
+    def add(self, data: bytes) -> None:
+        self._block.append(data)
+        if len(self._block) == _BLOCK:
+            self._decode_block()
+
+    def finish(self) -> Columns:
+        """All messages, sorted by stamp, each stamp once."""
+        self._decode_block()
+        if (missing := self._columns.stamps.size - self._decoded) > 0:
+            hole = ValueError("the file has a hole")
+            raise damaged(f"{missing} messages of {self._topic.name} cannot be read", hole)
+        return self._columns.sorted()
+
+    def _decode_block(self) -> None:
+        end = self._decoded + len(self._block)
+        columns = self._columns.view(self._decoded, end)
+        columns.stamps[:] = stamps_of(self._block)
+        if self._topic.fields:
+            self._decode_numbers(columns)
+        self._block, self._decoded = [], end
+
+    def _decode_numbers(self, columns: Columns) -> None:
+        block, fields, joints = self._block, len(self._topic.fields), len(self._joints)
+        lengths = np.array([len(data) for data in block])
+        pending = np.arange(len(block))
+        while pending.size:
+            first = block[pending[0]]
+            layout = self._layout(first)
+            rows = pending[lengths[pending] == len(first)]
+            table = np.frombuffer(b"".join([block[row] for row in rows]), np.uint8).reshape(rows.size, len(first))
+            alike = (table[:, layout.fixed] == table[0, layout.fixed]).all(axis=1)
+            rows = rows[alike]
+            pending = np.setdiff1d(pending, rows, assume_unique=True)
+            columns.codes[rows] = layout.codes
+            columns.filled[rows] = layout.places.size > 0
+            if not layout.places.size:
+                continue
+            numbers = table[alike].take(layout.places, axis=1).view("<f8")
+            values = numbers[:, : fields * joints].reshape(rows.size, fields, joints)
+            for i in columns.kept:
+                columns.values[i, rows] = values[:, i]
+            if self._topic.scalar:
+                columns.scalars[rows] = numbers[:, -1]
+        _check_finite(columns)
+
+    def _layout(self, data: bytes) -> "_Layout":
+        topic, joints = self._topic, self._joints
+        fixed = np.ones(len(data), dtype=np.bool_)
+        fixed[STAMP_BEGIN:STAMP_END] = False
+        if topic.may_be_empty and (end := end_of_empty(data, 1 + len(topic.fields))):
+            fixed[end:] = False
+            return _Layout(fixed, np.empty(0, dtype=np.intp), ())
+        message = self._messages.parse(data, topic)
+        names = list(message.name)
+        missing = [joint for joint in joints if joint not in names]
+        if missing or not joints:
+            raise RecordingError(f"{topic.name} lacks {', '.join(missing) or 'joint names'}; it has {names}")
+        for name in topic.fields:
+            size = np.size(getattr(message, name, ()))
+            if size != len(names):
+                raise RecordingError(f"{topic.name} has {size} values of {name} for {len(names)} joints")
+        places = self._messages.places(message, data, topic)
+        for place in places.values():
+            fixed[place] = False
+        starts = [places[name].start + DOUBLE * names.index(joint) for name in topic.fields for joint in joints]
+        if topic.scalar:
+            if topic.scalar not in places:
+                raise RecordingError(f"{topic.name} has no {topic.scalar}: recorded with another pidtsm_msgs")
+            starts.append(places[topic.scalar].start)
+        return _Layout(fixed, np.add.outer(starts, np.arange(DOUBLE)).ravel(), _codes(message, topic, names, joints))
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How messages are built that differ in nothing but stamp and numbers.
+
+    Attributes:
+        fixed: which bytes they share, shape (length,).
+        places: of the bytes of the numbers to read, in the order fields x joints, scalar; none for a message without
+            values.
+        codes: that the messages share, in the order of the topic's.
+    """
+
+    fixed: NDArray[np.bool_]
+    places: NDArray[np.intp]
+    codes: Sequence[int]
+
+
+def _codes(message: Any, topic: WantedTopic, names: Sequence[str], joints: Sequence[str]) -> list[int]:
+    """The codes of a message; a joint that caused a fault counts in the order of the recording's joints."""
+    codes = [int(getattr(message, name, 0)) for name in topic.codes]
+    if topic is STATE and codes[Status.FAULT_JOINT]:
+        caused = names[codes[Status.FAULT_JOINT] - 1 : codes[Status.FAULT_JOINT]]
+        codes[Status.FAULT_JOINT] = joints.index(caused[0]) + 1 if caused and caused[0] in joints else 0
+    return codes
+
+
+def _check_finite(columns: Columns) -> None:
+    tables = [columns.values[i] for i in columns.kept] + ([columns.scalars[:, None]] if columns.topic.scalar else [])
+    for table in tables:
+        finite = np.isfinite(table).all(axis=1)
+        if not finite.all():
+            stamp = columns.stamps[np.argmin(finite)]
+            raise RecordingError(f"{columns.topic.name} has values that are not finite, first at stamp {stamp} ns")

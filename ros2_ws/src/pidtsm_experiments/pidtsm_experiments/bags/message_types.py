@@ -1,0 +1,34 @@
+"""Definitions of the messages in a bag, for programs that read and write bags without ROS."""
+
+import os
+from functools import cache
+from pathlib import Path
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from pidtsm_experiments.bags.errors import RecordingError
+
+_OWN_MESSAGES = ("JointReference", "ControllerState")
+
+
+@cache
+def typestore() -> Typestore:
+    """Types of ROS 2 Jazzy and of pidtsm_msgs; always the same object, so nothing may be registered in it.
+
+    Raises:
+        RecordingError: the .msg files of pidtsm_msgs are neither installed nor beside this package.
+    """
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name in _OWN_MESSAGES:
+        store.register(get_types_from_msg(_definition(name), f"pidtsm_msgs/msg/{name}"))
+    return store
+
+
+def _definition(name: str) -> str:
+    shares = [Path(p, "share") for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
+    for root in (*shares, Path(__file__).resolve().parents[3]):
+        file = root / "pidtsm_msgs" / "msg" / f"{name}.msg"
+        if file.is_file():
+            return file.read_text(encoding="utf-8")
+    raise RecordingError(f"{name}.msg of pidtsm_msgs is not found: source the workspace")

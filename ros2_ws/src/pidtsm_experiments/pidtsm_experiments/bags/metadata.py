@@ -1,0 +1,69 @@
+"""What the recorder says of the run in a bag."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from pidtsm_experiments.bags.errors import RecordingError
+from pidtsm_experiments.bags.recovery import Readable, stored_metadata
+
+METADATA_KEY = "pidtsm"
+"""Key of the recorder's JSON text in the bag's custom data."""
+
+
+@dataclass(frozen=True)
+class RunMetadata:
+    """What the recorder says of a run; None where it says nothing.
+
+    Attributes:
+        scenario, law, clock: names.
+        event_time: when something happens to the arm, s.
+        trajectory: parameters of the trajectory by name, if they are what the recorder writes.
+        namespace: of the nodes, where the names of topics lack it, else empty.
+    """
+
+    scenario: str | None
+    law: str | None
+    clock: str | None
+    event_time: float | None
+    trajectory: object
+    namespace: str
+
+
+def run_metadata(path: Path, bag: Readable) -> RunMetadata:
+    """Read the metadata of a bag.
+
+    Args:
+        path: of the bag, or of a file of it.
+        bag: the same as rosbags can read it.
+
+    Raises:
+        RecordingError: the metadata is not what the recorder writes.
+    """
+    custom_data = _custom_data(path, bag)
+    try:
+        values = json.loads(custom_data.get(METADATA_KEY, "{}"))
+        event_time = values.get("event_time")
+        return RunMetadata(
+            scenario=values.get("scenario"),
+            law=values.get("law"),
+            clock=values.get("clock"),
+            event_time=None if event_time is None else float(event_time),
+            trajectory=values.get("trajectory"),
+            namespace=str(values.get("namespace", "")),
+        )
+    except (AttributeError, TypeError, ValueError) as error:
+        raise RecordingError(f"custom data {METADATA_KEY} is not what the recorder writes: {error}") from None
+
+
+def _custom_data(path: Path, bag: Readable) -> Mapping[str, str]:
+    file = (path if path.is_dir() else path.parent) / "metadata.yaml"
+    if file.exists() and not bag.flaws:
+        information = yaml.safe_load(file.read_text("utf-8"))["rosbag2_bagfile_information"]
+        return information.get("custom_data") or {}
+    if bag.files[0].suffix == ".mcap":
+        return stored_metadata(bag.files[0], METADATA_KEY)
+    return {}
