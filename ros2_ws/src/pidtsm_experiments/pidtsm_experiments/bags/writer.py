@@ -2,22 +2,24 @@
 
 import contextlib
 import shutil
-from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.writer import Writer as RecordWriter
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.rosbag2.storage_mcap import McapWriter
+from mcap.writer import CompressionType, Writer
 
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.metadata import METADATA_KEY
 
-_INFORMATION = "rosbag2_bagfile_information"
 _LARGEST_CHUNK = 300_000
 """Bytes; a chunk is copied several times on its way to the file, and memory taken once is not given back."""
+_VERSION = 9
+"""Of the format of metadata.yaml."""
+_ENCODING = "cdr"
+_NEVER = 2**63 - 1
+"""ns; the starting time of a file without messages, as rosbag2 writes it."""
 
 
 def free_space(path: Path) -> int:
@@ -38,7 +40,7 @@ class BagWriter:
 
         Args:
             folder: must not exist.
-            metadata: a text that goes with the bag, in ``metadata.yaml`` and at the begin of each file.
+            metadata: a text that goes with the bag, in ``metadata.yaml`` and at the beginning of each file.
             max_size: bytes after which a new file is begun; 0: never.
             max_duration: s after which a new file is begun; 0: never.
 
@@ -47,49 +49,57 @@ class BagWriter:
         """
         folder.mkdir(parents=True)
         self._folder = folder
-        self._metadata = metadata
+        self._custom_data = {METADATA_KEY: metadata} if metadata else {}
         self._max_size, self._max_duration = max_size or float("inf"), 1e9 * max_duration or float("inf")
-        self._types = typestore()
-        self._topics: list[tuple[str, str]] = []
-        self._connections: list[Connection] = []
-        self._finished: list[str] = []  # Their metadata.yaml: as text they take a tenth of the memory.
-        self._part: Writer | None = None
-        self._begin_part()
+        self._topics: list[_Topic] = []
+        self._finished: list[_Content] = []
+        self._file: _File | None = self._begin_file()
 
     def add_topic(self, name: str, message_type: str) -> int:
-        """The number under which `write` knows a topic with this full name and type."""
-        self._topics.append((name, message_type))
-        if self._part:
-            self._connect(self._part, name, message_type)
+        """Add a topic to the bag.
+
+        Args:
+            name: full.
+            message_type: for example ``sensor_msgs/msg/JointState``.
+
+        Returns:
+            The index under which `write` knows it.
+        """
+        types = typestore()
+        definition, _ = types.generate_msgdef(message_type, ros_version=2)
+        topic = _Topic(name, message_type, definition, types.hash_rihs01(message_type))
+        self._topics.append(topic)
+        if self._file:
+            self._file.add_topic(topic)
         return len(self._topics) - 1
 
     def write(self, topic: int, time: int, data: bytes) -> None:
-        """Take a message that was received at `time`, ns. Times must not decrease.
+        """Take a message.
+
+        Args:
+            topic: index, see `add_topic`.
+            time: when it was received, ns. Times must not decrease.
+            data: serialized message.
 
         Raises:
             OSError: nothing more can be written.
         """
-        part = self._part or self._begin_part()
-        part.write(self._connections[topic], time, data)
-        storage = _storage(part)
-        if storage.chunk.bio.tell() > _LARGEST_CHUNK:
-            storage.close_chunk()
+        file = self._file
+        if file is None:
+            file = self._file = self._begin_file()
+        file.write(topic, time, data)
 
     def flush(self) -> None:
-        """Hand what was taken to the operating system; begin a new file where this one is long enough.
+        """Hand what was taken to the operating system; finish the file if it is long enough.
 
         Raises:
             OSError: nothing more can be written.
         """
-        if not self._part or not self._part.max_timestamp:
+        if not self._file or not self._file.content.messages:
             return
-        storage = _storage(self._part)
-        if storage.chunk.msgs:
-            storage.close_chunk()
-            storage.bio.flush()
-        duration = self._part.max_timestamp - self._part.min_timestamp
-        if storage.bio.tell() >= self._max_size or duration >= self._max_duration:
-            self._finish_part()
+        self._file.flush()
+        if self._file.size >= self._max_size or self._file.content.duration >= self._max_duration:
+            self._finish_file()
 
     def close(self) -> None:
         """Finish the bag.
@@ -97,85 +107,168 @@ class BagWriter:
         Raises:
             OSError: nothing more can be written.
         """
-        self._finish_part()
+        self._finish_file()
         temporary = self._folder / ".metadata.yaml.tmp"
-        parts = [yaml.safe_load(text)[_INFORMATION] for text in self._finished]
-        temporary.write_text(yaml.safe_dump({_INFORMATION: _merged(parts)}, sort_keys=False), "utf-8")
+        information = {"rosbag2_bagfile_information": self._information(self._finished)}
+        temporary.write_text(yaml.safe_dump(information, sort_keys=False), "utf-8")
         temporary.replace(self._folder / "metadata.yaml")
 
     def abort(self) -> None:
-        """Let go of the bag where nothing more can be written; all until the last `flush` is in it."""
-        if self._part:
-            with contextlib.suppress(OSError):  # Closing writes what is left, in vain.
-                self._part.abort()
-            self._part = None
+        """Let go of the bag where nothing more can be written; what was flushed is in it."""
+        if self._file:
+            self._file.abort()
+            self._file = None
 
-    def _begin_part(self) -> Writer:
-        part = Writer(
-            self._folder / f"{self._folder.name}_{len(self._finished)}", version=9, storage_plugin=StoragePlugin.MCAP
-        )
-        if self._metadata:
-            part.set_custom_data(METADATA_KEY, self._metadata)
-        part.open()
-        # rosbags writes bags of one file, each in its folder; rosbag2 has the files of a bag in one folder.
-        storage = _storage(part)
-        storage.path = storage.path.rename(self._folder / storage.path.name)
-        part.path.rmdir()
-        part.metapath = self._folder / ".metadata.yaml"
+    def _begin_file(self) -> "_File":
+        path = self._folder / f"{self._folder.name}_{len(self._finished)}.mcap"
+        return _File(path, self._custom_data, self._topics)
+
+    def _finish_file(self) -> None:
+        if self._file:
+            content = self._file.content
+            self._file.finish(yaml.safe_dump(self._information([content]), sort_keys=False))
+            self._finished.append(content)
+            self._file = None
+
+    def _information(self, files: Sequence["_Content"]) -> dict[str, Any]:
+        """What ``metadata.yaml`` says of these files of the bag, see rosbag2_storage::BagMetadata."""
+        start = min(file.start for file in files)
+        end = max(file.end for file in files)
+        counts = [sum(file.counts[i] for file in files if i < len(file.counts)) for i in range(len(self._topics))]
+        return {
+            "version": _VERSION,
+            "storage_identifier": "mcap",
+            "duration": {"nanoseconds": max(0, end - start)},
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "message_count": sum(counts),
+            "topics_with_message_count": [
+                {"topic_metadata": topic.information(), "message_count": count}
+                for topic, count in zip(self._topics, counts, strict=True)
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [file.name for file in files],
+            "files": [file.information() for file in files],
+            "custom_data": self._custom_data or None,
+            "ros_distro": "jazzy",
+        }
+
+
+@dataclass(frozen=True)
+class _Topic:
+    """A topic of the bag.
+
+    Attributes:
+        name: full.
+        type: of its messages.
+        definition: text of the type's .msg file, with those of the types in it.
+        type_hash: of the type (REP 2011).
+    """
+
+    name: str
+    type: str
+    definition: str
+    type_hash: str
+
+    def information(self) -> dict[str, Any]:
+        """As in ``metadata.yaml``."""
+        return {
+            "name": self.name,
+            "type": self.type,
+            "serialization_format": _ENCODING,
+            "offered_qos_profiles": [],
+            "type_description_hash": self.type_hash,
+        }
+
+
+@dataclass
+class _Content:
+    """What is in a file.
+
+    Attributes:
+        name: of the file.
+        start, end: times of the first and the last message, ns.
+        counts: messages of each topic.
+    """
+
+    name: str
+    start: int = _NEVER
+    end: int = 0
+    counts: list[int] = field(default_factory=list)
+
+    @property
+    def messages(self) -> int:
+        """Of all topics."""
+        return sum(self.counts)
+
+    @property
+    def duration(self) -> int:
+        """Ns; 0 without messages."""
+        return max(0, self.end - self.start)
+
+    def information(self) -> dict[str, Any]:
+        """As in ``metadata.yaml``."""
+        return {
+            "path": self.name,
+            "starting_time": {"nanoseconds_since_epoch": self.start},
+            "duration": {"nanoseconds": self.duration},
+            "message_count": self.messages,
+        }
+
+
+class _File:
+    """A file of the bag while it is written.
+
+    Attributes:
+        content: what was taken so far.
+    """
+
+    def __init__(self, path: Path, custom_data: dict[str, str], topics: Sequence[_Topic]) -> None:
+        self.content = _Content(path.name)
+        self._stream = path.open("xb")
+        # Checksums would take a tenth of the time of writing.
+        self._writer = Writer(self._stream, _LARGEST_CHUNK, CompressionType.NONE, enable_crcs=False)
+        self._writer.start("ros2")
         # So that an unfinished bag and a single file say what was run, too.
-        RecordWriter(storage.bio).add_metadata(METADATA_KEY, {METADATA_KEY: self._metadata} if self._metadata else {})
-        self._part = part
-        self._connections = []
-        for name, message_type in self._topics:
-            self._connect(part, name, message_type)
-        return part
+        self._writer.add_metadata(METADATA_KEY, custom_data)
+        self._schemas: dict[str, int] = {}
+        self._channels: list[int] = []
+        for topic in topics:
+            self.add_topic(topic)
 
-    def _connect(self, part: Writer, name: str, message_type: str) -> None:
-        self._connections.append(part.add_connection(name, message_type, typestore=self._types))
+    def add_topic(self, topic: _Topic) -> None:
+        if topic.type not in self._schemas:
+            schema = self._writer.register_schema(topic.type, "ros2msg", topic.definition.encode())
+            self._schemas[topic.type] = schema
+        about = {"offered_qos_profiles": "[]", "topic_type_hash": topic.type_hash}
+        channel = self._writer.register_channel(topic.name, _ENCODING, self._schemas[topic.type], about)
+        self._channels.append(channel)
+        self.content.counts.append(0)
 
-    def _finish_part(self) -> None:
-        if not self._part:
-            return
-        self._part.close()
-        said = self._part.metapath
-        self._finished.append(said.read_text("utf-8"))
-        said.unlink()
-        self._part = None
+    def write(self, topic: int, time: int, data: bytes) -> None:
+        self._writer.add_message(self._channels[topic], time, data, time)
+        content = self.content
+        content.counts[topic] += 1
+        content.end = time
+        if time < content.start:
+            content.start = time
 
+    def flush(self) -> None:
+        self._writer.flush()  # type: ignore[no-untyped-call]
 
-def _storage(part: Writer) -> McapWriter:
-    assert isinstance(part.storage, McapWriter)
-    return part.storage
+    @property
+    def size(self) -> int:
+        """Bytes in the file."""
+        return self._stream.tell()
 
+    def finish(self, information: str) -> None:
+        """End the file with an index, and with what metadata.yaml says of it: ``ros2 bag`` reads single files, too."""
+        self.flush()
+        self._writer.add_metadata("rosbag2", {"serialized_metadata": information})
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._stream.close()
 
-def _merged(parts: list[Mapping[str, Any]]) -> dict[str, Any]:
-    """The metadata of a bag from those of its files."""
-    files = [file for part in parts for file in part["files"]]
-    filled = [file for file in files if file["message_count"]] or files[:1]
-    start = min(_start(file) for file in filled)
-    end = max(_start(file) + file["duration"]["nanoseconds"] for file in filled)
-    return {
-        **parts[-1],
-        "relative_file_paths": [file["path"] for file in files],
-        "files": files,
-        "starting_time": {"nanoseconds_since_epoch": start},
-        "duration": {"nanoseconds": end - start},
-        "message_count": sum(part["message_count"] for part in parts),
-        "topics_with_message_count": [
-            {**topics[-1], "message_count": sum(topic["message_count"] for topic in topics)}
-            for topics in _by_topic(parts)
-        ],
-    }
-
-
-def _start(file: Mapping[str, Any]) -> int:
-    return int(file["starting_time"]["nanoseconds_since_epoch"])
-
-
-def _by_topic(parts: list[Mapping[str, Any]]) -> list[list[Mapping[str, Any]]]:
-    """What each file says of a topic; a topic is in all files since it was added."""
-    found: dict[str, list[Mapping[str, Any]]] = {}
-    for part in parts:
-        for topic in part["topics_with_message_count"]:
-            found.setdefault(topic["topic_metadata"]["name"], []).append(topic)
-    return list(found.values())
+    def abort(self) -> None:
+        """Close the file as it is."""
+        with contextlib.suppress(OSError):  # Closing writes what is left, in vain.
+            self._stream.close()
