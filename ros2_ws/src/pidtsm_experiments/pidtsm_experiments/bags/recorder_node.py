@@ -1,4 +1,4 @@
-"""Recorder node: writes what the experiment's topics carry to a rosbag2 bag (MCAP), message by message as it came."""
+"""Recorder node: writes the messages of the experiment's topics to a rosbag2 bag (MCAP), as they come."""
 
 import contextlib
 import gc
@@ -33,11 +33,11 @@ TOPICS = {
     "reference": JointReference,
     "joint_states": JointState,
 }
-"""Relative names, as the nodes publish them, in the order of the subscriptions. A node learns of these in the same
-order: who counts those who listen to its topic of the loop (``start.subscribers``) knows then that its other topic is
-listened to."""
+"""Relative names, as the nodes publish them, in the order of the subscriptions. Nodes discover these in the same
+order: one that counts the subscribers of its topic of the loop (``start.subscribers``) has those of its other topic by
+then."""
 DIAGNOSTICS = "/diagnostics"
-"""Recorded whoever publishes it, nodes of other systems included: nothing waits for it, or counts what is lost."""
+"""Recorded from every publisher, also nodes of other systems: nothing waits for it, or counts what is lost."""
 BARRIER = "joint_states"
 """Subscribed to last, once every other topic has a publisher: a simulator that waits for them starts then."""
 
@@ -53,40 +53,40 @@ _WARNING_PERIOD = 1.0  # s between two lines about lost messages
 _PATIENCE = 10.0  # s of waiting for publishers before the log says so
 _SILENCE = 0.3  # s without a message after which everything sent has arrived
 _PRIORITY = 20
-"""Of the threads that take messages in, below the loop's: the buffers of their sockets hold 50 ms, and what is missed
-has to be sent again by those who have no time for it."""
+"""Of the threads that receive messages, below the loop's. The buffers of their sockets hold 50 ms; nodes that have no
+time for it must send again what overflows them."""
 _NO_SERVICE = Parameter("start_type_description_service", value=False)
 
 
-class _Topic:
+class _RecordedTopic:
     """A topic that is recorded.
 
     Attributes:
         subscription: holds the messages until they are taken.
-        number: of the topic in the bag.
+        index: of the topic in the bag.
         received: messages taken.
         lost: messages that were published and did not arrive, by the publisher's sequence numbers.
     """
 
-    def __init__(self, subscription: Subscription, number: int) -> None:
+    def __init__(self, subscription: Subscription, index: int) -> None:
         self.subscription = subscription
-        self.number = number
+        self.index = index
         self.received = 0
         self.lost = 0
         self._sequence: int | None = None
 
     def take(self) -> bytes | None:
-        """The next message that waits, serialized."""
+        """The next waiting message, serialized; None if there is none."""
         # Executors have no way to tell a callback the sequence number of serialized messages.
         taken = self.subscription.handle.take_message(self.subscription.msg_type, True)
         if taken is None:
             return None
-        data, about = taken
+        data, information = taken
         self.received += 1
-        sequence: int | None = about["publication_sequence_number"]
+        sequence: int | None = information["publication_sequence_number"]
         if sequence is not None and self._sequence is not None:
             gap = sequence - self._sequence - 1
-            # A publisher that was started again begins at 1; the numbers of several cannot be told apart.
+            # A restarted publisher begins at 1; the sequences of several publishers cannot be told apart.
             if gap > 0 and self.subscription.get_publisher_count() <= 1:
                 self.lost += gap
         self._sequence = sequence
@@ -96,19 +96,21 @@ class _Topic:
 class RecorderNode(Node):
     """Subscribes to `TOPICS` as raw bytes and writes them to a bag.
 
-    What has been received is in the file after `FLUSH_PERIOD`, and readable however the recorder ends. Where nothing
-    more can be written, or less than ``min_free_space`` would be left on the disk, the bag ends, and the node goes on
-    without, so that a loop that waits for its subscribers is not disturbed.
+    A received message is in the file after `FLUSH_PERIOD`, and readable however the recorder ends. When nothing more
+    can be written, or less than ``min_free_space`` is left on the disk, the bag ends. The node keeps receiving, so
+    that a loop that waits for its subscribers is not disturbed.
 
     The node takes messages itself and is in no executor; it offers no services.
 
     Parameters, all read at the start: ``output``, the folder of the bag, which must not exist; ``metadata``, a text
     that is stored in the bag under the key ``pidtsm``; ``max_bag_size`` (bytes) and ``max_bag_duration`` (s), after
-    which a new file of the bag is begun, 0 for never; ``min_free_space`` (bytes) that recording leaves free;
-    ``plain_names``: the names of topics are written without the node's namespace.
+    which a new file of the bag is begun, 0 for never; ``min_free_space``, the bytes that recording leaves free;
+    ``plain_names``, whether the names of topics are written without the node's namespace.
 
     Attributes:
-        failure: why the bag ended before the recorder; empty where it did not.
+        last: when the last message was taken, s of the monotonic clock.
+        failure: why the bag ended before the recorder; empty if it did not.
+        connected: whether every topic is subscribed to.
     """
 
     def __init__(self) -> None:
@@ -133,13 +135,13 @@ class RecorderNode(Node):
         self.failure = ""
         self._unwritten = 0
         self._output = output
-        # Times of messages do not jump when somebody sets the clock.
+        # Times of messages do not jump when the system clock is set.
         self._epoch = time.time_ns() - time.monotonic_ns()
         self._writer = BagWriter(output, metadata, size, duration)
         self.connected = False
         self._topics = {topic: self._record(topic) for topic in TOPICS if topic != BARRIER}
         self._diagnostics = self._subscribe(DIAGNOSTICS, DiagnosticArray, RELIABLE_READER)
-        self._told = 0
+        self._reported = 0
 
     def _parameter(self, name: str, default: Any, description: str) -> Any:
         described = ParameterDescriptor(description=description, read_only=True)
@@ -149,14 +151,14 @@ class RecorderNode(Node):
             described.integer_range = [IntegerRange(from_value=0, to_value=2**62, step=1)]
         return self.declare_parameter(name, default, described).value
 
-    def _record(self, topic: str) -> _Topic:
+    def _record(self, topic: str) -> _RecordedTopic:
         return self._subscribe(topic, TOPICS[topic], RECORDER)
 
-    def _subscribe(self, topic: str, message_type: Any, qos: QoSProfile) -> _Topic:
+    def _subscribe(self, topic: str, message_type: Any, qos: QoSProfile) -> _RecordedTopic:
         subscription = self.create_subscription(message_type, topic, _never_called, qos, raw=True)
         type_name = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
         name = subscription.topic_name.removeprefix(self._left_out)
-        return _Topic(subscription, self._writer.add_topic(name, type_name))
+        return _RecordedTopic(subscription, self._writer.add_topic(name, type_name))
 
     @property
     def samples(self) -> int:
@@ -164,7 +166,7 @@ class RecorderNode(Node):
         return self._topics["simulator/ground_truth"].received
 
     def connect(self) -> None:
-        """Subscribe to the last topic once all others have a publisher."""
+        """Subscribe to `BARRIER` once all other topics have a publisher."""
         if not self.connected and not self.missing():
             self._topics[BARRIER] = self._record(BARRIER)
             self.connected = True
@@ -175,7 +177,7 @@ class RecorderNode(Node):
         return [s.topic_name for s in subscriptions if s.get_publisher_count() == 0]
 
     def take(self) -> None:
-        """Take everything that has arrived to the bag."""
+        """Write everything that has arrived to the bag."""
         with self._writing():
             for topic in (*self._topics.values(), self._diagnostics):
                 while (data := topic.take()) is not None:
@@ -185,10 +187,10 @@ class RecorderNode(Node):
                     if self.failure:
                         self._unwritten += 1
                     else:
-                        self._writer.write(topic.number, self._epoch + now, data)
+                        self._writer.write(topic.index, self._epoch + now, data)
 
     def flush(self) -> None:
-        """Bring what was taken to the file, while there is space."""
+        """Bring what was taken to the file; end the bag if the disk has no space left."""
         if self.failure:
             return
         with self._writing():
@@ -197,15 +199,15 @@ class RecorderNode(Node):
                 self._writer.close()
                 self._fail(shortage)
 
-    def tell_lost(self) -> None:
+    def warn_of_lost(self) -> None:
         """Warn of messages lost since the last time."""
         lost = self._lost()
-        if sum(lost.values()) > self._told:
-            self._told = sum(lost.values())
+        if sum(lost.values()) > self._reported:
+            self._reported = sum(lost.values())
             self.get_logger().warning(f"lost so far: {_counts(lost)}; the machine is too busy to record everything")
 
     def close(self) -> None:
-        """Finish the bag, and say what is in it."""
+        """Finish the bag, and log what is in it."""
         if not self.failure:
             with self._writing():
                 self._writer.close()
@@ -218,7 +220,7 @@ class RecorderNode(Node):
 
     @contextlib.contextmanager
     def _writing(self) -> Any:
-        """Within the block, an error of writing ends the bag and nothing else."""
+        """A context in which an error of writing ends the bag and nothing else."""
         try:
             yield
         except OSError as error:
@@ -247,16 +249,16 @@ def _counts(counts: dict[str, int]) -> str:
     return ", ".join(f"{count} of {name}" for name, count in counts.items())
 
 
-def _tell_progress(recorder: RecorderNode) -> None:
-    """A line on standard output, for whoever reads it."""
+def _print_progress(recorder: RecorderNode) -> None:
+    """Print a line for the program that started the recorder."""
     with contextlib.suppress(BrokenPipeError):
         print(f"recorded {recorder.samples}", flush=True)
 
 
 def _record(recorder: RecorderNode, stop: Stop) -> None:
-    """Record until asked to stop, and then on until nothing arrives any more."""
+    """Record until a stop is requested, and then until no more messages arrive."""
     flush = _Every(FLUSH_PERIOD, recorder.flush)
-    rest = [_Every(_STATUS_PERIOD, lambda: _tell_progress(recorder)), _Every(_WARNING_PERIOD, recorder.tell_lost)]
+    rest = [_Every(_STATUS_PERIOD, lambda: _print_progress(recorder)), _Every(_WARNING_PERIOD, recorder.warn_of_lost)]
     patience = time.monotonic() + _PATIENCE
     while not (stop.requested and time.monotonic() - recorder.last > _SILENCE):
         # Waking for batches costs a fraction of waking for every message; the queues hold far more than a batch.
@@ -272,7 +274,7 @@ def _record(recorder: RecorderNode, stop: Stop) -> None:
 
 
 class _Every:
-    """Something to do at times."""
+    """Work to do once a period (s)."""
 
     def __init__(self, period: float, work: Callable[[], None]) -> None:
         self._period, self._work, self._next = period, work, 0.0
@@ -284,7 +286,10 @@ class _Every:
 
 
 def run(stop: Stop) -> int:
-    """``ros2 run pidtsm_experiments recorder``: until a signal comes; returns the exit code: 1 for an incomplete bag.
+    """``ros2 run pidtsm_experiments recorder``: record until a signal comes.
+
+    Returns:
+        The exit code: 1 for a bag that could not be begun, or is incomplete.
 
     Raises:
         SystemExit: bad parameters, see `refuse`.
@@ -305,7 +310,7 @@ def run(stop: Stop) -> int:
         _record(recorder, stop)
     finally:
         recorder.close()
-        _tell_progress(recorder)
+        _print_progress(recorder)
         recorder.destroy_node()
         rclpy.try_shutdown()
     return 1 if recorder.failure else 0
