@@ -3,6 +3,7 @@
 import json
 import signal
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -12,7 +13,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from pidtsm_core.rollout import Rollout, rollout
 from pidtsm_core.signals import Signal
-from pidtsm_experiments.bags.reader import METADATA_KEY, typestore
+from pidtsm_experiments.bags.message_types import typestore
+from pidtsm_experiments.bags.metadata import METADATA_KEY
 
 # A shell's background jobs ignore SIGINT, and so would the processes that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -32,76 +34,120 @@ def run() -> Rollout:
     return rollout({}, 2.0)
 
 
-@pytest.fixture(scope="session")
-def write_bag() -> WriteBag:
-    """See `_write_bag`."""
-    return _write_bag
+@dataclass(frozen=True)
+class Sent:
+    """A message of a run.
 
-
-def _write_bag(
-    path: Path,
-    run: Rollout,
-    edit: Edit = lambda topic, k, message: message,
-    metadata: Mapping[str, Any] | str | None = METADATA,
-    namespace: str = "",
-    lacking: tuple[str, ...] = (),
-    plugin: StoragePlugin = StoragePlugin.MCAP,
-    start: int = 0,
-    reports: Sequence[Mapping[str, str]] = (),
-) -> Path:
-    """Write a bag as the recorder would.
-
-    Args:
-        path: the bag.
-        run: what happened.
-        edit: gets topic (without namespace), number of the sample and message; gives the message to write instead,
-            or None to lose it.
-        metadata: what the recorder says of the run.
-        namespace: before every topic.
-        lacking: topics that are not in the bag.
-        plugin: storage.
-        start: stamp of the first sample, ns.
-        reports: what comes on /diagnostics in the end: by the name of the node, how many messages it has rejected.
+    Attributes:
+        topic: without namespace.
+        k: index of the sample.
+        message: as rosbags has it; shared between tests, so nobody may change it.
+        payload: the same serialized.
     """
+
+    topic: str
+    k: int
+    message: Any
+    payload: bytes
+
+
+def sent(run: Rollout) -> list[Sent]:
+    """What the nodes send in a run, in the order of sending."""
     store = typestore()
     types = store.types
     joint_state = types["sensor_msgs/msg/JointState"]
     reference = types["pidtsm_msgs/msg/JointReference"]
     state = types["pidtsm_msgs/msg/ControllerState"]
     names, nothing = list(run.joints), np.empty(0)
-    with Writer(path, version=9, storage_plugin=plugin) as writer:
-        if metadata is not None:
-            text = metadata if isinstance(metadata, str) else json.dumps(metadata)
-            writer.set_custom_data(METADATA_KEY, text)
-        connections: dict[str, Any] = {}
-        for k, t in enumerate(run.time):
-            stamp = start + round(t * 1e9)
-            time = types["builtin_interfaces/msg/Time"](*divmod(stamp, 1_000_000_000))
-            header = types["std_msgs/msg/Header"](time, "")
-            signals = run.signals[k]
-            for topic, message in {
-                "joint_states": joint_state(header, names, run.position[k], run.velocity[k], nothing),
-                "reference": reference(header, names, *run.reference[k]),
-                "joint_commands": joint_state(header, names, nothing, nothing, signals[Signal.EFFORT]),
-                "controller/state": state(header, names, *signals, *run.status[k].tolist(), *LOOP, COMPUTE_TIME),
-                "simulator/ground_truth": joint_state(header, names, run.position[k], run.velocity[k], run.effort[k]),
-            }.items():
-                if topic in lacking:
+    messages = []
+    for k, t in enumerate(run.time):
+        time = types["builtin_interfaces/msg/Time"](*divmod(round(t * 1e9), 1_000_000_000))
+        header = types["std_msgs/msg/Header"](time, "")
+        signals = run.signals[k]
+        for topic, message in {
+            "joint_states": joint_state(header, names, run.position[k], run.velocity[k], nothing),
+            "reference": reference(header, names, *run.reference[k]),
+            "joint_commands": joint_state(header, names, nothing, nothing, signals[Signal.EFFORT]),
+            "controller/state": state(header, names, *signals, *run.status[k].tolist(), *LOOP, COMPUTE_TIME),
+            "simulator/ground_truth": joint_state(header, names, run.position[k], run.velocity[k], run.effort[k]),
+        }.items():
+            messages.append(Sent(topic, k, message, serialized(message)))
+    return messages
+
+
+def serialized(message: Any) -> bytes:
+    """A message of rosbags as it is sent."""
+    return bytes(typestore().serialize_cdr(message, message.__msgtype__))
+
+
+def report(rejected: Mapping[str, str]) -> Any:
+    """What comes on /diagnostics.
+
+    Args:
+        rejected: by the name of the node, how many messages it has rejected.
+    """
+    types = typestore().types
+    pair, status = types["diagnostic_msgs/msg/KeyValue"], types["diagnostic_msgs/msg/DiagnosticStatus"]
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), "")
+    statuses = [
+        status(0, f"{node}: loop", "running", "", [pair("rate (1/s)", "1"), pair(REJECTED, count)])
+        for node, count in rejected.items()
+    ]
+    return types["diagnostic_msgs/msg/DiagnosticArray"](header, statuses)
+
+
+@pytest.fixture(scope="session")
+def write_bag(run: Rollout) -> WriteBag:
+    """A function that writes a bag as the recorder would; see `write` for its arguments."""
+    of_run = sent(run)
+
+    def write(
+        path: Path,
+        run_to_write: Rollout,
+        edit: Edit | None = None,
+        metadata: Mapping[str, Any] | str | None = METADATA,
+        namespace: str = "",
+        lacking: tuple[str, ...] = (),
+        plugin: StoragePlugin = StoragePlugin.MCAP,
+        reports: Sequence[Mapping[str, str]] = (),
+    ) -> Path:
+        """Write a bag.
+
+        Args:
+            path: the bag.
+            run_to_write: what happened.
+            edit: gets topic (without namespace), index of the sample and message; gives the message to write instead,
+                or None to lose it.
+            metadata: what the recorder says of the run.
+            namespace: before every topic.
+            lacking: topics that are not in the bag.
+            plugin: storage.
+            reports: what comes on /diagnostics in the end, see `report`.
+        """
+        with Writer(path, version=9, storage_plugin=plugin) as writer:
+            if metadata is not None:
+                text = metadata if isinstance(metadata, str) else json.dumps(metadata)
+                writer.set_custom_data(METADATA_KEY, text)
+            connections: dict[str, Any] = {}
+            time = 0
+            for one in of_run if run_to_write is run else sent(run_to_write):
+                if one.topic in lacking:
                     continue
-                kind = message.__msgtype__
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(f"{namespace}/{topic}", kind, typestore=store)
-                if (edited := edit(topic, k, message)) is not None:
-                    writer.write(connections[topic], stamp, store.serialize_cdr(edited, kind))
-        for report in reports:
-            kind = "diagnostic_msgs/msg/DiagnosticArray"
-            if "diagnostics" not in connections:
-                connections["diagnostics"] = writer.add_connection("/diagnostics", kind, typestore=store)
-            pair, status = types["diagnostic_msgs/msg/KeyValue"], types["diagnostic_msgs/msg/DiagnosticStatus"]
-            told = [
-                status(0, f"{node}: loop", "running", "", [pair("rate (1/s)", "1"), pair(REJECTED, count)])
-                for node, count in report.items()
-            ]
-            message = types[kind](header, told)
-            writer.write(connections["diagnostics"], stamp, store.serialize_cdr(message, kind))
-    return path
+                if one.topic not in connections:
+                    kind = one.message.__msgtype__
+                    name = f"{namespace}/{one.topic}"
+                    connections[one.topic] = writer.add_connection(name, kind, typestore=typestore())
+                edited = edit(one.topic, one.k, one.message) if edit else one.message
+                time = round(run_to_write.time[one.k] * 1e9)
+                if edited is not None:
+                    payload = one.payload if edited is one.message else serialized(edited)
+                    writer.write(connections[one.topic], time, payload)
+            messages = [report(rejected) for rejected in reports]
+            if messages:
+                kind = messages[0].__msgtype__
+                connection = writer.add_connection("/diagnostics", kind, typestore=typestore())
+                for message in messages:
+                    writer.write(connection, time, serialized(message))
+        return path
+
+    return write

@@ -18,7 +18,7 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import NODES, make_experiment
 from pidtsm_core.rollout import SCHEMAS, rollout
 from pidtsm_experiments.bags.analysis import analyze
-from pidtsm_experiments.bags.reader import RecordingError, UnfinishedBag
+from pidtsm_experiments.bags.errors import RecordingError, UnfinishedBag
 
 Bag: TypeAlias = dict[str, bytes]
 
@@ -141,8 +141,8 @@ def test_any_file_is_an_experiment_or_refused_by_name(kind: str) -> None:
                 experiment = load(str(file))
                 experiment.resolved(SCHEMAS)
             except UsageError as error:
-                said = str(error)
-                assert str(file) in said
+                message = str(error)
+                assert str(file) in message
                 return
         assert experiment.duration > 0.0
         assert experiment.event_time is None or experiment.event_time > 0.0
@@ -244,8 +244,8 @@ def test_any_bag_is_read_or_refused_by_name(bag: Bag) -> None:
             try:
                 result = analyze(path)
             except RecordingError as error:
-                said = str(error)
-                assert str(path) in said
+                message = str(error)
+                assert str(path) in message
                 return
         assert result["samples"] > 0
         read.append(files)

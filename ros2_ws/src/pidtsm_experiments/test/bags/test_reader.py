@@ -27,7 +27,9 @@ from pidtsm_core.references import ReferenceMotion
 from pidtsm_core.rollout import Rollout, rollout
 from pidtsm_core.signals import Fault, Mode, Status
 from pidtsm_core.timing import seconds
-from pidtsm_experiments.bags.reader import METRICS_ONLY, RecordingError, UnfinishedBag, read_recording, typestore
+from pidtsm_experiments.bags.errors import RecordingError, UnfinishedBag
+from pidtsm_experiments.bags.message_types import typestore
+from pidtsm_experiments.bags.reader import METRICS_ONLY, read_recording
 from pidtsm_experiments.bags.writer import BagWriter
 
 REQUIRED = ("simulator/ground_truth", "reference", "controller/state")
@@ -83,14 +85,15 @@ def test_topics_are_found_in_any_namespace(tmp_path: Path, run: Rollout, write_b
 
 def test_time_counts_from_the_first_ground_truth(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
     start = 1_700_000_000_123_456_789
-    recording = read_recording(
-        write_bag(
-            tmp_path / "bag",
-            run,
-            start=start,
-            edit=lambda topic, k, message: None if topic == "controller/state" and k < 3 else message,
-        )
-    )
+    time = typestore().types["builtin_interfaces/msg/Time"]
+
+    def edit(topic: str, k: int, message: Any) -> Any:
+        if topic == "controller/state" and k < 3:
+            return None
+        stamp = time(*divmod(start + round(run.time[k] * 1e9), 1_000_000_000))
+        return replace(message, header=replace(message.header, stamp=stamp))
+
+    recording = read_recording(write_bag(tmp_path / "bag", run, edit=edit))
     assert_is(recording, replace(run, **{f: getattr(run, f)[3:] for f in vars(run) if f != "joints"}))
     assert recording.stamps_ns[0] == start + 3_000_000
 
@@ -221,7 +224,7 @@ def lose(samples: set[int]) -> Callable[[str, int, Any], Any]:
 
 
 def test_measurements_that_never_left_their_sensor_are_not_lost(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
-    """The reference is interpolated well within the accuracy of any metric, and the controller says what it said."""
+    """The reference is interpolated well within the accuracy of any metric, and the controller's signals are held."""
     unsent = {0, 7, *range(100, 120), 500, len(run.time) - 2, len(run.time) - 1}
     recording = read_recording(write_bag(tmp_path / "bag", run, edit=lose(unsent)))
     assert set(recording.lost.values()) == {0}
@@ -430,10 +433,10 @@ def test_messages_from_before_there_were_joints_of_faults_are_read(
         }
         for connection, time, payload in reader.messages():
             if connection.msgtype == kind:
-                said = vars(reader.deserialize(payload, kind))
+                values = vars(reader.deserialize(payload, kind))
                 fields = [name for name, _ in old.get_msgdef(kind).fields]
                 assert "violations" not in fields
-                payload = old.serialize_cdr(old.types[kind](*(said[name] for name in fields)), kind)
+                payload = old.serialize_cdr(old.types[kind](*(values[name] for name in fields)), kind)
             writer.write(connections[connection.topic], time, payload)
     recording = read_recording(tmp_path / "bag")
     known = [Status.MODE, Status.FAULT]
@@ -520,7 +523,7 @@ def only_a_text(bag: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("breaking", "said"),
+    ("breaking", "reason"),
     [
         (gone, "no such file"),
         (only_a_folder, "not a bag"),
@@ -532,10 +535,10 @@ def only_a_text(bag: Path) -> Path:
     ],
 )
 def test_broken_files_say_what_is_wrong(
-    tmp_path: Path, run: Rollout, write_bag: Any, breaking: Callable[[Path], Path], said: str
+    tmp_path: Path, run: Rollout, write_bag: Any, breaking: Callable[[Path], Path], reason: str
 ) -> None:
     path = breaking(write_bag(tmp_path / "bag", run))
-    with pytest.raises(RecordingError, match=said) as caught:
+    with pytest.raises(RecordingError, match=reason) as caught:
         read_recording(path)
     assert str(path) in str(caught.value)
 
@@ -588,7 +591,7 @@ def test_a_bag_may_be_cut_anywhere(tmp_path: Path, small_bag: bytes, end: int) -
     (folder / "bag_0.mcap").write_bytes(small_bag[:end])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnfinishedBag)
-        # Before the first chunk is whole there is nothing to read, and that is said.
+        # Before the end of the first chunk there is nothing to read, which is an error.
         with suppress(RecordingError) if end < 30_000 else nullcontext():
             assert read_recording(folder).scenario == "case1"
 
@@ -632,7 +635,7 @@ def with_values(topic: str, **values: Any) -> Callable[[str, int, Any], Any]:
 
 
 @pytest.mark.parametrize(
-    ("edit", "said"),
+    ("edit", "reason"),
     [
         (with_values("reference", position=np.array([0.0, np.nan])), "reference .*not finite.* 7000000 ns"),
         (with_values("controller/state", effort=np.array([np.inf, 0.0])), "controller/state .*not finite"),
@@ -642,9 +645,9 @@ def with_values(topic: str, **values: Any) -> Callable[[str, int, Any], Any]:
         (with_values("reference", velocity=np.zeros(3)), "reference has 3 values of velocity for 2"),
     ],
 )
-def test_a_bad_message_is_named(tmp_path: Path, run: Rollout, write_bag: Any, edit: Any, said: str) -> None:
+def test_a_bad_message_is_named(tmp_path: Path, run: Rollout, write_bag: Any, edit: Any, reason: str) -> None:
     path = write_bag(tmp_path / "bag", run, edit=edit)
-    with pytest.raises(RecordingError, match=said):
+    with pytest.raises(RecordingError, match=reason):
         read_recording(path)
 
 
