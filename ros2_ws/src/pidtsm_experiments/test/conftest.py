@@ -2,6 +2,7 @@
 
 import json
 import signal
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,14 +97,30 @@ def report(rejected: Mapping[str, str]) -> Any:
     return types["diagnostic_msgs/msg/DiagnosticArray"](header, statuses)
 
 
+def write_reports(writer: Writer, time: int, reports: Sequence[Mapping[str, str]]) -> None:
+    """Write what comes on /diagnostics, all at the same time (ns), see `report`."""
+    for k, message in enumerate(map(report, reports)):
+        if k == 0:
+            connection = writer.add_connection("/diagnostics", message.__msgtype__, typestore=typestore())
+        writer.write(connection, time, serialized(message))
+
+
 @pytest.fixture(scope="session")
-def write_bag(run: Rollout) -> WriteBag:
+def write_bag() -> WriteBag:
     """A function that writes a bag as the recorder would; see `write` for its arguments."""
-    of_run = sent(run)
+    # The messages of the latest runs; nearly all tests share one.
+    latest: deque[tuple[Rollout, list[Sent]]] = deque(maxlen=4)
+
+    def messages_of(run: Rollout) -> list[Sent]:
+        for known, messages in latest:
+            if known is run:
+                return messages
+        latest.append((run, sent(run)))
+        return latest[-1][1]
 
     def write(
         path: Path,
-        run_to_write: Rollout,
+        run: Rollout,
         edit: Edit | None = None,
         metadata: Mapping[str, Any] | str | None = METADATA,
         namespace: str = "",
@@ -115,7 +132,7 @@ def write_bag(run: Rollout) -> WriteBag:
 
         Args:
             path: the bag.
-            run_to_write: what happened.
+            run: what happened.
             edit: gets topic (without namespace), index of the sample and message; gives the message to write instead,
                 or None to lose it.
             metadata: what the recorder says of the run.
@@ -130,7 +147,7 @@ def write_bag(run: Rollout) -> WriteBag:
                 writer.set_custom_data(METADATA_KEY, text)
             connections: dict[str, Any] = {}
             time = 0
-            for one in of_run if run_to_write is run else sent(run_to_write):
+            for one in messages_of(run):
                 if one.topic in lacking:
                     continue
                 if one.topic not in connections:
@@ -138,16 +155,11 @@ def write_bag(run: Rollout) -> WriteBag:
                     name = f"{namespace}/{one.topic}"
                     connections[one.topic] = writer.add_connection(name, kind, typestore=typestore())
                 edited = edit(one.topic, one.k, one.message) if edit else one.message
-                time = round(run_to_write.time[one.k] * 1e9)
+                time = round(run.time[one.k] * 1e9)
                 if edited is not None:
                     payload = one.payload if edited is one.message else serialized(edited)
                     writer.write(connections[one.topic], time, payload)
-            messages = [report(rejected) for rejected in reports]
-            if messages:
-                kind = messages[0].__msgtype__
-                connection = writer.add_connection("/diagnostics", kind, typestore=typestore())
-                for message in messages:
-                    writer.write(connection, time, serialized(message))
+            write_reports(writer, time, reports)
         return path
 
     return write

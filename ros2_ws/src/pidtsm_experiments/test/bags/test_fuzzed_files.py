@@ -79,6 +79,10 @@ GOOD = {
     "controller": {"law.name": "piddtsm", "law.k1": [3.0, 4.0], "joints": ["joint1", "joint2"]},
     "trajectory": {"reference.name": "sines"},
 }
+GOOD_TEXT = yaml.safe_dump(GOOD).encode()
+WITH_PLACES = [
+    yaml.safe_dump(GOOD | {place: "PLACE"}) for place in ("duration", "description", "simulator", "controller", "9")
+]
 
 
 @st.composite
@@ -95,14 +99,13 @@ def changed_scenarios(draw: st.DrawFn) -> str:
 @st.composite
 def tagged_scenarios(draw: st.DrawFn) -> str:
     """A good scenario, and in one place text that YAML knows too well."""
-    place = draw(st.sampled_from(["duration", "description", "simulator", "controller", "9"]))
-    return yaml.safe_dump(GOOD | {place: "PLACE"}).replace("PLACE", draw(st.sampled_from(TAGS)))
+    return draw(st.sampled_from(WITH_PLACES)).replace("PLACE", draw(st.sampled_from(TAGS)))
 
 
 @st.composite
 def damaged_scenarios(draw: st.DrawFn) -> bytes:
     """A good scenario with some bytes changed."""
-    text = bytearray(yaml.safe_dump(GOOD).encode())
+    text = bytearray(GOOD_TEXT)
     for place, byte in draw(st.lists(st.tuples(st.integers(0, len(text) - 1), st.integers(0, 255)), max_size=3)):
         text[place] = byte
     return bytes(text[: draw(st.integers(0, len(text)))])

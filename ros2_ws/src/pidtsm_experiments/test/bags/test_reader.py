@@ -36,6 +36,12 @@ REQUIRED = ("simulator/ground_truth", "reference", "controller/state")
 TOPICS = (*REQUIRED, "joint_states", "joint_commands")
 
 
+@pytest.fixture(scope="session")
+def run() -> Rollout:
+    """0.6 s of Case 1: more would be written and read in vain in nearly all of these tests."""
+    return rollout({}, 0.6)
+
+
 def first(run: Rollout, samples: int) -> Rollout:
     """The first samples of a run."""
     arrays = {f.name: getattr(run, f.name)[:samples] for f in fields(run) if f.name != "joints"}
@@ -281,7 +287,7 @@ def silent(samples: set[int]) -> Callable[[str, int, Any], Any]:
     return edit
 
 
-LATE = {0, 1, 2, 7, *range(100, 300), 500, 1800, 1998, 1999}
+LATE = {0, 1, 2, 7, *range(100, 300), 500, 598, 599}
 
 
 def test_the_reference_of_what_never_left_its_sensor_is_exact(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
@@ -374,10 +380,10 @@ def test_a_motion_that_is_not_the_recorded_one_is_not_believed(
 def test_a_motion_that_was_replaced_under_way_is_not_believed(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
     """By a trajectory of somebody's, around a gap."""
     reference = run.reference.copy()
-    reference[990:1010] += 0.5
+    reference[490:510] += 0.5
     edited = replace(run, reference=reference)
-    path = write_bag(tmp_path / "bag", edited, edit=lose({1000}), metadata=knowing(motion()))
-    np.testing.assert_allclose(read_recording(path).reference[1000, 0], reference[1000, 0], atol=1e-9)
+    path = write_bag(tmp_path / "bag", edited, edit=lose({500}), metadata=knowing(motion()))
+    np.testing.assert_allclose(read_recording(path).reference[500, 0], reference[500, 0], atol=1e-9)
 
 
 # What the controller says of itself.
@@ -543,19 +549,25 @@ def test_broken_files_say_what_is_wrong(
     assert str(path) in str(caught.value)
 
 
+@pytest.fixture(scope="module")
+def long_run() -> Rollout:
+    """A run whose bag has several chunks."""
+    return rollout({}, 2.0)
+
+
 @pytest.mark.parametrize("breaking", [killed, cut, cut_file])
-def test_an_unfinished_bag_gives_what_it_has_and_tells_what_is_missing(
-    tmp_path: Path, run: Rollout, write_bag: Any, breaking: Callable[[Path], Path]
+def test_an_unfinished_bag_gives_what_it_has_and_says_what_is_missing(
+    tmp_path: Path, long_run: Rollout, write_bag: Any, breaking: Callable[[Path], Path]
 ) -> None:
-    path = breaking(write_bag(tmp_path / "bag", run))
+    path = breaking(write_bag(tmp_path / "bag", long_run))
     content = {file: file.read_bytes() for file in (tmp_path / "bag").iterdir()}
     with pytest.warns(UnfinishedBag, match=r"was not finished .*Everything after \d\.\d{3} s is missing") as caught:
         recording = read_recording(path)
     assert len(caught) == 1
     samples = recording.time.size
-    assert 100 < samples < run.time.size
-    np.testing.assert_array_equal(recording.position, run.position[:samples])
-    np.testing.assert_array_equal(recording.effort, run.effort[:samples])
+    assert 100 < samples < long_run.time.size
+    np.testing.assert_array_equal(recording.position, long_run.position[:samples])
+    np.testing.assert_array_equal(recording.effort, long_run.effort[:samples])
     assert {file: file.read_bytes() for file in (tmp_path / "bag").iterdir()} == content
 
 
@@ -574,7 +586,7 @@ def small_bag(tmp_path_factory: pytest.TempPathFactory, run: Rollout, write_bag:
     """The one file of a bag of many chunks that was never finished."""
     folder = tmp_path_factory.mktemp("small")
     writer = BagWriter(folder / "bag", json.dumps({"scenario": "case1"}), max_size=0, max_duration=0.0)
-    with AnyReader([write_bag(folder / "whole", first(run, 200))]) as reader:
+    with AnyReader([write_bag(folder / "whole", first(run, 100))]) as reader:
         topics = {c.topic: writer.add_topic(c.topic, c.msgtype) for c in reader.connections}
         for k, (connection, time, payload) in enumerate(reader.messages()):
             writer.write(topics[connection.topic], time, payload)
@@ -584,8 +596,8 @@ def small_bag(tmp_path_factory: pytest.TempPathFactory, run: Rollout, write_bag:
     return (folder / "bag" / "bag_0.mcap").read_bytes()
 
 
-@pytest.mark.parametrize("end", range(0, 200_000, 1999))
-def test_a_bag_may_be_cut_anywhere(tmp_path: Path, small_bag: bytes, end: int) -> None:
+@pytest.mark.parametrize("end", range(0, 100_000, 1999))
+def test_a_bag_may_be_cut_anywhere(tmp_path: Path, run: Rollout, small_bag: bytes, end: int) -> None:
     folder = tmp_path / "bag"
     folder.mkdir()
     (folder / "bag_0.mcap").write_bytes(small_bag[:end])
@@ -593,7 +605,9 @@ def test_a_bag_may_be_cut_anywhere(tmp_path: Path, small_bag: bytes, end: int) -
         warnings.simplefilter("ignore", UnfinishedBag)
         # Before the end of the first chunk there is nothing to read, which is an error.
         with suppress(RecordingError) if end < 30_000 else nullcontext():
-            assert read_recording(folder).scenario == "case1"
+            recording = read_recording(folder)
+            assert recording.scenario == "case1"
+            np.testing.assert_array_equal(recording.position, run.position[: recording.time.size])
 
 
 def test_a_bag_without_messages_says_so(tmp_path: Path) -> None:
