@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,13 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from launcher import install, state, variables  # noqa: E402
+from launcher import environment, install  # noqa: E402
+from launcher.environment import WHEELS, Layout  # noqa: E402
 
-REAL_PYTHON = state.base_python()
+REAL_PYTHON = os.path.realpath(getattr(sys, "_base_executable", sys.executable))
 STUB_CLI = """
 import os, sys
-print('cli', sys.argv[1:], os.environ.get('MARK', '-'))
+print('cli', sys.argv[1:], os.environ.get('MARK_PATH', '-'))
 sys.exit(int(os.environ.get('CODE', 0)))
 """
 
@@ -37,7 +39,7 @@ class Checkout:
         self.root = folder / "checkout"
         self.bin = folder / "bin"
         self.bin.mkdir()
-        for tool in ("sh", "readlink", "dirname", "cat"):
+        for tool in ("sh", "env", "readlink", "dirname", "cat"):
             self.link(tool)
         (self.bin / "python3").symlink_to(REAL_PYTHON)
         ignore = shutil.ignore_patterns("__pycache__")
@@ -46,7 +48,7 @@ class Checkout:
         shutil.copy(ROOT / "pidtsm", self.root)
         (self.root / "ros2_ws" / "src" / "demo").mkdir(parents=True)
         (self.root / "ros2_ws" / "src" / "demo" / "package.xml").write_text("<package/>")
-        self.layout = state.Layout(self.root)
+        self.layout = Layout(self.root)
         self.env = {"PATH": str(self.bin), "HOME": str(folder)}
 
     def link(self, tool: str) -> None:
@@ -87,10 +89,6 @@ class Checkout:
         out, err = process.communicate(timeout=120)
         return process.returncode, out, err
 
-    def wanted(self) -> state.Wanted:
-        lock = self.layout.lock(state.WHEELS)
-        return state.Wanted(str(self.root), state.WHEELS, str(self.layout.python), state.lock_digest(lock))
-
     def make_ready(self, *, record: bool = True) -> None:
         """What a finished set-up leaves: an environment, a command line in the workspace, and the state of both."""
         (self.layout.venv / "bin").mkdir(parents=True)
@@ -104,20 +102,28 @@ class Checkout:
             self.record()
 
     def record(self) -> None:
-        prepend = {"PYTHONPATH": [str(self.root / "ros2_ws" / "install")], "PATH": [str(self.layout.venv / "bin")]}
-        state.write(
+        paths = {
+            "PYTHONPATH": [str(self.root / "ros2_ws" / "install")],
+            "PATH": [str(self.layout.venv / "bin")],
+            "MARK_PATH": ["marked"],
+        }
+        environment.write(
             self.layout,
-            self.wanted(),
-            workspace=state.workspace_digest(self.layout.workspace / "src"),
-            variables={"prepend": prepend, "set": {"MARK": "marked"}},
+            environment.wanted(self.layout) | {"Python": os.path.realpath(self.layout.python)},
+            workspace=environment.workspace_digest(self.layout.workspace / "src"),
+            paths=paths,
         )
 
-    def missing(self, want: state.Wanted | None = None) -> state.Work | None:
-        return state.missing(self.layout, want or self.wanted(), state.read(self.layout))
+    def missing(self, **changes: Any) -> tuple[str, str] | None:
+        """The work that is missing from the recorded state to the wanted one, with `changes` to the latter."""
+        want = environment.wanted(self.layout) | changes
+        return environment.missing(self.layout, want, environment.read(self.layout))
 
 
 @pytest.fixture
-def checkout(tmp_path: Path) -> Checkout:
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Checkout:
+    for name in ("ROS_DISTRO", "PIDTSM_PYTHON"):
+        monkeypatch.delenv(name, raising=False)
     return Checkout(tmp_path)
 
 
@@ -132,12 +138,18 @@ def _only_c(checkout: Checkout) -> None:
     checkout.script("cc", "exit 0")
 
 
+def _named_compiler_missing(checkout: Checkout) -> None:
+    checkout.script("c++", "exit 0")
+    checkout.env["CXX"] = "no-such-compiler -O2"
+
+
 def _broken_compiler(checkout: Checkout) -> None:
     for name in ("cc", "c++"):
         checkout.script(name, "echo 'fatal error: stdio.h: No such file or directory' >&2; exit 1")
 
 
 def _no_headers(checkout: Checkout) -> None:
+    checkout.script("c++", 'echo "fatal error: Python.h: No such file or directory, in $3" >&2; exit 1')
     checkout.customize_python("import sysconfig\nsysconfig.get_path = lambda *a, **k: '/nowhere/include'\n")
 
 
@@ -175,11 +187,12 @@ def _old_python(checkout: Checkout, name: str = "python3") -> None:
 @pytest.mark.parametrize(
     ("lack", "words"),
     [
-        (_no_compiler, ("no C compiler", "build-essential")),
-        (_only_c, ("no C++ compiler", "build-essential")),
-        (_broken_compiler, ("C compiler", "trivial program", "stdio.h", "build-essential")),
-        (_no_headers, ("headers", "/nowhere/include/Python.h", "python3-dev")),
-        (_without_module("venv"), ("venv module", "python3-venv")),
+        (_no_compiler, ("c++", "cannot compile", "No such file", "build-essential")),
+        (_only_c, ("c++", "cannot compile", "No such file", "build-essential")),
+        (_named_compiler_missing, ("no-such-compiler -O2", "cannot compile", "build-essential")),
+        (_broken_compiler, ("c++", "cannot compile", "stdio.h", "build-essential")),
+        (_no_headers, ("Python.h", "-I/nowhere/include", "python3-dev")),
+        (_without_module("venv"), ("venv", "module", "python3-venv")),
         (_without_module("ensurepip"), ("ensurepip module", "python3-venv")),
         (_other_machine, ("riscv64", "source a ROS 2 Jazzy")),
         (_full_disk, ("2 GB of disk", "1.0 GB left")),
@@ -202,7 +215,7 @@ def test_what_is_missing_is_named_and_nothing_is_created(
 def test_a_newer_python_is_found_behind_an_old_one(checkout: Checkout) -> None:
     _old_python(checkout)
     (checkout.bin / "python3.12").symlink_to(REAL_PYTHON)
-    assert "no C compiler" in checkout.call("demo")[2]
+    assert "cannot compile" in checkout.call("demo")[2]
 
 
 def test_a_named_python_is_the_only_candidate(checkout: Checkout) -> None:
@@ -242,13 +255,11 @@ def test_a_moved_checkout_is_not_run(checkout: Checkout) -> None:
     moved = checkout.root.with_name("moved")
     checkout.root.rename(moved)
     checkout.root = moved
-    checkout.layout = state.Layout(moved)
-    work = checkout.missing()
-    assert work is not None
-    assert (work.create, work.reason) == (True, "the checkout was moved")
+    checkout.layout = Layout(moved)
+    assert checkout.missing() == ("environment", "the place of the checkout has changed")
     code, out, err = checkout.call("demo")
     assert (code, out) == (1, "")
-    assert "no C compiler" in err  # it went for the set-up, which this machine cannot do
+    assert "cannot compile" in err  # it went for the set-up, which this machine cannot do
 
 
 def test_the_second_of_two_waits_and_then_uses_what_the_first_made(checkout: Checkout) -> None:
@@ -272,7 +283,7 @@ def test_the_second_of_two_waits_and_then_uses_what_the_first_made(checkout: Che
 
 def test_ctrl_c_ends_with_one_line_and_the_next_call_repairs(checkout: Checkout) -> None:
     lock = "numpy==2.0.0 --hash=sha256:" + "0" * 64 + "\n"
-    checkout.layout.lock(state.WHEELS).write_text(lock)
+    checkout.layout.lock(WHEELS).write_text(lock)
     for tool in ("cc", "c++"):
         checkout.script(tool, "exit 0")
     with socket.create_server(("127.0.0.1", 0)) as index:
@@ -296,12 +307,12 @@ def test_ctrl_c_ends_with_one_line_and_the_next_call_repairs(checkout: Checkout)
     assert err.splitlines()[-1] == "pidtsm: interrupted; the next call repairs it"
     assert "Traceback" not in err
     assert checkout.layout.venv.exists()
-    assert state.read(checkout.layout) == {}
+    assert environment.read(checkout.layout) == {}
 
     (checkout.layout.venv / "half").touch()
     code, out, err = checkout.call("demo")  # nobody listens at the index any more
     assert (code, out) == (1, "")
-    assert "the set-up was not finished: making the environment anew" in err
+    assert "the set-up was not finished: setting up the environment" in err
     assert not (checkout.layout.venv / "half").exists()
     assert "no connection to the Python package index" in err.splitlines()[-1]
     assert "No matching distribution" in checkout.layout.log.read_text()
@@ -311,48 +322,52 @@ def test_ctrl_c_ends_with_one_line_and_the_next_call_repairs(checkout: Checkout)
 def test_a_state_that_cannot_be_read_means_a_new_environment(checkout: Checkout, content: str) -> None:
     checkout.make_ready()
     checkout.layout.state.write_text(content)
-    assert checkout.missing() == state.Work(create=True, build=True, reason="the set-up was not finished")
+    work = checkout.missing()
+    assert work is not None
+    assert work[0] == "environment"
 
 
-def test_nothing_there_is_a_first_call_without_a_reason(checkout: Checkout) -> None:
-    assert checkout.missing() == state.Work(create=True, build=True, reason="")
+def test_nothing_there_is_a_first_call(checkout: Checkout) -> None:
+    assert checkout.missing() == ("environment", "this is the first call")
 
 
 def test_an_interrupted_build_is_done_again_without_a_new_environment(checkout: Checkout) -> None:
     checkout.make_ready()
-    state.write(checkout.layout, checkout.wanted())  # what stands there while the workspace builds
-    assert checkout.missing() == state.Work(build=True, reason="")
+    want = environment.wanted(checkout.layout)
+    environment.write(checkout.layout, want)  # what stands there while the workspace builds
+    assert checkout.missing() == ("workspace", "the workspace is new or has changed")
 
 
 def test_an_interrupted_write_leaves_the_state_of_before(checkout: Checkout, monkeypatch: pytest.MonkeyPatch) -> None:
     checkout.make_ready()
     before = checkout.layout.state.read_bytes()
 
-    def power_cut(_file: int) -> None:
+    def power_cut(_self: Path, _text: str) -> None:
         raise OSError("power cut")
 
-    monkeypatch.setattr(os, "fsync", power_cut)
+    want = environment.wanted(checkout.layout)
+    monkeypatch.setattr(Path, "write_text", power_cut)
     with pytest.raises(OSError, match="power cut"):
-        state.write(checkout.layout, checkout.wanted())
+        environment.write(checkout.layout, want)
     assert checkout.layout.state.read_bytes() == before
 
 
 @pytest.mark.parametrize(
     ("output", "cause"),
     [
-        ("OSError: [Errno 28] No space left on device", "disk is full"),
+        ("ERROR: Could not install packages due to an OSError: [Errno 28] No space left on device", "No space left"),
         ("NewConnectionError('...')\nERROR: No matching distribution found for numpy", "no connection"),
-        ("ERROR: No matching distribution found for nonsense==1", "no nonsense==1 for this Python"),
-        ("ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM", "not the one that was locked"),
-        ("Failed   <<< pidtsm_msgs [1.29s, exited with code 1]", "package pidtsm_msgs does not build"),
+        ("ERROR: No matching distribution found for nonsense==1", "No matching distribution found for nonsense==1"),
+        ("ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM", "DO NOT MATCH THE HASHES"),
+        ("Failed   <<< pidtsm_msgs [1.29s, exited with code 1]\nSummary: 1 package", "Failed   <<< pidtsm_msgs"),
     ],
 )
 def test_the_cause_of_a_failure_is_named(output: str, cause: str) -> None:
     assert cause in install.find_cause(output)
 
 
-def test_an_unknown_failure_has_no_cause() -> None:
-    assert install.find_cause("Traceback: something new") == ""
+def test_a_failure_that_says_nothing_has_no_cause() -> None:
+    assert install.find_cause("something new") == "no reason given"
 
 
 # --- what makes a set-up stale --------------------------------------------------------------------------------------
@@ -360,43 +375,32 @@ def test_an_unknown_failure_has_no_cause() -> None:
 
 def test_a_changed_lock_updates_the_environment(checkout: Checkout) -> None:
     checkout.make_ready()
-    with checkout.layout.lock(state.WHEELS).open("a") as lock:
+    with checkout.layout.lock(WHEELS).open("a") as lock:
         lock.write("# changed\n")
-    assert checkout.missing() == state.Work(update=True, build=True, reason="wheels.lock has changed")
+    assert checkout.missing() == ("packages", "the lock file has changed")
 
 
 @pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        ({"ros": "/opt/ros/jazzy/lib/python3.12/site-packages/rclpy"}, "sourced installation"),
-        ({"version": state.SETUP_VERSION + 1}, "set-up itself"),
-    ],
+    ("name", "value"),
+    [("ROS 2", "/opt/ros/jazzy/lib/python3.12/site-packages/rclpy"), ("version of the set-up", 1_000_000)],
 )
-def test_another_kind_of_environment_is_made_anew(checkout: Checkout, change: dict[str, Any], reason: str) -> None:
+def test_another_kind_of_environment_is_made_anew(checkout: Checkout, name: str, value: object) -> None:
     checkout.make_ready()
-    work = checkout.missing(checkout.wanted()._replace(**change))
-    assert work is not None
-    assert work.create
-    assert reason in work.reason
+    assert checkout.missing(**{name: value, "lock file": "another, too"}) == ("environment", f"the {name} has changed")
 
 
 def test_an_environment_without_its_python_is_made_anew(checkout: Checkout) -> None:
     checkout.make_ready()
     checkout.layout.python.unlink()
-    work = checkout.missing()
-    assert work is not None
-    assert work.create
+    assert checkout.missing() == ("environment", "the Python has changed")
 
 
 def test_another_python_matters_only_if_asked_for(checkout: Checkout, monkeypatch: pytest.MonkeyPatch) -> None:
     checkout.make_ready()
-    other = checkout.wanted()._replace(python="/usr/bin/python3.99")
-    monkeypatch.delenv("PIDTSM_PYTHON", raising=False)
-    assert checkout.missing(other) is None
+    monkeypatch.setattr(sys, "_base_executable", "/usr/bin/python3.99", raising=False)
+    assert checkout.missing() is None
     monkeypatch.setenv("PIDTSM_PYTHON", "python3.99")
-    work = checkout.missing(other)
-    assert work is not None
-    assert work.create
+    assert checkout.missing() == ("environment", "the Python has changed")
 
 
 @pytest.mark.parametrize(
@@ -427,7 +431,7 @@ def test_the_content_of_a_module_needs_no_build_and_that_of_a_message_does(check
     module.write_text("a = 2")
     assert checkout.missing() is None
     message.write_text("float64 b")
-    assert checkout.missing() == state.Work(build=True, reason="the workspace has changed")
+    assert checkout.missing() == ("workspace", "the workspace is new or has changed")
 
 
 # --- where ROS 2 comes from, what reaches the environment -----------------------------------------------------------
@@ -458,7 +462,7 @@ def test_a_sourced_jazzy_is_one_that_this_python_can_import(
     monkeypatch.syspath_prepend(tmp_path / "jazzy")
     monkeypatch.setenv("ROS_DISTRO", distribution)
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "jazzy"))
-    assert state.sourced_jazzy(checkout.layout) == (package if found else None)
+    assert environment.sourced_jazzy(checkout.layout) == (package if found else None)
 
 
 def test_the_environment_of_the_wheels_is_never_taken_for_an_installation(
@@ -471,7 +475,7 @@ def test_the_environment_of_the_wheels_is_never_taken_for_an_installation(
     monkeypatch.syspath_prepend(site)
     monkeypatch.setenv("ROS_DISTRO", "jazzy")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(checkout.layout.venv))
-    assert state.sourced_jazzy(checkout.layout) is None
+    assert environment.sourced_jazzy(checkout.layout) is None
 
 
 HUMBLE = {
@@ -484,30 +488,44 @@ HUMBLE = {
 }
 
 
-def test_another_distribution_does_not_leak_into_the_wheels() -> None:
-    env = variables.clean(HUMBLE, state.WHEELS)
+def _call_from(monkeypatch: pytest.MonkeyPatch, caller: dict[str, str]) -> None:
+    for name in os.environ:
+        monkeypatch.delenv(name)
+    for name, value in caller.items():
+        monkeypatch.setenv(name, value)
+
+
+def test_another_distribution_does_not_leak_into_the_wheels(
+    checkout: Checkout, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _call_from(monkeypatch, HUMBLE)
+    env = environment.variables(checkout.layout, WHEELS, {})
     assert "humble" not in json.dumps(env)
     assert env["PATH"] == "/usr/bin"
     assert env["LD_LIBRARY_PATH"] == "/opt/cuda/lib"
     assert env["PYTHONNOUSERSITE"] == "1"
 
 
-def test_a_sourced_installation_is_kept_behind_the_workspace(checkout: Checkout) -> None:
-    reached = {"environment": {"ros": "/opt/ros/jazzy"}, "variables": {"prepend": {"PATH": ["/ws"]}, "set": {}}}
+def test_a_sourced_installation_is_kept_behind_the_workspace(
+    checkout: Checkout, monkeypatch: pytest.MonkeyPatch
+) -> None:
     caller = {"PATH": "/opt/ros/jazzy/bin:/ws:/usr/bin", "PYTHONPATH": "/opt/ros/jazzy/lib", "HOME": str(checkout.root)}
-    env = variables.apply(caller, reached, checkout.layout)
+    _call_from(monkeypatch, caller)
+    env = environment.variables(checkout.layout, "/opt/ros/jazzy", {"PATH": ["/ws"]})
     assert env["PATH"] == "/ws:/opt/ros/jazzy/bin:/usr/bin"
     assert env["PYTHONPATH"] == "/opt/ros/jazzy/lib"
 
 
 @pytest.mark.parametrize("home", [None, "", "/nonexistent"])
-def test_without_a_home_logs_and_caches_still_have_a_place(checkout: Checkout, home: str | None) -> None:
-    checkout.layout.venv.mkdir()
-    env = variables.with_home({} if home is None else {"HOME": home}, checkout.layout)
-    for name in ("ROS_LOG_DIR", "COLCON_HOME", "XDG_CACHE_HOME", "MPLCONFIGDIR"):
-        assert env[name].startswith(str(checkout.layout.venv)), name
-    assert env["HOME"]
-    assert variables.with_home({"HOME": home or "", "ROS_LOG_DIR": "/mine"}, checkout.layout)["ROS_LOG_DIR"] == "/mine"
+def test_without_a_home_logs_and_caches_still_have_a_place(
+    checkout: Checkout, monkeypatch: pytest.MonkeyPatch, home: str | None
+) -> None:
+    _call_from(monkeypatch, {} if home is None else {"HOME": home})
+    monkeypatch.setattr(tempfile, "tempdir", str(checkout.bin))
+    places = [Path(environment.variables(checkout.layout, WHEELS, {})["HOME"]) for _ in range(2)]
+    assert places[0] == places[1]  # or every call would compile anew
+    assert places[0].stat().st_uid == os.getuid()
+    assert os.access(places[0], os.W_OK)
 
 
 def test_the_wheels_cmake_files_get_the_paths_of_this_machine(tmp_path: Path) -> None:
@@ -516,8 +534,72 @@ def test_the_wheels_cmake_files_get_the_paths_of_this_machine(tmp_path: Path) ->
     file.write_text(
         '"/opt/python/cp312-cp312/include/python3.12;/opt/python/cp312-cp312/lib/x" /opt/python/cp312-cp312'
     )
+    cached = tmp_path / "cached.cmake"
+    cached.hardlink_to(file)  # as uv installs
+    before = cached.read_text()
     install.patch_wheels(tmp_path, "/usr/include/python3.12")
+    assert cached.read_text() == before
     assert file.read_text() == f'"/usr/include/python3.12;{tmp_path}/lib/x" {tmp_path}'
+
+
+# --- the packages ---------------------------------------------------------------------------------------------------
+
+
+def test_uv_takes_the_index_that_pip_is_configured_with() -> None:
+    listed = [
+        "global.cert='/etc/ca.crt'",
+        "global.extra-index-url='https://a/simple\\nhttps://b/simple'",
+        "global.index-url='https://global/simple'",
+        "global.trusted-host='a b'",
+        "install.no-index='true'",
+        ":env:.find-links='/wheels https://c'",
+        ":env:.index-url='https://user:pass=word@env/simple'",
+        ":env:.timeout='5'",
+    ]
+    assert install.uv_variables("\n".join(listed)) == {
+        "UV_DEFAULT_INDEX": "https://user:pass=word@env/simple",
+        "UV_INDEX": "https://a/simple https://b/simple",
+        "UV_INDEX_STRATEGY": "unsafe-best-match",
+        "UV_FIND_LINKS": "/wheels,https://c",
+        "UV_INSECURE_HOST": "a b",
+        "UV_OFFLINE": "true",
+        "SSL_CERT_FILE": "/etc/ca.crt",
+    }
+
+
+FETCH, WITH_UV, WITH_PIP = "fetching uv", "installing packages", "installing packages with pip"
+
+
+@pytest.mark.parametrize(
+    ("on_path", "failing", "steps"),
+    [
+        (False, [], [FETCH, WITH_UV]),
+        (True, [], [WITH_UV]),
+        (False, [FETCH], [FETCH, WITH_PIP]),
+        (False, [WITH_UV], [FETCH, WITH_UV, WITH_PIP]),
+        (True, [WITH_UV], [WITH_UV, WITH_PIP]),
+    ],
+)
+def test_pip_does_what_uv_cannot(
+    checkout: Checkout, monkeypatch: pytest.MonkeyPatch, on_path: bool, failing: list[str], steps: list[str]
+) -> None:
+    checkout.make_ready(record=False)
+    checkout.script("python", "echo \"global.index-url='https://mine/simple'\"", checkout.layout.venv / "bin")
+    if on_path:
+        checkout.script("uv", "exit 0")
+    done = []
+
+    def run(_self: object, what: str, command: list[str], *, more: Any = None, needed: bool = True) -> bool:
+        assert needed == (what not in (FETCH, WITH_UV))
+        assert (more or {}).get("UV_DEFAULT_INDEX") == ("https://mine/simple" if what == WITH_UV else None)
+        assert what == "checking packages" or "--require-hashes" in command
+        done.append(what)
+        return what not in failing
+
+    monkeypatch.setenv("PATH", str(checkout.bin))
+    monkeypatch.setattr(install.Installer, "_run", run)
+    install.Installer(checkout.layout, environment.wanted(checkout.layout), lock=0).install()
+    assert done == [*steps, "checking packages"]
 
 
 # --- the shell ------------------------------------------------------------------------------------------------------
@@ -526,7 +608,8 @@ def test_the_wheels_cmake_files_get_the_paths_of_this_machine(tmp_path: Path) ->
 def test_the_shell_returns_the_code_of_its_command(checkout: Checkout) -> None:
     checkout.make_ready()
     checkout.env["SHELL"] = str(checkout.bin / "sh")
-    assert checkout.call("shell", "-c", 'echo "$MARK $PIDTSM_ROOT"; exit 7') == (7, f"marked {checkout.root}\n", "")
+    command = 'echo "$MARK_PATH $VIRTUAL_ENV"; exit 7'
+    assert checkout.call("shell", "-c", command) == (7, f"marked {checkout.layout.venv}\n", "")
 
 
 def test_the_shell_refuses_what_it_does_not_know(checkout: Checkout) -> None:
@@ -540,13 +623,13 @@ def test_the_interactive_bash_keeps_the_environment_behind_a_bashrc_that_covers_
     checkout.make_ready()
     checkout.link("bash")
     (Path(checkout.env["HOME"]) / ".bashrc").write_text(
-        "export PATH=/covered:$PATH MARK=covered ROS_DISTRO=humble; mine=kept\n"
+        "export PATH=/covered:$PATH MARK_PATH=covered ROS_DISTRO=humble; mine=kept\n"
     )
     checkout.env["SHELL"] = "bash"
     done = subprocess.run(
         [str(checkout.root / "pidtsm"), "shell"],
         env=checkout.env,
-        input='echo "$MARK|${PATH%%:*}|$mine|${ROS_DISTRO:-none}"; exit 3\n',
+        input='echo "$MARK_PATH|${PATH%%:*}|$mine|${ROS_DISTRO:-none}"; exit 3\n',
         capture_output=True,
         text=True,
         start_new_session=True,
@@ -555,7 +638,7 @@ def test_the_interactive_bash_keeps_the_environment_behind_a_bashrc_that_covers_
     assert (done.returncode, done.stdout) == (3, f"marked|{checkout.layout.venv}/bin|kept|none\n")
 
 
-@pytest.mark.skipif(not state.Layout(ROOT).state.exists(), reason="this checkout was not set up by ./pidtsm")
+@pytest.mark.skipif(not Layout(ROOT).state.exists(), reason="this checkout was not set up by ./pidtsm")
 def test_the_shell_of_this_checkout_imports_ros_and_the_messages() -> None:
     code = "import sys, rclpy, pidtsm_msgs.msg; print(sys.prefix)"
     done = subprocess.run(

@@ -1,0 +1,148 @@
+"""The environment of a checkout: what it should be, what it is, what is missing between the two, and its variables.
+
+Its state is one file in it, replaced only after a step has succeeded: what was interrupted, the next call does again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import sys
+import tempfile
+from importlib.machinery import PathFinder
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+WHEELS = "wheels"
+STEPS = ("environment", "packages", "workspace")
+
+# A symlink install shows changed modules at once; these files it only reads while building.
+_BUILD_INPUTS = ("package.xml", "setup.py", "setup.cfg", "CMakeLists.txt", ".msg", ".srv", ".action")
+_NO_SOURCE = re.compile(r"(^|/)(\.|#|__pycache__)|(~|\.pyc)$|\.egg-info(/|$)")
+
+# What another ROS installation or Python environment leaves in a shell, and the wheels must not see.
+_OF_OTHERS = ("PYTHONPATH", "PYTHONHOME", "ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "RMW_IMPLEMENTATION")
+
+
+class SetupError(Exception):
+    """Set-up cannot go on; the text is one sentence for the user."""
+
+
+class Layout:
+    """Where things are in the checkout at `root`."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.log = root / ".venv.log"
+        self.workspace = root / "ros2_ws"
+        self.venv = root / ".venv"
+        self.python = self.venv / "bin" / "python"
+        self.state = self.venv / "pidtsm.json"
+
+    def lock(self, ros: str) -> Path:
+        """The locked packages that go with ROS 2 from `ros`."""
+        return self.root / "requirements" / ("wheels.lock" if ros == WHEELS else "jazzy.lock")
+
+
+def sourced_jazzy(layout: Layout) -> str | None:
+    """The rclpy folder of a sourced ROS 2 Jazzy, if this interpreter can import it (without importing it)."""
+    sourced = os.environ.get("ROS_DISTRO") == "jazzy" and os.environ.get("AMENT_PREFIX_PATH")
+    rclpy = find_spec("rclpy") if sourced else None
+    for folder in (rclpy and rclpy.submodule_search_locations) or []:
+        if not Path(folder).is_relative_to(layout.venv) and PathFinder.find_spec("_rclpy_pybind11", [folder]):
+            return folder
+    return None
+
+
+def wanted(layout: Layout) -> dict[str, Any]:
+    """The environment that this interpreter, this shell and this checkout ask for; the keys are words for the user."""
+    ros = sourced_jazzy(layout) or WHEELS
+    python = getattr(sys, "_base_executable", "") or sys.executable  # not that of another environment
+    # Any fitting interpreter may start an existing environment, unless the user asks for this one.
+    if ros == WHEELS and not os.environ.get("PIDTSM_PYTHON") and layout.state.exists() and layout.python.exists():
+        python = layout.python
+    return {
+        "place of the checkout": str(layout.root),
+        "version of the set-up": 2,  # to be raised when older environments have to be made anew
+        "ROS 2": ros,
+        "Python": os.path.realpath(python),
+        "lock file": hashlib.sha256(layout.lock(ros).read_bytes()).hexdigest(),
+    }
+
+
+def workspace_digest(source: Path) -> str:
+    """Digest of everything below `source` that makes a new build necessary: build inputs and the list of file names."""
+    digest = hashlib.sha256()
+    for path in sorted(source.rglob("*")):
+        name = str(path.relative_to(source))
+        if not _NO_SOURCE.search(name) and path.is_file():
+            digest.update(os.fsencode(name) + b"\0" + (path.read_bytes() if name.endswith(_BUILD_INPUTS) else b""))
+    return digest.hexdigest()
+
+
+def read(layout: Layout) -> dict[str, Any]:
+    """The recorded state; empty when there is none that can be read."""
+    try:
+        return dict(json.loads(layout.state.read_text()))
+    except (OSError, ValueError, TypeError):
+        return {}
+
+
+def write(layout: Layout, environment: dict[str, Any], **built: Any) -> None:
+    """Record `environment` as complete, and what was `built` in it (digest of the workspace, search paths)."""
+    draft = layout.state.with_suffix(".new")
+    draft.write_text(json.dumps({**environment, **built}, indent=1))
+    draft.replace(layout.state)
+
+
+def missing(layout: Layout, want: dict[str, Any], have: dict[str, Any]) -> tuple[str, str] | None:
+    """The first of STEPS to be done, with all after it, and why; None if nothing is missing."""
+    if not have:
+        return "environment", "the set-up was not finished" if layout.venv.exists() else "this is the first call"
+    changed = [name for name in want if have.get(name) != want[name]]
+    if changed:
+        return "packages" if changed == ["lock file"] else "environment", f"the {changed[0]} has changed"
+    if have.get("workspace") != workspace_digest(layout.workspace / "src"):
+        return "workspace", "the workspace is new or has changed"
+    return None
+
+
+def variables(layout: Layout, ros: str, paths: dict[str, list[str]]) -> dict[str, str]:
+    """The caller's variables, with `paths` before the caller's and without what would leak into the wheels."""
+    env = dict(os.environ)
+    if ros == WHEELS:
+        foreign = entries(env, "AMENT_PREFIX_PATH") + entries(env, "COLCON_PREFIX_PATH")
+        for name in [name for name in env if name.endswith("PATH")]:
+            kept = [e for e in entries(env, name) if not any(Path(e).is_relative_to(folder) for folder in foreign)]
+            env[name] = os.pathsep.join(kept)
+        env = {name: value for name, value in env.items() if name not in _OF_OTHERS}
+        # Python's start-up hook of the wheels would only set LD_LIBRARY_PATH and start again.
+        env |= {"PYTHONNOUSERSITE": "1", "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
+    for name, first in paths.items():
+        env[name] = os.pathsep.join(first + [entry for entry in entries(env, name) if entry not in first])
+    if not os.access(env.get("HOME", ""), os.W_OK | os.X_OK):  # logs and caches go there
+        home = Path(tempfile.gettempdir(), f"pidtsm-{os.getuid()}")
+        home.mkdir(mode=0o700, exist_ok=True)
+        env["HOME"] = str(home) if home.stat().st_uid == os.getuid() else tempfile.mkdtemp(prefix="pidtsm-")
+    return env | {"VIRTUAL_ENV": str(layout.venv)}
+
+
+def interactive(shell: str) -> list[str]:
+    """The command of an interactive shell; a bash gets these variables again after .bashrc, which may cover them."""
+    if Path(shell).name != "bash":
+        return [shell, "-i"]
+    start = f"echo '[ -f ~/.bashrc ] && . ~/.bashrc; unset {' '.join(_OF_OTHERS)}'; export -p"
+    return [shell, "-c", f'exec "$0" --rcfile <({start}; echo \'PS1="(pidtsm) $PS1"\') -i', shell]
+
+
+def entries(env: dict[str, str], name: str) -> list[str]:
+    """The entries of the search path `name` in `env`."""
+    return [entry for entry in env.get(name, "").split(os.pathsep) if entry]
+
+
+def say(message: str, end: str = "\n") -> None:
+    """Tell the user, on standard error: standard output belongs to the command."""
+    print(f"pidtsm: {message}", end=end, file=sys.stderr, flush=True)
