@@ -100,7 +100,7 @@ class Installer(NamedTuple):
         """Install the locked packages, with uv if it can be had, else with pip."""
         self.layout.state.unlink(missing_ok=True)
         python, lock = str(self.layout.python), str(self.layout.lock(self.want["ROS 2"]))
-        pip = [python, "-m", "pip", "install", "--no-user", "--no-deps", "--require-hashes", "-r"]
+        pip = [python, "-m", "pip", "install", "--no-user", "--no-deps", "--no-compile", "--require-hashes", "-r"]
         uv = ["uv", "pip", "install", "--python", python, "--no-deps", "--require-hashes", "-r"]
         config = run([python, "-m", "pip", "config", "list"], capture_output=True, text=True).stdout
         fetch = [*pip, str(self.layout.root / "requirements" / "uv.lock"), "--only-binary=:all:"]
