@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -57,13 +57,16 @@ class Bench:
         return self._listeners[-1]
 
     def start(self, name: str, *parameters: str) -> Process:
-        """Start one of our nodes with parameters ``name:=value``."""
-        arguments = [word for parameter in parameters for word in ("-p", parameter)]
-        log = self.folder / f"{name}.log"
+        """A process of one of our nodes, with parameters ``name:=value``."""
         if name == "recorder":  # Its output is read.
-            return self.processes.start(name, arguments, self.environment, log)
-        self.processes.running[name] = NurseryProcess(name, arguments, self.environment, log)
+            return self.start_executable(name, *parameters)
+        log = self.folder / f"{name}.log"
+        self.processes.running[name] = NurseryProcess(name, _arguments(parameters), self.environment, log)
         return self.processes.running[name]
+
+    def start_executable(self, name: str, *parameters: str) -> Process:
+        """The same from nothing, as ``ros2 run`` does it: for tests of the start itself."""
+        return self.processes.start(name, _arguments(parameters), self.environment, self.folder / f"{name}.log")
 
     def spin_until(self, condition: Callable[[], Any], what: str) -> None:
         """Spin the test's node until the condition holds."""
@@ -111,6 +114,10 @@ class Bench:
         for node in self._listeners:
             node.destroy_node()
         self.context.try_shutdown()
+
+
+def _arguments(parameters: Iterable[str]) -> list[str]:
+    return [word for parameter in parameters for word in ("-p", parameter)]
 
 
 @contextmanager

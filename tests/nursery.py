@@ -28,6 +28,7 @@ class NurseryProcess(Process):
 
     def __init__(self, name: str, arguments: Sequence[str], environment: Mapping[str, str], log: Path) -> None:
         self.name, self.log = name, log
+        log.touch()
         words = [name, "--ros-args", *arguments]
         self.process = _Popen(_FORKED.Process(target=_become, args=(words, dict(environment), log)))  # type: ignore[assignment]
 

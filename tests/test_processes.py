@@ -37,7 +37,7 @@ def takes_signals(process: Process) -> bool:
 @pytest.mark.parametrize("node", ["simulator", "controller", "trajectory", "recorder", "visualization", "composed"])
 @pytest.mark.parametrize("after", [0.0, 0.3, 0.8])
 def test_a_signal_at_any_moment_of_the_start_ends_a_node_cleanly(bench: Bench, node: str, after: float) -> None:
-    process = bench.start(node, *([f"output:={bench.folder / 'bag'}"] if node == "recorder" else []))
+    process = bench.start_executable(node, *([f"output:={bench.folder / 'bag'}"] if node == "recorder" else []))
     bench.spin_until(lambda: takes_signals(process), f"{node} takes signals")
     time.sleep(after)  # What happens at this moment is left to chance.
     process.interrupt()

@@ -80,6 +80,7 @@ class Arrivals:
         """Take whatever comes next for the first message."""
         self.last = -1
         self.elapsed = self.period = self._taken = self._lead = 0
+        self._tolerance = self.TOLERANCE
         self._row = _NO_ROW
 
     def judge(self, stamp: int, now: int | None) -> Stamp:
@@ -94,7 +95,14 @@ class Arrivals:
             return Stamp.NEW
         if stamp == self.last:
             return Stamp.REPEATED
-        if stamp > self.last and (now is None or not self._is_ahead(stamp, now)):
+        # The tolerance first: it holds nearly always. And the second message tells how fast time goes there.
+        since = stamp - self.last
+        if 0 < since and (
+            now is None
+            or since <= self._tolerance
+            or self.period == 0
+            or stamp - now <= self._lead + self._tolerance
+        ):
             return Stamp.NEW
         self._row = self._row.then(stamp, now)
         if self._is_confirmed(now is None):
@@ -111,6 +119,7 @@ class Arrivals:
             self._compare_clocks(judged, stamp, now, follows)
         if follows:
             self.period = track_period(self.period, stamp - self.last)
+            self._tolerance = max(self.TOLERANCE, self.period)
         self.last = stamp
         self._row = _NO_ROW
 
@@ -138,15 +147,6 @@ class Arrivals:
         """
         youngest = system_time - now - self._lead
         return system_time - self.last if 0 <= youngest < NANOSECONDS // 2 else self._lead - (self.last - now)
-
-    @property
-    def _tolerance(self) -> int:
-        return max(self.TOLERANCE, self.period)
-
-    def _is_ahead(self, stamp: int, now: int) -> bool:
-        # The second message tells how fast time goes there.
-        known = self.period > 0 and stamp - self.last > self._tolerance
-        return known and stamp - now > self._lead + self._tolerance
 
     def _is_confirmed(self, lockstep: bool) -> bool:
         if lockstep:
