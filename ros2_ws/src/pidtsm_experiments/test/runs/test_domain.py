@@ -8,7 +8,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from pidtsm_experiments import domain
+from pidtsm_experiments.runs import domain
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.domain import domains_in_use, own_domain
 
@@ -69,7 +69,7 @@ def test_a_domain_is_free_again_after_an_error(chosen: int) -> None:
 
 HOLD = """
 import sys
-from pidtsm_experiments import domain
+from pidtsm_experiments.runs import domain
 domain.random.shuffle = lambda domains: domains.sort(key=lambda number: number != int(sys.argv[1]))
 with domain.own_domain() as own:
     print(own, flush=True)
