@@ -13,10 +13,10 @@ from sensor_msgs.msg import JointState
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollout import rollout
-from pidtsm_experiments import runner
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs import runner
 from pidtsm_experiments.runs.domain import domains_in_use
 from pidtsm_ros.middleware import on_this_machine
 from pidtsm_ros.stamps import nanoseconds

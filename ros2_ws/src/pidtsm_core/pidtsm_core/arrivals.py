@@ -97,11 +97,8 @@ class Arrivals:
             return Stamp.REPEATED
         # The tolerance first: it holds nearly always. And the second message tells how fast time goes there.
         since = stamp - self.last
-        if 0 < since and (
-            now is None
-            or since <= self._tolerance
-            or self.period == 0
-            or stamp - now <= self._lead + self._tolerance
+        if since > 0 and (
+            now is None or since <= self._tolerance or self.period == 0 or stamp - now <= self._lead + self._tolerance
         ):
             return Stamp.NEW
         self._row = self._row.then(stamp, now)

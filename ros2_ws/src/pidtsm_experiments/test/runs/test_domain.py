@@ -8,8 +8,8 @@ from contextlib import ExitStack
 
 import pytest
 
-from pidtsm_experiments.runs import domain
 from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.runs import domain
 from pidtsm_experiments.runs.domain import domains_in_use, own_domain
 
 
