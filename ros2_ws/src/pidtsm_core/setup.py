@@ -6,7 +6,7 @@ NAME = "pidtsm_core"
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     packages=find_packages(exclude=["test"]),
     package_data={NAME: ["py.typed", "scenarios/*.yaml", "params/*.yaml"]},
     data_files=[

@@ -7,7 +7,7 @@ VIEWERS = ("rviz", "foxglove", "plotjuggler")
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     packages=find_packages(exclude=["test"]),
     package_data={NAME: ["py.typed"]},
     data_files=[

@@ -4,7 +4,7 @@ NAME = "pidtsm_ros"
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     packages=find_packages(exclude=["test"]),
     package_data={NAME: ["py.typed", "*.xml"]},
     data_files=[

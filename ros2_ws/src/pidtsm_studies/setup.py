@@ -4,7 +4,7 @@ NAME = "pidtsm_studies"
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     packages=find_packages(exclude=["test"]),
     package_data={NAME: ["py.typed", "article/*.yaml", "reports/templates/*", "robustness/templates/*"]},
     data_files=[
