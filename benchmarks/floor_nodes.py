@@ -20,7 +20,7 @@ from pidtsm_controller.controller_node import ControllerNode
 from pidtsm_controller.trajectory_node import TrajectoryNode
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.node_parameters import AUTOSTART, PRIORITY
-from pidtsm_core.parameters import Parameter, number
+from pidtsm_core.parameters import Parameter, as_float
 from pidtsm_core.signals import Signal
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros import process
@@ -49,7 +49,7 @@ class Floor(ManagedNode):
 
     @property
     def priority(self) -> int:
-        return int(number(self.values[PRIORITY.name]))
+        return int(as_float(self.values[PRIORITY.name]))
 
 
 class EchoController(Floor):
@@ -155,7 +155,7 @@ class EchoSimulator(Floor):
         self._truths = self.advertise(JointState, "echo/ground_truth")
         self._clocks = self.advertise(Clock, "/clock")
         self._commands = self.listen(JointState, "joint_commands", self._on_command, raw=True)
-        self._samples = int(number(self.values["samples"]))
+        self._samples = int(as_float(self.values["samples"]))
         self._sample = -1
 
     def poll(self) -> float:
@@ -199,8 +199,8 @@ class Driver(Floor):
     def configure(self) -> None:
         values = self.values
         self._targets = list(values["targets"])
-        self._period = round(1e9 / number(values["rate"]))
-        self._turn, turns = int(number(values["turn"])), int(number(values["turns"])) + self._WARM_UP
+        self._period = round(1e9 / as_float(values["rate"]))
+        self._turn, turns = int(as_float(values["turn"])), int(as_float(values["turns"])) + self._WARM_UP
         self._total = self._turn * turns * len(self._targets)
         self._message = OutgoingMessage(JointState(name=JOINTS), ("position",), joints=len(JOINTS))
         self._message.arrays[0] = [0.1, -0.1]

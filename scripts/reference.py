@@ -115,7 +115,7 @@ def _heading(path: tuple[str, ...], settings: Mapping[str, object]) -> str:
 
 def _row(p: Parameter) -> str:
     marks = [p.range_text()]
-    marks += ["per joint"] * (p.per_joint and not isinstance(p.default, tuple)) + ["start"] * p.fixed
+    marks += ["per joint"] * (p.per_joint and not isinstance(p.default, tuple)) + ["start"] * p.read_only
     allowed = "; ".join(m for m in marks if m)
     cells = (f"`{p.name}`", _text(p.default), p.unit, allowed, p.description)
     return f"| {' | '.join(cell.replace('|', _ESCAPED) for cell in cells)} |\n"

@@ -108,5 +108,5 @@ def test_every_parameter_describes_itself(bench: Bench, node: str) -> None:
     for parameter, descriptor in zip(schema, descriptors, strict=True):
         assert descriptor.description.startswith(parameter.description)
         assert parameter.unit in descriptor.description
-        assert descriptor.read_only == parameter.fixed
+        assert descriptor.read_only == parameter.read_only
         assert parameter.range_text() in descriptor.additional_constraints

@@ -154,7 +154,7 @@ def test_what_a_recorder_missed_while_it_was_stopped_it_gets_afterwards(bench: B
 def test_threads_that_receive_go_before_other_work(bench: Bench) -> None:
     """Otherwise messages are missed on a busy machine, and the loop must send them again."""
     process = bench.start("recorder", f"output:={bench.folder / 'bag'}")
-    bench.spin_until(lambda: (bench.folder / "bag").exists(), "a recorder")
+    bench.spin_until((bench.folder / "bag").exists, "a recorder")
     if "SCHED_FIFO is not permitted" in process.log.read_text():
         pytest.skip("needs the right to real-time scheduling")
 
@@ -284,7 +284,7 @@ def test_a_long_recording_is_split(bench: Bench, loop: Loop, limit: str, killed:
     for _ in loop.run(2.0):
         pass
     if killed:
-        bench.spin_until(lambda: (bag / "bag_2.mcap").exists(), "a third file")
+        bench.spin_until((bag / "bag_2.mcap").exists, "a third file")
         process.process.kill()
         process.process.wait()
     else:

@@ -4,9 +4,9 @@ import ast
 import re
 import shutil
 import subprocess
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from bench import Bench
@@ -270,7 +270,7 @@ def test_every_process_of_ours_is_guarded() -> None:
         if name == "rclpy.init" and file.name != "security.py"
     ]
     assert [file for file, _ in starts] == ["startup.py"]
-    assert all("args=guarded(" in call for _, call in starts), starts
+    assert all("args=prepare_process(" in call for _, call in starts), starts
 
 
 # What is installed is what was locked.

@@ -13,7 +13,7 @@ from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.control import Clock, Controller
 from pidtsm_core.joints import MessageError
 from pidtsm_core.node_parameters import PRIORITY, controller_node_schema
-from pidtsm_core.parameters import names, number
+from pidtsm_core.parameters import as_float, names
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.signals import Fault, Mode, Signal, Status
 from pidtsm_core.timing import NANOSECONDS
@@ -58,7 +58,7 @@ class ControllerNode(ManagedNode):
 
     @property
     def priority(self) -> int:
-        return 0 if self.lockstep else int(number(self.values[PRIORITY.name]))
+        return 0 if self.lockstep else int(as_float(self.values[PRIORITY.name]))
 
     def configure(self) -> None:
         joints = list(names(self.values["joints"]))
@@ -76,10 +76,10 @@ class ControllerNode(ManagedNode):
         for warning in self._controller.warnings():
             self.get_logger().warning(warning)
         fields = ("position", "effort") if self._controller.config.feeds_back else ("position",)
-        self._statistics = LoopStatistics(number(self.values["diagnostics.deadline"]))
+        self._statistics = LoopStatistics(as_float(self.values["diagnostics.deadline"]))
         self._incoming_state = IncomingMessages(JointState, fields, joints)
         self._incoming_reference = IncomingMessages(JointReference, _REFERENCE_FIELDS, joints)
-        self._decimation = int(number(self.values["state.decimation"]))
+        self._decimation = int(as_float(self.values["state.decimation"]))
         self._answered_stamp = self._waiting_stamp = -1
         self._state_arrivals, self._reference_arrivals = Arrivals(), Arrivals()
         self._arrived = 0
@@ -125,8 +125,8 @@ class ControllerNode(ManagedNode):
 
     def parameters_changed(self) -> None:
         self._controller.set_parameters(self.values)
-        self._statistics.deadline = number(self.values["diagnostics.deadline"])
-        self._decimation = int(number(self.values["state.decimation"]))
+        self._statistics.deadline = as_float(self.values["diagnostics.deadline"])
+        self._decimation = int(as_float(self.values["state.decimation"]))
         for warning in self._controller.warnings():
             self.get_logger().warning(warning)
 

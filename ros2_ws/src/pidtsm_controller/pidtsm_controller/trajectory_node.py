@@ -11,7 +11,7 @@ from pidtsm_core.arrivals import Arrivals, Stamp
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.joints import JointOrder, MessageError
 from pidtsm_core.node_parameters import PRIORITY, trajectory_node_schema
-from pidtsm_core.parameters import Array, names, number
+from pidtsm_core.parameters import Array, as_float, names
 from pidtsm_core.references import ReferenceMotion, reference_joints
 from pidtsm_core.references.trajectory import MotionUnderWay, Rest, TrajectoryError
 from pidtsm_core.timing import seconds
@@ -48,7 +48,7 @@ class TrajectoryNode(ManagedNode):
 
     @property
     def priority(self) -> int:
-        return 0 if self.lockstep else int(number(self.values[PRIORITY.name]))
+        return 0 if self.lockstep else int(as_float(self.values[PRIORITY.name]))
 
     def configure(self) -> None:
         joints = list(names(self.values["joints"]))
@@ -71,7 +71,7 @@ class TrajectoryNode(ManagedNode):
         self._published = 0
         self.offer("~/begin", self._begin)
         self._listening = False
-        self.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, once=True)
+        self.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, reliable=True)
 
     def activate(self) -> None:
         self._arrivals = Arrivals()
@@ -138,7 +138,7 @@ class TrajectoryNode(ManagedNode):
         """Come to rest, or stay at `position` (rad) where that is elsewhere; `stamp` (ns) is what was `before`."""
         self._motion.move(stamp - before)
         self._motion.evaluate(stamp, self._desired)
-        if np.abs(self._desired[0] - position).max() <= number(self.values["start_tolerance"]):
+        if np.abs(self._desired[0] - position).max() <= as_float(self.values["start_tolerance"]):
             self._motion.cancel(stamp)
         else:
             self._motion = MotionUnderWay(Rest(position), stamp, self._built_in.joints)
@@ -168,7 +168,7 @@ class TrajectoryNode(ManagedNode):
         times = np.array([seconds(nanoseconds(point.time_from_start)) for point in message.points])
         start = nanoseconds(message.header.stamp) or last
         try:
-            self._motion.follow(last, start, times, points, number(self.values["start_tolerance"]))
+            self._motion.follow(last, start, times, points, as_float(self.values["start_tolerance"]))
         except TrajectoryError as error:
             raise MessageError(str(error)) from None
         self.get_logger().info(f"following a trajectory of {len(times)} points, {times[-1]:g} s")

@@ -19,7 +19,7 @@ from pidtsm_core.timing import NANOSECONDS
 ENCODING = 2
 """Bytes at the beginning that say how the message is encoded; the second tells the byte order."""
 STAMP_BEGIN = 4
-"""Where the first field stands, after the encoding and two bytes that nobody reads. Numbers are aligned to it."""
+"""Where the first field stands, after the encoding and two bytes that nobody reads. Integers are aligned to it."""
 STAMP_END = STAMP_BEGIN + 8
 """Where the stamp ends in a message that begins with one, alone or in a std_msgs/Header."""
 DOUBLE = 8
@@ -102,7 +102,7 @@ def places_of_numbers(
 
 
 def _marks(count: int) -> Array:
-    """Numbers that occur nowhere else in a message."""
+    """Integers that occur nowhere else in a message."""
     return np.arange(1, count + 1, dtype=np.float64) * np.float64(-math.pi * 1e-200)
 
 

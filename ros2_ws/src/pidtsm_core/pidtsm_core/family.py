@@ -43,7 +43,7 @@ _Member = TypeVar("_Member", bound=_Named)
 
 
 class Family(Generic[_Member]):
-    """Members by name, and by the number under which compiled code knows them (their place in the registry)."""
+    """Members by name, and by the index under which compiled code knows them (their place in the registry)."""
 
     def __init__(self, *members: _Member) -> None:
         """Args: members: in order. Raises: ValueError: two share a name."""
@@ -60,5 +60,5 @@ class Family(Generic[_Member]):
     def __getitem__(self, name: str) -> _Member:
         return self.members[self.names.index(name)]
 
-    def number(self, name: str) -> int:
+    def index(self, name: str) -> int:
         return self.names.index(name)

@@ -12,7 +12,7 @@ from pidtsm_core.parameters import Parameter, ParameterError, Schema, chosen
 from pidtsm_core.references import reference_schema
 from pidtsm_core.simulation.simulator import simulator_schema
 
-AUTOSTART = Parameter("autostart", True, "configure and activate on start, without a lifecycle manager", fixed=True)
+AUTOSTART = Parameter("autostart", True, "configure and activate on start, without a lifecycle manager", read_only=True)
 
 PRIORITY = Parameter(
     "realtime.priority",
@@ -20,7 +20,7 @@ PRIORITY = Parameter(
     "SCHED_FIFO priority of the node's threads in realtime, where the system permits it; 0: like any other process",
     minimum=0,
     maximum=99,
-    fixed=True,
+    read_only=True,
 )
 
 _TRAJECTORY_PRIORITY = replace(PRIORITY, default=10)
@@ -43,7 +43,7 @@ def _form_of_commands(name: str, description: str) -> Parameter:
         f"{description}: joint_state, on joint_commands, by name and with the stamp of the joint state it answers; "
         "float64_multi_array, on effort_controller/commands, in the order of the parameter joints (ros2_control)",
         choices=("joint_state", "float64_multi_array"),
-        fixed=True,
+        read_only=True,
     )
 
 
@@ -55,7 +55,7 @@ def _start(topic: str, default: int, listeners: str) -> Parameter:
         f"subscribers of {topic} to wait for before the first message ({listeners}; a recorder is one more); "
         "0 starts at once",
         minimum=0,
-        fixed=True,
+        read_only=True,
     )
 
 
@@ -88,10 +88,10 @@ _SIMULATOR = (
         "realtime: samples at the wall clock's rate, stamped with the system time; "
         "lockstep: every sample waits for its command, stamped from 0, with /clock",
         choices=("realtime", "lockstep"),
-        fixed=True,
+        read_only=True,
     ),
     _form_of_commands("input.type", "form of the commands taken"),
-    Parameter("duration", 0.0, "end after this time; 0 runs for ever", "s", minimum=0.0, fixed=True),
+    Parameter("duration", 0.0, "end after this time; 0 runs for ever", "s", minimum=0.0, read_only=True),
     _start("joint_states", 2, "controller, trajectory"),
     Parameter(
         "lockstep.timeout",
@@ -100,7 +100,7 @@ _SIMULATOR = (
         "s",
         minimum=0.0,
         exclusive=True,
-        fixed=True,
+        read_only=True,
     ),
 )
 
@@ -121,7 +121,7 @@ _CONTROLLER = (
         "latest: the newest reference, continued to the stamp of the joint state; "
         "stamp: wait for the reference with the stamp of the joint state (lockstep)",
         choices=("latest", "stamp"),
-        fixed=True,
+        read_only=True,
     ),
     _form_of_commands("output.type", "form of the commands"),
     _start("the commands", 1, "simulator"),
@@ -137,7 +137,7 @@ _TRAJECTORY = (
         "realtime: a joint state that was missed is of no interest; "
         "lockstep: every one is answered, since the simulator waits for it",
         choices=("realtime", "lockstep"),
-        fixed=True,
+        read_only=True,
     ),
     _start("reference", 1, "controller"),
     Parameter(

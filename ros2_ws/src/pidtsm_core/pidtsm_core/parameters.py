@@ -50,7 +50,7 @@ class Parameter:
         exclusive: the ends of the range themselves are not allowed.
         choices: allowed values of a string.
         per_joint: one number for all joints, or a sequence of one number a joint; one name a joint.
-        fixed: can only be set before the node is configured, not while it runs.
+        read_only: can only be set before the node is configured, not while it runs.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Parameter:
     exclusive: bool = False
     choices: tuple[str, ...] = ()
     per_joint: bool = False
-    fixed: bool = False
+    read_only: bool = False
 
     def range_text(self) -> str:
         """The allowed values in words, empty where everything is allowed."""
@@ -228,7 +228,7 @@ def unknown_parameter(name: str, known: Iterable[str]) -> str:
     return f"unknown parameter {name}{hint or '; known are ' + ', '.join(known)}"
 
 
-def number(value: Value) -> float:
+def as_float(value: Value) -> float:
     """The checked value of a parameter that is a number."""
     assert isinstance(value, (int, float))
     return float(value)

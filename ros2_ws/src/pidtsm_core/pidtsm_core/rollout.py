@@ -13,7 +13,7 @@ from pidtsm_core.compiled import njit
 from pidtsm_core.control import Controller, ControllerConfig, ControllerState, controller_schema, step
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.joints import JointOrder
-from pidtsm_core.parameters import Array, ParameterError, Schema, Value, names, number, resolve
+from pidtsm_core.parameters import Array, ParameterError, Schema, Value, as_float, names, resolve
 from pidtsm_core.references import (
     MotionConfig,
     ReferenceMotion,
@@ -89,7 +89,7 @@ def _keep(signals: Array, status: NDArray[np.uint8], start: int, stop: int, cont
 @njit
 def _simulate(
     controller: ControllerConfig,
-    memory: ControllerState,
+    state: ControllerState,
     hardware: SimulatorConfig,
     robot: SimulatorState,
     draws: Array,
@@ -112,7 +112,7 @@ def _simulate(
     dt = seconds(period)
     arm = robot.arm
     joints = position.shape[1]
-    torque, truth = memory.torque, memory.truth
+    torque, truth = state.torque, state.truth
     last = -1  # sample of the last measurement that reached the controller
     begun = 0  # sample at which the reference begins: that of the first measurement that is not lost
     referred = -1  # stamp of the last reference
@@ -135,29 +135,29 @@ def _simulate(
                 for i in range(k + 1):
                     evaluate_motion(motion, seconds((i - begun) * period), desired[i])
             if sample > last + 1:
-                _keep(signals, status, last + 1, sample, memory)
+                _keep(signals, status, last + 1, sample, state)
             if sample < k:
                 elapsed = seconds((sample - begun) * period)
             if not drops_out(motion, elapsed):
                 referred = sample * period
                 for i in range(3):
                     for j in range(joints):
-                        memory.reference[i, j] = desired[sample, i, places[1, j]]
+                        state.reference[i, j] = desired[sample, i, places[1, j]]
             for j in range(joints):
-                memory.measured[j] = measured[places[0, j]]
+                state.measured[j] = measured[places[0, j]]
                 if controller.feeds_back:
-                    memory.applied[j] = applied[places[0, j]]
+                    state.applied[j] = applied[places[0, j]]
                 truth[0, j] = derivatives[0, places[0, j]]
                 truth[1, j] = derivatives[1, places[0, j]]
-            step(controller, memory, sample * period, referred, truth)
+            step(controller, state, sample * period, referred, truth)
             for j in range(joints):
-                torque[places[0, j]] = memory.signals[Signal.EFFORT, j]
-            _keep(signals, status, sample, sample + 1, memory)
+                torque[places[0, j]] = state.signals[Signal.EFFORT, j]
+            _keep(signals, status, sample, sample + 1, state)
             last = sample
         act(hardware, robot, draws[k], k, sample >= 0, torque, t, dt)
         for j in range(joints):
             effort[k, j] = arm.effort[j]
-    _keep(signals, status, last + 1, position.shape[0], memory)
+    _keep(signals, status, last + 1, position.shape[0], state)
     return position.shape[0]
 
 
@@ -225,7 +225,7 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
     joints = {node: names(values[node]["joints"]) for node in SCHEMAS}
     places = np.array([JointOrder(joints["controller"]).match(joints[node]) for node in ("simulator", "trajectory")])
     _check_start(controller, robot, motion, places)
-    period = period_nanoseconds(int(number(values["simulator"]["rate"])))
+    period = period_nanoseconds(int(as_float(values["simulator"]["rate"])))
     if not duration * 1e9 / period >= 0.5 or duration == math.inf:
         raise ParameterError(f"duration: {duration} s is not a time of at least one sample")
     samples = round(duration * 1e9 / period)

@@ -35,7 +35,7 @@ def test_members_are_found_by_name_and_number(family: Family) -> None:  # type: 
     assert family.members
     for number, member in enumerate(family.members):
         assert family[member.name] is member
-        assert family.number(member.name) == number
+        assert family.index(member.name) == number
         assert member.summary.strip()
 
 

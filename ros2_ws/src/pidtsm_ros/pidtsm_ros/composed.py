@@ -37,4 +37,4 @@ def run(stop: Stop) -> int:
 
 
 def _maker(point: EntryPoint) -> Callable[[], ManagedNode]:
-    return lambda: point.load()()
+    return lambda: point.load()()  # noqa: PLW0108  Loaded when it is called.

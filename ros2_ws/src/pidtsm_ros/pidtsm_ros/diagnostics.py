@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.qos import QoSProfile
 
-from pidtsm_core.parameters import Value, number
+from pidtsm_core.parameters import Value, as_float
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import set_stamp
@@ -39,7 +39,9 @@ def judge(readings: list[Reading], values: Mapping[str, Value], scale: float = 1
         if not reading.threshold:
             continue
         for limit, worse in (("error", DiagnosticStatus.ERROR), ("warn", DiagnosticStatus.WARN)):
-            bound = number(values[f"diagnostics.{reading.threshold}.{limit}"]) * (scale if reading.unit == "s" else 1.0)
+            bound = as_float(values[f"diagnostics.{reading.threshold}.{limit}"]) * (
+                scale if reading.unit == "s" else 1.0
+            )
             if reading.value > 0.0 and reading.value >= bound:
                 level = max(level, worse)
                 causes.append(f"{reading.name} {reading.value:.3g}{reading.unit and ' ' + reading.unit} >= {bound:g}")

@@ -27,6 +27,6 @@ EFFORT_TOPICS = {
     "joint_state": EffortTopic("joint_commands", JointState, "effort", lambda joints: JointState(name=list(joints))),
     # Of ros2_control's forward_command_controller: neither stamp nor names.
     "float64_multi_array": EffortTopic(
-        "effort_controller/commands", Float64MultiArray, "data", lambda joints: Float64MultiArray()
+        "effort_controller/commands", Float64MultiArray, "data", lambda _joints: Float64MultiArray()
     ),
 }

@@ -18,7 +18,7 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from pidtsm_core.joints import MessageError
-from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, number, resolve
+from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, as_float, resolve
 from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, OVERRIDABLE, PUBLISHER, READER, RELIABLE_READER
 from pidtsm_ros.wire import deserialize
 
@@ -35,13 +35,13 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
     constraints = [parameter.range_text()]
     if parameter.per_joint and not isinstance(parameter.default, tuple):
         constraints.append("one number for all joints, or one a joint")
-    if parameter.fixed:
+    if parameter.read_only:
         constraints.append("set at the start only")
     described = ParameterDescriptor(
         name=parameter.name,
         description=parameter.description + unit,
         additional_constraints="; ".join(c for c in constraints if c),
-        read_only=parameter.fixed,
+        read_only=parameter.read_only,
         # Lets a number stand for all joints, and a whole number for a float; the schema checks the rest.
         dynamic_typing=isinstance(parameter.default, (float, tuple)),
     )
@@ -255,7 +255,7 @@ class ManagedNode(LifecycleNode):
         A publisher counts a reader when it keeps for it what it publishes from then on.
         """
         if self._awaited:
-            self._awaited = publisher.get_subscription_count() < number(self.values["start.subscribers"])
+            self._awaited = publisher.get_subscription_count() < as_float(self.values["start.subscribers"])
         return self._awaited
 
     def listen(
@@ -265,15 +265,21 @@ class ManagedNode(LifecycleNode):
         callback: Callable[[Any], None],
         raw: bool = False,
         while_inactive: bool = False,
-        once: bool = False,
+        reliable: bool = False,
         depth: int | None = None,
     ) -> Subscription:
         """A subscription, until the node is cleaned up, that reports what `callback` rejects with MessageError.
 
-        With `raw` the callback gets the serialized message. What is said `once`, and not with every sample, must not be
-        missed in realtime either. `depth`: so many may wait, where given, instead of what topics have. Messages to an
-        inactive node are dropped, unless it wants them. All arrive serialized: what rclpy cannot deserialize would end
-        the executor.
+        All messages arrive serialized, since one that rclpy cannot deserialize would end the executor.
+
+        Args:
+            message_type: of the topic.
+            topic: name.
+            callback: gets each message.
+            raw: the callback gets the serialized message.
+            while_inactive: it also gets the messages that arrive while the node is inactive.
+            reliable: in realtime too no message is missed; for topics that carry less than one a sample.
+            depth: so many messages may wait; where None, as many as on other topics.
         """
 
         def checked(data: bytes) -> None:
@@ -284,7 +290,7 @@ class ManagedNode(LifecycleNode):
             except MessageError as error:
                 self.reject(f"{topic}: {error}")
 
-        qos = copy(RELIABLE_READER if once or self.lockstep else READER)
+        qos = copy(RELIABLE_READER if reliable or self.lockstep else READER)
         qos.depth = depth or qos.depth
         subscription = self.create_subscription(
             message_type, topic, checked, qos, raw=True, qos_overriding_options=OVERRIDABLE

@@ -23,8 +23,8 @@ class SecurityError(RuntimeError):
     """Security was asked for and cannot be had; the message says why and what to do."""
 
 
-def guarded(arguments: Sequence[str] | None = None) -> list[str]:
-    """Guard this process, and return its arguments for ``rclpy.init``.
+def prepare_process(arguments: Sequence[str] | None = None) -> list[str]:
+    """Prepare the environment of this process, and return its arguments for ``rclpy.init``.
 
     Discovery is limited to this machine, unless ``ROS_AUTOMATIC_DISCOVERY_RANGE`` says otherwise. With
     ``ROS_SECURITY_ENABLE=true`` the process gets the enclave ``/pidtsm/EXECUTABLE``, unless the arguments name one.

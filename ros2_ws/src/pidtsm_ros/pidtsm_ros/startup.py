@@ -7,7 +7,7 @@ from typing import NoReturn
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
-from pidtsm_ros.security import guarded
+from pidtsm_ros.security import prepare_process
 from pidtsm_ros.stop import Stop
 
 
@@ -23,7 +23,7 @@ def start_ros(stop: Stop, args: Sequence[str] | None = None) -> None:
     """
     stop.defer()
     try:
-        rclpy.init(args=guarded(args), signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=prepare_process(args), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
         refuse(error)
 

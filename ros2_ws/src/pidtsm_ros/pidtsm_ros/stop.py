@@ -29,7 +29,7 @@ class Stop:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
-    def _request(self, number: int, frame: FrameType | None) -> None:
+    def _request(self, _signal: int, _frame: FrameType | None) -> None:
         if not self._deferred:
             os._exit(0)
         self.requested = True

@@ -1,8 +1,8 @@
 """Processes that stay on this machine bind their sockets there, unless somebody has chosen profiles or transports."""
 
 import os
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 

@@ -10,7 +10,7 @@ from std_msgs.msg import Float64MultiArray
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.joints import JointOrder
 from pidtsm_core.node_parameters import PRIORITY, simulator_node_schema
-from pidtsm_core.parameters import names, number
+from pidtsm_core.parameters import as_float, names
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.simulation.simulator import SimulatedRobot
 from pidtsm_core.timing import period_nanoseconds, seconds
@@ -61,8 +61,8 @@ class SimulatorNode(ManagedNode):
     def configure(self) -> None:
         values = self.values
         self._joints_of_arm = list(names(values["joints"]))
-        self._period = period_nanoseconds(int(number(values["rate"])))
-        self._samples = round(number(values["duration"]) * 1e9 / self._period)
+        self._period = period_nanoseconds(int(as_float(values["rate"])))
+        self._samples = round(as_float(values["duration"]) * 1e9 / self._period)
         # Compile before the loop.
         SimulatedRobot(values).compile()
 
@@ -75,7 +75,7 @@ class SimulatorNode(ManagedNode):
         self._order = JointOrder(self._joints_of_arm)
         self._incoming = IncomingMessages(JointState, ("effort",), self._joints_of_arm)
         self._received = np.zeros((1, joints))
-        self._statistics = LoopStatistics(number(values["diagnostics.deadline"]))
+        self._statistics = LoopStatistics(as_float(values["diagnostics.deadline"]))
 
         self._joint_states = self.advertise(JointState, "joint_states")
         self._ground_truth = self.advertise(JointState, "~/ground_truth")
@@ -94,7 +94,7 @@ class SimulatorNode(ManagedNode):
 
     @property
     def priority(self) -> int:
-        return 0 if self.lockstep else int(number(self.values[PRIORITY.name]))
+        return 0 if self.lockstep else int(as_float(self.values[PRIORITY.name]))
 
     def activate(self) -> None:
         self._robot = SimulatedRobot(self.values)
@@ -102,15 +102,15 @@ class SimulatorNode(ManagedNode):
         self._commanded = False
         self._sample = -1
         self._acquired = -1
-        self._asked = False
+        self._awaits_command = False
         self._answered = -1
-        self._told = time.monotonic()
+        self._last_reminder = time.monotonic()
         self._connected_since = 0.0
         self._skipped = 0
         self._begun = False
         self._samples_answered = 0
         self._stale, self._unknown = Bursts(), Bursts()
-        self._braked = self._braked_told = False
+        self._braked = self._logged_brakes = False
         self._brakes_moved = 0.0
         self._brakings = 0
         self._reported = -1
@@ -120,7 +120,7 @@ class SimulatorNode(ManagedNode):
     def parameters_changed(self) -> None:
         if self.active:
             self._robot.set_parameters(self.values)
-            self._statistics.deadline = number(self.values["diagnostics.deadline"])
+            self._statistics.deadline = as_float(self.values["diagnostics.deadline"])
 
     def poll(self) -> float:
         if not self.active:
@@ -133,7 +133,7 @@ class SimulatorNode(ManagedNode):
             self._start()
         if not self.lockstep:
             return self._keep_time()
-        if not self._asked:
+        if not self._awaits_command:
             self._go_on()
             return 0.0
         self._check_silence()
@@ -142,7 +142,7 @@ class SimulatorNode(ManagedNode):
     # Start.
 
     def _others_ready(self) -> bool:
-        wanted = number(self.values["start.subscribers"])
+        wanted = as_float(self.values["start.subscribers"])
         listening = self._joint_states.get_subscription_count()
         commanded = self._commands.get_publisher_count()
         # In lockstep nothing goes on without a command.
@@ -158,14 +158,14 @@ class SimulatorNode(ManagedNode):
     def _tell_waiting(self, what: str) -> None:
         """Log from time to time what is waited for."""
         now = time.monotonic()
-        if now - self._told > _PATIENCE:
-            self._told = now
+        if now - self._last_reminder > _PATIENCE:
+            self._last_reminder = now
             self.get_logger().info(f"waiting: {what}")
 
     @property
     def _awaits_first(self) -> bool:
         """No command has come yet, and no sample passes without."""
-        return not self._begun and (self.lockstep or number(self.values["start.subscribers"]) > 0)
+        return not self._begun and (self.lockstep or as_float(self.values["start.subscribers"]) > 0)
 
     def _ask_again(self, later: int) -> None:
         """Realtime: publish the sample that nobody has answered once more, so many periods later."""
@@ -179,7 +179,7 @@ class SimulatorNode(ManagedNode):
     def _start(self) -> None:
         self._first_stamp = 0 if self.lockstep else time.time_ns()
         self._began = time.monotonic_ns()
-        self._told = time.monotonic()
+        self._last_reminder = time.monotonic()
         self._publish_sample(0)
 
     # One sample.
@@ -190,10 +190,10 @@ class SimulatorNode(ManagedNode):
     def _publish_sample(self, sample: int) -> None:
         """Publish the measurement that arrives at this sample, if one does."""
         acquired, measured = self._robot.sense(sample)
-        self._asked = acquired >= 0
+        self._awaits_command = acquired >= 0
         self._sample = sample
         self._sent = time.monotonic_ns()
-        if self._asked:
+        if self._awaits_command:
             self._acquired = acquired
             self._measured.arrays[0] = measured
             self._measured.arrays[1] = self._robot.applied
@@ -231,7 +231,7 @@ class SimulatorNode(ManagedNode):
         """Lockstep: advance to the next sample that somebody can answer."""
         for _ in range(_LONGEST_SILENCE):
             self._advance()
-            if self._asked or self.finished:
+            if self._awaits_command or self.finished:
                 break
 
     def _act(self) -> None:
@@ -240,7 +240,7 @@ class SimulatorNode(ManagedNode):
         self._robot.act(self._sample, commanded, self._effort)
         braked = self._robot.braked
         # Before the first command the brakes are closed anyway.
-        if (braked != self._braked or braked != self._braked_told) and self._robot.silence:
+        if (braked != self._braked or braked != self._logged_brakes) and self._robot.silence:
             self._report_brakes(braked)
 
     def _report_brakes(self, braked: bool) -> None:
@@ -250,9 +250,9 @@ class SimulatorNode(ManagedNode):
         if braked != self._braked:
             self._braked, self._brakes_moved = braked, now
             self._brakings += braked
-        if not calm or braked == self._braked_told:
+        if not calm or braked == self._logged_brakes:
             return
-        self._braked_told = braked
+        self._logged_brakes = braked
         if braked:
             silence = seconds(self._robot.silence * self._period)
             self.get_logger().warning(f"no command for {silence:.3g} s (command.timeout): the brakes stop the arm")
@@ -307,7 +307,7 @@ class SimulatorNode(ManagedNode):
         earliest = self._sent + self._period // 2
         if now >= due and now >= earliest:
             late = (now - due) // self._period
-            if self._asked and self._awaits_first:
+            if self._awaits_command and self._awaits_first:
                 self._ask_again(_UNANSWERED + late)
             else:
                 if late > _LATEST_CATCH_UP:
@@ -319,7 +319,7 @@ class SimulatorNode(ManagedNode):
 
     def _due(self) -> int:
         """When the next sample is due, or the first is to come again; ns of the monotonic clock."""
-        periods = _UNANSWERED if self._asked and self._awaits_first else 1
+        periods = _UNANSWERED if self._awaits_command and self._awaits_first else 1
         return self._began + (self._sample + periods) * self._period
 
     def _reset(self) -> str:
@@ -348,7 +348,7 @@ class SimulatorNode(ManagedNode):
                 self._sent = now
                 self._joint_states.publish(self._measured.to_bytes(self._stamp(self._acquired)))
             return
-        timeout = number(self.values["lockstep.timeout"])
+        timeout = as_float(self.values["lockstep.timeout"])
         if now - self._sent <= timeout * 1e9:
             return
         writers = [

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
-from pidtsm_core.control.state import Clock, memory_size, numbers_size, parts
+from pidtsm_core.control.state import Clock, floats_size, integers_size, unpack
 from pidtsm_core.control.step import (
     begin_afresh,
     leave_now,
@@ -17,8 +17,8 @@ from pidtsm_core.control.step import (
 )
 from pidtsm_core.control.tick import tick
 from pidtsm_core.estimators import ESTIMATORS
-from pidtsm_core.laws import LAWS, kernel_number
-from pidtsm_core.parameters import Array, Value, joint_array, names, number
+from pidtsm_core.laws import LAWS, kernel_index
+from pidtsm_core.parameters import Array, Value, as_float, joint_array, names
 from pidtsm_core.robots import ROBOTS
 from pidtsm_core.signals import Fault, Signal, Status
 from pidtsm_core.timing import NANOSECONDS
@@ -40,7 +40,7 @@ class Controller:
         reference: q_d, q_d', q_d'', shape (3, joints), rad, rad/s, rad/s^2.
         effort: the result of the last step, shape (joints,), N m.
         signals: likewise, shape (len(Signal), joints), order of `Signal`.
-        memory, numbers: what `respond` takes.
+        floats, integers: what `respond` takes.
         config, state: the same as what `step` takes.
     """
 
@@ -57,8 +57,8 @@ class Controller:
         self.effort = np.zeros(self.joints) if effort is None else effort
         self.signals = np.zeros((len(Signal), self.joints)) if signals is None else signals
         model, gains = _packed(values, self.joints)
-        self.memory = np.zeros(memory_size(self.joints, model.size, gains.shape[1]))
-        self.numbers = np.zeros(numbers_size(), dtype=np.int64)
+        self.floats = np.zeros(floats_size(self.joints, model.size, gains.shape[1]))
+        self.integers = np.zeros(integers_size(), dtype=np.int64)
         self._fill(values, model, gains)
         self.position, self.reference = self.state.measured, self.state.reference
         self.measured = self.state.received
@@ -82,9 +82,9 @@ class Controller:
             self.joints,
             model.size,
             gains.shape[1],
-            ROBOTS.number(robot.name),
-            kernel_number(law),
-            ESTIMATORS.number(estimator.name),
+            ROBOTS.index(robot.name),
+            kernel_index(law),
+            ESTIMATORS.index(estimator.name),
             law.uses_model,
             values["law.anti_windup"] == "conditional",
             sum(v for v, name in LIMITS.items() if values[f"limits.{name}_action"] == "stop"),
@@ -97,16 +97,16 @@ class Controller:
             kind == "hold",
             bool(values["stop.brakes"]),
             bool(np.any(values["plausibility.velocity"])),
-            *law.numbers(values),
+            *law.integers(values),
         ]
-        self.numbers[: len(integers)] = integers
-        self.memory[:3] = (
-            number(values["activation.blend"]),
-            number(values["activation.distance"]),
+        self.integers[: len(integers)] = integers
+        self.floats[:3] = (
+            as_float(values["activation.blend"]),
+            as_float(values["activation.distance"]),
             kind in ("gravity", "gravity_damping"),
         )
-        self.memory[4:6] = number(values["stop.bandwidth"]), number(values["stop.fade"])
-        self.config, self.state = parts(self.memory, self.numbers)
+        self.floats[4:6] = as_float(values["stop.bandwidth"]), as_float(values["stop.fade"])
+        self.config, self.state = unpack(self.floats, self.integers)
         config = self.config
         config.model[:] = model
         config.law[:] = gains
@@ -129,9 +129,9 @@ class Controller:
 
     def compile(self) -> None:
         """Compile all that a step may call, before the loop; the state is that of the start afterwards."""
-        respond(self.memory, self.numbers, 0, -1, self.effort, self.signals)
-        stop_now(self.memory, self.numbers, int(Fault.STATE_STALE), 0, self.effort, self.signals)
-        leave_now(self.memory, self.numbers, self.effort, self.signals)
+        respond(self.floats, self.integers, 0, -1, self.effort, self.signals)
+        stop_now(self.floats, self.integers, int(Fault.STATE_STALE), 0, self.effort, self.signals)
+        leave_now(self.floats, self.integers, self.effort, self.signals)
         set_clock(self.state, 0)
         reset_fault(self.state)
         self.reset()
@@ -146,15 +146,15 @@ class Controller:
         Returns:
             The status, in the order of `Status`.
         """
-        return respond(self.memory, self.numbers, stamp, reference_stamp, self.effort, self.signals)
+        return respond(self.floats, self.integers, stamp, reference_stamp, self.effort, self.signals)
 
     def stop(self, fault: int, elapsed: int) -> None:
         """Write the safe effort, `elapsed` (ns) after the last joint state; see `stop_now`."""
-        stop_now(self.memory, self.numbers, int(fault), elapsed, self.effort, self.signals)
+        stop_now(self.floats, self.integers, int(fault), elapsed, self.effort, self.signals)
 
     def leave(self) -> None:
         """Write the effort to be left behind where the controller ends: for good, it carries the arm."""
-        leave_now(self.memory, self.numbers, self.effort, self.signals)
+        leave_now(self.floats, self.integers, self.effort, self.signals)
 
     @property
     def state_stop(self) -> int:
@@ -241,4 +241,4 @@ def _packed(values: Mapping[str, Value], joints: int) -> tuple[Array, Array]:
 
 def _nanoseconds(value: Value) -> int:
     """A time in ns, with room for sums of two."""
-    return min(round(number(value) * NANOSECONDS), 2**62)
+    return min(round(as_float(value) * NANOSECONDS), 2**62)

@@ -7,9 +7,9 @@ from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Parameter, chosen, prefixed
 from pidtsm_core.robots import robot_schema
 
-LAW_NAME = Parameter("law.name", "piddtsm", "control law", choices=LAWS.names, fixed=True)
+LAW_NAME = Parameter("law.name", "piddtsm", "control law", choices=LAWS.names, read_only=True)
 ESTIMATOR_NAME = Parameter(
-    "estimator.name", "filtered_difference", "state estimator", choices=ESTIMATORS.names, fixed=True
+    "estimator.name", "filtered_difference", "state estimator", choices=ESTIMATORS.names, read_only=True
 )
 
 
@@ -118,7 +118,7 @@ _SAFETY = (
         False,
         "the arm has brakes: ~/brakes (std_msgs/Bool) engages them when the arm has come to rest after a fault, or "
         "when no joint state arrives",
-        fixed=True,
+        read_only=True,
     ),
 )
 _FEEDBACK = Parameter(
@@ -127,7 +127,7 @@ _FEEDBACK = Parameter(
     "torque that the estimator and the integrals count on: commanded, the controller's own; measured, the effort of "
     "the joint states, as drives report it, which shows lost commands and closed brakes",
     choices=("commanded", "measured"),
-    fixed=True,
+    read_only=True,
 )
 _REHEARSAL = (
     Parameter(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pidtsm_core.compiled import inlined
 from pidtsm_core.family import SLOTS
-from pidtsm_core.laws import LAW_NUMBERS, STATE_SLOTS, Numbers
+from pidtsm_core.laws import LAW_INTEGERS, STATE_SLOTS, Integers
 from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Signal, Status
 
@@ -70,7 +70,7 @@ class ControllerConfig(NamedTuple):
     holds: bool  # the safe effort holds the arm where it stopped
     brakes: bool  # the arm has brakes that are to be engaged when it has stopped
     doubts: bool  # a joint's measurements are judged
-    law_numbers: Numbers  # shape (LAW_NUMBERS,)
+    law_integers: Integers  # shape (LAW_INTEGERS,)
     blend: float  # s
     distance: float  # rad
     gravity: float  # 1: the safe effort carries the arm, else 0
@@ -113,74 +113,74 @@ class ControllerState(NamedTuple):
     scratch: Array  # shape (6, joints)
 
 
-_CONFIG_NUMBERS = 21  # lengths, and the integers of `ControllerConfig`
+_CONFIG_INTEGERS = 21  # lengths, and the integers of `ControllerConfig`
 _CLOCK = len(Clock)
 _SCALARS = 6
-# Rows of the table that ends the memory, one number a joint: of the configuration, of the state, signals, scratch.
+# Rows of the table that ends the floats, one number a joint: of the configuration, of the state, signals, scratch.
 _CONFIG, _MOTION, _SCRATCH = 7, 21 + len(Hold), 11
 _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
 
 
-def memory_size(joints: int, model: int, law: int) -> int:
-    """Length of the memory of `parts`, for a model and a law (of one joint) with so many parameters."""
+def floats_size(joints: int, model: int, law: int) -> int:
+    """Length of the floats of `unpack`, for a model and a law (of one joint) with so many parameters."""
     return _SCALARS + model + joints * (law + SLOTS + SLOTS + STATE_SLOTS + _ROWS)
 
 
-def numbers_size() -> int:
-    """Length of the numbers of `parts`."""
-    return _CONFIG_NUMBERS + LAW_NUMBERS + _CLOCK + len(Status)
+def integers_size() -> int:
+    """Length of the integers of `unpack`."""
+    return _CONFIG_INTEGERS + LAW_INTEGERS + _CLOCK + len(Status)
 
 
 @inlined
-def parts(memory: Array, numbers: Numbers) -> tuple[ControllerConfig, ControllerState]:
+def unpack(floats: Array, integers: Integers) -> tuple[ControllerConfig, ControllerState]:
     """A controller's configuration and state as views of its two arrays.
 
     A node calls compiled code a thousand times a second with the processor's caches cold; each array among the
     arguments then costs about a microsecond. So all of a controller stands in two arrays.
 
     Args:
-        memory: shape (memory_size,).
-        numbers: shape (numbers_size,): joints, lengths of model and law, the integers of `ControllerConfig` in their
+        floats: shape (floats_size,).
+        integers: shape (integers_size,): joints, lengths of model and law, the integers of `ControllerConfig` in their
             order, clock, status.
     """
-    joints, model, law = numbers[0], numbers[1], numbers[2]
+    joints, model, law = integers[0], integers[1], integers[2]
     a = _SCALARS + model
     b = a + joints * law
     c = b + joints * SLOTS
     d = c + joints * SLOTS
     e = d + joints * STATE_SLOTS
-    rows = memory[e : e + joints * _ROWS].reshape((_ROWS, joints))
+    rows = floats[e : e + joints * _ROWS].reshape((_ROWS, joints))
     motion = rows[_CONFIG : _CONFIG + _MOTION]
     scratch = rows[_ROWS - _SCRATCH :]
-    clock = _CONFIG_NUMBERS + LAW_NUMBERS
+    clock = _CONFIG_INTEGERS + LAW_INTEGERS
     config = ControllerConfig(
-        robot=numbers[3],
-        kernel=numbers[4],
-        estimator=numbers[5],
-        uses_model=numbers[6] != 0,
-        freezes=numbers[7] != 0,
-        stops=numbers[8],
-        state_hold=numbers[9],
-        state_stop=numbers[10],
-        reference_timeout=numbers[11],
-        reset_at=numbers[12],
-        restart_at=numbers[13],
-        rate_limited=numbers[14] != 0,
-        feeds_back=numbers[15] != 0,
-        watches=numbers[16] != 0,
-        rehearses=numbers[17] != 0,
-        holds=numbers[18] != 0,
-        brakes=numbers[19] != 0,
-        doubts=numbers[20] != 0,
-        law_numbers=numbers[_CONFIG_NUMBERS:clock],
-        blend=memory[0],
-        distance=memory[1],
-        gravity=memory[2],
-        hold_bandwidth=memory[4],
-        fade=memory[5],
-        model=memory[_SCALARS:a],
-        law=memory[a:b].reshape((joints, law)),
-        estimator_parameters=memory[b:c].reshape((joints, SLOTS)),
+        robot=integers[3],
+        kernel=integers[4],
+        estimator=integers[5],
+        uses_model=integers[6] != 0,
+        freezes=integers[7] != 0,
+        stops=integers[8],
+        state_hold=integers[9],
+        state_stop=integers[10],
+        reference_timeout=integers[11],
+        reset_at=integers[12],
+        restart_at=integers[13],
+        rate_limited=integers[14] != 0,
+        feeds_back=integers[15] != 0,
+        watches=integers[16] != 0,
+        rehearses=integers[17] != 0,
+        holds=integers[18] != 0,
+        brakes=integers[19] != 0,
+        doubts=integers[20] != 0,
+        law_integers=integers[_CONFIG_INTEGERS:clock],
+        blend=floats[0],
+        distance=floats[1],
+        gravity=floats[2],
+        hold_bandwidth=floats[4],
+        fade=floats[5],
+        model=floats[_SCALARS:a],
+        law=floats[a:b].reshape((joints, law)),
+        estimator_parameters=floats[b:c].reshape((joints, SLOTS)),
         effort_limit=rows[0],
         effort_rate=rows[1],
         position_limit=rows[2],
@@ -190,8 +190,8 @@ def parts(memory: Array, numbers: Numbers) -> tuple[ControllerConfig, Controller
         plausible_velocity=rows[6],
     )
     state = ControllerState(
-        clock=numbers[clock : clock + _CLOCK],
-        status=numbers[clock + _CLOCK :],
+        clock=integers[clock : clock + _CLOCK],
+        status=integers[clock + _CLOCK :],
         measured=motion[0],
         applied=motion[1],
         reference=motion[2:5],
@@ -199,15 +199,15 @@ def parts(memory: Array, numbers: Numbers) -> tuple[ControllerConfig, Controller
         base=motion[8:11],
         desired=motion[11:14],
         way=motion[14:20],
-        way_duration=memory[3:4],
-        estimator=memory[c:d].reshape((joints, SLOTS)),
-        law=memory[d:e].reshape((joints, STATE_SLOTS)),
+        way_duration=floats[3:4],
+        estimator=floats[c:d].reshape((joints, SLOTS)),
+        law=floats[d:e].reshape((joints, STATE_SLOTS)),
         signals=rows[_CONFIG + _MOTION : _ROWS - _SCRATCH],
         sent=motion[20],
         hold=motion[21:],
         truth=scratch[:2],
         torque=scratch[2],
-        received=motion[: 1 + numbers[15]],
+        received=motion[: 1 + integers[15]],
         accelerations=scratch[3:5],
         scratch=scratch[5:],
     )

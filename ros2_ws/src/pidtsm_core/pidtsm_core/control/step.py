@@ -5,9 +5,9 @@ from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_
 from pidtsm_core.control.effort import carry, limit_rate
 from pidtsm_core.control.plausibility import doubt
 from pidtsm_core.control.safe import ELSEWHERE, leave, make_safe, make_safe_blindly
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, parts
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, unpack
 from pidtsm_core.control.tick import tick
-from pidtsm_core.laws import Numbers
+from pidtsm_core.laws import Integers
 from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status, Violation
 from pidtsm_core.timing import NANOSECONDS, seconds, track_period
@@ -260,13 +260,13 @@ def _keep_up(config: ControllerConfig, state: ControllerState, stamp: int, behin
 
 @njit
 def respond(
-    memory: Array, numbers: Numbers, stamp: int, reference_stamp: int, effort: Array, signals: Array
+    floats: Array, integers: Integers, stamp: int, reference_stamp: int, effort: Array, signals: Array
 ) -> tuple[int, int, int, int]:
-    """`step` for Python, with few arguments: see `parts`.
+    """`step` for Python, with few arguments: see `unpack`.
 
     Args:
-        memory: of the controller.
-        numbers: likewise.
+        floats: of the controller, see `unpack`.
+        integers: likewise.
         stamp: see `step`.
         reference_stamp: likewise.
         effort: result, shape (joints,), N m.
@@ -275,25 +275,25 @@ def respond(
     Returns:
         The status, in the order of `Status`.
     """
-    config, state = parts(memory, numbers)
+    config, state = unpack(floats, integers)
     # No estimator of a node reads the truth.
     step(config, state, stamp, reference_stamp, state.desired)
-    return _told(state, effort, signals)
+    return _copy_result(state, effort, signals)
 
 
 @njit
-def stop_now(memory: Array, numbers: Numbers, fault: int, elapsed: int, effort: Array, signals: Array) -> None:
+def stop_now(floats: Array, integers: Integers, fault: int, elapsed: int, effort: Array, signals: Array) -> None:
     """Replace the effort of the last step by the safe one, while no joint state arrives; may be repeated.
 
     Args:
-        memory: of the controller, see `parts`.
-        numbers: likewise.
+        floats: of the controller, see `unpack`.
+        integers: likewise.
         fault: to be latched, unless there is one already.
         elapsed: since the last step, ns.
         effort: result, shape (joints,), N m.
         signals: result, shape (len(Signal), joints).
     """
-    config, state = parts(memory, numbers)
+    config, state = unpack(floats, integers)
     clock = state.clock
     stop(state, fault, 0)
     if clock[Clock.SILENT_SINCE] == 0:
@@ -303,19 +303,19 @@ def stop_now(memory: Array, numbers: Numbers, fault: int, elapsed: int, effort: 
     if config.rate_limited and state.status[Status.FAULT] != Fault.EFFORT_RATE_LIMIT:
         limit_rate(config, state, seconds(max(now - clock[Clock.SENT], 0)))
     clock[Clock.SENT] = now
-    _told(state, effort, signals)
+    _copy_result(state, effort, signals)
 
 
 @njit
-def leave_now(memory: Array, numbers: Numbers, effort: Array, signals: Array) -> None:
+def leave_now(floats: Array, integers: Integers, effort: Array, signals: Array) -> None:
     """Replace the effort of the last step by the one that the controller leaves behind; see `stop_now`."""
-    config, state = parts(memory, numbers)
+    config, state = unpack(floats, integers)
     leave(config, state)
-    _told(state, effort, signals)
+    _copy_result(state, effort, signals)
 
 
 @njit
-def _told(state: ControllerState, effort: Array, signals: Array) -> tuple[int, int, int, int]:
+def _copy_result(state: ControllerState, effort: Array, signals: Array) -> tuple[int, int, int, int]:
     """Copy the result to where it is sent from."""
     y, status = state.signals, state.status
     for i in range(y.shape[0]):

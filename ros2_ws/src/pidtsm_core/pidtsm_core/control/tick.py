@@ -51,7 +51,7 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
                 y[Signal.POSITION_ERROR, j],
                 y[Signal.SLIDING_VARIABLE, j],
                 y[Signal.MANIFOLD_VARIABLE, j],
-                config.law_numbers,
+                config.law_integers,
                 config.law[j],
                 state.law[j],
                 dt,
@@ -68,7 +68,7 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
         de = y[Signal.VELOCITY, j] - desired[1, j]
         dde = y[Signal.ACCELERATION, j] - desired[2, j]
         a_cmd, a_eq, s, sigma, gain, tau_sw = command(
-            config.kernel, e, de, dde, desired[2, j], config.law_numbers, config.law[j], state.law[j], dt
+            config.kernel, e, de, dde, desired[2, j], config.law_integers, config.law[j], state.law[j], dt
         )
         y[Signal.POSITION_ERROR, j] = e
         y[Signal.VELOCITY_ERROR, j] = de

@@ -17,10 +17,10 @@ _ADD = tuple(disturbance.add for disturbance in DISTURBANCES.members)
 
 
 @njit
-def add_disturbance(number: int, q: Array, dq: Array, effort: Array) -> None:
-    """Add F_d to effort: see `Disturbance.add`; `number` is the disturbance's place in `DISTURBANCES`."""
+def add_disturbance(index: int, q: Array, dq: Array, effort: Array) -> None:
+    """Add F_d to effort: see `Disturbance.add`; `index` is the disturbance's place in `DISTURBANCES`."""
     i = 0
     for function in literal_unroll(_ADD):
-        if i == number:
+        if i == index:
             function(q, dq, effort)
         i += 1

@@ -19,10 +19,10 @@ _ESTIMATE = tuple(estimator.estimate for estimator in ESTIMATORS.members)
 
 
 @njit
-def estimate(number: int, sample: Sample, p: Array, x: Array, estimates: Array) -> None:
-    """Write q, q', q'': see `Estimator.estimate`; `number` is the estimator's place in `ESTIMATORS`."""
+def estimate(index: int, sample: Sample, p: Array, x: Array, estimates: Array) -> None:
+    """Write q, q', q'': see `Estimator.estimate`; `index` is the estimator's place in `ESTIMATORS`."""
     i = 0
     for function in literal_unroll(_ESTIMATE):
-        if i == number:
+        if i == index:
             function(sample, p, x, estimates)
         i += 1

@@ -4,7 +4,7 @@ from numba import literal_unroll
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.family import Family
-from pidtsm_core.laws.base import LAW_NUMBERS, STATE_SLOTS, Law, Numbers
+from pidtsm_core.laws.base import LAW_INTEGERS, STATE_SLOTS, Integers, Law
 from pidtsm_core.laws.computed_torque import COMPUTED_TORQUE
 from pidtsm_core.laws.dtsm import DTSM
 from pidtsm_core.laws.pid import PID
@@ -14,7 +14,7 @@ from pidtsm_core.laws.sliding_mode import SLIDING_MODE
 from pidtsm_core.laws.super_twisting import SUPER_TWISTING
 from pidtsm_core.parameters import Array
 
-__all__ = ["LAWS", "LAW_NUMBERS", "STATE_SLOTS", "Law", "Numbers", "advance", "command", "kernel_number"]
+__all__ = ["LAWS", "LAW_INTEGERS", "STATE_SLOTS", "Integers", "Law", "advance", "command", "kernel_index"]
 
 LAWS: Family[Law] = Family.of(Law, globals())
 
@@ -24,21 +24,21 @@ _COMMAND = tuple(command for command, _ in _KERNELS)
 _ADVANCE = tuple(advance for _, advance in _KERNELS)
 
 
-def kernel_number(law: Law) -> int:
+def kernel_index(law: Law) -> int:
     """Place of the law's compiled functions among the distinct ones."""
     return _KERNELS.index((law.command, law.advance))
 
 
 @njit
 def command(
-    kernel: int, e: float, de: float, dde: float, ddq_d: float, numbers: Numbers, p: Array, x: Array, dt: float
+    kernel: int, e: float, de: float, dde: float, ddq_d: float, integers: Integers, p: Array, x: Array, dt: float
 ) -> tuple[float, float, float, float, float, float]:
     """(a_cmd, a_eq, s, sigma, gain, tau_sw) of one joint: see `Law.command`."""
     result = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     i = 0
     for function in literal_unroll(_COMMAND):
         if i == kernel:
-            result = function(e, de, dde, ddq_d, numbers, p, x, dt)
+            result = function(e, de, dde, ddq_d, integers, p, x, dt)
         i += 1
     return result
 
@@ -49,7 +49,7 @@ def advance(
     e: float,
     s: float,
     sigma: float,
-    numbers: Numbers,
+    integers: Integers,
     p: Array,
     x: Array,
     dt: float,
@@ -60,5 +60,5 @@ def advance(
     i = 0
     for function in literal_unroll(_ADVANCE):
         if i == kernel:
-            function(e, s, sigma, numbers, p, x, dt, frozen, adaptation)
+            function(e, s, sigma, integers, p, x, dt, frozen, adaptation)
         i += 1

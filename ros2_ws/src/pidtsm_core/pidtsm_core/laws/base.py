@@ -12,14 +12,14 @@ from pidtsm_core.parameters import Array, Parameter, Value
 STATE_SLOTS = 3 + SLOTS
 """Numbers a joint that a law may have as state."""
 
-LAW_NUMBERS = 4
+LAW_INTEGERS = 4
 """Integers that a law's compiled functions may read."""
 
-Numbers = NDArray[np.int64]
+Integers = NDArray[np.int64]
 Command = Callable[
-    [float, float, float, float, Numbers, Array, Array, float], tuple[float, float, float, float, float, float]
+    [float, float, float, float, Integers, Array, Array, float], tuple[float, float, float, float, float, float]
 ]
-Advance = Callable[[float, float, float, Numbers, Array, Array, float, bool, int], None]
+Advance = Callable[[float, float, float, Integers, Array, Array, float, bool, int], None]
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,12 @@ class Law:
         name: how users choose it.
         summary: one sentence with its source.
         parameters: of the group ``law``, given the settings (some laws let the user choose their parts).
-        numbers: what its compiled functions read as integers, shape (LAW_NUMBERS,).
+        integers: what its compiled functions read as integers, shape (LAW_INTEGERS,).
         pack: parameter values as the compiled functions read them, shape (joints, parameters).
-        command: compiled ``(e, de, dde, ddq_d, numbers, p, x, dt) -> (a_cmd, a_eq, s, sigma, gain, tau_sw)``;
+        command: compiled ``(e, de, dde, ddq_d, integers, p, x, dt) -> (a_cmd, a_eq, s, sigma, gain, tau_sw)``;
             errors in rad, rad/s, rad/s^2, x of shape (STATE_SLOTS,), zero at the start, dt the period in s (0 at
             the first sample); a_eq is a_cmd without the switching term.
-        advance: compiled ``(e, s, sigma, numbers, p, x, dt, frozen, adaptation)``: moves x over dt with these values
+        advance: compiled ``(e, s, sigma, integers, p, x, dt, frozen, adaptation)``: moves x over dt with these values
             held; `frozen` is true while the effort is limited and nothing must wind up, for `adaptation` see
             `Adaptation`.
         uses_model: False where a_cmd and a_eq are not accelerations but torques (N m), for no robot model to change.
@@ -44,7 +44,7 @@ class Law:
     name: str
     summary: str
     parameters: Callable[[Mapping[str, object]], tuple[Parameter, ...]]
-    numbers: Callable[[Mapping[str, Value]], Numbers]
+    integers: Callable[[Mapping[str, Value]], Integers]
     pack: Callable[[Mapping[str, Value], int], Array]
     command: Command
     advance: Advance

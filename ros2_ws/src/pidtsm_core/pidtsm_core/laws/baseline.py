@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pidtsm_core.family import Member
-from pidtsm_core.laws.base import LAW_NUMBERS, Advance, Command, Law, Numbers
+from pidtsm_core.laws.base import LAW_INTEGERS, Advance, Command, Integers, Law
 from pidtsm_core.laws.sliding_mode import ANTI_WINDUP
 from pidtsm_core.parameters import Array, Parameter, Value
 
@@ -33,10 +33,10 @@ def baseline(
     def of_group(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         return (*parameters, ANTI_WINDUP)
 
-    def numbers(values: Mapping[str, Value]) -> Numbers:
-        return np.zeros(LAW_NUMBERS, dtype=np.int64)
+    def integers(values: Mapping[str, Value]) -> Integers:
+        return np.zeros(LAW_INTEGERS, dtype=np.int64)
 
     def pack(values: Mapping[str, Value], joints: int) -> Array:
         return member.pack(values, "law", joints)
 
-    return Law(name, summary, of_group, numbers, pack, command, advance, uses_model)
+    return Law(name, summary, of_group, integers, pack, command, advance, uses_model)

@@ -1,14 +1,14 @@
 """Computed torque: inverse dynamics with PD (Spong, Hutchinson and Vidyasagar 2006, section 8.3)."""
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.laws.base import Numbers
+from pidtsm_core.laws.base import Integers
 from pidtsm_core.laws.baseline import baseline
 from pidtsm_core.parameters import Array, Parameter
 
 
 @njit
 def command(
-    e: float, de: float, dde: float, ddq_d: float, numbers: Numbers, p: Array, x: Array, dt: float
+    e: float, de: float, dde: float, ddq_d: float, integers: Integers, p: Array, x: Array, dt: float
 ) -> tuple[float, float, float, float, float, float]:
     """q_d'' - Kd e' - Kp e."""
     acceleration = ddq_d - p[1] * de - p[0] * e
@@ -17,7 +17,7 @@ def command(
 
 @njit
 def advance(
-    e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
+    e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
 ) -> None:
     """No state moves."""
 

@@ -3,7 +3,7 @@
 import math
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.laws.base import Numbers
+from pidtsm_core.laws.base import Integers
 from pidtsm_core.laws.baseline import baseline
 from pidtsm_core.parameters import Array, Parameter
 
@@ -21,7 +21,7 @@ def _filtered(de: float, p: Array, x: Array, dt: float) -> float:
 
 @njit
 def command(
-    e: float, de: float, dde: float, ddq_d: float, numbers: Numbers, p: Array, x: Array, dt: float
+    e: float, de: float, dde: float, ddq_d: float, integers: Integers, p: Array, x: Array, dt: float
 ) -> tuple[float, float, float, float, float, float]:
     """-(Kp e + Ki int e + Kd e'_filtered), a torque: no model of the robot."""
     rate = _filtered(de, p, x, dt)
@@ -33,7 +33,7 @@ def command(
 
 @njit
 def advance(
-    e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
+    e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
 ) -> None:
     """Explicit Euler of int e."""
     if not frozen:

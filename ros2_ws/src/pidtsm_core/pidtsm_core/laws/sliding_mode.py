@@ -19,7 +19,7 @@ import numpy as np
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.family import SLOTS
-from pidtsm_core.laws.base import Law, Numbers
+from pidtsm_core.laws.base import Integers, Law
 from pidtsm_core.parameters import Array, Parameter, Value, chosen, joint_array, prefixed
 from pidtsm_core.reaching import REACHING_LAWS, advance_reaching, switch
 from pidtsm_core.surfaces import SURFACES, evaluate_surface
@@ -47,9 +47,11 @@ ANTI_WINDUP = Parameter(
     "conditional: a joint's integrals and adaptation stand still while its torque saturates; none: as in the article",
     choices=("conditional", "none"),
 )
-_SURFACE = Parameter("surface", "dual_terminal", "sliding surface", choices=SURFACES.names, fixed=True)
-_MANIFOLD_CHOICE = Parameter("manifold", "pid", "sigma = s, or PID of s, eq. (10)", choices=MANIFOLDS, fixed=True)
-_REACHING_CHOICE = Parameter("reaching", "adaptive_continuous", "reaching law", choices=REACHING_LAWS.names, fixed=True)
+_SURFACE = Parameter("surface", "dual_terminal", "sliding surface", choices=SURFACES.names, read_only=True)
+_MANIFOLD_CHOICE = Parameter("manifold", "pid", "sigma = s, or PID of s, eq. (10)", choices=MANIFOLDS, read_only=True)
+_REACHING_CHOICE = Parameter(
+    "reaching", "adaptive_continuous", "reaching law", choices=REACHING_LAWS.names, read_only=True
+)
 
 
 @njit
@@ -62,22 +64,22 @@ def _finite(acceleration: float) -> float:
 
 @njit
 def command(
-    e: float, de: float, dde: float, ddq_d: float, numbers: Numbers, p: Array, x: Array, dt: float
+    e: float, de: float, dde: float, ddq_d: float, integers: Integers, p: Array, x: Array, dt: float
 ) -> tuple[float, float, float, float, float, float]:
     """See `Law.command`."""
-    s, g, h = evaluate_surface(numbers[0], e, de, x[1], p[:SLOTS])
-    if numbers[1] == _PID:
+    s, g, h = evaluate_surface(integers[0], e, de, x[1], p[:SLOTS])
+    if integers[1] == _PID:
         kp, ki, kd = p[_MANIFOLD], p[_MANIFOLD + 1], p[_MANIFOLD + 2]
         proportional_integral = kp * s + ki * x[0]
         sigma = proportional_integral + kd * (g * dde + h)
-        tau_sw, gain = switch(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)
-        if numbers[3]:
+        tau_sw, gain = switch(integers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)
+        if integers[3]:
             tau_sw = x[2]
         a_eq = ddq_d + (-h - proportional_integral / kd) / g
         a_cmd = ddq_d + (-h - (proportional_integral - tau_sw) / kd) / g
     else:
         sigma = s
-        tau_sw, gain = switch(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)
+        tau_sw, gain = switch(integers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)
         a_eq = ddq_d - h / g
         a_cmd = ddq_d + (-h + tau_sw) / g
     return _finite(a_cmd), _finite(a_eq), s, sigma, gain, tau_sw
@@ -85,15 +87,15 @@ def command(
 
 @njit
 def advance(
-    e: float, s: float, sigma: float, numbers: Numbers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
+    e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
 ) -> None:
     """See `Law.advance`; explicit Euler."""
     if not frozen:
         x[0] += dt * s
         x[1] += dt * e
-        if numbers[3]:
-            x[2] += dt * switch(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)[0]
-    advance_reaching(numbers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt, frozen, adaptation)
+        if integers[3]:
+            x[2] += dt * switch(integers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)[0]
+    advance_reaching(integers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt, frozen, adaptation)
 
 
 def compose(
@@ -136,14 +138,14 @@ def compose(
         own = defaults or {}
         return (*choices, *(replace(p, default=own[p.name]) if p.name in own else p for p in members), ANTI_WINDUP)
 
-    def numbers(values: Mapping[str, Value]) -> Numbers:
+    def integers(values: Mapping[str, Value]) -> Integers:
         surface_name, manifold_name, reaching_name = parts(values)
         integrates = manifold_name == "pid" and REACHING_LAWS[reaching_name].prescribes_rate
         return np.array(
             [
-                SURFACES.number(surface_name),
+                SURFACES.index(surface_name),
                 MANIFOLDS.index(manifold_name),
-                REACHING_LAWS.number(reaching_name),
+                REACHING_LAWS.index(reaching_name),
                 int(integrates),
             ]
         )
@@ -158,7 +160,7 @@ def compose(
         packed[:, _REACHING:] = REACHING_LAWS[reaching_name].pack(values, "law", joints)
         return packed
 
-    return Law(name, summary, parameters, numbers, pack, command, advance)
+    return Law(name, summary, parameters, integers, pack, command, advance)
 
 
 SLIDING_MODE = compose("sliding_mode", "any surface, manifold and reaching law, chosen by parameter")

@@ -22,22 +22,22 @@ _ADVANCE = tuple(law.advance for law in REACHING_LAWS.members)
 
 
 @njit
-def switch(number: int, sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
-    """(tau_sw, gain): see `ReachingLaw.switch`; `number` is the law's place in `REACHING_LAWS`."""
+def switch(index: int, sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
+    """(tau_sw, gain): see `ReachingLaw.switch`; `index` is the law's place in `REACHING_LAWS`."""
     result = (0.0, 0.0)
     i = 0
     for function in literal_unroll(_SWITCH):
-        if i == number:
+        if i == index:
             result = function(sigma, p, x, dt)
         i += 1
     return result
 
 
 @njit
-def advance_reaching(number: int, sigma: float, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
-    """Move x over dt: see `ReachingLaw.advance`; `number` is the law's place in `REACHING_LAWS`."""
+def advance_reaching(index: int, sigma: float, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
+    """Move x over dt: see `ReachingLaw.advance`; `index` is the law's place in `REACHING_LAWS`."""
     i = 0
     for function in literal_unroll(_ADVANCE):
-        if i == number:
+        if i == index:
             function(sigma, p, x, dt, frozen, adaptation)
         i += 1

@@ -7,7 +7,7 @@ from numba import literal_unroll
 
 from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.family import Family
-from pidtsm_core.parameters import Array, Parameter, Value, chosen, joint_array, names, number, prefixed
+from pidtsm_core.parameters import Array, Parameter, Value, as_float, chosen, joint_array, names, prefixed
 from pidtsm_core.references.article import ARTICLE
 from pidtsm_core.references.base import Reference
 from pidtsm_core.references.chirp import CHIRP
@@ -31,13 +31,13 @@ __all__ = [
 
 REFERENCES: Family[Reference] = Family.of(Reference, globals())
 
-_NAME = Parameter("reference.name", "article", "desired motion", choices=REFERENCES.names, fixed=True)
+_NAME = Parameter("reference.name", "article", "desired motion", choices=REFERENCES.names, read_only=True)
 _JOINTS = Parameter(
     "joints",
     ("joint1", "joint2"),
     "names of the joints, in the order of the reference",
     per_joint=True,
-    fixed=True,
+    read_only=True,
 )
 
 
@@ -71,11 +71,11 @@ _EVALUATE = tuple(reference.evaluate for reference in REFERENCES.members)
 
 
 @njit
-def evaluate_reference(number: int, t: float, p: Array, desired: Array) -> None:
-    """Write q_d, q_d', q_d'': see `Reference.evaluate`; `number` is the reference's place in `REFERENCES`."""
+def evaluate_reference(index: int, t: float, p: Array, desired: Array) -> None:
+    """Write q_d, q_d', q_d'': see `Reference.evaluate`; `index` is the reference's place in `REFERENCES`."""
     i = 0
     for function in literal_unroll(_EVALUATE):
-        if i == number:
+        if i == index:
             function(t, p, desired)
         i += 1
 
@@ -134,14 +134,14 @@ class ReferenceMotion:
         """
         reference = REFERENCES[str(values["reference.name"])]
         self.joints = len(names(values["joints"]))
-        begin = number(values["dropout.time"])
+        begin = as_float(values["dropout.time"])
         self.config = MotionConfig(
-            reference=REFERENCES.number(reference.name),
+            reference=REFERENCES.index(reference.name),
             parameters=reference.pack(values, "reference", self.joints),
             jump=joint_array(values["jump.position"], self.joints),
-            jump_time=number(values["jump.time"]),
+            jump_time=as_float(values["jump.time"]),
             dropout_begin=begin,
-            dropout_end=sum_of_times(begin, number(values["dropout.duration"])),
+            dropout_end=sum_of_times(begin, as_float(values["dropout.duration"])),
         )
 
     def evaluate(self, t: float, desired: Array) -> None:

@@ -10,11 +10,11 @@ from pidtsm_core.parameters import Array, Parameter, chosen, prefixed
 from pidtsm_core.robots.base import Robot
 from pidtsm_core.robots.two_link import TWO_LINK
 
-__all__ = ["ROBOTS", "Robot", "attach", "forward_dynamics", "inverse_dynamics", "robot_joints", "robot_schema"]
+__all__ = ["ROBOTS", "Robot", "add_payload", "forward_dynamics", "inverse_dynamics", "robot_joints", "robot_schema"]
 
 ROBOTS: Family[Robot] = Family.of(Robot, globals())
 
-ROBOT_NAME = Parameter("robot.name", "two_link", "robot model", choices=ROBOTS.names, fixed=True)
+ROBOT_NAME = Parameter("robot.name", "two_link", "robot model", choices=ROBOTS.names, read_only=True)
 
 
 def robot_joints(settings: Mapping[str, object]) -> int:
@@ -27,7 +27,11 @@ def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     robot = ROBOTS[chosen(settings, ROBOT_NAME)]
     return (
         Parameter(
-            "joints", robot.joints, "names of the joints, in the order of the robot model", per_joint=True, fixed=True
+            "joints",
+            robot.joints,
+            "names of the joints, in the order of the robot model",
+            per_joint=True,
+            read_only=True,
         ),
         ROBOT_NAME,
         *prefixed("robot", robot.parameters),
@@ -45,34 +49,34 @@ def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
 
 _INVERSE = tuple(robot.inverse_dynamics for robot in ROBOTS.members)
 _FORWARD = tuple(robot.forward_dynamics for robot in ROBOTS.members)
-_ATTACH = tuple(robot.attach for robot in ROBOTS.members)
+_ADD_PAYLOAD = tuple(robot.add_payload for robot in ROBOTS.members)
 
 
 @njit
-def inverse_dynamics(number: int, q: Array, dq: Array, ddq: Array, p: Array, effort: Array) -> None:
-    """Efforts (N m) that give each row of ddq: see `Robot.inverse_dynamics`; `number` is its place in `ROBOTS`."""
+def inverse_dynamics(index: int, q: Array, dq: Array, ddq: Array, p: Array, effort: Array) -> None:
+    """Efforts (N m) that give each row of ddq: see `Robot.inverse_dynamics`; `index` is its place in `ROBOTS`."""
     i = 0
     for function in literal_unroll(_INVERSE):
-        if i == number:
+        if i == index:
             function(q, dq, ddq, p, effort)
         i += 1
 
 
 @njit
-def forward_dynamics(number: int, q: Array, dq: Array, effort: Array, p: Array, ddq: Array) -> None:
-    """ddq (rad/s^2) under effort: see `Robot.forward_dynamics`; `number` is the robot's place in `ROBOTS`."""
+def forward_dynamics(index: int, q: Array, dq: Array, effort: Array, p: Array, ddq: Array) -> None:
+    """ddq (rad/s^2) under effort: see `Robot.forward_dynamics`; `index` is the robot's place in `ROBOTS`."""
     i = 0
     for function in literal_unroll(_FORWARD):
-        if i == number:
+        if i == index:
             function(q, dq, effort, p, ddq)
         i += 1
 
 
 @njit
-def attach(number: int, p: Array, mass: float, loaded: Array) -> None:
-    """Parameters with a payload: see `Robot.attach`; `number` is the robot's place in `ROBOTS`."""
+def add_payload(index: int, p: Array, mass: float, loaded: Array) -> None:
+    """Parameters with a payload: see `Robot.add_payload`; `index` is the robot's place in `ROBOTS`."""
     i = 0
-    for function in literal_unroll(_ATTACH):
-        if i == number:
+    for function in literal_unroll(_ADD_PAYLOAD):
+        if i == index:
             function(p, mass, loaded)
         i += 1

@@ -70,7 +70,7 @@ def energy(q: Array, dq: Array, p: Array) -> float:
 
 
 @njit
-def attach(p: Array, mass: float, loaded: Array) -> None:
+def add_payload(p: Array, mass: float, loaded: Array) -> None:
     """The payload adds to m2, as in the article's Case 2."""
     for i in range(p.size):
         loaded[i] = p[i]
@@ -98,8 +98,9 @@ TWO_LINK = Robot(
     joints=("joint1", "joint2"),
     effort_limit=(100.0, 50.0),
     initial_position=(0.0, -0.1),
+    quantities={"mass": ("m1", "m2"), "inertia": ("j1", "j2"), "length": ("r1", "r2")},
     inverse_dynamics=inverse_dynamics,
     forward_dynamics=forward_dynamics,
     energy=energy,
-    attach=attach,
+    add_payload=add_payload,
 )

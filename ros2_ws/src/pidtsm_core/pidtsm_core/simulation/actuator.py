@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.parameters import Array, Parameter, Value, joint_array, number
+from pidtsm_core.parameters import Array, Parameter, Value, as_float, joint_array
 from pidtsm_core.timing import period_nanoseconds, seconds
 
 PARAMETERS = (
@@ -54,7 +54,7 @@ class ActuatorConfig(NamedTuple):
 
 def actuator_config(values: Mapping[str, Value], joints: int) -> ActuatorConfig:
     """Args: values: `PARAMETERS` and ``rate``, as `resolve` returns them."""
-    dt = seconds(period_nanoseconds(int(number(values["rate"]))))
+    dt = seconds(period_nanoseconds(int(as_float(values["rate"]))))
     dead_zone, lag, error, ripple, periods = (joint_array(values[p.name], joints) for p in PARAMETERS)
     ratio = np.divide(dt, lag, out=np.full(joints, math.inf), where=lag > 0.0)
     return ActuatorConfig(

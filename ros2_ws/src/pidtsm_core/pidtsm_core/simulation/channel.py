@@ -7,13 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.parameters import Array, Parameter, Value, number
+from pidtsm_core.parameters import Array, Parameter, Value, as_float
 from pidtsm_core.timing import period_nanoseconds, seconds
 
 
 def _parameters(prefix: str, what: str) -> tuple[Parameter, ...]:
     return (
-        Parameter(f"delay.{prefix}samples", 0, f"delay of {what}, in samples", minimum=0, maximum=10_000, fixed=True),
+        Parameter(
+            f"delay.{prefix}samples", 0, f"delay of {what}, in samples", minimum=0, maximum=10_000, read_only=True
+        ),
         Parameter(
             f"dropout.{prefix}probability",
             0.0,
@@ -59,28 +61,28 @@ def channel_config(values: Mapping[str, Value], prefix: str) -> ChannelConfig:
         values: `PARAMETERS` and ``rate``, as `resolve` returns them.
         prefix: of the last part of the parameters' names.
     """
-    nanoseconds = period_nanoseconds(int(number(values["rate"])))
+    nanoseconds = period_nanoseconds(int(as_float(values["rate"])))
     period = seconds(nanoseconds)
     loss, burst_begin = (
-        number(values[f"dropout.{prefix}probability"]),
-        number(values[f"dropout.{prefix}burst_rate"]) * period,
+        as_float(values[f"dropout.{prefix}probability"]),
+        as_float(values[f"dropout.{prefix}burst_rate"]) * period,
     )
-    begin, duration = number(values[f"dropout.{prefix}time"]), number(values[f"dropout.{prefix}duration"])
+    begin, duration = as_float(values[f"dropout.{prefix}time"]), as_float(values[f"dropout.{prefix}duration"])
     # The first samples at or after these times, to the nanosecond.
     out_from, out_until = (min(-(-round(t * 1e9) // nanoseconds), 2**62) for t in (begin, begin + duration))
     return ChannelConfig(
         loss=loss,
         burst_begin=burst_begin,
-        burst=int(number(values[f"dropout.{prefix}burst"])),
+        burst=int(as_float(values[f"dropout.{prefix}burst"])),
         out_from=out_from,
         out_until=out_until,
-        direct=not (loss or burst_begin or duration or number(values[f"delay.{prefix}samples"])),
+        direct=not (loss or burst_begin or duration or as_float(values[f"delay.{prefix}samples"])),
     )
 
 
 def channel_state(values: Mapping[str, Value], prefix: str, rows: int, joints: int) -> ChannelState:
     """An empty channel for packets of shape (rows, joints); see `channel_config`."""
-    places = int(number(values[f"delay.{prefix}samples"])) + 1
+    places = int(as_float(values[f"delay.{prefix}samples"])) + 1
     return ChannelState(
         packets=np.zeros((places, rows, joints)),
         sent=np.full(places, -1),

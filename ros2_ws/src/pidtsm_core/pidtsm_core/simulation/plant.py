@@ -8,14 +8,14 @@ import numpy as np
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
-from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, joint_array, number
-from pidtsm_core.robots import ROBOT_NAME, ROBOTS, attach, forward_dynamics, robot_schema
+from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float, joint_array
+from pidtsm_core.robots import ROBOT_NAME, ROBOTS, add_payload, forward_dynamics, robot_schema
 from pidtsm_core.simulation import friction
 from pidtsm_core.simulation.friction import FrictionConfig, add_friction, friction_config
 from pidtsm_core.timing import sum_of_times
 
-# Units of what a model error is an error of, see `Robot.pack_model`.
-_ERRORS = {"mass": "kg", "inertia": "kg m^2", "length": "m"}
+_QUANTITIES = ("mass", "inertia", "length")
+"""That the model may have wrong, see `Robot.quantities`."""
 
 _LOADS = (
     Parameter("payload.mass", 0.0, "mass picked up at payload.time (Case 2: 0.5)", "kg", minimum=0.0),
@@ -33,7 +33,7 @@ _MODEL_ERRORS = tuple(
         minimum=-1.0,
         exclusive=True,
     )
-    for quantity in _ERRORS
+    for quantity in _QUANTITIES
 )
 
 
@@ -43,14 +43,14 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     robot = ROBOTS[str(settings.get(ROBOT_NAME.name, ROBOT_NAME.default))]
     return (
         *robot_parameters,
-        Parameter("rate", 1000, "samples a second", "Hz", minimum=1, maximum=100_000, fixed=True),
+        Parameter("rate", 1000, "samples a second", "Hz", minimum=1, maximum=100_000, read_only=True),
         Parameter("initial_position", robot.initial_position, "joint positions at the start", "rad", per_joint=True),
         Parameter(
             "disturbance.name",
             "article",
             "torque beside the motors'",
             choices=DISTURBANCES.names,
-            fixed=True,
+            read_only=True,
         ),
         *_LOADS,
         *friction.PARAMETERS,
@@ -185,24 +185,24 @@ class Plant:
     def set_parameters(self, values: Mapping[str, Value]) -> None:
         """Use other parameters from the next step on; the state stays."""
         robot = ROBOTS[str(values["robot.name"])]
-        place = ROBOTS.number(robot.name)
-        factors = {unit: 1.0 + number(values[f"model_error.{quantity}"]) for quantity, unit in _ERRORS.items()}
+        place = ROBOTS.index(robot.name)
+        factors = {quantity: 1.0 + as_float(values[f"model_error.{quantity}"]) for quantity in _QUANTITIES}
         model = robot.pack_model(values, factors=factors)
         loaded = np.empty_like(model)
-        attach(place, model, number(values["payload.mass"]), loaded)
-        picked_up, carried = number(values["payload.time"]), number(values["payload.duration"])
-        pushed = number(values["push.time"])
+        add_payload(place, model, as_float(values["payload.mass"]), loaded)
+        picked_up, carried = as_float(values["payload.time"]), as_float(values["payload.duration"])
+        pushed = as_float(values["push.time"])
         self.config = PlantConfig(
             robot=place,
             model=model,
             loaded_model=loaded,
             payload_begin=picked_up,
             payload_end=sum_of_times(picked_up, carried) if carried else math.inf,
-            disturbance=DISTURBANCES.number(str(values["disturbance.name"])),
+            disturbance=DISTURBANCES.index(str(values["disturbance.name"])),
             effort_limit=joint_array(values["limits.effort"], self.joints),
             push=joint_array(values["push.effort"], self.joints),
             push_begin=pushed,
-            push_end=sum_of_times(pushed, number(values["push.duration"])),
+            push_end=sum_of_times(pushed, as_float(values["push.duration"])),
             friction=friction_config(values, self.joints),
             accelerations=self._accelerations,
         )

@@ -5,10 +5,10 @@ from enum import IntEnum
 
 import numpy as np
 
-from pidtsm_core.parameters import Array, Parameter, Value, number
+from pidtsm_core.parameters import Array, Parameter, Value, as_float
 
 PARAMETERS = (
-    Parameter("seed", 0, "seed of all random numbers: the same seed gives the same run", minimum=0, fixed=True),
+    Parameter("seed", 0, "seed of all random numbers: the same seed gives the same run", minimum=0, read_only=True),
 )
 
 _BLOCK = 1024  # rows drawn at once in a node: about a second
@@ -41,7 +41,7 @@ class Randomness:
 
     def __init__(self, values: Mapping[str, Value], joints: int) -> None:
         """Args: values: every parameter of the simulator, as `resolve` returns them."""
-        self._seed = int(number(values["seed"]))
+        self._seed = int(as_float(values["seed"]))
         self._joints = joints
         self._streams: dict[Column, np.random.Generator] = {}
         self.set_parameters(values)

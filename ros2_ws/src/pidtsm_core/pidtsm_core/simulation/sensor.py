@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.parameters import Array, Parameter, Value, joint_array, number
+from pidtsm_core.parameters import Array, Parameter, Value, as_float, joint_array
 from pidtsm_core.simulation.randomness import Column
 
 PARAMETERS = (
@@ -53,7 +53,7 @@ def sensor_config(values: Mapping[str, Value], joints: int) -> SensorConfig:
     bias, noise, backlash = (
         joint_array(values[name], joints) for name in ("encoder.bias", "noise.std", "backlash.gap")
     )
-    jitter = number(values["jitter.std"])
+    jitter = as_float(values["jitter.std"])
     ideal = not (step.any() or bias.any() or noise.any() or backlash.any() or jitter)
     return SensorConfig(step, bias, noise, backlash, jitter, ideal)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.compiled import inlined, njit
-from pidtsm_core.parameters import Array, Parameter, Value, joint_array, number
+from pidtsm_core.parameters import Array, Parameter, Value, as_float, joint_array
 from pidtsm_core.simulation import actuator, channel, randomness, sensor
 from pidtsm_core.simulation.actuator import ActuatorConfig, actuator_config, drive
 from pidtsm_core.simulation.channel import (
@@ -227,7 +227,7 @@ class SimulatedRobot:
         """
         self._plant = Plant(values, accelerations)
         self.joints = joints = self._plant.joints
-        self._period = period_nanoseconds(int(number(values["rate"])))
+        self._period = period_nanoseconds(int(as_float(values["rate"])))
         self._dt = seconds(self._period)
         self._configure(values)
         self.state = SimulatorState(
@@ -247,7 +247,7 @@ class SimulatedRobot:
         self.applied = np.zeros(joints)
 
     def _configure(self, values: Mapping[str, Value]) -> None:
-        timeout = number(values[_COMMAND_TIMEOUT.name])
+        timeout = as_float(values[_COMMAND_TIMEOUT.name])
         config = self.config = SimulatorConfig(
             sensor=sensor_config(values, self.joints),
             measurements=channel_config(values, ""),

@@ -22,12 +22,12 @@ _EVALUATE = tuple(surface.evaluate for surface in SURFACES.members)
 
 
 @njit
-def evaluate_surface(number: int, e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
-    """(s, g, h) of one joint: see `Surface.evaluate`; `number` is the surface's place in `SURFACES`."""
+def evaluate_surface(index: int, e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
+    """(s, g, h) of one joint: see `Surface.evaluate`; `index` is the surface's place in `SURFACES`."""
     result = (0.0, 0.0, 0.0)
     i = 0
     for function in literal_unroll(_EVALUATE):
-        if i == number:
+        if i == index:
             result = function(e, de, integral, p)
         i += 1
     return result

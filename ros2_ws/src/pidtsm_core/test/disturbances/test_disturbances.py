@@ -15,7 +15,7 @@ EACH = pytest.mark.parametrize("disturbance", DISTURBANCES.members, ids=lambda d
 
 def added(disturbance: Disturbance, q: Array, dq: Array, effort: Array | None = None) -> Array:
     effort = np.zeros(q.size) if effort is None else effort.copy()
-    add_disturbance(DISTURBANCES.number(disturbance.name), q, dq, effort)
+    add_disturbance(DISTURBANCES.index(disturbance.name), q, dq, effort)
     return effort
 
 

@@ -32,7 +32,7 @@ def run(estimator: Estimator, positions: Array, dts: Array, truth: Array | None 
     x = np.zeros((joints, SLOTS))
     truth = np.zeros((len(positions), 2, joints)) if truth is None else truth
     estimates = np.full((len(positions), 3, joints), np.nan)
-    number, robot, effort = ESTIMATORS.number(estimator.name), ROBOTS.number(TWO_LINK.name), np.zeros(joints)
+    number, robot, effort = ESTIMATORS.index(estimator.name), ROBOTS.index(TWO_LINK.name), np.zeros(joints)
     for k, q in enumerate(positions):
         dt = float(dts[k]) if k else 0.0
         estimate(number, Sample(q, truth[k], dt, effort, robot, FREE), p, x, estimates[k])

@@ -16,7 +16,7 @@ from pidtsm_core.robots import ROBOTS, forward_dynamics
 from pidtsm_core.robots.two_link import TWO_LINK
 
 DT = 0.001
-ROBOT = ROBOTS.number(TWO_LINK.name)
+ROBOT = ROBOTS.index(TWO_LINK.name)
 ARM = TWO_LINK.pack_model({f"robot.{p.name}": p.default for p in TWO_LINK.parameters})
 # Without masses: q'' = effort / J.
 FREE = TWO_LINK.pack_model(

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pidtsm_core.control import controller_schema
 from pidtsm_core.family import SLOTS
-from pidtsm_core.laws import LAWS, STATE_SLOTS, advance, command, kernel_number
+from pidtsm_core.laws import LAWS, STATE_SLOTS, advance, command, kernel_index
 from pidtsm_core.laws.sliding_mode import ACCELERATION_BOUND, MANIFOLDS
 from pidtsm_core.parameters import Value, resolve
 from pidtsm_core.reaching import REACHING_LAWS
@@ -39,15 +39,15 @@ class OneJoint:
         known = {p.name for p in controller_schema(chosen)}
         self.values: dict[str, Value] = resolve(controller_schema, {k: v for k, v in every.items() if k in known}, 2)
         self.law = LAWS[chosen["law.name"]]
-        self.numbers = self.law.numbers(self.values)
+        self.integers = self.law.integers(self.values)
         self.p = self.law.pack(self.values, 2)[0]
         self.x = np.zeros(STATE_SLOTS)
 
     def command(self, e: float, de: float, dde: float, ddq_d: float) -> tuple[float, ...]:
-        return command(kernel_number(self.law), e, de, dde, ddq_d, self.numbers, self.p, self.x, 0.001)
+        return command(kernel_index(self.law), e, de, dde, ddq_d, self.integers, self.p, self.x, 0.001)
 
     def advance(self, e: float, s: float, sigma: float, dt: float, frozen: bool) -> None:
-        advance(kernel_number(self.law), e, s, sigma, self.numbers, self.p, self.x, dt, frozen, Adaptation.NORMAL)
+        advance(kernel_index(self.law), e, s, sigma, self.integers, self.p, self.x, dt, frozen, Adaptation.NORMAL)
 
 
 @EACH_SLIDING
@@ -65,12 +65,12 @@ def test_sigma_is_the_switching_term_when_the_commanded_acceleration_comes_true(
     """Eq. (32) without disturbance; with sigma = s it is s' that the switching term gives."""
     joint = OneJoint(chosen, kp=2.0, ki=1.0, kd=0.5)
     joint.x[:] = state
-    _, g, h = evaluate_surface(int(joint.numbers[0]), e, de, joint.x[1], joint.p[:SLOTS])
+    _, g, h = evaluate_surface(int(joint.integers[0]), e, de, joint.x[1], joint.p[:SLOTS])
     assume(g > 1e-2)
     a_cmd, a_eq, s, _, _, tau_sw = joint.command(e, de, dde, ddq_d)
     realised = a_cmd - ddq_d
     size = (abs(a_cmd) + abs(ddq_d)) * g + abs(h) + abs(tau_sw) + 1.0
-    if MANIFOLDS[joint.numbers[1]] == "none":
+    if MANIFOLDS[joint.integers[1]] == "none":
         assert g * realised + h == pytest.approx(tau_sw, rel=0, abs=1e-9 * size)
         assert a_cmd - a_eq == pytest.approx(tau_sw / g, rel=0, abs=1e-9 * size / g)
     else:
@@ -88,10 +88,10 @@ def test_sigma_is_made_of_s_as_eq_10_says(
 ) -> None:
     joint = OneJoint(chosen, kp=3.0, ki=0.7, kd=0.25)
     joint.x[0] = integral
-    expected_s, g, h = evaluate_surface(int(joint.numbers[0]), e, de, 0.0, joint.p[:SLOTS])
+    expected_s, g, h = evaluate_surface(int(joint.integers[0]), e, de, 0.0, joint.p[:SLOTS])
     _, _, s, sigma, _, _ = joint.command(e, de, dde, 0.0)
     assert s == expected_s
-    if MANIFOLDS[joint.numbers[1]] == "none":
+    if MANIFOLDS[joint.integers[1]] == "none":
         assert sigma == s
     else:
         rate = g * dde + h
@@ -102,7 +102,7 @@ def test_sigma_is_made_of_s_as_eq_10_says(
 @pytest.mark.parametrize("name", [c["law.name"] for c in NAMED if c in SLIDING])
 def test_a_named_law_is_bit_for_bit_the_one_composed_of_its_parts(name: str) -> None:
     named = OneJoint({"law.name": name})
-    surface, manifold, reaching, _ = (int(n) for n in named.numbers)
+    surface, manifold, reaching, _ = (int(n) for n in named.integers)
     parts = {
         "law.name": "sliding_mode",
         "law.surface": SURFACES.names[surface],
@@ -111,7 +111,7 @@ def test_a_named_law_is_bit_for_bit_the_one_composed_of_its_parts(name: str) -> 
     }
     gains = {n.removeprefix("law."): v for n, v in named.values.items() if n.startswith("law.") and n != "law.name"}
     composed = OneJoint(parts, **gains)  # type: ignore[arg-type]
-    np.testing.assert_array_equal(composed.numbers, named.numbers)
+    np.testing.assert_array_equal(composed.integers, named.integers)
     random = np.random.default_rng(5)
     for _ in range(200):
         e, de, dde, ddq_d = random.normal(size=4)
@@ -125,7 +125,7 @@ def test_a_named_law_is_bit_for_bit_the_one_composed_of_its_parts(name: str) -> 
 
 def test_piddtsm_is_made_of_the_articles_parts_and_table_1() -> None:
     joint = OneJoint({"law.name": "piddtsm"})
-    surface, manifold, reaching, _ = (int(n) for n in joint.numbers)
+    surface, manifold, reaching, _ = (int(n) for n in joint.integers)
     assert SURFACES.names[surface] == "dual_terminal"
     assert MANIFOLDS[manifold] == "pid"
     assert REACHING_LAWS.names[reaching] == "adaptive_continuous"

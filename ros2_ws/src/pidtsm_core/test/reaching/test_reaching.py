@@ -24,7 +24,7 @@ def packed(law: ReachingLaw) -> Array:
 
 def hold(law: ReachingLaw, sigma: float, x: Array, steps: int, frozen: bool = False) -> tuple[float, float]:
     """(tau_sw, gain) after sigma was held for some milliseconds."""
-    number, p = REACHING_LAWS.number(law.name), packed(law)
+    number, p = REACHING_LAWS.index(law.name), packed(law)
     for _ in range(steps):
         advance_reaching(number, sigma, p, x, DT, frozen, Adaptation.NORMAL)
     return switch(number, sigma, p, x, DT)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pidtsm_core.parameters import Array, resolve
-from pidtsm_core.robots import ROBOTS, Robot, attach, forward_dynamics, inverse_dynamics, robot_schema
+from pidtsm_core.robots import ROBOTS, Robot, add_payload, forward_dynamics, inverse_dynamics, robot_schema
 from pidtsm_core.simulation.plant import Plant, plant_schema
 
 PROPERTY = settings(deadline=None, max_examples=50)
@@ -32,13 +32,13 @@ def forms(robot: Robot) -> list[str | None]:
 
 def torque(robot: Robot, q: Array, dq: Array, ddq: Array, p: Array) -> Array:
     effort = np.full((1, q.size), np.nan)
-    inverse_dynamics(ROBOTS.number(robot.name), q, dq, ddq[np.newaxis], p, effort)
+    inverse_dynamics(ROBOTS.index(robot.name), q, dq, ddq[np.newaxis], p, effort)
     return effort[0]
 
 
 def acceleration(robot: Robot, q: Array, dq: Array, effort: Array, p: Array) -> Array:
     ddq = np.full(q.size, np.nan)
-    forward_dynamics(ROBOTS.number(robot.name), q, dq, effort, p, ddq)
+    forward_dynamics(ROBOTS.index(robot.name), q, dq, effort, p, ddq)
     return ddq
 
 
@@ -156,16 +156,16 @@ def test_the_printed_coriolis_matrix_does_not_conserve_energy(robot: Robot) -> N
 @given(seed=SEEDS, mass=st.floats(0.01, 10.0), more=st.floats(0.01, 10.0))
 def test_a_payload_adds_inertia_and_weight(robot: Robot, seed: int, mass: float, more: float) -> None:
     q, dq, _ = random_state(robot, seed)
-    number = ROBOTS.number(robot.name)
+    number = ROBOTS.index(robot.name)
     p = model(robot)
     kept = p.copy()
     same, loaded, twice, both = (np.full_like(p, np.nan) for _ in range(4))
-    attach(number, p, 0.0, same)
+    add_payload(number, p, 0.0, same)
     np.testing.assert_array_equal(same, p)
-    attach(number, p, mass, loaded)
+    add_payload(number, p, mass, loaded)
     np.testing.assert_array_equal(p, kept)
-    attach(number, loaded, more, twice)
-    attach(number, p, mass + more, both)
+    add_payload(number, loaded, more, twice)
+    add_payload(number, p, mass + more, both)
     np.testing.assert_allclose(twice, both, rtol=1e-12)
     added = inertia(robot, q, dq, loaded) - inertia(robot, q, dq, p)
     assert np.linalg.eigvalsh(0.5 * (added + added.T)).min() > -1e-9

@@ -89,7 +89,7 @@ def test_the_defaults_are_those_of_the_article() -> None:
 
 def test_the_payload_adds_to_the_second_mass_only() -> None:
     loaded = np.zeros(8)
-    TWO_LINK.attach(ARTICLE, 0.5, loaded)
+    TWO_LINK.add_payload(ARTICLE, 0.5, loaded)
     np.testing.assert_array_equal(loaded, [0.5, 2.0, 1.0, 0.85, 5.0, 5.0, 9.8, PAPER])
 
 

@@ -108,7 +108,7 @@ def test_a_push_is_there_for_its_time_and_nobody_calls_it_torque() -> None:
         ({"model_error__inertia": -0.25}, {"robot__j1": 3.75, "robot__j2": 3.75}),
         ({"model_error__length": 0.1}, {"robot__r1": 1.1, "robot__r2": 0.935}),
     ],
-    ids=lambda value: "".join(value),
+    ids="".join,
 )
 def test_a_model_error_scales_all_there_is_of_its_kind(error: dict[str, float], changed: dict[str, float]) -> None:
     wrong, right = plant_of(**error), plant_of(**changed)

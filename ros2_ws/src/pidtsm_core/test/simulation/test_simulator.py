@@ -87,7 +87,7 @@ def test_stepping_the_robot_as_the_node_does_gives_the_bits_of_the_rollout(simul
 def test_every_effect_is_off_by_default_and_does_something(name: str) -> None:
     on = {name: EVERYTHING[name]}
     if name.startswith(("payload", "push")):
-        on = {n: v for n, v in EVERYTHING.items() if n.startswith(name.split(".")[0])}
+        on = {n: v for n, v in EVERYTHING.items() if n.startswith(name.split(".", maxsplit=1)[0])}
     assert run(on).position.tobytes() != run({}).position.tobytes()
 
 

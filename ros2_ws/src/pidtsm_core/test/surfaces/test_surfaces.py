@@ -21,7 +21,7 @@ def packed(surface: Surface, **changes: float) -> Array:
 
 
 def evaluate(surface: Surface, e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
-    return evaluate_surface(SURFACES.number(surface.name), e, de, integral, p)
+    return evaluate_surface(SURFACES.index(surface.name), e, de, integral, p)
 
 
 @EACH

@@ -172,5 +172,5 @@ def _make_run(experiment: Experiment, folder: Path, clock: "Synchronized[float]"
         os._exit(1)
 
 
-def _interrupt(number: int, frame: object) -> None:
+def _interrupt(_signal: int, _frame: object) -> None:
     raise KeyboardInterrupt

@@ -20,7 +20,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import Experiment, Settings, ros_parameters
 from pidtsm_core.node_parameters import NODE_SCHEMAS
-from pidtsm_core.parameters import Value, number
+from pidtsm_core.parameters import Value, as_float
 from pidtsm_core.rollout import EXPERIMENT
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.domain import own_domain
@@ -163,7 +163,7 @@ def run(
     out: Path,
     progress: Progress,
     composed: bool = False,
-    announce: Announce = lambda place: None,
+    announce: Announce = lambda _place: None,
 ) -> Path:
     """Run an experiment and record it, in a ROS domain and a namespace of its own.
 
@@ -205,7 +205,7 @@ def run(
         for name, words in arguments.items():
             environment = _environment(name, domain, out / "log")
             processes.start(name, [*words, "-r", f"__ns:=/{namespace}"], environment, out / "log" / f"{name}.log")
-        rate = number(parameters["simulator"]["rate"])
+        rate = as_float(parameters["simulator"]["rate"])
         _watch(processes, lambda samples: progress(samples / rate))
         processes.end(*(name for name in arguments if name != "recorder"))
         recorder = processes.running["recorder"]

@@ -124,7 +124,7 @@ def as_parameters(content: str | bytes) -> str | bytes:
 
 
 FILES: dict[str, tuple[st.SearchStrategy[str | bytes], Callable[[str], Any]]] = {
-    "scenario": (CONTENTS, lambda file: make_experiment(file)),
+    "scenario": (CONTENTS, make_experiment),
     "parameters": (CONTENTS | CONTENTS.map(as_parameters), lambda file: make_experiment("case1", params=[file])),
 }
 

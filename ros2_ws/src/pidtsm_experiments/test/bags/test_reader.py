@@ -437,9 +437,10 @@ def test_messages_from_before_there_were_joints_of_faults_are_read(
             c.topic: writer.add_connection(c.topic, c.msgtype, typestore=old if c.msgtype == kind else typestore())
             for c in reader.connections
         }
-        for connection, time, payload in reader.messages():
+        for connection, time, message in reader.messages():
+            payload = message
             if connection.msgtype == kind:
-                values = vars(reader.deserialize(payload, kind))
+                values = vars(reader.deserialize(message, kind))
                 fields = [name for name, _ in old.get_msgdef(kind).fields]
                 assert "violations" not in fields
                 payload = old.serialize_cdr(old.types[kind](*(values[name] for name in fields)), kind)

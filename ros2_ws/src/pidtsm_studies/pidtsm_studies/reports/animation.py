@@ -54,7 +54,7 @@ def animation(
 
 
 def _packed(values: Array) -> dict[str, str]:
-    """Numbers as plotly.js has them: little-endian, base64."""
+    """Integers as plotly.js has them: little-endian, base64."""
     return {"dtype": "f4", "bdata": base64.b64encode(values.astype("<f4").tobytes()).decode()}
 
 

@@ -36,7 +36,7 @@ _Condition: TypeAlias = tuple[str, str, int]
 """Contender, imperfection or requirement, and index of the value or the variant; runs under it differ by seed only."""
 
 
-def measure(effort: Effort, progress: Callable[[int, int], None] = lambda done, total: None) -> Robustness:
+def measure(effort: Effort, progress: Callable[[int, int], None] = lambda _done, _total: None) -> Robustness:
     """Roll everything out, on all cores.
 
     Args:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pidtsm_studies.robustness import figures
@@ -31,7 +32,7 @@ def test_a_band_has_gaps_where_runs_diverged(with_failures: Robustness) -> None:
     for panel in ("rmse", "eci", "torque_variation"):
         low, middle, high = figures.band(curve, panel)
         for values in (low, middle, high):
-            assert [index for index, value in enumerate(values) if value != value] == [3]
+            assert [index for index, value in enumerate(values) if np.isnan(value)] == [3]
     low, middle, high = figures.band(with_failures.curves["noise"]["practical"], "success")
     assert (low < middle).all()
     assert (middle <= high).all()
