@@ -107,6 +107,22 @@ def recorded(bag: Path, namespace: str = "") -> dict[str, set[int]]:
     return stamps
 
 
+def test_an_interrupt_ends_it_although_the_system_goes_on(bench: Bench) -> None:
+    loop = Loop(bench)
+    bag = bench.folder / "bag"
+    process = loop.start(bag)
+    loop.wait_for(1)
+    interrupted = False
+    for elapsed in loop.run(30.0):
+        if elapsed > 0.5 and not interrupted:
+            process.interrupt()
+            interrupted = True
+        if process.process.poll() is not None:
+            break
+    assert process.process.poll() == 0
+    assert (bag / "metadata.yaml").exists()
+
+
 def test_killed_at_any_moment_leaves_all_that_is_older_than_a_second(bench: Bench) -> None:
     moments = random.Random(35)
     checked = 0

@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -52,6 +53,7 @@ _STATUS_PERIOD = 0.2  # s between two lines on standard output
 _WARNING_PERIOD = 1.0  # s between two lines about lost messages
 _PATIENCE = 10.0  # s of waiting for publishers before the log says so
 _SILENCE = 0.3  # s without a message after which everything sent has arrived
+_REST = 2.0  # s from the request to stop to the end of a recording whose publishers go on
 _PRIORITY = 20
 """Of the threads that receive messages, below the loop's. The buffers of their sockets hold 50 ms; nodes that have no
 time for it must send again what overflows them."""
@@ -177,6 +179,10 @@ class RecorderNode(Node):
         subscriptions = [topic.subscription for topic in self._topics.values()]
         return [s.topic_name for s in subscriptions if s.get_publisher_count() == 0]
 
+    def has_publishers(self) -> bool:
+        """Whether somebody still publishes one of the topics."""
+        return any(topic.subscription.get_publisher_count() for topic in self._topics.values())
+
     def take(self) -> None:
         """Write everything that has arrived to the bag."""
         with self._writing():
@@ -260,11 +266,12 @@ def _print_progress(recorder: RecorderNode) -> None:
 
 
 def _record(recorder: RecorderNode, stop: Stop) -> None:
-    """Record until a stop is requested, and then until no more messages arrive."""
+    """Record until a stop is requested, and then until no more messages arrive, or until it shows that they go on."""
     flush = _Every(FLUSH_PERIOD, recorder.flush)
     rest = [_Every(_STATUS_PERIOD, lambda: _print_progress(recorder)), _Every(_WARNING_PERIOD, recorder.warn_of_lost)]
-    patience = time.monotonic() + _PATIENCE
-    while not (stop.requested and time.monotonic() - recorder.last > _SILENCE):
+    now = time.monotonic()
+    patience, end = now + _PATIENCE, math.inf
+    while now < end and not (stop.requested and now - recorder.last > _SILENCE):
         # Waking for batches costs a fraction of waking for every message; the queues hold far more than a batch.
         time.sleep(_BATCH)
         recorder.connect()
@@ -275,6 +282,10 @@ def _record(recorder: RecorderNode, stop: Stop) -> None:
         if now >= patience and recorder.missing():
             recorder.get_logger().warning(f"waiting for a publisher of {', '.join(recorder.missing())}")
             patience = now + _PATIENCE
+        if not stop.requested or not recorder.has_publishers():
+            end = math.inf
+        elif end == math.inf:
+            end = now + _REST
 
 
 class _Every:
