@@ -5,6 +5,7 @@ data's own stamps; where those show that the machine stood still, torques and er
 """
 
 import os
+import re
 import signal
 import sys
 import time
@@ -122,6 +123,9 @@ class System:
         self.until(
             lambda: len(heard) > count and not any(self.watch.last("simulator/ground_truth").effort), "the brakes"
         )
+        # Of brakes that move again within a second the log gets one line.
+        log = self.bench.processes.running["simulator"].log
+        self.until(lambda: _brake_lines(log)[-1:] == ["the brakes stop the arm"], "the brakes in the log")
 
     def follows(self) -> None:
         """Wait until the reference is followed; a machine that stalls for long latches a fault, which is reset."""
@@ -166,6 +170,11 @@ class System:
         self.until(lambda: self.watch.heard["/diagnostics"], "diagnostics")
         self.watch.check()
         self.sound = True
+
+
+def _brake_lines(log: Path) -> list[str]:
+    """What the simulator has logged of its brakes."""
+    return re.findall("the brakes stop the arm|brakes released", log.read_text())
 
 
 def stalled(states: list[ControllerState]) -> bool:

@@ -1,7 +1,4 @@
-"""The environment of a checkout: what it should be, what it is, what is missing between the two, and its variables.
-
-Its state is one file in it, replaced only after a step has succeeded: what was interrupted, the next call does again.
-"""
+"""The environment of a checkout: what it should be, what it is, what is missing between the two, and its variables."""
 
 from __future__ import annotations
 
@@ -65,8 +62,8 @@ def wanted(layout: Layout) -> dict[str, Any]:
     if ros == WHEELS and not os.environ.get("PIDTSM_PYTHON") and layout.state.exists() and layout.python.exists():
         python = layout.python
     return {
-        "place of the checkout": str(layout.root),
         "version of the set-up": 2,  # to be raised when older environments have to be made anew
+        "place of the checkout": str(layout.root),
         "ROS 2": ros,
         "Python": os.path.realpath(python),
         "lock file": hashlib.sha256(layout.lock(ros).read_bytes()).hexdigest(),
@@ -92,7 +89,7 @@ def read(layout: Layout) -> dict[str, Any]:
 
 
 def write(layout: Layout, environment: dict[str, Any], **built: Any) -> None:
-    """Record `environment` as complete, and what was `built` in it (digest of the workspace, search paths)."""
+    """Record `environment`, and what was `built` in it, once a step is done: the next call repeats what was not."""
     draft = layout.state.with_suffix(".new")
     draft.write_text(json.dumps({**environment, **built}, indent=1))
     draft.replace(layout.state)

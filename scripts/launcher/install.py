@@ -117,6 +117,9 @@ class Installer(NamedTuple):
         """Build the workspace and record what its set-up script makes of the search paths."""
         digest = environment.workspace_digest(self.layout.workspace / "src")
         environment.write(self.layout, self.want)  # until the build is complete, there is none
+        for package in self.layout.workspace.glob("install/*/"):
+            if not (self.layout.workspace / "src" / package.name).is_dir():  # It is no longer in the workspace.
+                shutil.rmtree(package)
         cmake = ["--cmake-args", "-G", "Ninja", f"-DPython3_EXECUTABLE={self.layout.python}"]
         self._run("building the workspace", ["colcon", "build", "--symlink-install", *cmake])
         env = {name: os.pathsep.join(entries) for name, entries in self._paths().items()}

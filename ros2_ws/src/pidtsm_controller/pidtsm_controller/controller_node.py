@@ -12,7 +12,7 @@ from pidtsm_core.arrivals import Arrivals, Stamp
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.control import Clock, Controller
 from pidtsm_core.joints import MessageError
-from pidtsm_core.node_parameters import PRIORITY, controller_node_schema
+from pidtsm_core.node_parameters import controller_node_schema
 from pidtsm_core.parameters import as_float, names
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.signals import Fault, Mode, Signal, Status
@@ -55,10 +55,6 @@ class ControllerNode(ManagedNode):
     @property
     def lockstep(self) -> bool:
         return self.values["reference.match"] == "stamp"
-
-    @property
-    def priority(self) -> int:
-        return 0 if self.lockstep else int(as_float(self.values[PRIORITY.name]))
 
     def configure(self) -> None:
         joints = list(names(self.values["joints"]))

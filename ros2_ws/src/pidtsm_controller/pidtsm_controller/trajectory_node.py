@@ -10,7 +10,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from pidtsm_core.arrivals import Arrivals, Stamp
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.joints import JointOrder, MessageError
-from pidtsm_core.node_parameters import PRIORITY, trajectory_node_schema
+from pidtsm_core.node_parameters import trajectory_node_schema
 from pidtsm_core.parameters import Array, as_float, names
 from pidtsm_core.references import ReferenceMotion, reference_joints
 from pidtsm_core.references.trajectory import MotionUnderWay, Rest, TrajectoryError
@@ -45,10 +45,6 @@ class TrajectoryNode(ManagedNode):
     @property
     def lockstep(self) -> bool:
         return self.values["clock"] == "lockstep"
-
-    @property
-    def priority(self) -> int:
-        return 0 if self.lockstep else int(as_float(self.values[PRIORITY.name]))
 
     def configure(self) -> None:
         joints = list(names(self.values["joints"]))

@@ -18,6 +18,7 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from pidtsm_core.joints import MessageError
+from pidtsm_core.node_parameters import PRIORITY
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, as_float, resolve
 from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, OVERRIDABLE, PUBLISHER, READER, RELIABLE_READER
 from pidtsm_ros.wire import deserialize
@@ -186,8 +187,8 @@ class ManagedNode(LifecycleNode):
 
     @property
     def priority(self) -> int:
-        """SCHED_FIFO priority that the loop asks for; 0: none."""
-        return 0
+        """SCHED_FIFO priority of the loop; 0: none, as in lockstep, where nothing is late."""
+        return 0 if self.lockstep else int(as_float(self.values[PRIORITY.name]))
 
     # Lifecycle.
 

@@ -9,7 +9,7 @@ from std_msgs.msg import Float64MultiArray
 
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.joints import JointOrder
-from pidtsm_core.node_parameters import PRIORITY, simulator_node_schema
+from pidtsm_core.node_parameters import simulator_node_schema
 from pidtsm_core.parameters import as_float, names
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.simulation.simulator import SimulatedRobot
@@ -91,10 +91,6 @@ class SimulatorNode(ManagedNode):
     @property
     def lockstep(self) -> bool:
         return self.values["clock"] == "lockstep"
-
-    @property
-    def priority(self) -> int:
-        return 0 if self.lockstep else int(as_float(self.values[PRIORITY.name]))
 
     def activate(self) -> None:
         self._robot = SimulatedRobot(self.values)

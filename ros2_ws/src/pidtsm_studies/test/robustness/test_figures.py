@@ -12,13 +12,15 @@ from pidtsm_studies.robustness.results import Robustness
 
 
 def test_each_imperfection_has_its_files(tmp_path: Path, quick: Robustness, monkeypatch: pytest.MonkeyPatch) -> None:
-    noise = next(each for each in IMPERFECTIONS if each.name == "noise")
-    monkeypatch.setattr(figures, "IMPERFECTIONS", (noise,))  # one takes a second
+    two = IMPERFECTIONS[:2]  # drawing takes a second each
+    monkeypatch.setattr(figures, "IMPERFECTIONS", two)
     written = figures.write_robustness_figures(quick, tmp_path / "figures")
-    assert [path.name for path in written] == ["noise.png", "noise.svg"]
-    svg = written[1].read_text(encoding="utf-8")
-    for text in (noise.label, *LABELS.values(), "success rate", "RMSE (rad)", "by estimator", "all laws"):
-        assert text in svg
+    assert [path.name for path in written] == [f"{each.name}.{kind}" for each in two for kind in ("png", "svg")]
+    for path, imperfection in zip(written[1::2], two, strict=True):
+        svg = path.read_text(encoding="utf-8")
+        assert imperfection.label in svg
+        for text in (*LABELS.values(), "success rate", "RMSE (rad)", "the proposed law, by estimator", "all laws"):
+            assert text in svg
 
 
 def test_every_contender_is_drawn_in_a_style_of_its_own() -> None:

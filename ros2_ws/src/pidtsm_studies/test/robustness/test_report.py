@@ -57,6 +57,13 @@ def test_the_same_results_give_the_same_file(tmp_path: Path, report: Path, quick
     assert (tmp_path / "again.html").read_bytes() == report.read_bytes()
 
 
+def test_what_diverged_is_counted(tmp_path: Path, with_failures: Robustness) -> None:
+    write_robustness_report(tmp_path / "report.html", with_failures)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"has failed, and has no such values: 1 of {with_failures.runs} runs." in page
+    assert "The practical set is within its limits in 0 of 6 rows" in page
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
 def test_a_browser_draws_every_curve(page: Page, report: Path) -> None:
     page.open(report)
