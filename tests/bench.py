@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 import rclpy
 from lifecycle_msgs.srv import GetState
-from nursery import NurseryProcess
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -57,16 +56,14 @@ class Bench:
         return self._listeners[-1]
 
     def start(self, name: str, *parameters: str) -> Process:
-        """A process of one of our nodes, with parameters ``name:=value``."""
-        if name == "recorder":  # Its output is read.
-            return self.start_executable(name, *parameters)
-        log = self.folder / f"{name}.log"
-        self.processes.running[name] = NurseryProcess(name, _arguments(parameters), self.environment, log)
-        return self.processes.running[name]
+        """A process of one of our nodes, with parameters ``name:=value``; it is forked, see `nursery`."""
+        return self.processes.start(name, _arguments(parameters), self.environment, self.folder / f"{name}.log")
 
     def start_executable(self, name: str, *parameters: str) -> Process:
         """The same from nothing, as ``ros2 run`` does it: for tests of the start itself."""
-        return self.processes.start(name, _arguments(parameters), self.environment, self.folder / f"{name}.log")
+        process = Process(name, _arguments(parameters), self.environment, self.folder / f"{name}.log")
+        self.processes.running[name] = process
+        return process
 
     def spin_until(self, condition: Callable[[], Any], what: str) -> None:
         """Spin the test's node until the condition holds."""

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -30,14 +31,19 @@ class NurseryProcess(Process):
         self.name, self.log = name, log
         log.touch()
         words = [name, "--ros-args", *arguments]
-        self.process = _Popen(_FORKED.Process(target=_become, args=(words, dict(environment), log)))  # type: ignore[assignment]
+        reader, writer = _FORKED.Pipe(duplex=False) if name == "recorder" else (None, None)
+        process = _FORKED.Process(target=_become, args=(words, dict(environment), log, writer))
+        self.process = _Popen(process, reader)  # type: ignore[assignment]
+        if writer is not None:
+            writer.close()
 
 
 class _Popen:
-    """A forked process with what tests use of `subprocess.Popen`."""
+    """A forked process with what is used of `subprocess.Popen`."""
 
-    def __init__(self, process: Any) -> None:
+    def __init__(self, process: Any, stdout: Connection | None) -> None:
         self._process = process
+        self.stdout = stdout
         # So that the process that forks, which the first call starts, finds the modules beside this one.
         with patch.dict(os.environ, PYTHONPATH=os.pathsep.join([_FOLDER, os.environ.get("PYTHONPATH", "")])):
             process.start()
@@ -69,13 +75,13 @@ class _Popen:
         self.send_signal(signal.SIGTERM)
 
 
-def _become(words: list[str], environment: dict[str, str], log: Path) -> None:
-    """Run the executable `words[0]` in this process."""
+def _become(words: list[str], environment: dict[str, str], log: Path, stdout: Connection | None) -> None:
+    """Run the executable `words[0]` in this process, its output in the log, but for that given to `stdout`."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     os.setsid()
     output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
     nothing = os.open(os.devnull, os.O_RDONLY)
-    for old, new in ((nothing, 0), (output, 1), (output, 2)):
+    for old, new in ((nothing, 0), (stdout.fileno() if stdout else output, 1), (output, 2)):
         os.dup2(old, new)
     os.environ.clear()
     os.environ.update(environment)

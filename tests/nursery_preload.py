@@ -3,6 +3,7 @@
 import numpy as np
 from sensor_msgs.msg import JointState
 
+import pidtsm_experiments.bags.recorder_node  # noqa: F401
 import two_link_sim.simulator_node
 import two_link_sim.visualization_node  # noqa: F401
 from pidtsm_core.control import Controller

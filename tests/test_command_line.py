@@ -6,11 +6,30 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from pidtsm_experiments.cli import main
+
 DEADLINE = 120.0
+Call = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+@pytest.fixture
+def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """A command with its words, in the folder of the test and in this process."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: str) -> "subprocess.CompletedProcess[str]":
+        try:
+            code = main(words)
+        except SystemExit as end:  # argparse, after --help
+            code = int(end.code or 0)
+        return subprocess.CompletedProcess(words, code, *capsys.readouterr())
+
+    return call
 
 
 def start(*words: str, cwd: Path) -> "subprocess.Popen[str]":
@@ -21,12 +40,6 @@ def start(*words: str, cwd: Path) -> "subprocess.Popen[str]":
         stderr=subprocess.PIPE,
         text=True,
     )
-
-
-def call(*words: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
-    process = start(*words, cwd=cwd)
-    out, err = process.communicate(timeout=DEADLINE)
-    return subprocess.CompletedProcess(words, process.returncode, out, err)
 
 
 def wait_for(path: Path, process: "subprocess.Popen[str]") -> None:
@@ -85,10 +98,10 @@ BAD_USAGE = [
 
 
 @pytest.mark.parametrize(("words", "cause"), BAD_USAGE, ids=[" ".join(words) for words, _ in BAD_USAGE])
-def test_bad_usage_is_one_clear_error(words: list[str], cause: str, tmp_path: Path) -> None:
+def test_bad_usage_is_one_clear_error(words: list[str], cause: str, tmp_path: Path, call: Call) -> None:
     (tmp_path / "occupied").mkdir()
     (tmp_path / "occupied" / "thesis.tex").write_text("years of work")
-    result = call(*words, cwd=tmp_path)
+    result = call(*words)
     assert result.returncode == 2
     assert cause in (result.stderr or result.stdout)
     assert "Traceback" not in result.stderr
@@ -114,17 +127,17 @@ simulator:
         (("description", "[description"), "mine.yaml is not YAML"),
     ],
 )
-def test_mistake_in_a_scenario_file_is_named(change: tuple[str, str], cause: str, tmp_path: Path) -> None:
+def test_mistake_in_a_scenario_file_is_named(change: tuple[str, str], cause: str, tmp_path: Path, call: Call) -> None:
     (tmp_path / "mine.yaml").write_text(SCENARIO)
-    assert call("rollout", "--scenario", "mine.yaml", cwd=tmp_path).returncode == 0
+    assert call("rollout", "--scenario", "mine.yaml").returncode == 0
     (tmp_path / "mine.yaml").write_text(SCENARIO.replace(*change))
-    result = call("rollout", "--scenario", "mine.yaml", cwd=tmp_path)
+    result = call("rollout", "--scenario", "mine.yaml")
     assert result.returncode == 2
     assert cause in result.stderr
 
 
-def test_run_leaves_a_complete_result_and_analyze_repeats_it(tmp_path: Path) -> None:
-    result = call("run", "--scenario", "case2", "--duration", "0.5", "--out", "mine", cwd=tmp_path)
+def test_run_leaves_a_complete_result_and_analyze_repeats_it(tmp_path: Path, call: Call) -> None:
+    result = call("run", "--scenario", "case2", "--duration", "0.5", "--out", "mine")
     assert result.returncode == 0, result.stderr
     assert "RMSE" in result.stdout
     folder = tmp_path / "mine"
@@ -134,14 +147,14 @@ def test_run_leaves_a_complete_result_and_analyze_repeats_it(tmp_path: Path) -> 
     figures = {p.name for p in (folder / "figures").iterdir()}
     for name in ("tracking", "error", "torque", "sliding_variables", "adaptive_gain"):
         assert {f"{name}.png", f"{name}.svg"} <= figures
-    again = call("analyze", "mine/bag", "--json", cwd=tmp_path)
+    again = call("analyze", "mine/bag", "--json")
     assert again.returncode == 0
     assert json.loads(again.stdout) == metrics
     assert [p.name for p in tmp_path.iterdir()] == ["mine"]
 
 
-def test_rollout_prints_one_json_object(tmp_path: Path) -> None:
-    result = call("rollout", "--duration", "0.1", "--set", "controller.estimator.name=exact", "--json", cwd=tmp_path)
+def test_rollout_prints_one_json_object(tmp_path: Path, call: Call) -> None:
+    result = call("rollout", "--duration", "0.1", "--set", "controller.estimator.name=exact", "--json")
     assert result.returncode == 0
     metrics = json.loads(result.stdout)
     assert metrics["samples"] == 100
@@ -165,9 +178,9 @@ IMPERFECT = (
 """Measurements and references that stay out, and a fault that is reset."""
 
 
-def test_run_and_rollout_tell_the_same_to_the_last_digit(tmp_path: Path) -> None:
+def test_run_and_rollout_tell_the_same_to_the_last_digit(tmp_path: Path, call: Call) -> None:
     words = ("--duration", "1", *IMPERFECT)
-    run, rollout = call("run", "--out", "mine", *words, cwd=tmp_path), call("rollout", "--json", *words, cwd=tmp_path)
+    run, rollout = call("run", "--out", "mine", *words), call("rollout", "--json", *words)
     told, simulated = json.loads((tmp_path / "mine" / "metrics.json").read_text()), json.loads(rollout.stdout)
     assert set(told["rejected"]) >= {"controller", "simulator"}
     assert set(told["rejected"].values()) == {0}
@@ -187,40 +200,40 @@ STOPPING = ("--duration", "0.2", "--set", "controller.limits.tracking_error=0.3"
 REASON = "pidtsm: stopped at 0 s: joint1 is beyond limits.tracking_error"
 
 
-def test_a_run_that_stops_is_reported_whole_and_has_failed(tmp_path: Path) -> None:
-    result = call("run", "--out", "mine", *STOPPING, cwd=tmp_path)
+def test_a_run_that_stops_is_reported_whole_and_has_failed(tmp_path: Path, call: Call) -> None:
+    result = call("run", "--out", "mine", *STOPPING)
     assert result.returncode == 1
     assert result.stderr.splitlines()[-1] == REASON
     assert "stopped at 0 s: joint1 is beyond limits.tracking_error" in result.stdout
     assert [p.name for p in tmp_path.iterdir()] == ["mine"]
     assert json.loads((tmp_path / "mine" / "metrics.json").read_text())["outcome"] == "stopped"
     assert "What happened" in (tmp_path / "mine" / "report.html").read_text()
-    again = call("analyze", "mine/bag", "--json", cwd=tmp_path)
+    again = call("analyze", "mine/bag", "--json")
     assert (again.returncode, again.stderr) == (0, "")
     assert json.loads(again.stdout)["outcome"] == "stopped"
 
 
-def test_a_rollout_that_stops_has_failed(tmp_path: Path) -> None:
-    result = call("rollout", "--json", *STOPPING, cwd=tmp_path)
+def test_a_rollout_that_stops_has_failed(tmp_path: Path, call: Call) -> None:
+    result = call("rollout", "--json", *STOPPING)
     assert result.returncode == 1
     assert result.stderr.splitlines() == [REASON]
     assert json.loads(result.stdout)["outcome"] == "stopped"
 
 
-def test_what_is_allowed_but_unwise_is_said_before_the_start(tmp_path: Path) -> None:
-    result = call("rollout", "--duration", "0.05", "--set", "controller.limits.effort_rate=20.0", cwd=tmp_path)
+def test_what_is_allowed_but_unwise_is_said_before_the_start(tmp_path: Path, call: Call) -> None:
+    result = call("rollout", "--duration", "0.05", "--set", "controller.limits.effort_rate=20.0")
     assert result.stderr.startswith("pidtsm: warning: limits.effort_rate of joint1 is 20 N m/s")
 
 
-def test_the_order_of_settings_is_in_the_help(tmp_path: Path) -> None:
+def test_the_order_of_settings_is_in_the_help(call: Call) -> None:
     for command in ("run", "rollout"):
-        assert "The later wins: scenario, --params, --law, --set." in call(command, "--help", cwd=tmp_path).stdout
+        assert "The later wins: scenario, --params, --law, --set." in call(command, "--help").stdout
 
 
-def test_two_runs_into_one_folder_do_not_meet(tmp_path: Path) -> None:
+def test_two_runs_into_one_folder_do_not_meet(tmp_path: Path, call: Call) -> None:
     first = start("run", "--duration", "1", "--out", "mine", cwd=tmp_path)
     wait_for(tmp_path / "mine.unfinished", first)
-    second = call("run", "--duration", "1", "--out", "mine", cwd=tmp_path)
+    second = call("run", "--duration", "1", "--out", "mine")
     assert second.returncode == 2
     assert f"mine is being written by process {first.pid}" in second.stderr
     _, err = first.communicate(timeout=DEADLINE)

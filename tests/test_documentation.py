@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.domain import own_domain
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -22,8 +24,10 @@ _FENCE = re.compile(r"^```(\w+)[ \t]*([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DO
 _TITLE = re.compile(r'title="([^"]+)"')
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _RECURSIVE = re.compile(r"^\./pidtsm test\b.*$", re.MULTILINE)
-# Takes minutes; test_reproduction.py runs it.
-_LONG = re.compile(r"^\./pidtsm reproduce --out \S+$", re.MULTILINE)
+# Take long; test_reproduction.py and test_closed_loop.py run them.
+_LONG = re.compile(r"^\./pidtsm (reproduce --out \S+|demo)$", re.MULTILINE)
+_PLAIN = re.compile(r"(\./pidtsm (run|rollout|analyze|robustness|bench) [^$&|;<>`]*\n)+")
+"""Commands that need no shell."""
 
 
 @dataclass(frozen=True)
@@ -95,38 +99,55 @@ def _end_session(session: int) -> bool:
     return True
 
 
-def commands(document: Path, *, ros2: bool) -> list[str]:
+def commands(document: Path, *, ros2: bool) -> list[Block]:
     """What a reader can run as it stands, bash and Python; with `ros2` what needs its command line."""
-    found = []
-    for block in blocks(document):
-        if block.language == "bash" and "example" not in block.information:
-            found.append(block.content)
-        if block.language == "python" and not block.title:
-            found.append(f"{sys.executable} - <<'END'\n{block.content}END\n")
-    return [script for script in found if bool(re.search(r"\bros2 ", script)) == ros2]
+    found = [
+        block
+        for block in blocks(document)
+        if (block.language == "bash" and "example" not in block.information)
+        or (block.language == "python" and not block.title)
+    ]
+    return [block for block in found if bool(re.search(r"\bros2 ", block.content)) == ros2]
 
 
 def run_commands(document: Path, folder: Path, environment: dict[str, str], *, ros2: bool) -> None:
-    """Run the blocks in their order, as if in a checkout, with the files that the text gives."""
+    """Run the blocks in their order, as if in a checkout, with the files that the text gives.
+
+    Plain commands and Python run in this process, which has imported everything.
+    """
     for name in ("pidtsm", "pyproject.toml", "ros2_ws", "tests"):
         (folder / name).symlink_to(ROOT / name)
     for block in blocks(document):
         if block.title and not block.title.startswith("ros2_ws/"):
             (folder / block.title).write_text(block.content, encoding="utf-8")
-    for script in commands(document, ros2=ros2):
-        for line in _RECURSIVE.findall(script):
+    for block in commands(document, ros2=ros2):
+        if block.language == "python":
+            exec(compile(block.content, str(document), "exec"), {})
+            continue
+        for line in _RECURSIVE.findall(block.content):
             check_test_command(line)
-        run_script(_LONG.sub("", _RECURSIVE.sub("", script)), folder, environment)
+        script = _LONG.sub("", _RECURSIVE.sub("", block.content))
+        if _PLAIN.fullmatch(script):
+            for words in map(shlex.split, script.splitlines()):
+                assert main(words[1:]) == 0, words
+        else:
+            run_script(script, folder, environment)
 
 
 @pytest.mark.parametrize("document", [d for d in DOCUMENTS if commands(d, ros2=False)], ids=named)
-def test_commands_run(document: Path, tmp_path: Path, environment: dict[str, str]) -> None:
+def test_commands_run(
+    document: Path, tmp_path: Path, environment: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     run_commands(document, tmp_path, environment, ros2=False)
 
 
 @pytest.mark.skipif(shutil.which("ros2") is None, reason="no ros2 command line here: the wheels have none")
 @pytest.mark.parametrize("document", [d for d in DOCUMENTS if commands(d, ros2=True)], ids=named)
-def test_ros2_commands_run(document: Path, tmp_path: Path, environment: dict[str, str]) -> None:
+def test_ros2_commands_run(
+    document: Path, tmp_path: Path, environment: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     run_commands(document, tmp_path, environment, ros2=True)
 
 
