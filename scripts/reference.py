@@ -32,14 +32,14 @@ _FAMILIES: dict[str, Family[Any]] = {
 }
 _HEAD = """# Reference
 
-Made by `scripts/reference.py` from what the nodes declare; `ros2 param describe` tells the same. A parameter
-*per joint* takes one number for all joints, or one a joint. A parameter marked *start* is read when the node is
-configured; all others can be changed while it runs. In `--set`, in scenarios and in a launch, put the node's name
-before: `controller.law.k1=4.0`.
+`scripts/reference.py` generates this page from the declarations of the nodes; `ros2 param describe` shows the same
+information. A parameter *per joint* takes one number for all joints, or one number per joint. A parameter marked
+*start* is read when the node is configured; all others can be changed while the node runs. In `--set`, in scenarios
+and in a launch, put the name of the node in front: `controller.law.k1=4.0`.
 """
 _LEFT_OUT = """## What a rollout leaves out
 
-A rollout takes every parameter above that changes a torque. It leaves out these, which only a node has:
+A rollout accepts every parameter above that changes a torque. These exist only in nodes:
 """
 _ESCAPED = "\\|"
 _TABLE = "| parameter | default | unit | allowed | meaning |\n| --- | --- | --- | --- | --- |\n"

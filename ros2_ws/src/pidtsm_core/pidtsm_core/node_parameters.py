@@ -17,7 +17,7 @@ AUTOSTART = Parameter("autostart", True, "configure and activate on start, witho
 PRIORITY = Parameter(
     "realtime.priority",
     40,
-    "SCHED_FIFO priority of the node's threads in realtime, where the system permits it; 0: like any other process",
+    "SCHED_FIFO priority of the node's threads in real time, if the system permits it; 0: no real-time priority",
     minimum=0,
     maximum=99,
     read_only=True,
@@ -31,7 +31,7 @@ and below the loop and what takes messages in for the recorder: where there is t
 def _thresholds(name: str, warn: float, error: float, description: str, unit: str = "") -> tuple[Parameter, ...]:
     """What /diagnostics warns of, and what it calls an error."""
     return tuple(
-        Parameter(f"diagnostics.{name}.{level}", value, f"{description}: {level} from here on", unit, minimum=0.0)
+        Parameter(f"diagnostics.{name}.{level}", value, f"{description}: {level} from this value on", unit, minimum=0.0)
         for level, value in (("warn", warn), ("error", error))
     )
 
@@ -40,8 +40,8 @@ def _form_of_commands(name: str, description: str) -> Parameter:
     return Parameter(
         name,
         "joint_state",
-        f"{description}: joint_state, on joint_commands, by name and with the stamp of the joint state it answers; "
-        "float64_multi_array, on effort_controller/commands, in the order of the parameter joints (ros2_control)",
+        f"{description}; joint_state: on joint_commands, matched by name, with the stamp of the joint state answered; "
+        "float64_multi_array: on effort_controller/commands, in the order of the parameter joints (ros2_control)",
         choices=("joint_state", "float64_multi_array"),
         read_only=True,
     )
@@ -52,8 +52,8 @@ def _start(topic: str, default: int, listeners: str) -> Parameter:
     return Parameter(
         "start.subscribers",
         default,
-        f"subscribers of {topic} to wait for before the first message ({listeners}; a recorder is one more); "
-        "0 starts at once",
+        f"number of subscribers of {topic} to wait for before the first message ({listeners}; a recorder is one more); "
+        "0: start at once",
         minimum=0,
         read_only=True,
     )
@@ -65,17 +65,17 @@ _LOOP = (
     Parameter(
         "diagnostics.deadline",
         0.002,
-        "a longer period is a missed deadline, at 1 kHz; at lower rates it grows with the nominal period",
+        "a longer period is a missed deadline; for 1 kHz (at lower rates the value grows with the nominal period)",
         "s",
         minimum=0.0,
         exclusive=True,
     ),
-    *_thresholds("missed", 0.001, 0.05, "share of the periods of a second that missed their deadline, in realtime"),
+    *_thresholds("missed", 0.001, 0.05, "share of the periods in one second that missed their deadline, in real time"),
     *_thresholds(
         "jitter",
         0.0005,
         0.005,
-        "standard deviation of the period, in realtime, at 1 kHz; at lower rates as the deadline",
+        "standard deviation of the period, in real time, for 1 kHz (at lower rates the value grows like the deadline)",
         "s",
     ),
 )
@@ -85,18 +85,18 @@ _SIMULATOR = (
     Parameter(
         "clock",
         "realtime",
-        "realtime: samples at the wall clock's rate, stamped with the system time; "
-        "lockstep: every sample waits for its command, stamped from 0, with /clock",
+        "realtime: samples at the rate of the wall clock, with the system time as stamp; "
+        "lockstep: every sample waits for its command, stamps start at 0, and the node publishes /clock",
         choices=("realtime", "lockstep"),
         read_only=True,
     ),
-    _form_of_commands("input.type", "form of the commands taken"),
-    Parameter("duration", 0.0, "end after this time; 0 runs for ever", "s", minimum=0.0, read_only=True),
+    _form_of_commands("input.type", "message type of the commands received"),
+    Parameter("duration", 0.0, "the node ends after this time; 0: never", "s", minimum=0.0, read_only=True),
     _start("joint_states", 2, "controller, trajectory"),
     Parameter(
         "lockstep.timeout",
         5.0,
-        "longest wall time to wait for a command, after the first",
+        "longest wall time to wait for a command, from the first command on",
         "s",
         minimum=0.0,
         exclusive=True,
@@ -110,22 +110,22 @@ _CONTROLLER = (
         "age",
         0.005,
         0.05,
-        "longest time from the stamp of a joint state to its command, in realtime, at 1 kHz; at lower rates as the "
-        "deadline",
+        "longest time from the stamp of a joint state to its command, in real time, for 1 kHz (at lower rates the "
+        "value grows like the deadline)",
         "s",
     ),
-    *_thresholds("saturation", 0.5, 1.0, "share of the samples of a second with a joint at its torque limit"),
+    *_thresholds("saturation", 0.5, 1.0, "share of the samples in one second with a joint at its torque limit"),
     Parameter(
         "reference.match",
         "latest",
-        "latest: the newest reference, continued to the stamp of the joint state; "
+        "latest: the newest reference, extrapolated to the stamp of the joint state; "
         "stamp: wait for the reference with the stamp of the joint state (lockstep)",
         choices=("latest", "stamp"),
         read_only=True,
     ),
-    _form_of_commands("output.type", "form of the commands"),
+    _form_of_commands("output.type", "message type of the commands published"),
     _start("the commands", 1, "simulator"),
-    Parameter("state.decimation", 1, "~/state is published every so many ticks", minimum=1),
+    Parameter("state.decimation", 1, "number of ticks per message on ~/state", minimum=1),
 )
 
 _TRAJECTORY = (
@@ -134,8 +134,8 @@ _TRAJECTORY = (
     Parameter(
         "clock",
         "realtime",
-        "realtime: a joint state that was missed is of no interest; "
-        "lockstep: every one is answered, since the simulator waits for it",
+        "realtime: the node skips joint states that it missed; "
+        "lockstep: it answers every joint state, because the simulator waits for the answer",
         choices=("realtime", "lockstep"),
         read_only=True,
     ),
@@ -143,7 +143,8 @@ _TRAJECTORY = (
     Parameter(
         "start_tolerance",
         0.05,
-        "a commanded trajectory is refused if the point that is due at its start is farther from the present reference",
+        "a commanded trajectory is rejected if the point due at its start is farther than this from the current "
+        "reference",
         "rad",
         minimum=0.0,
     ),

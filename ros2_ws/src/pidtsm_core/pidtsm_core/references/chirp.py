@@ -24,13 +24,13 @@ def evaluate(t: float, p: Array, desired: Array) -> None:
 
 CHIRP = Reference(
     name="chirp",
-    summary="amplitude times a sine whose frequency sweeps linearly, and stays at its end",
+    summary="amplitude times a sine whose frequency sweeps linearly and then stays constant",
     parameters=(
         Parameter("amplitude", 0.1, "amplitude", "rad", per_joint=True, read_only=True),
         Parameter("start_frequency", 0.1, "frequency at the start", "Hz", minimum=0.0, per_joint=True, read_only=True),
         Parameter("end_frequency", 1.0, "frequency at the end", "Hz", minimum=0.0, per_joint=True, read_only=True),
         Parameter(
-            "duration", 20.0, "time of the sweep", "s", minimum=0.0, exclusive=True, per_joint=True, read_only=True
+            "duration", 20.0, "duration of the sweep", "s", minimum=0.0, exclusive=True, per_joint=True, read_only=True
         ),
     ),
     joints=0,

@@ -101,7 +101,7 @@ def _complete(times: Array, samples: Array) -> Array:
 
 CSV = _FromFile(
     name="csv",
-    summary="spline through a file with columns time, q_JOINT, optionally dq_JOINT, ddq_JOINT (s, rad); then at rest",
+    summary="spline through a file: columns time, q_JOINT, optional dq_JOINT, ddq_JOINT (s, rad); then at rest",
     parameters=(Parameter("file", "", "file, relative to the folder where the node was started", read_only=True),),
     joints=0,
     evaluate=evaluate,

@@ -38,7 +38,7 @@ def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         Parameter(
             "limits.effort",
             robot.effort_limit,
-            "largest torque, either way (Remark 8)",
+            "largest torque in either direction (Remark 8)",
             "N m",
             minimum=0.0,
             exclusive=True,

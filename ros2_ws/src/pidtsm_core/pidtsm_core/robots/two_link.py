@@ -91,7 +91,7 @@ TWO_LINK = Robot(
         Parameter(
             "coriolis",
             "paper",
-            "Coriolis matrix: (49) as the article prints it, or the one of Lagrange's equations",
+            "Coriolis matrix: (49) as the article prints it, or as it follows from Lagrange's equations",
             choices=("paper", "lagrange"),
         ),
     ),

@@ -14,16 +14,18 @@ PARAMETERS = (
     Parameter(
         "actuator.dead_zone",
         0.0,
-        "torque that must be asked for before there is any",
+        "dead zone of the drives: up to this command there is no torque",
         "N m",
         minimum=0.0,
         per_joint=True,
     ),
-    Parameter("actuator.lag", 0.0, "time constant of the drives, of first order", "s", minimum=0.0, per_joint=True),
+    Parameter(
+        "actuator.lag", 0.0, "time constant of the first-order lag of the drives", "s", minimum=0.0, per_joint=True
+    ),
     Parameter(
         "actuator.torque_constant_error",
         0.0,
-        "torque that there is beyond the nominal, as a share: 0.05 is 5 % too much",
+        "relative error of the torque; 0.05: 5 % too much",
         minimum=-1.0,
         maximum=1.0,
         per_joint=True,
@@ -36,7 +38,7 @@ PARAMETERS = (
         maximum=1.0,
         per_joint=True,
     ),
-    Parameter("actuator.ripple_periods", 12, "periods of the ripple a revolution", minimum=1, per_joint=True),
+    Parameter("actuator.ripple_periods", 12, "periods of the ripple per revolution", minimum=1, per_joint=True),
 )
 
 

@@ -19,16 +19,22 @@ def _parameters(prefix: str, what: str) -> tuple[Parameter, ...]:
         Parameter(
             f"dropout.{prefix}probability",
             0.0,
-            f"probability of each of {what} to be lost, independent of the others",
+            f"probability that one of the {what} is lost, independently of the others",
             minimum=0.0,
             maximum=1.0,
         ),
         Parameter(f"dropout.{prefix}burst", 20, f"number of {what} lost in a burst", minimum=1),
         Parameter(
-            f"dropout.{prefix}burst_rate", 0.0, f"bursts of lost {what} a second, at random times", "1/s", minimum=0.0
+            f"dropout.{prefix}burst_rate", 0.0, f"bursts of lost {what} per second, at random times", "1/s", minimum=0.0
         ),
-        Parameter(f"dropout.{prefix}time", 0.0, f"when {what} stay out, from the start", "s", minimum=0.0),
-        Parameter(f"dropout.{prefix}duration", 0.0, f"how long {what} stay out; 0: not at all", "s", minimum=0.0),
+        Parameter(
+            f"dropout.{prefix}time",
+            0.0,
+            f"time from the start at which a dropout of all {what} begins",
+            "s",
+            minimum=0.0,
+        ),
+        Parameter(f"dropout.{prefix}duration", 0.0, f"how long all {what} are lost; 0: no dropout", "s", minimum=0.0),
     )
 
 

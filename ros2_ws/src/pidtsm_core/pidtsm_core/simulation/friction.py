@@ -14,7 +14,7 @@ PARAMETERS = (
     Parameter(
         "friction.static",
         0.0,
-        "static friction Fs, counts where it is above friction.coulomb",
+        "static friction Fs; it has an effect only if it exceeds friction.coulomb",
         "N m",
         minimum=0.0,
         per_joint=True,
@@ -22,7 +22,7 @@ PARAMETERS = (
     Parameter(
         "friction.stribeck_velocity",
         0.05,
-        "velocity vs at which static friction gives way to Coulomb's",
+        "Stribeck velocity vs, at which static friction changes to Coulomb friction",
         "rad/s",
         minimum=0.0,
         exclusive=True,

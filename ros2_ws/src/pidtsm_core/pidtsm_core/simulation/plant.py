@@ -19,17 +19,19 @@ _QUANTITIES = ("mass", "inertia", "length")
 
 _LOADS = (
     Parameter("payload.mass", 0.0, "mass picked up at payload.time (Case 2: 0.5)", "kg", minimum=0.0),
-    Parameter("payload.time", 0.0, "when the payload is picked up, from the start", "s", minimum=0.0),
-    Parameter("payload.duration", 0.0, "how long until it is dropped; 0: never", "s", minimum=0.0),
-    Parameter("push.effort", 0.0, "torque of somebody who pushes the arm", "N m", per_joint=True),
-    Parameter("push.time", 0.0, "when the push begins, from the start", "s", minimum=0.0),
-    Parameter("push.duration", 0.0, "how long it lasts; 0 is no push", "s", minimum=0.0),
+    Parameter("payload.time", 0.0, "time from the start at which the payload is picked up", "s", minimum=0.0),
+    Parameter(
+        "payload.duration", 0.0, "time from picking up the payload to dropping it; 0: never dropped", "s", minimum=0.0
+    ),
+    Parameter("push.effort", 0.0, "torque of a push on the arm", "N m", per_joint=True),
+    Parameter("push.time", 0.0, "time from the start at which the push begins", "s", minimum=0.0),
+    Parameter("push.duration", 0.0, "duration of the push; 0: no push", "s", minimum=0.0),
 )
 _MODEL_ERRORS = tuple(
     Parameter(
         f"model_error.{quantity}",
         0.0,
-        f"each {quantity} of the arm against robot.*, as a share: 0.25 is 25 % more than that",
+        f"relative deviation of each {quantity} of the simulated arm from robot.*; 0.25: 25 % more",
         minimum=-1.0,
         exclusive=True,
     )
@@ -43,12 +45,12 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     robot = ROBOTS[str(settings.get(ROBOT_NAME.name, ROBOT_NAME.default))]
     return (
         *robot_parameters,
-        Parameter("rate", 1000, "samples a second", "Hz", minimum=1, maximum=100_000, read_only=True),
+        Parameter("rate", 1000, "samples per second", "Hz", minimum=1, maximum=100_000, read_only=True),
         Parameter("initial_position", robot.initial_position, "joint positions at the start", "rad", per_joint=True),
         Parameter(
             "disturbance.name",
             "article",
-            "torque beside the motors'",
+            "torque that acts on the arm in addition to the torque of the motors",
             choices=DISTURBANCES.names,
             read_only=True,
         ),

@@ -14,7 +14,7 @@ PARAMETERS = (
     Parameter(
         "encoder.bits",
         0,
-        "resolution of the encoders, 2^bits steps a revolution; 0 is ideal",
+        "resolution of the encoders, 2^bits steps per revolution; 0: ideal",
         minimum=0,
         maximum=40,
         per_joint=True,
@@ -24,14 +24,12 @@ PARAMETERS = (
     Parameter(
         "backlash.gap",
         0.0,
-        "play between joint and motor, where the encoder sits, from one flank to the other",
+        "play between joint and motor, from one flank to the other; the encoder is on the motor",
         "rad",
         minimum=0.0,
         per_joint=True,
     ),
-    Parameter(
-        "jitter.std", 0.0, "standard deviation of the moment of sampling against its stamp (Gaussian)", "s", minimum=0.0
-    ),
+    Parameter("jitter.std", 0.0, "standard deviation of the sampling time from its stamp (Gaussian)", "s", minimum=0.0),
 )
 
 

@@ -34,8 +34,8 @@ _BRAKING = 0.002
 _COMMAND_TIMEOUT = Parameter(
     "command.timeout",
     0.02,
-    "without a new command the last torque is held for so long, then brakes stop the arm until the next command; "
-    "0: it is held for ever",
+    "how long the last torque is held without a new command; then brakes stop the arm until the next command; "
+    "0: the last torque is held without limit",
     "s",
     minimum=0.0,
 )
