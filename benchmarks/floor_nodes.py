@@ -5,6 +5,7 @@ send and take the bytes that the real nodes send and take, in the same way, but 
 anything; the plain ones do it with rclpy's message objects, as most nodes in Python do.
 """
 
+import gc
 import json
 import sys
 import time
@@ -20,7 +21,7 @@ from pidtsm_controller.controller_node import ControllerNode
 from pidtsm_controller.trajectory_node import TrajectoryNode
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.node_parameters import AUTOSTART, PRIORITY
-from pidtsm_core.parameters import Parameter, as_float
+from pidtsm_core.parameters import Parameter, as_float, names
 from pidtsm_core.signals import Signal
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros import process
@@ -198,7 +199,7 @@ class Driver(Floor):
 
     def configure(self) -> None:
         values = self.values
-        self._targets = list(values["targets"])
+        self._targets = list(names(values["targets"]))
         self._period = round(1e9 / as_float(values["rate"]))
         self._turn, turns = int(as_float(values["turn"])), int(as_float(values["turns"])) + self._WARM_UP
         self._total = self._turn * turns * len(self._targets)
@@ -279,11 +280,11 @@ NODES: dict[str, Callable[[], ManagedNode]] = {
 
 
 def _unfrozen() -> None:
-    process.gc.freeze = lambda: None
+    gc.freeze = lambda: None
 
 
 def _wait_set() -> None:
-    process.EventsExecutor = SingleThreadedExecutor
+    process.EventsExecutor = SingleThreadedExecutor  # type: ignore[attr-defined]  # The name that it looks up.
 
 
 ALTERNATIVES: dict[str, Callable[[], None]] = {"unfrozen": _unfrozen, "wait_set": _wait_set}
@@ -291,7 +292,7 @@ ALTERNATIVES: dict[str, Callable[[], None]] = {"unfrozen": _unfrozen, "wait_set"
 executor builds a wait set for every message."""
 
 if __name__ == "__main__":
-    names, _, alternative = sys.argv[1].partition("+")
+    chosen, _, alternative = sys.argv[1].partition("+")
     if alternative:
         ALTERNATIVES[alternative]()
-    sys.exit(process.run_nodes([NODES[name] for name in names.split(",")], Stop(), sys.argv[1:]))
+    sys.exit(process.run_nodes([NODES[name] for name in chosen.split(",")], Stop(), sys.argv[1:]))

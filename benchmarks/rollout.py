@@ -5,6 +5,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -53,7 +54,7 @@ def run(quick: bool) -> Iterator[Row]:
         subprocess.run(["gcc", "-O3", str(source), "-o", str(program), "-lm"], check=True)
         for _ in range(repetitions):
             ours.append(_warm_median(_timed(lambda: rollout({}, duration)) for _ in range(_WARM)))
-            command = [program, str(samples), str(_WARM)]
+            command = [str(program), str(samples), str(_WARM)]
             *words, rmse = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
             in_c.append(_warm_median(map(float, words)))
     result = rollout({}, duration)
@@ -69,7 +70,7 @@ def run(quick: bool) -> Iterator[Row]:
     scaled = f"peer timed over {part} of {samples} samples and scaled"
     # At the default tolerance of 1e-3 the solver's error is five times the steady-state error of joint 2.
     for rtol, target in ((1e-4, ">= 1000"), (1e-3, None)):
-        scipy = _timed(lambda rtol=rtol: _solve_ivp(duration, rtol))
+        scipy = _timed(partial(_solve_ivp, duration, rtol))
         note = f"the closed loop as one ODE, rtol {rtol:g}"
         yield Row(name, mine * 1e3, "ms", "SciPy solve_ivp", scipy * 1e3, scipy / mine, target, note)
     scipy = _timed(lambda: _solve_ivp_sampled(part)) * scale

@@ -322,7 +322,7 @@ def realtime(seconds: float = 60.0, composed: bool = False) -> dict[str, Any]:
         with AnyReader([bag], default_typestore=typestore()) as reader:
             counts = {c.topic: c.msgcount for c in reader.connections}
             connections = [c for c in reader.connections if c.topic == "/controller/state"]
-            states = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(connections)]
+            states: list[Any] = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(connections)]
     periods = sorted(s.period for s in states[1:])
     ages = sorted(s.state_age for s in states)
     took = sum(periods)
