@@ -1,5 +1,7 @@
 """What holds for the members of every family."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from pidtsm_core.references import REFERENCES
 from pidtsm_core.robots import ROBOTS
 from pidtsm_core.surfaces import SURFACES
 
-FAMILIES = {
+FAMILIES: dict[str, Family[Any]] = {
     "disturbances": DISTURBANCES,
     "estimators": ESTIMATORS,
     "laws": LAWS,
@@ -31,7 +33,7 @@ PACKED = [
 
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES.keys())
-def test_members_are_found_by_name_and_number(family: Family) -> None:  # type: ignore[type-arg]
+def test_members_are_found_by_name_and_number(family: Family[Any]) -> None:
     assert family.members
     for number, member in enumerate(family.members):
         assert family[member.name] is member

@@ -137,7 +137,8 @@ def assert_same(run: Rollout, other: Rollout) -> None:
 @pytest.mark.parametrize("law", LAWS.names)
 @pytest.mark.parametrize("rate", [1000, 300])
 def test_stepping_the_parts_as_the_nodes_do_gives_the_same_bits(law: str, rate: int) -> None:
-    settings = {"controller": {"law.name": law}, "simulator": {"rate": rate, **CASE_2, "payload.time": 0.5}}
+    simulator = {"rate": rate, **CASE_2, "payload.time": 0.5}
+    settings: dict[str, dict[str, Any]] = {"controller": {"law.name": law}, "simulator": simulator}
     run = rollout(settings, 2000 * period_nanoseconds(rate) / 1e9)
     assert_same(run, stepped_as_the_nodes_do(settings, 2000, rate))
 

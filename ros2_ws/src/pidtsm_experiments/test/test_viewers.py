@@ -35,9 +35,11 @@ def plotted() -> Iterator[tuple[str, str]]:
     """Topic and field of every curve of Foxglove and PlotJuggler."""
     for panel in foxglove()["configById"].values():
         for path in panel.get("paths", ()):
-            yield tuple(path["value"].split("."))
+            topic, field = path["value"].split(".")
+            yield topic, field
     for curve in ElementTree.parse(SHARE / "plotjuggler" / "two_link.xml").iter("curve"):
-        yield tuple(curve.attrib["name"].rsplit("/", 1))
+        topic, field = curve.attrib["name"].rsplit("/", 1)
+        yield topic, field
 
 
 def shown() -> Iterator[str]:
@@ -55,7 +57,9 @@ def shown() -> Iterator[str]:
 
 @pytest.mark.parametrize(("topic", "field"), sorted(set(plotted())))
 def test_a_curve_is_a_field_of_a_topic(topic: str, field: str) -> None:
-    name, index = re.fullmatch(r"(\w+)(\[[01]\])?", field).groups()
+    matched = re.fullmatch(r"(\w+)(\[[01]\])?", field)
+    assert matched
+    name, index = matched.groups()
     kind = KNOWN[topic].get_fields_and_field_types()[name]
     assert kind == ("sequence<double>" if index else "double")
 
@@ -75,6 +79,7 @@ def test_foxglove_lays_out_every_panel() -> None:
 def test_launch_remaps_what_rviz_shows() -> None:
     """Otherwise two systems in namespaces would be shown in one window."""
     text = (SHARE / "launch" / "two_link.launch.py").read_text(encoding="utf-8")
-    remapped = re.search(r"^_VIEWED = \((.*)\)$", text, re.MULTILINE)[1]
+    remapped = re.search(r"^_VIEWED = \((.*)\)$", text, re.MULTILINE)
+    assert remapped
     topics = {d[key]["Value"] for d in rviz()["Displays"] for key in ("Topic", "Description Topic") if key in d}
-    assert set(re.findall(r'"(.*?)"', remapped)) == topics | {"/tf"}
+    assert set(re.findall(r'"(.*?)"', remapped[1])) == topics | {"/tf"}

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -14,7 +15,7 @@ from pidtsm_core.robots.two_link import TWO_LINK, forward_dynamics, inverse_dyna
 FOLDER = Path(get_package_share_directory("two_link_sim"), "urdf")
 URDF = FOLDER / "two_link.urdf"
 SRDF = FOLDER / "two_link.srdf"
-DEFAULTS = {p.name: p.default for p in TWO_LINK.parameters}
+DEFAULTS: dict[str, Any] = {p.name: p.default for p in TWO_LINK.parameters}
 
 
 def numbers(element: ElementTree.Element, path: str, attribute: str) -> list[float]:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
@@ -36,7 +37,7 @@ def test_a_frame_turns_by_the_joint_angle() -> None:
     assert second.transform.translation.x == 1.0
 
 
-def arc(marker: Marker) -> np.ndarray:
+def arc(marker: Marker) -> NDArray[np.float64]:
     return np.array([[p.x, p.y, p.z] for p in marker.points])
 
 

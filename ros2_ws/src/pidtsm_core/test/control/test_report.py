@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pidtsm_core.control import Clock
 from pidtsm_core.control.report import cause, changes
@@ -12,7 +13,7 @@ FOLLOWS, HOLDS = [Mode.FOLLOWING, 0, 0, 0], [Mode.HOLDING, 0, 0, 0]
 STOPPED = "; safe torque until ~/reset_fault is called"
 
 
-def clock(**times: int) -> np.ndarray:
+def clock(**times: int) -> NDArray[np.int64]:
     values = np.zeros(len(Clock), dtype=np.int64)
     for name, value in times.items():
         values[Clock[name]] = value

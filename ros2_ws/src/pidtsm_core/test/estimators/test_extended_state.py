@@ -1,11 +1,13 @@
 """The observer on an arm whose torque and disturbance are known, and its lag and noise against the theory."""
 
 import math
+from typing import Any, TypeAlias
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
 from pidtsm_core.estimators import Sample
@@ -24,8 +26,11 @@ FREE = TWO_LINK.pack_model(
 )
 INERTIA = 5.0
 
+Floats: TypeAlias = NDArray[np.floating[Any]]
+"""As NumPy's types have it where whole numbers meet floats."""
 
-def observe(times: Array, positions: Array, efforts: Array, model: Array, bandwidth: float) -> Array:
+
+def observe(times: Floats, positions: Floats, efforts: Array, model: Array, bandwidth: float) -> Array:
     """Estimates of q, q', q'' after each sample, shape (samples, 3, 2); efforts[k] is held from sample k on."""
     p, x = np.full((2, SLOTS), bandwidth), np.zeros((2, SLOTS))
     estimates = np.zeros((len(times), 3, 2))

@@ -1,11 +1,13 @@
 """The filtered difference on motions whose estimates can be worked out."""
 
 import math
+from typing import Any, TypeAlias
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from pidtsm_core.estimators import Sample
 from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
@@ -14,8 +16,11 @@ from pidtsm_core.parameters import Array
 DT = 0.001
 NO_EFFORT, NO_MODEL = np.zeros(1), np.zeros(0)
 
+Floats: TypeAlias = NDArray[np.floating[Any]]
+"""As NumPy's types have it where whole numbers meet floats."""
 
-def run(times: Array, positions: Array, velocity_cutoff: float, acceleration_cutoff: float) -> tuple[Array, Array]:
+
+def run(times: Floats, positions: Floats, velocity_cutoff: float, acceleration_cutoff: float) -> tuple[Array, Array]:
     """q' and q'' after each sample of one joint."""
     p = np.zeros((1, 8))
     p[0, :2] = velocity_cutoff, acceleration_cutoff

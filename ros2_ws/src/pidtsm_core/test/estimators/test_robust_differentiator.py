@@ -1,9 +1,12 @@
 """The robust exact differentiator: exact, without chattering, within its bounds in noise."""
 
+from typing import Any, TypeAlias
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from pidtsm_core.estimators import Sample
 from pidtsm_core.estimators.robust_differentiator import ROBUST_DIFFERENTIATOR
@@ -13,8 +16,11 @@ from pidtsm_core.parameters import Array
 DT = 0.001
 NO_EFFORT, NO_MODEL = np.zeros(1), np.zeros(0)
 
+Floats: TypeAlias = NDArray[np.floating[Any]]
+"""As NumPy's types have it where whole numbers meet floats."""
 
-def run(times: Array, positions: Array, jerk: float) -> tuple[Array, Array, Array]:
+
+def run(times: Floats, positions: Floats, jerk: float) -> tuple[Array, Array, Array]:
     """q, q' and q'' after each sample of one joint."""
     p, x = np.full((1, SLOTS), jerk), np.zeros((1, SLOTS))
     truth, estimates = np.zeros((2, 1)), np.zeros((len(times), 3, 1))

@@ -1,7 +1,7 @@
 """What every reference promises, and each by hand."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,7 @@ EACH = pytest.mark.parametrize("reference", REFERENCES.members, ids=lambda r: r.
 TIMES = st.floats(0.0, 60.0)
 
 
-CORNERS: dict[str, Sequence[float]] = {"chirp": (20.0,), "minimum_jerk": (0.0, 2.0), "csv": np.arange(0.0, 6.1, 0.2)}
+CORNERS: dict[str, Iterable[float]] = {"chirp": (20.0,), "minimum_jerk": (0.0, 2.0), "csv": np.arange(0.0, 6.1, 0.2)}
 """Times at which the acceleration, or its derivative, jumps."""
 FILE = "time,q_joint2,q_joint1\n" + "".join(
     f"{t:.1f},{math.sin(t)!r},{math.cos(t)!r}\n" for t in np.arange(0.0, 6.1, 0.2)
@@ -153,9 +153,10 @@ def test_any_number_of_joints() -> None:
 @pytest.mark.parametrize("kinds", [1, 2, 3])
 def test_a_file_is_interpolated_with_all_that_it_holds(tmp_path: Path, kinds: int) -> None:
     times = np.arange(0.0, 2.01, 0.1)
-    functions = [np.sin, np.cos, lambda t: -np.sin(t)][:kinds]
-    header = ["time", *(f"{k}_joint{j}" for k in ("q", "dq", "ddq")[:kinds] for j in (1, 2))]
-    rows = [[t, *(factor * f(t) for f in functions for factor in (1.0, 2.0))] for t in times]
+    functions: list[Callable[[float], float]] = [np.sin, np.cos, lambda t: -np.sin(t)]
+    functions = functions[:kinds]
+    header: list[object] = ["time", *(f"{k}_joint{j}" for k in ("q", "dq", "ddq")[:kinds] for j in (1, 2))]
+    rows: list[list[object]] = [[t, *(factor * f(t) for f in functions for factor in (1.0, 2.0))] for t in times]
     file = tmp_path / "sine.csv"
     file.write_text("\n".join(", ".join(map(str, row)) for row in [header, *rows]))
     motion = motion_of(REFERENCES["csv"], file=str(file))

@@ -72,7 +72,7 @@ TAGS = (
     "\N{NULL}",
 )
 PARAMETERS = {node: [p.name for p in SCHEMAS[node]({})] for node in NODES}
-GOOD = {
+GOOD: dict[str, Any] = {
     "description": "a run",
     "duration": 2.0,
     "simulator": {"payload": {"mass": 0.5, "time": 1.0}, "encoder.bias": [0.1, 0.2]},

@@ -207,7 +207,7 @@ def test_samples_are_the_stamps_of_controller_states_and_of_ground_truth_alone(
     kept = {topic: set(range(10)) - lost[topic] for topic in TOPICS}
     truth = kept["simulator/ground_truth"]
     complete = set.intersection(*(kept[topic] for topic in REQUIRED))
-    alone = truth - set.union(*(kept[topic] for topic in TOPICS[1:]))
+    alone = truth - set[int]().union(*(kept[topic] for topic in TOPICS[1:]))
     # A single reference says nothing of others.
     unsent, unreferred = set(), set()
     if len(kept["reference"]) > 1:
@@ -438,7 +438,7 @@ def test_messages_from_before_there_were_joints_of_faults_are_read(
             for c in reader.connections
         }
         for connection, time, message in reader.messages():
-            payload = message
+            payload: bytes | memoryview = message
             if connection.msgtype == kind:
                 values = vars(reader.deserialize(message, kind))
                 fields = [name for name, _ in old.get_msgdef(kind).fields]

@@ -22,7 +22,7 @@ def chosen(monkeypatch: pytest.MonkeyPatch) -> int:
     def begin_with_it(domains: list[int]) -> None:
         domains.sort(key=lambda number: number != free)
 
-    monkeypatch.setattr(domain.random, "shuffle", begin_with_it)
+    monkeypatch.setattr(random, "shuffle", begin_with_it)
     return free
 
 

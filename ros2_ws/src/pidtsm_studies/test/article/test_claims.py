@@ -136,7 +136,9 @@ def test_comparisons_are_plain_data_for_json(reproduction: Reproduction) -> None
 )
 def test_numbers_have_the_relative_deviation(reproduction: Reproduction, case: str, joint: int, printed: float) -> None:
     comparison = one(compare(reproduction), case, joint, quantity="RMSE", laws=("piddtsm",))
-    rmse = reproduction[case, "piddtsm"][1]["rmse"][joint]  # type: ignore[index, call-overload]
+    run = reproduction[case, "piddtsm"]
+    assert not isinstance(run, str)
+    rmse = run[1]["rmse"][joint]
     assert comparison.claim.printed() == f"{printed} rad"
     assert comparison.values == (rmse,)
     assert comparison.deviation == f"{100 * (rmse / printed - 1):+.1f} %"
