@@ -19,7 +19,7 @@ VARIABLE = "${PIDTSM_IMAGE:-wheels}"
 def instructions(dockerfile: Path) -> list[tuple[str, str]]:
     text = re.sub(r"\\\n\s*", "", dockerfile.read_text(encoding="utf-8"))
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
-    return [tuple(line.split(" ", 1)) for line in lines]
+    return [(name, arguments) for name, arguments in (line.split(" ", 1) for line in lines)]
 
 
 def stages(dockerfile: Path) -> dict[str, list[tuple[str, str]]]:

@@ -55,7 +55,8 @@ def takes_arrays(function: Definition) -> bool:
 
 def raised(function: Definition) -> set[str]:
     """Names of the exceptions that the function raises itself, nested functions aside."""
-    found, waiting = set(), list(function.body)
+    found: set[str] = set()
+    waiting: list[ast.AST] = [*function.body]
     while waiting:
         node = waiting.pop()
         if isinstance(node, (ast.FunctionDef, ast.Lambda, ast.ClassDef)):

@@ -1,6 +1,7 @@
 """Torques travel as JointState or, as ros2_control wants them, as Float64MultiArray."""
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,10 @@ def test_arrays_that_cannot_be_used_are_refused(bench: Bench) -> None:
     bench.node.create_subscription(JointState, "joint_states", states.append, 10)
     commands = bench.node.create_publisher(Float64MultiArray, "effort_controller/commands", 10)
     simulator = bench.start("simulator", "clock:=lockstep", "start.subscribers:=1", "input.type:=float64_multi_array")
+
+    def says(text: str) -> bool:
+        return text in simulator.log.read_text()
+
     bench.spin_until(lambda: states and commands.get_subscription_count(), "the first joint state")
     for values, cause in (
         ([1.0], "data has 1 values for 2 joints"),
@@ -61,7 +66,7 @@ def test_arrays_that_cannot_be_used_are_refused(bench: Bench) -> None:
     ):
         commands.publish(Float64MultiArray(data=values))
         reason = f"rejected effort_controller/commands: {cause}"
-        bench.spin_until(lambda reason=reason: reason in simulator.log.read_text(), reason)
+        bench.spin_until(partial(says, reason), reason)
     assert len(states) == 1, "nothing of this moves the arm"
     commands.publish(Float64MultiArray(data=[1.0, 2.0]))
     bench.spin_until(lambda: len(states) > 1, "the next joint state")

@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from random import Random
 from typing import Any
 
@@ -274,9 +275,7 @@ class Loop:
         assert self.bench.call(Trigger, "simulator/reset", Trigger.Request()).success
         for name in ("trajectory", "controller"):
             # The controller wants to have heard of the arm and of a reference near it.
-            self.bench.spin_until(
-                lambda name=name: self._change(name, Transition.TRANSITION_ACTIVATE), f"active {name}"
-            )
+            self.bench.spin_until(partial(self._change, name, Transition.TRANSITION_ACTIVATE), f"active {name}")
         self.errors.clear()
         self.bench.spin_until(self.tracks, "a loop that tracks")
 

@@ -1,6 +1,7 @@
 """Two systems share a graph, each in its namespace, and neither notices the other."""
 
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,10 @@ def start(name: str, namespace: str, law: str, bench: Bench, processes: Processe
     return loop, bag
 
 
+def ended(process: Process) -> bool:
+    return process.process.poll() is not None
+
+
 def test_two_systems_on_one_graph_track_undisturbed(bench: Bench) -> None:
     systems = {"left": "piddtsm", "right": "computed_torque"}
     with ExitStack() as stack:
@@ -39,7 +44,7 @@ def test_two_systems_on_one_graph_track_undisturbed(bench: Bench) -> None:
             name: start(name, f"/{name}", law, bench, stack.enter_context(Processes())) for name, law in systems.items()
         }
         for loop, _ in started.values():
-            bench.spin_until(lambda loop=loop: loop.process.poll() is not None, "the end of the run")
+            bench.spin_until(partial(ended, loop), "the end of the run")
     for name, law in systems.items():
         loop, bag = started[name]
         assert loop.process.returncode == 0, loop.tail()

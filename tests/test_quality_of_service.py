@@ -1,5 +1,7 @@
 """What the middleware does for a sample that did not arrive, and for readers that come late."""
 
+from functools import partial
+
 import pytest
 from bench import Bench
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -25,8 +27,12 @@ def test_samples_are_asked_for_again_in_lockstep_alone(
     bench.start("simulator", simulator)
     bench.start("controller", controller)
     bench.start("trajectory", trajectory)
+
+    def has_readers(topic: str, count: int) -> bool:
+        return bench.node.count_subscribers(topic) == count
+
     for topic, listening in {**SAMPLES, "joint_trajectory": 1}.items():
-        bench.spin_until(lambda t=topic, n=listening: bench.node.count_subscribers(t) == n, f"readers of {topic}")
+        bench.spin_until(partial(has_readers, topic, listening), f"readers of {topic}")
         readers = bench.node.get_subscriptions_info_by_topic(topic)
         wanted = expected if topic in SAMPLES else ReliabilityPolicy.RELIABLE
         assert {reader.qos_profile.reliability for reader in readers} == {wanted}, topic

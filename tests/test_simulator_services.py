@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -68,7 +69,7 @@ def change(bench: Bench, node: str, *transitions: int) -> None:
         assert bench.call(ChangeState, f"{node}/change_state", request).success
 
 
-CHANGES = {
+CHANGES: dict[str, dict[str, float | list[float]]] = {
     "payload": {"payload.mass": 0.5},
     "push": {"push.effort": [5.0, -3.0], "push.duration": 1e6},
 }
@@ -185,9 +186,9 @@ def test_it_waits_for_an_active_controller_in_whatever_order_a_manager_starts_th
     says("waiting: no command on joint_commands so far; is a controller active?")
     change(bench, "controller", Transition.TRANSITION_ACTIVATE)
     assert simulator.wait() == 0
-    skipped, answered = re.search(
-        r"done: 200 samples in .*; (\d+) skipped, (\d+) answered", simulator.log.read_text()
-    ).groups()
+    done = re.search(r"done: 200 samples in .*; (\d+) skipped, (\d+) answered", simulator.log.read_text())
+    assert done
+    skipped, answered = done.groups()
     assert int(skipped) + int(answered) >= 198
 
 
@@ -217,6 +218,10 @@ def test_in_realtime_a_further_command_for_a_joint_state_takes_the_place_of_the_
     arm = Arm(bench, "command.timeout:=1.0")
     bench.spin_until(lambda: arm.states and arm.commands.get_subscription_count(), "a joint state")
     answered = arm.states[-1:]
+
+    def went_on(since: int) -> bool:
+        return len(truth) > since + 100
+
     arm.answers = lambda states: answered[0]
     for effort in ([40.0, 5.0], [20.0, -5.0]):
         arm.effort = effort
@@ -224,7 +229,7 @@ def test_in_realtime_a_further_command_for_a_joint_state_takes_the_place_of_the_
         for _ in range(8):
             arm.command()
             count = len(truth)
-            bench.spin_until(lambda n=count: len(truth) > n + 100, "a tenth of a second")
+            bench.spin_until(partial(went_on, count), "a tenth of a second")
         assert list(truth[-1].effort) == effort
     assert "brakes" not in arm.process.log.read_text()
 
