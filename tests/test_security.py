@@ -117,7 +117,7 @@ def test_no_node_starts_insecure(bench: Bench, keystore: Path) -> None:
         assert process.wait() == 2, process.name
         said = process.log.read_text()
         assert "cannot start: ROS_SECURITY_ENABLE is true, but" in said
-        assert "starts no secure node" in said
+        assert "cannot start a secure node" in said
         assert "Traceback" not in said
     assert not output.exists()
 
@@ -125,7 +125,7 @@ def test_no_node_starts_insecure(bench: Bench, keystore: Path) -> None:
 @pytest.mark.parametrize(
     ("environment", "said"),
     [
-        ({"ROS_SECURITY_ENABLE": "1"}, "ROS_SECURITY_ENABLE is '1'; ROS knows true and false"),
+        ({"ROS_SECURITY_ENABLE": "1"}, "ROS_SECURITY_ENABLE is '1'; it must be true or false"),
         ({"ROS_SECURITY_ENABLE": "true"}, "ROS_SECURITY_KEYSTORE names no keystore"),
         ({"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_KEYSTORE": "/nowhere"}, "enclave /pidtsm/.* is missing"),
         (

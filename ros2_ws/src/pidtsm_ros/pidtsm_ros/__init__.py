@@ -1,1 +1,1 @@
-"""What the nodes of pidtsm share: parameters, joint order, stamps, quality of service, life cycle and main loop."""
+"""Shared code of the pidtsm nodes: parameters, joint order, stamps, quality of service, life cycle and main loop."""

@@ -1,14 +1,14 @@
-"""Events that may come a thousand times a second, and deserve a line of the log each time they begin."""
+"""Frequent events, up to a thousand per second, that are logged once per burst."""
 
 import math
 import time
 
 QUIET = 1.0
-"""s without an event after which the next one begins a burst."""
+"""After this time without an event, the next event begins a new burst, s."""
 
 
 class Bursts:
-    """Counts events, and says which of them begins a burst.
+    """Counts events and detects the first of each burst.
 
     Attributes:
         count: events so far.
@@ -19,7 +19,7 @@ class Bursts:
         self._last = -math.inf
 
     def begins(self) -> bool:
-        """Count one more event; whether none came for `QUIET` s before it."""
+        """Count one more event; returns whether it is the first after at least `QUIET` s."""
         self.count += 1
         now = time.monotonic()
         begins = now - self._last > QUIET

@@ -1,4 +1,4 @@
-"""Several nodes in one process, for the lowest latency: the same nodes, parameters and results."""
+"""Run several nodes in one process for the lowest latency, with the same parameters and results."""
 
 import argparse
 import sys
@@ -10,31 +10,29 @@ from pidtsm_ros.process import run_nodes
 from pidtsm_ros.stop import Stop
 
 GROUP = "pidtsm_ros.nodes"
-"""Entry points of this group, in a package's setup.py, are nodes that can be composed: NAME = MODULE:CLASS."""
+"""Entry point group of nodes that can be composed, in a package's setup.py: NAME = MODULE:CLASS."""
 _DEFAULT = "simulator,trajectory,controller"
 _ROS_ARGUMENTS = "--ros-args"
 
 
 def run(stop: Stop) -> int:
-    """Run the nodes that the command line names; returns as `run_nodes` does."""
+    """Run the nodes named on the command line; returns the exit code of `run_nodes`."""
     words = sys.argv[1:]
     own, ros = (words[: words.index(_ROS_ARGUMENTS)], words) if _ROS_ARGUMENTS in words else (words, [])
     known = {point.name: point for point in entry_points(group=GROUP)}
-    parser = argparse.ArgumentParser(
-        description=__doc__, epilog="Parameters come from files with a part for each node."
-    )
+    parser = argparse.ArgumentParser(description=__doc__, epilog="Parameter files have one section per node.")
     parser.add_argument(
         "--nodes",
         default=_DEFAULT,
         metavar="NAME,...",
-        help=f"which, in the order of their turns (known: {', '.join(sorted(known))}; default: {_DEFAULT})",
+        help=f"nodes in the order they are run (known: {', '.join(sorted(known))}; default: {_DEFAULT})",
     )
     chosen = [name for name in parser.parse_args(own).nodes.split(",") if name]
     unknown = [name for name in chosen if name not in known]
     if unknown or not chosen:
-        parser.error(f"unknown nodes {', '.join(unknown)}; known are {', '.join(sorted(known))}")
+        parser.error(f"unknown nodes {', '.join(unknown)}; known: {', '.join(sorted(known))}")
     return run_nodes([_maker(known[name]) for name in chosen], stop, [sys.argv[0], *ros])
 
 
 def _maker(point: EntryPoint) -> Callable[[], ManagedNode]:
-    return lambda: point.load()()  # noqa: PLW0108  Loaded when it is called.
+    return lambda: point.load()()  # noqa: PLW0108  Loads the class when called.

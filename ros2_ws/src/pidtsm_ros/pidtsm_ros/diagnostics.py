@@ -1,4 +1,4 @@
-"""What a node says about its loop on /diagnostics, once a second."""
+"""Diagnostics of a node's loop, published on /diagnostics once per second."""
 
 import time
 from collections.abc import Mapping
@@ -20,10 +20,11 @@ class Reading:
     """One value of a node's loop.
 
     Attributes:
-        name: shown as the key.
-        value: shown.
-        unit: shown after the value.
-        threshold: ``diagnostics.THRESHOLD.warn`` and ``.error`` are the parameters it is judged by; not where empty.
+        name: displayed key.
+        value: displayed value.
+        unit: displayed after the name.
+        threshold: the value is compared with the parameters ``diagnostics.THRESHOLD.warn`` and ``.error``; empty: it
+            is not judged.
     """
 
     name: str
@@ -33,7 +34,10 @@ class Reading:
 
 
 def judge(readings: list[Reading], values: Mapping[str, Value], scale: float = 1.0) -> tuple[bytes, str]:
-    """Level and summary of readings, by the thresholds among a node's parameters; those of time times `scale`."""
+    """Level and summary of the readings, judged by the node's threshold parameters.
+
+    Thresholds in seconds are multiplied by `scale`.
+    """
     level, causes = DiagnosticStatus.OK, []
     for reading in readings:
         if not reading.threshold:
@@ -50,7 +54,10 @@ def judge(readings: list[Reading], values: Mapping[str, Value], scale: float = 1
 
 
 def loop_readings(statistics: LoopStatistics, judged: bool) -> list[Reading]:
-    """What every loop says of its last second; `judged` by the thresholds where the loop follows the wall clock."""
+    """Readings of the last second, the same for every loop.
+
+    `judged`: compare them with the thresholds, which apply to loops that follow the wall clock.
+    """
     window = statistics.last
     return [
         Reading("rate", window.rate, "1/s"),
@@ -63,17 +70,17 @@ def loop_readings(statistics: LoopStatistics, judged: bool) -> list[Reading]:
 
 
 class Diagnostics:
-    """Publishes a node's readings; made while the node is configured."""
+    """Publishes a node's readings; create it while the node is configured."""
 
     def __init__(self, node: ManagedNode) -> None:
-        """Args: node: whose loop it is."""
+        """Args: node: the node that owns the loop."""
         self._node = node
         self._publisher = node.advertise(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
         self._next = 0.0
 
     @property
     def due(self) -> bool:
-        """A second has passed since the last time."""
+        """Whether a second has passed since the last message."""
         return time.monotonic() >= self._next
 
     def publish(
@@ -83,12 +90,12 @@ class Diagnostics:
         idle_level: bytes = DiagnosticStatus.WARN,
         scale: float = 1.0,
     ) -> None:
-        """Publish.
+        """Publish the readings.
 
         Args:
-            readings: to be published.
-            idle: why the loop does not run as it should, where it does not.
-            idle_level: how bad that is.
+            readings: values to publish.
+            idle: why the loop does not run normally; empty if it does.
+            idle_level: diagnostic level in that case.
             scale: see `LoopStatistics.scale`.
         """
         self._next = time.monotonic() + _PERIOD

@@ -1,4 +1,4 @@
-"""Topics on which torques travel from a controller to an arm, by the value of ``output.type`` and ``input.type``."""
+"""Effort command topics between controller and arm, by the value of ``output.type`` and ``input.type``."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -8,13 +8,13 @@ from std_msgs.msg import Float64MultiArray
 
 
 class EffortTopic(NamedTuple):
-    """A form of command.
+    """Topic and message type of effort commands.
 
     Attributes:
-        name: of the topic.
-        message_type: of its messages.
-        field: the float64[] field with the torques, N m.
-        blank: a message without torques for these joints.
+        name: name of the topic.
+        message_type: type of its messages.
+        field: float64[] field with the torques, N m.
+        blank: creates a message without torques for the given joints.
     """
 
     name: str
@@ -25,7 +25,7 @@ class EffortTopic(NamedTuple):
 
 EFFORT_TOPICS = {
     "joint_state": EffortTopic("joint_commands", JointState, "effort", lambda joints: JointState(name=list(joints))),
-    # Of ros2_control's forward_command_controller: neither stamp nor names.
+    # For ros2_control's forward_command_controller: no stamp, no joint names.
     "float64_multi_array": EffortTopic(
         "effort_controller/commands", Float64MultiArray, "data", lambda _joints: Float64MultiArray()
     ),

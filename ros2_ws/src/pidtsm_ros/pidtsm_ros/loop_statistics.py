@@ -1,4 +1,4 @@
-"""How regular a loop runs: counted at every tick at little cost, summed up once a second."""
+"""Timing statistics of a loop: cheap counters at every tick, summarised once per second."""
 
 import math
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pidtsm_core.timing import NANOSECONDS, track_period
 
 _FASTEST = NANOSECONDS // 1000
-"""ns; limits of time hold for loops of this period and faster ones, and grow with the period of slower ones."""
+"""Time limits apply as given to loops of this period or faster, and grow with the period of slower loops; ns."""
 
 
 @dataclass(frozen=True)
@@ -14,11 +14,11 @@ class Window:
     """The ticks of about one second.
 
     Attributes:
-        ticks: their number.
-        rate: ticks a second, 1/s.
+        ticks: number of ticks.
+        rate: ticks per second, 1/s.
         jitter: standard deviation of the period, s.
         longest_period: s.
-        missed: periods longer than the deadline.
+        missed: number of periods longer than the deadline.
         longest_compute_time, longest_age: s.
     """
 
@@ -35,19 +35,19 @@ class LoopStatistics:
     """Counts the ticks of a loop.
 
     Attributes:
-        deadline: a longer period is a missed deadline, s at 1 kHz, see `scale`.
-        period: the last one, s; 0 before the second tick.
+        deadline: a longer period counts as a missed deadline; s at 1 kHz, see `scale`.
+        period: the last period, s; 0 before the second tick.
         missed: missed deadlines since the start.
         last: the last complete window.
     """
 
     def __init__(self, deadline: float) -> None:
-        """Args: deadline: see the attribute."""
+        """Args: deadline: as the attribute."""
         self.deadline = deadline
         self.reset()
 
     def reset(self) -> None:
-        """Start afresh."""
+        """Discard all counts."""
         self.period = 0.0
         self.missed = 0
         self.last = Window()
@@ -58,7 +58,7 @@ class LoopStatistics:
 
     @property
     def scale(self) -> float:
-        """What limits of time are to be multiplied with at the loop's nominal period, which is measured; 1 or more."""
+        """Factor for time limits at the measured nominal period of the loop; at least 1."""
         return max(1.0, self._nominal / _FASTEST)
 
     def _clear(self) -> None:
@@ -71,7 +71,7 @@ class LoopStatistics:
 
         Args:
             now: monotonic clock, ns.
-            age: of what the tick worked with, s.
+            age: age of the tick's input, s.
             compute_time: s.
         """
         last, self._last_tick = self._last_tick, now

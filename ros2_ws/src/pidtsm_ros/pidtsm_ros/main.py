@@ -1,4 +1,4 @@
-"""The entry point of every executable: signals are taken before the imports, which take half a second, see `Stop`."""
+"""Entry point of every executable. It handles signals before the imports, which take half a second; see `Stop`."""
 
 import sys
 from importlib.metadata import entry_points
@@ -7,11 +7,12 @@ from pathlib import Path
 from pidtsm_ros.stop import Stop
 
 GROUP = "pidtsm_ros.executables"
-"""Entry points of this group, in a package's setup.py: NAME = MODULE:FUNCTION, from a `Stop` to the exit code."""
+"""Entry point group of executables, in a package's setup.py: NAME = MODULE:FUNCTION; the function gets a `Stop` and
+returns the exit code."""
 
 
 def main() -> None:
-    """Run the executable that this process is started as."""
+    """Run the executable whose name this process was started with."""
     stop = Stop()
     (executable,) = entry_points(group=GROUP, name=Path(sys.argv[0]).name)
     sys.exit(executable.load()(stop))

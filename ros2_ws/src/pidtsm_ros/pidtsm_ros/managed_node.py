@@ -24,26 +24,26 @@ from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, OVERRIDABLE, PUBLISHER, READER, R
 from pidtsm_ros.wire import deserialize
 
 _REASONS_LOGGED = 100
-_LONGEST_REASON = 200  # characters; names in a message may be many, and long
+_LONGEST_REASON = 200  # characters; a message can contain many long names
 _FLUSH_TIME = Duration(seconds=2)
-"""Readers acknowledge within 0.1 s (see fastdds.xml) unless they lag behind or have died."""
+"""Readers acknowledge within 0.1 s (see fastdds.xml) unless they lag behind or were killed."""
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:
-    """What ``ros2 param describe`` shows of a parameter."""
+    """Descriptor of a parameter, as shown by ``ros2 param describe``."""
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     constraints = [parameter.range_text()]
     if parameter.per_joint and not isinstance(parameter.default, tuple):
-        constraints.append("one number for all joints, or one a joint")
+        constraints.append("one number for all joints, or one per joint")
     if parameter.read_only:
-        constraints.append("set at the start only")
+        constraints.append("can only be set at startup")
     described = ParameterDescriptor(
         name=parameter.name,
         description=parameter.description + unit,
         additional_constraints="; ".join(c for c in constraints if c),
         read_only=parameter.read_only,
-        # Lets a number stand for all joints, and a whole number for a float; the schema checks the rest.
+        # Allows one number for all joints, and an integer for a float; the schema checks the rest.
         dynamic_typing=isinstance(parameter.default, (float, tuple)),
     )
     low, high = parameter.minimum, parameter.maximum
@@ -62,9 +62,9 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
 
 
 class _ParameterService(ParameterService):
-    """Refuses values of a type that there is none of, where rclpy's own would raise, which ends the executor.
+    """Rejects values of an unknown type; rclpy's own service raises an exception, which ends the executor.
 
-    A parameter that does not exist is refused by its name, which rclpy's own does not say.
+    It also names a parameter that does not exist; rclpy's own service does not.
     """
 
     def _set_parameters_callback(
@@ -94,12 +94,12 @@ class ManagedNode(LifecycleNode):
     `poll` (work that is due), `diagnose` and `parameters_changed`.
 
     Attributes:
-        values: every parameter by name, checked.
-        active: the lifecycle state is active.
-        finished: set by a node that has done what it was started for; its process then ends.
-        failed: set together with `finished` where that ended badly.
-        rejected: number of messages that could not be used.
-        retry_activation: to be called by a node that is to become active by itself, when it may have become possible.
+        values: checked parameters by name.
+        active: whether the lifecycle state is active.
+        finished: a node sets this when its work is done; its process then ends.
+        failed: set together with `finished` if the work failed.
+        rejected: number of rejected messages.
+        retry_activation: a node with automatic activation calls this when activation may have become possible.
     """
 
     def __init__(self, name: str, schema: Schema, joints: Callable[[Mapping[str, object]], int]) -> None:
@@ -107,11 +107,11 @@ class ManagedNode(LifecycleNode):
 
         Args:
             name: name of the node.
-            schema: every parameter of the node, given the settings.
-            joints: number of joints, given the settings.
+            schema: returns all parameters of the node for given settings.
+            joints: returns the number of joints for given settings.
 
         Raises:
-            ParameterError: a parameter given at the start is unknown or has a bad value.
+            ParameterError: a parameter set at startup is unknown or has an invalid value.
         """
         super().__init__(name, start_parameter_services=False)
         self._schema = schema
@@ -126,7 +126,7 @@ class ManagedNode(LifecycleNode):
         self._own_publishers: list[Publisher] = []
         self._own_subscriptions: list[Subscription] = []
         self._own_services: list[Service] = []
-        # rclpy has no public way to see what was given for parameters nobody declares; they would be lost silently.
+        # rclpy has no public access to values given for undeclared parameters; it ignores them silently.
         given = {name: p.value for name, p in self._parameter_overrides.items() if not name.startswith(_OF_ROS)}
         self.values = self.check(given)
         for parameter in self._schema(given):
@@ -138,56 +138,56 @@ class ManagedNode(LifecycleNode):
         self.add_post_set_parameters_callback(self._after_set_parameters)
 
     def check(self, settings: Mapping[str, Any]) -> dict[str, Value]:
-        """All values of the schema for these settings.
+        """All parameter values for these settings.
 
         Raises:
-            ParameterError: an unknown name, or a refused value.
+            ParameterError: a name is unknown or a value is invalid.
         """
         return resolve(self._schema, settings, self._joint_count(settings))
 
     def check_names(self, names: Iterable[str]) -> None:
-        """See that these are parameters of the node, or of ROS.
+        """Check that these are parameters of the node or of ROS.
 
         Raises:
-            ParameterError: the first that is not.
+            ParameterError: one is not; the first of them is reported.
         """
         for name in names:
             if not self.has_parameter(name):
                 self.check({**self.values, name: None})
 
-    # What subclasses do.
+    # For subclasses.
 
     def refusal(self) -> str:
-        """Why the node cannot become active now; empty where it can."""
+        """Why the node cannot become active now; empty if it can."""
         return ""
 
     def configure(self) -> None:
-        """Make everything that the loop needs, from `values`."""
+        """Create everything that the loop needs from `values`."""
 
     def activate(self) -> None:
-        """Begin the loop."""
+        """Start the loop."""
 
     def deactivate(self) -> None:
-        """End the loop."""
+        """Stop the loop."""
 
     def diagnose(self) -> None:
-        """Publish what there is to say on /diagnostics; called before the node is deactivated, too."""
+        """Publish on /diagnostics; also called before the node is deactivated."""
 
     def parameters_changed(self) -> None:
-        """Take over changed `values` while configured."""
+        """Apply changed `values` while configured."""
 
     def poll(self) -> float:
-        """Do what is due; returns the time until something is due again, in s."""
+        """Do work that is due; returns the time until work is due again, s."""
         return 0.1
 
     @property
     def lockstep(self) -> bool:
-        """Whether every sample is waited for, so that none may be missed."""
+        """Whether the loop waits for every sample, so that none may be lost."""
         return False
 
     @property
     def priority(self) -> int:
-        """SCHED_FIFO priority of the loop; 0: none, as in lockstep, where nothing is late."""
+        """SCHED_FIFO priority of the loop; 0: normal scheduling, as in lockstep, where nothing can be late."""
         return 0 if self.lockstep else int(as_float(self.values[PRIORITY.name]))
 
     # Lifecycle.
@@ -195,7 +195,7 @@ class ManagedNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         result = self._transition(self.configure)
         if result == TransitionCallbackReturn.SUCCESS:
-            # The first line of a log takes 40 ms: here, and not when the loop begins.
+            # The first log line takes 40 ms: write it here rather than when the loop starts.
             self.get_logger().info("configured")
         return result
 
@@ -236,7 +236,7 @@ class ManagedNode(LifecycleNode):
         try:
             work()
         except Exception as error:
-            # rclpy swallows what a transition raises.
+            # rclpy swallows exceptions of transitions.
             self.get_logger().error(f"{work.__name__} failed: {error}")
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS
@@ -244,16 +244,16 @@ class ManagedNode(LifecycleNode):
     # Topics.
 
     def advertise(self, message_type: type, topic: str, profile: QoSProfile | None = None) -> Publisher:
-        """A publisher that lives until the node is cleaned up; `profile`, where given, instead of what streams have."""
-        qos = copy(profile or (LOCKSTEP_PUBLISHER if self.lockstep else PUBLISHER))  # Overriding changes the profile.
+        """Create a publisher that exists until the node is cleaned up; `profile` replaces the default for streams."""
+        qos = copy(profile or (LOCKSTEP_PUBLISHER if self.lockstep else PUBLISHER))  # Overrides modify the profile.
         publisher = self.create_publisher(message_type, topic, qos, qos_overriding_options=OVERRIDABLE)
         self._own_publishers.append(publisher)
         return publisher
 
     def awaits(self, publisher: Publisher) -> bool:
-        """Whether the first message has to wait, since fewer than `start.subscribers` have ever listened together.
+        """Whether the first message must wait: there have never been `start.subscribers` subscribers at the same time.
 
-        A publisher counts a reader when it keeps for it what it publishes from then on.
+        A publisher counts a reader from the moment it keeps samples for that reader.
         """
         if self._awaited:
             self._awaited = publisher.get_subscription_count() < as_float(self.values["start.subscribers"])
@@ -269,18 +269,19 @@ class ManagedNode(LifecycleNode):
         reliable: bool = False,
         depth: int | None = None,
     ) -> Subscription:
-        """A subscription, until the node is cleaned up, that reports what `callback` rejects with MessageError.
+        """Create a subscription that exists until the node is cleaned up.
 
-        All messages arrive serialized, since one that rclpy cannot deserialize would end the executor.
+        It counts and logs messages that `callback` rejects with MessageError. All messages arrive serialized, because
+        a message that rclpy cannot deserialize would end the executor.
 
         Args:
-            message_type: of the topic.
-            topic: name.
-            callback: gets each message.
-            raw: the callback gets the serialized message.
-            while_inactive: it also gets the messages that arrive while the node is inactive.
-            reliable: in realtime too no message is missed; for topics that carry less than one a sample.
-            depth: so many messages may wait; where None, as many as on other topics.
+            message_type: type of the messages.
+            topic: name of the topic.
+            callback: called with each message.
+            raw: pass the serialized message to the callback.
+            while_inactive: also call it for messages that arrive while the node is inactive.
+            reliable: lose no message in realtime either; for topics with less than one message per sample.
+            depth: maximum number of waiting messages; None: the same as for other topics.
         """
 
         def checked(data: bytes) -> None:
@@ -300,7 +301,10 @@ class ManagedNode(LifecycleNode):
         return subscription
 
     def offer(self, service: str, work: Callable[[], str]) -> None:
-        """A std_srvs/Trigger service, until the node is cleaned up; `work` returns why it refuses, or nothing."""
+        """Create a std_srvs/Trigger service that exists until the node is cleaned up.
+
+        `work` returns the reason if it refuses, else an empty text.
+        """
 
         def respond(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             response.message = work()
@@ -310,7 +314,7 @@ class ManagedNode(LifecycleNode):
         self._own_services.append(self.create_service(Trigger, service, respond))
 
     def reject(self, reason: str) -> None:
-        """Count a message that cannot be used; the log gets every cause once."""
+        """Count a rejected message; each reason is logged once."""
         self.rejected += 1
         if len(reason) > _LONGEST_REASON:
             reason = f"{reason[:_LONGEST_REASON]} ..."
@@ -319,10 +323,10 @@ class ManagedNode(LifecycleNode):
             self.get_logger().error(f"rejected {reason}")
 
     def flush(self) -> None:
-        """Wait until every reader has what was published; not long for one that has died."""
+        """Wait until every reader has received everything, but not long, since a reader may have been killed."""
         for publisher in self._own_publishers:
             if not publisher.wait_for_all_acked(_FLUSH_TIME):
-                self.get_logger().warning(f"a reader of {publisher.topic_name} has not taken all of it")
+                self.get_logger().warning(f"a reader of {publisher.topic_name} has not received every message")
                 break
 
     # Parameters while the node runs.
@@ -331,7 +335,7 @@ class ManagedNode(LifecycleNode):
         return {**self.values, **{p.name: p.value for p in changes if p.name in self.values}}
 
     def _own(self, changes: Sequence[RosParameter]) -> bool:
-        """Whether any of the schema's is among them; rclpy declares some of its own, for quality of service."""
+        """Whether any of them belongs to the schema; rclpy declares parameters for quality of service."""
         return any(p.name in self.values for p in changes)
 
     def _on_set_parameters(self, changes: Sequence[RosParameter]) -> SetParametersResult:

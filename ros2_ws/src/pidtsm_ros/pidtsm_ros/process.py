@@ -1,4 +1,4 @@
-"""The main loop of a node's process."""
+"""Main loop of a node's process."""
 
 import gc
 import math
@@ -18,18 +18,18 @@ from pidtsm_ros.startup import refuse, start_ros
 from pidtsm_ros.stop import Stop
 
 _LONGEST_WAIT = 0.1
-"""s; Python runs signal handlers only between two waits of the executor."""
+"""Longest wait of the executor, s; Python runs signal handlers only between two waits."""
 _BETWEEN_ATTEMPTS = 0.005
-"""s between two looks whether a node can become active."""
+"""Time between two attempts to activate a node, s."""
 _PATIENCE = 2.0
-"""s after which the log says why it cannot."""
+"""After this time, log why a node is not active yet, s."""
 
 
 def spin_for(executor: Executor, duration: float) -> None:
-    """Execute what is ready, and what becomes ready within `duration` s.
+    """Execute callbacks that are ready or become ready within `duration` s.
 
-    The events executor's ``spin`` never looks at signals, and each ``spin_until_future_complete`` loses 32 bytes
-    (rclpy 7.1); ``spin_once`` handles one event a call.
+    The events executor's ``spin`` never checks for signals, and each ``spin_until_future_complete`` leaks 32 bytes
+    (rclpy 7.1); ``spin_once`` handles one event per call.
     """
     end = time.monotonic() + duration
     while duration >= 0.0:
@@ -38,20 +38,20 @@ def spin_for(executor: Executor, duration: float) -> None:
 
 
 def run_nodes(make_nodes: Sequence[Callable[[], ManagedNode]], stop: Stop, args: Sequence[str] | None = None) -> int:
-    """Run nodes in this process until one has finished, or SIGINT or SIGTERM ends it.
+    """Run nodes in this process until one has finished, or until SIGINT or SIGTERM.
+
+    The events executor wakes up for each event instead of rebuilding a wait set for every message.
 
     Args:
-        make_nodes: each called once ROS is initialised.
-        stop: made at the beginning of the process.
-        args: command line; the process's own where None.
+        make_nodes: create the nodes; called after ROS is initialised.
+        stop: created at the start of the process.
+        args: command line; None: that of the process.
 
     Returns:
-        Exit code: 0 ended as asked, 1 the work failed.
+        Exit code: 0 success or stopped by a signal, 1 the work failed.
 
     Raises:
-        SystemExit: bad arguments or parameters, see `refuse`.
-
-    The events executor wakes for what arrived, instead of rebuilding a wait set for every message.
+        SystemExit: invalid arguments or parameters, see `refuse`.
     """
     start_ros(stop, args)
     nodes: list[ManagedNode] = []
@@ -103,8 +103,8 @@ def _spin(nodes: Sequence[ManagedNode], stop: Stop) -> int:
 
 
 def _settle(nodes: Sequence[ManagedNode]) -> None:
-    """What is done once, between the start and the loop."""
-    # What is there by now stays: the collector need not walk it again in the loop.
+    """Prepare the process once, after the start and before the loop."""
+    # Existing objects stay alive; the garbage collector need not traverse them in the loop.
     gc.collect()
     gc.freeze()
     priority = max(node.priority for node in nodes)
@@ -115,9 +115,9 @@ def _settle(nodes: Sequence[ManagedNode]) -> None:
 
 
 def _activate(waiting: list[ManagedNode]) -> bool:
-    """Activate those of the nodes that can be, and take them off the list; false where one fails."""
+    """Activate the nodes that can be activated and remove them from the list; false if one fails."""
     for node in list(waiting):
-        if not node.active:  # Somebody else may have seen to it.
+        if not node.active:  # It may have been activated through its service.
             if node.refusal():
                 continue
             if node.trigger_activate() != TransitionCallbackReturn.SUCCESS:

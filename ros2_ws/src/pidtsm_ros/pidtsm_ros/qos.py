@@ -1,14 +1,14 @@
 """Quality of service of the topics.
 
-Publishers are reliable and keep their last samples for readers that have missed some. The recorder asks for those, so
-that it has everything from the moment on when a publisher knows of it; the nodes' first messages wait for that
-(``start.subscribers``). Durability is volatile: who joins later gets what is said from then on, and the loop sends
-nobody its past. In lockstep, where every sample is waited for, the other readers are reliable too. In realtime they are
-not, since a sample that was missed is of no use later: to ask for it would hold up those that follow, and a node that
-has not run for a moment would keep the loop busy with sending again. All have some depth: a loop of depth one loses
-replies whenever a late process catches up.
+Publishers are reliable and keep their last samples for readers that have missed some. The recorder requests missed
+samples and so receives everything from the moment a publisher has discovered it; the nodes delay their first messages
+until then (``start.subscribers``). Durability is volatile: a late joiner receives only new messages, so the loop never
+sends old ones. In lockstep, which waits for every sample, the other readers are reliable too. In realtime they are not:
+a missed sample is useless later, requesting it would delay the following ones, and a node that was suspended for a
+moment would keep the loop busy with resending. Every queue is deeper than one: a loop of depth one loses replies when a
+late process catches up.
 
-Every node takes another quality for a topic as parameters, such as
+Parameters of every node override the quality of service of a topic, for example
 ``qos_overrides./joint_states.subscription.reliability:=reliable``.
 """
 
@@ -27,13 +27,13 @@ def _profile(depth: int, reliability: ReliabilityPolicy) -> QoSProfile:
 
 
 PUBLISHER = _profile(4_000, ReliabilityPolicy.RELIABLE)
-"""In realtime. With every message, Fast DDS goes through all that a reader has received since the first one it lacks;
-where more than a few seconds are kept, a reader that has missed them never catches up."""
+"""In realtime. For every message, Fast DDS goes through all samples that a reader has received after the first one it
+lacks. If more than a few seconds were kept, a reader that has missed them would never catch up."""
 LOCKSTEP_PUBLISHER = _profile(10_000, ReliabilityPolicy.RELIABLE)
 READER = _profile(100, ReliabilityPolicy.BEST_EFFORT)
-"""In realtime; matches anybody's publishers, as it asks for the least."""
+"""In realtime; compatible with every publisher, since it requires the least."""
 RELIABLE_READER = _profile(100, ReliabilityPolicy.RELIABLE)
-"""In lockstep, and of what is said once."""
+"""In lockstep, and for topics whose messages are published once."""
 RECORDER = _profile(20_000, ReliabilityPolicy.RELIABLE)
 KEPT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Of what is said when it changes: whoever comes later learns how it is."""
+"""For values that are published when they change: late joiners receive the current value."""

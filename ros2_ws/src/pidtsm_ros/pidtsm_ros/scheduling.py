@@ -1,18 +1,18 @@
-"""Real-time scheduling of the own process."""
+"""Real-time scheduling of this process."""
 
 import os
 from pathlib import Path
 
 
 def run_in_real_time(priority: int, threads: str = "") -> str:
-    """Give threads of this process, and those they start later, SCHED_FIFO with this priority.
+    """Run threads of this process, and the threads they start later, with SCHED_FIFO at this priority.
 
     Args:
-        priority: 1 to 99, the highest.
-        threads: how the names of those begin that get it; all where empty.
+        priority: 1 to 99; 99 is the highest.
+        threads: prefix of the names of the threads; empty: all threads.
 
     Returns:
-        Empty, or the reason why that cannot be had.
+        Empty, or the reason why this is not possible.
     """
     try:
         parameters = os.sched_param(priority)
@@ -20,5 +20,5 @@ def run_in_real_time(priority: int, threads: str = "") -> str:
             if thread.joinpath("comm").read_text().startswith(threads):
                 os.sched_setscheduler(int(thread.name), os.SCHED_FIFO, parameters)
     except (OSError, AttributeError) as error:
-        return f"SCHED_FIFO is not permitted ({error}): late more often; see ulimit -r or CAP_SYS_NICE"
+        return f"SCHED_FIFO is not permitted ({error}), expect more missed deadlines; see ulimit -r or CAP_SYS_NICE"
     return ""

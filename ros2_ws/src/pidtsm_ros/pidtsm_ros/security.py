@@ -1,4 +1,4 @@
-"""What every process of ours does before ROS starts: stay on this machine, and be secure where that is asked for."""
+"""Preparation of every process before ROS starts: limit it to this machine and, if requested, enforce security."""
 
 import os
 import sys
@@ -14,26 +14,26 @@ from rclpy.signals import SignalHandlerOptions
 from pidtsm_ros.middleware import set_defaults
 
 ENCLAVES = "/pidtsm"
-"""Enclave under which each executable has its own, as in ``security/policies/pidtsm.policy.xml``."""
+"""Parent of the executables' enclaves, as in ``security/policies/pidtsm.policy.xml``."""
 
-_CURE = "see docs/security.md, or unset ROS_SECURITY_ENABLE"
+_ADVICE = "see docs/security.md, or unset ROS_SECURITY_ENABLE"
 
 
 class SecurityError(RuntimeError):
-    """Security was asked for and cannot be had; the message says why and what to do."""
+    """Security is requested but not available; the message contains the reason and a remedy."""
 
 
 def prepare_process(arguments: Sequence[str] | None = None) -> list[str]:
     """Prepare the environment of this process, and return its arguments for ``rclpy.init``.
 
-    Discovery is limited to this machine, unless ``ROS_AUTOMATIC_DISCOVERY_RANGE`` says otherwise. With
+    Discovery is limited to this machine unless ``ROS_AUTOMATIC_DISCOVERY_RANGE`` is set to another range. With
     ``ROS_SECURITY_ENABLE=true`` the process gets the enclave ``/pidtsm/EXECUTABLE``, unless the arguments name one.
 
     Args:
-        arguments: command line, the program first; the process's own where None.
+        arguments: command line, beginning with the program; None: that of the process.
 
     Raises:
-        SecurityError: security is asked for and cannot be had.
+        SecurityError: security is requested but not available.
     """
     words = list(sys.argv if arguments is None else arguments)
     set_defaults()
@@ -50,38 +50,38 @@ def prepare_process(arguments: Sequence[str] | None = None) -> list[str]:
 
 
 def security_requested() -> bool:
-    """Whether ``ROS_SECURITY_ENABLE`` asks for security.
+    """Whether ``ROS_SECURITY_ENABLE`` requests security.
 
     Raises:
-        SecurityError: it is neither true nor false. ROS takes anything but ``true`` for a no, which is not what
-            somebody means who writes 1 or True.
+        SecurityError: it is neither true nor false. ROS disables security for any value but ``true``, which is not what
+            a user who sets 1 or True intends.
     """
-    asked = os.environ.get("ROS_SECURITY_ENABLE", "")
-    if asked not in ("", "true", "false"):
-        raise SecurityError(f"ROS_SECURITY_ENABLE is {asked!r}; ROS knows true and false, in small letters")
-    return asked == "true"
+    requested = os.environ.get("ROS_SECURITY_ENABLE", "")
+    if requested not in ("", "true", "false"):
+        raise SecurityError(f"ROS_SECURITY_ENABLE is {requested!r}; it must be true or false, in lower case")
+    return requested == "true"
 
 
 def require_security(enclave: str) -> None:
-    """See that a node in this enclave would be secure, and that nodes of this process are, or do not start.
+    """Check that a node in this enclave is secure, and make this process start secure nodes only.
 
     Raises:
-        SecurityError: no keystore, no such enclave, or a middleware that cannot.
+        SecurityError: no keystore, no such enclave, or a middleware without security.
     """
-    # ROS's own default is to go on without security where something is missing.
+    # By default, ROS continues without security if something is missing.
     os.environ["ROS_SECURITY_STRATEGY"] = "Enforce"
     keystore = os.environ.get("ROS_SECURITY_KEYSTORE")
     if not keystore:
-        raise SecurityError(f"ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE names no keystore; {_CURE}")
+        raise SecurityError(f"ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE names no keystore; {_ADVICE}")
     enclave = os.environ.get("ROS_SECURITY_ENCLAVE_OVERRIDE") or enclave
     folder = Path(keystore, "enclaves", enclave.lstrip("/"))
     if not folder.is_dir():
-        raise SecurityError(f"ROS_SECURITY_ENABLE is true, but enclave {enclave} is missing: no {folder}; {_CURE}")
+        raise SecurityError(f"ROS_SECURITY_ENABLE is true, but enclave {enclave} is missing: no {folder}; {_ADVICE}")
     _try_middleware(enclave)
 
 
 def _try_middleware(enclave: str) -> None:
-    """Make a node and let go of it: only that shows whether the middleware has security and takes the enclave."""
+    """Create and destroy a node, the only way to find out whether the middleware is secure and accepts the enclave."""
     context = Context()
     rclpy.init(
         args=["security_check", "--ros-args", "--enclave", enclave],
@@ -100,7 +100,7 @@ def _try_middleware(enclave: str) -> None:
         reason = " ".join(str(error).split())
         middleware = rclpy.get_rmw_implementation_identifier()
         raise SecurityError(
-            f"ROS_SECURITY_ENABLE is true, but {middleware} starts no secure node: {reason}; {_CURE}"
+            f"ROS_SECURITY_ENABLE is true, but {middleware} cannot start a secure node: {reason}; {_ADVICE}"
         ) from None
     finally:
         context.try_shutdown()

@@ -1,4 +1,4 @@
-"""How every process of ours starts, or says in one line why it cannot."""
+"""Startup of every process; if it fails, the reason is printed in one line."""
 
 import sys
 from collections.abc import Sequence
@@ -12,14 +12,14 @@ from pidtsm_ros.stop import Stop
 
 
 def start_ros(stop: Stop, args: Sequence[str] | None = None) -> None:
-    """Initialise ROS, but for its signals.
+    """Initialise ROS without its signal handlers.
 
     Args:
-        stop: takes the signals, and is deferred from now on.
-        args: command line; the process's own where None.
+        stop: handles the signals; deferred from now on.
+        args: command line; None: that of the process.
 
     Raises:
-        SystemExit: ROS cannot start so, see `refuse`.
+        SystemExit: ROS cannot start, see `refuse`.
     """
     stop.defer()
     try:
@@ -29,7 +29,7 @@ def start_ros(stop: Stop, args: Sequence[str] | None = None) -> None:
 
 
 def refuse(error: Exception) -> NoReturn:
-    """End the process, which cannot start: one line on standard error, exit code 2.
+    """End a process that cannot start: print one line on standard error, exit with code 2.
 
     Raises:
         SystemExit: always.

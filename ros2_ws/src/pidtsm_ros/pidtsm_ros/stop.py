@@ -1,4 +1,4 @@
-"""What SIGINT and SIGTERM do to a process of ours."""
+"""Handling of SIGINT and SIGTERM."""
 
 import os
 import signal
@@ -6,12 +6,12 @@ from types import FrameType
 
 
 class Stop:
-    """Ends the process at once while it only imports; afterwards notes that it is to end, for the loop to look at.
+    """Ends the process at once during its imports; later it sets a flag that the loop checks.
 
-    It comes before the imports, which take half a second: a Ctrl-C meanwhile is no error.
+    Create it before the imports, which take half a second, so that Ctrl-C meanwhile is not an error.
 
     Attributes:
-        requested: one of the signals has come.
+        requested: whether one of the signals was received.
     """
 
     def __init__(self) -> None:
@@ -21,11 +21,11 @@ class Stop:
         signal.signal(signal.SIGTERM, self._request)
 
     def defer(self) -> None:
-        """From now on the process must end where it is safe to."""
+        """From now on, only set the flag: the process must end at a safe point."""
         self._deferred = True
 
     def finish(self) -> None:
-        """The process ends anyway: a signal that comes while Python tears itself down must not change its exit code."""
+        """Ignore signals from now on: the process ends anyway, and a late signal must not change its exit code."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 

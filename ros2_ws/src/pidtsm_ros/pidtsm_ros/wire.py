@@ -1,12 +1,11 @@
-"""Messages as the bytes that travel, for topics that carry one a sample.
+"""Fast serialization for topics with one message per sample.
 
-rclpy takes longer to turn a Python message into bytes and back than the rest of a tick takes. But the messages of a
-topic differ in nothing but their stamp and their numbers. So rclpy serializes a message once, and from then on only
-its numbers are written where they stand. A received message is deserialized by rclpy once, and again only when
-something besides its numbers has changed.
+rclpy takes longer to serialize and deserialize a Python message than the rest of a tick takes. But the messages of a
+topic differ only in their stamp and their numbers. Therefore rclpy serializes a message once, and afterwards only the
+numbers are overwritten in place. rclpy deserializes a received message once, and again only if anything besides its
+stamp and numbers has changed.
 
-Padding counts as something: a publisher whose padding changes (rclpy leaves in it what the memory held) is read by
-the slow way, never wrongly.
+Padding counts too: rclpy does not initialise it. Messages whose padding changes are read the slow way, never wrongly.
 """
 
 import struct
@@ -25,24 +24,24 @@ from pidtsm_core.parameters import Array
 from pidtsm_core.timing import NANOSECONDS
 
 _STAMPED = ("std_msgs/Header", "builtin_interfaces/Time")
-"""Types of a first field that begins with a stamp."""
+"""Types that begin with a stamp, if they are the first field."""
 
 
 def deserialize(data: bytes, message_type: type) -> Any:
-    """The message that the bytes hold.
+    """Deserialize a message.
 
     Raises:
-        MessageError: they hold no message of this type.
+        MessageError: the bytes are not a message of this type.
     """
     try:
         return deserialize_message(data, message_type)
-    except Exception as error:  # rclpy's own, and Python's where a text is not UTF-8.
+    except Exception as error:  # rclpy's own errors, and Python's if a text is not UTF-8.
         raise MessageError(f"cannot be deserialized: {' '.join(str(error).split())}") from None
 
 
 def _find_code(message: Any, name: str) -> int:
-    """Find the place of a uint8 field: the byte that changes with it."""
-    # What rclpy leaves in the padding may change like the field once, but not every time.
+    """Offset of a uint8 field: the byte that changes with it."""
+    # Uninitialised padding may change like the field once, but not every time.
     values = (0, 255) * 3
     versions = []
     for value in values:
@@ -51,12 +50,12 @@ def _find_code(message: Any, name: str) -> int:
     setattr(message, name, 0)
     places = [place for place, column in enumerate(zip(*versions, strict=True)) if column == values]
     if len(places) != 1:
-        raise ValueError(f"the message does not hold {name} exactly once")
+        raise ValueError(f"the message does not contain {name} exactly once")
     return places[0]
 
 
 class OutgoingMessage:
-    """A message that was serialized once, and whose stamp, where it has one, and numbers are written in place.
+    """A message that is serialized once; its stamp, if any, and its numbers are then overwritten in place.
 
     Attributes:
         arrays: numbers of the float64[] fields, shape (fields, joints).
@@ -70,18 +69,18 @@ class OutgoingMessage:
         joints: int = 0,
         codes: Sequence[str] = (),
     ) -> None:
-        """Serialize it; the fields to be filled are 0.
+        """Serialize the message; the given fields start at 0.
 
         Args:
-            message: all but its numbers is taken from it. If it has a stamp, it begins with it, alone or in a
+            message: provides everything except the numbers. A stamp, if any, is its first field, either alone or in a
                 std_msgs/Header.
-            arrays: float64[] fields to be filled, in the order of the message, one after the other in it.
+            arrays: float64[] fields to fill, consecutive in the message and in its order.
             scalars: float64 fields, likewise; see `set_scalars`.
             joints: length of each array.
             codes: uint8 fields; see `set_codes`.
 
         Raises:
-            ValueError: the fields do not stand in the message in this way.
+            ValueError: the message does not contain the fields in this way.
         """
         for name in arrays:
             setattr(message, name, array("d", bytes(DOUBLE * joints)))
@@ -93,19 +92,19 @@ class OutgoingMessage:
         self.arrays = self._rows([places[name] for name in arrays], joints)
         self.arrays[:] = 0.0
         if any(places[name] != places[scalars[0]] + DOUBLE * i for i, name in enumerate(scalars)):
-            raise ValueError("the scalars do not stand one after the other in the message")
+            raise ValueError("the scalars are not consecutive in the message")
         self._scalars = struct.Struct(f"={len(scalars)}d")
         self._scalars_place = places[scalars[0]] if scalars else 0
         self.set_scalars(*[0.0] * len(scalars))
         self._codes = [_find_code(message, name) for name in codes]
 
     def _rows(self, places: Sequence[int], width: int) -> Array:
-        """Rows of numbers at these places of the buffer as one array, so that one assignment fills them."""
+        """Rows of numbers at these offsets of the buffer as one array, so that one assignment fills them."""
         if not places:
             return np.zeros((0, width))
         strides = set(np.diff(places).tolist()) or {DOUBLE * width}
         if len(strides) > 1:
-            raise ValueError("the arrays do not stand one after the other in the message")
+            raise ValueError("the arrays are not consecutive in the message")
         return np.ndarray((len(places), width), np.float64, self._buffer.data, places[0], (strides.pop(), DOUBLE))
 
     def set_scalars(self, *values: float) -> None:
@@ -118,10 +117,10 @@ class OutgoingMessage:
             self._memory[place] = value
 
     def to_bytes(self, stamp: int) -> bytes:
-        """The message, ready to be published.
+        """Serialized message, ready to publish.
 
         Args:
-            stamp: ns; a message without a stamp stays without.
+            stamp: ns; ignored if the message has no stamp.
         """
         if self._stamped:
             STAMP.pack_into(self._memory, STAMP_BEGIN, *divmod(stamp, NANOSECONDS))
@@ -138,13 +137,13 @@ def _take(
 ) -> bool:
     """Copy the wanted numbers if the rest of the message has not changed and none of them is absurd.
 
-    Compiled, since Python takes twice the time while a sample waits for its answer.
+    Compiled, since pure Python takes twice as long, which would delay the command.
 
     Args:
-        words: the message, shape (words,).
-        layout: a message that was read before, and a mask of what must not change, shape (2, words).
-        numbers: the message once more, shape (words,).
-        wanted: places of the numbers in `numbers`, shape (fields, joints).
+        words: the message as integers, shape (words,).
+        layout: a message that was read before, and a mask of the bits that must not change, shape (2, words).
+        numbers: the same message as floats, shape (words,).
+        wanted: indices of the numbers in `numbers`, shape (fields, joints).
         target: result, shape (fields, joints).
 
     Returns:
@@ -164,24 +163,24 @@ def _take(
 
 
 class IncomingMessages:
-    """Reads per-joint numbers from the serialized messages of one topic, in the order of one's own joints.
+    """Reads per-joint numbers from the serialized messages of one topic into the node's joint order.
 
-    The messages of a topic begin with a std_msgs/Header and have a field ``name``.
+    The messages begin with a std_msgs/Header and have a field ``name``.
     """
 
     def __init__(self, message_type: type, fields: Sequence[str], joints: Sequence[str]) -> None:
-        """Compile what reads them, and learn the layout to be expected.
+        """Compile the reader and store the expected layout.
 
         Args:
             message_type: type of the messages.
-            fields: float64[] fields to be read.
-            joints: own joint names.
+            fields: float64[] fields to read.
+            joints: joint names of the node, in its order.
         """
         self._type = message_type
         self._fields = list(fields)
         self._order = JointOrder(joints)
         self._values = np.zeros((len(fields), len(joints)))
-        self._length = -1  # Of the layout that was met last; see `_learn`.
+        self._length = -1  # of the layout seen last; see `_learn`
         numbers = {name: [0.0] * len(joints) for name in fields}
         for _ in range(2):
             self.read(serialize_message(message_type(name=list(joints), **numbers)), np.zeros_like(self._values))
@@ -190,7 +189,7 @@ class IncomingMessages:
         """Copy the fields of a serialized message to `target`, shape (fields, joints), contiguous.
 
         Raises:
-            MessageError: names that do not match, an array of another length, or a value that is not finite, or absurd.
+            MessageError: the names do not match, an array has the wrong length, or a value is not finite or is absurd.
         """
         if len(data) == self._length:
             self._memory[:] = data
@@ -206,11 +205,11 @@ class IncomingMessages:
         self._learn(data, message)
 
     def _learn(self, data: bytes, message: Any) -> None:
-        """Remember where the numbers of such a message stand: what `_take` needs to read the next ones."""
+        """Store where the numbers of such a message are, so that `_take` can read the next ones."""
         names = [name for name, kind in message.get_fields_and_field_types().items() if kind == "sequence<double>"]
         marked, places = places_of_numbers(message, names, serialize_message)
         if len(marked) != len(data) or marked[:ENCODING] != data[:ENCODING]:
-            return  # Serialized in another way than ours: always deserialized by rclpy.
+            return  # Serialized differently than by rclpy here: rclpy deserializes every such message.
         buffer, changing = aligned(len(data)), aligned(len(data))
         buffer[LEAD : LEAD + len(data)] = np.frombuffer(data, np.uint8)
         changing[LEAD + ENCODING : LEAD + STAMP_END] = 255

@@ -1,4 +1,4 @@
-"""What is counted of a loop is what its ticks say."""
+"""The statistics of a loop match its ticks."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def test_reset_forgets() -> None:
 def test_a_slower_loop_has_longer_deadlines(rate: int, scale: float) -> None:
     statistics, random, now = LoopStatistics(0.002), np.random.default_rng(1), 0
     for k in range(2 * rate):
-        # Jitter, and twice a period that is too long.
+        # Jitter, and two periods that are too long.
         now += round(1000 * MS / rate * random.uniform(0.6, 1.4) * (5.0 if k in (50, 90) else 1.0))
         statistics.tick(now, 0.0, 0.0)
     assert statistics.scale == pytest.approx(scale, rel=0.15)

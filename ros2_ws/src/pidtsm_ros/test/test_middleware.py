@@ -1,4 +1,4 @@
-"""Processes that stay on this machine bind their sockets there, unless somebody has chosen profiles or transports."""
+"""Processes limited to this machine bind their sockets to it, unless the user has chosen profiles or transports."""
 
 import os
 from pathlib import Path
@@ -35,7 +35,7 @@ def test_with_fast_dds_the_profile_binds_to_loopback(given: dict[str, str], prof
     ("name", "value"),
     [(PROFILES, "/my.xml"), ("FASTDDS_BUILTIN_TRANSPORTS", "LARGE_DATA"), ("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")],
 )
-def test_what_the_environment_names_stays_and_discovery_is_limited(name: str, value: str) -> None:
+def test_settings_of_the_environment_are_kept_and_discovery_is_limited(name: str, value: str) -> None:
     assert on_this_machine({name: value, RANGE: "SUBNET"}) == {name: value, RANGE: "LOCALHOST"}
 
 
@@ -50,7 +50,7 @@ def test_what_the_environment_names_stays_and_discovery_is_limited(name: str, va
         ({RANGE: "LOCALHOST", PROFILES: "/my.xml"}, "LOCALHOST"),
     ],
 )
-def test_a_node_stays_on_this_machine_unless_somebody_wants_it_wider(
+def test_a_node_stays_on_this_machine_unless_the_user_chooses_a_wider_range(
     monkeypatch: pytest.MonkeyPatch, given: dict[str, str], then: str
 ) -> None:
     environment = dict(given)
@@ -63,7 +63,7 @@ def test_a_node_stays_on_this_machine_unless_somebody_wants_it_wider(
 
 
 def settings(profiles: str) -> list[str]:
-    """What a file says of others than the participant and its transports."""
+    """Elements of a file other than the participant and its transports."""
     namespace = "{http://www.eprosima.com}"
     (content,) = ElementTree.parse(FOLDER / profiles).getroot()
     return [

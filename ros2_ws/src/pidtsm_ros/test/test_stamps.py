@@ -1,4 +1,4 @@
-"""Stamps survive the way to a message, over the wire and back."""
+"""A stamp written to a message is read back unchanged, also from the serialized message."""
 
 from hypothesis import given
 from hypothesis import strategies as st

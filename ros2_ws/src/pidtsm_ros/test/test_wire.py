@@ -1,4 +1,4 @@
-"""Messages written and read as bytes are, bit for bit, what rclpy writes and reads."""
+"""Messages written and read as bytes match rclpy's bit for bit."""
 
 import math
 import struct
@@ -27,7 +27,7 @@ SCALARS = tuple(n for n, t in ControllerState.get_fields_and_field_types().items
 
 
 def content(message: Any) -> list[Any]:
-    """The fields, numbers as bits; two serialized messages differ in their padding, which rclpy leaves as it was."""
+    """The fields, numbers as bits; serialized messages may differ in their padding, which rclpy does not initialise."""
     fields = [getattr(message, name) for name in message.get_fields_and_field_types()]
     return [np.array(f).tobytes() if isinstance(f, (array, float)) else f for f in fields]
 
@@ -65,7 +65,7 @@ def test_a_stamp_alone() -> None:
     assert nanoseconds(message.clock) == 5_000_000_007
 
 
-def test_codes_are_written_where_they_stand_and_nothing_else_changes() -> None:
+def test_codes_are_written_in_place_and_nothing_else_changes() -> None:
     codes = ("mode", "fault", "fault_joint", "violations")
     outgoing = OutgoingMessage(ControllerState(name=["a", "b"]), STATE, SCALARS, 2, codes)
     blank = content(deserialize_message(outgoing.to_bytes(7), ControllerState))
@@ -127,7 +127,7 @@ def test_incoming_messages_are_read_whatever_came_before(messages: list[tuple[by
                 assert target.tobytes() == np.array([expected]).tobytes()
 
 
-def test_several_fields_are_read_in_the_order_asked_for() -> None:
+def test_several_fields_are_read_in_the_requested_order() -> None:
     incoming, target = IncomingMessages(JointReference, REFERENCE[::-1], OWN), np.zeros((3, 2))
     for factor in (1.0, 2.0):
         values = [[factor, 2.0], [3.0, 4.0], [5.0, 6.0]]
