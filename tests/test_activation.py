@@ -63,7 +63,7 @@ def test_without_a_joint_state_it_does_not_become_active(bench: Bench) -> None:
     process = bench.start("controller", "autostart:=false")
     assert change(bench, Transition.TRANSITION_CONFIGURE)
     assert not change(bench, Transition.TRANSITION_ACTIVATE)
-    bench.spin_until(lambda: "not activated: no joint state so far" in process.log.read_text(), "the reason")
+    bench.spin_until(lambda: "not activated: no joint state received yet" in process.log.read_text(), "the reason")
 
 
 def test_far_from_its_reference_it_does_not_become_active(bench: Bench) -> None:

@@ -33,8 +33,8 @@ LATEST: dict[str, Any] = {"watchdog.state_stop": 3600.0}
 DEFAULTS = resolve(controller_node_schema, {}, 2)
 SUMMARIES = {
     FOLLOWING: None,
-    HOLDING: (DiagnosticStatus.WARN, "holding position: no reference, or an old one"),
-    STOPPED: (DiagnosticStatus.ERROR, "stopped by a fault; ~/reset_fault ends it"),
+    HOLDING: (DiagnosticStatus.WARN, "holding position: the reference is missing or too old"),
+    STOPPED: (DiagnosticStatus.ERROR, "stopped by a fault; call ~/reset_fault to continue"),
 }
 
 
@@ -191,18 +191,18 @@ ROWS = {
     ),
     "a stamp twice (dt = 0)": Row(
         repeat,
-        log=("rejected joint_states: repeated: it is that of the message before",),
+        log=("rejected joint_states: repeated: the stamp equals that of the previous message",),
         rejected=1,
         unnoticed=True,
         node=LATEST,
     ),
     "a stamp twice in lockstep": Row(ask_again, unnoticed=True),
     "a stamp that goes back by 0.9 s": Row(
-        go_back, log=("rejected joint_states: late: it is older than",), rejected=2, unnoticed=True
+        go_back, log=("rejected joint_states: late: the stamp is older than",), rejected=2, unnoticed=True
     ),
     "one stamp ahead by 5 s": Row(
         run_ahead,
-        log=("rejected joint_states: ahead: it is ahead of", "rejected reference: ahead: it is ahead of"),
+        log=("rejected joint_states: ahead: the stamp is ahead of", "rejected reference: ahead: the stamp is ahead of"),
         rejected=2,
         unnoticed=True,
         node=LATEST,
@@ -302,12 +302,12 @@ SIMULATOR_ROWS = {
     ),
     "a command for a joint state never sent": SimulatorRow(
         lambda rig: rig.commands.publish(rig.command(sample=rig.sample + 1)),
-        ("rejected joint_commands: the stamp is that of no joint state sent",),
+        ("rejected joint_commands: no joint state with this stamp was sent",),
         1,
     ),
     "a second command for a joint state": SimulatorRow(
         lambda rig: rig.commands.publish(rig.command((0.0, 0.0), sample=rig.sample - 1)),
-        ("ignored joint_commands: this joint state or a later one is answered",),
+        ("ignored joint_commands: a command for this or a later joint state was used",),
     ),
     "a command beyond the limits": SimulatorRow(lambda rig: rig.step((1000.0, -1000.0))),
     "commands in another order": SimulatorRow(lambda rig: rig.step((20.0, 7.0), NAMES[::-1])),

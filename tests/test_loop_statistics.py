@@ -67,11 +67,11 @@ def test_nodes_report_once_a_second(bench: Bench) -> None:
     bench.start("controller", "diagnostics.missed.warn:=2.0", "diagnostics.missed.error:=2.0")
     status = watcher.until("controller", lambda s: True, "speaks before anything arrives")
     assert status.level == DiagnosticStatus.WARN
-    assert status.message == "inactive: no joint state so far"
+    assert status.message == "inactive: no joint state received yet"
     status = watcher.until("controller", lambda s: len(watcher.heard["controller"]) > 1, "speaks again")
     bench.start("simulator")
     status = watcher.until("simulator", lambda s: True, "speaks")
-    assert status.message == "waiting for the others"
+    assert status.message == "waiting for the other nodes"
     bench.start("trajectory")
     for node in ("simulator", "controller"):
         status = watcher.until(node, lambda s: values(s)["rate (1/s)"] > 0.0, "runs")

@@ -129,7 +129,7 @@ def test_brakes_stop_the_arm_when_commands_stay_out_and_open_with_the_next(bench
     arm.obedient = False
     arm.says("(command.timeout): the brakes stop the arm")
     bench.spin_until(lambda: not any(truth[-1].effort) and max(map(abs, truth[-1].velocity)) < 1e-6, "an arm at rest")
-    bench.spin_until(lambda: any("on the brakes" in s for s in summaries), "word of it on /diagnostics")
+    bench.spin_until(lambda: any("brakes engaged" in s for s in summaries), "word of it on /diagnostics")
 
     arm.obedient = True
     arm.says("command received: brakes released")
@@ -146,7 +146,7 @@ def test_in_lockstep_silence_ends_the_run_with_the_name_of_who_is_silent(bench: 
     arm.command()
     arm.position(1)
     assert arm.process.wait() == 1
-    assert "no command for t = 0.001 s within 0.5 s: /stranger is silent" in arm.process.log.read_text()
+    assert "no command for t = 0.001 s within 0.5 s: /stranger did not respond" in arm.process.log.read_text()
 
 
 def test_in_realtime_no_sample_passes_before_somebody_answers(bench: Bench) -> None:
@@ -208,7 +208,7 @@ def test_stale_commands_are_counted_and_logged_once_and_so_are_the_stops_they_le
     assert counted("commands ignored for a stale stamp since activation") > 100
     log = arm.process.log.read_text()
     assert log.count("the brakes stop the arm") == 1
-    assert log.count("ignored joint_commands: this joint state or a later one is answered") == 1
+    assert log.count("ignored joint_commands: a command for this or a later joint state was used") == 1
     assert "rejected" not in log
 
 

@@ -1,1 +1,1 @@
-"""The controller and the trajectory as ROS 2 nodes."""
+"""Controller and trajectory generator as ROS 2 nodes."""

@@ -30,9 +30,9 @@ from pidtsm_ros.wire import IncomingMessages, OutgoingMessage, deserialize
 _REFERENCE_FIELDS = ("position", "velocity", "acceleration")
 _LOOP_FIELDS = ("period", "rate", "period_jitter", "state_age", "missed_deadlines", "compute_time")
 _CHECK = 0.005
-"""s between two looks at the watchdog."""
+"""Time between two watchdog checks, s."""
 _NO_REFERENCE = serialize_message(JointReference())
-"""What the trajectory sends in lockstep, where the controller waits for an answer, if it has no reference."""
+"""Sent by the trajectory node in lockstep if there is no reference, because the controller waits for a message."""
 
 
 def _is_none(data: bytes) -> bool:
@@ -40,7 +40,7 @@ def _is_none(data: bytes) -> bool:
 
 
 class ControllerNode(ManagedNode):
-    """Answers every joint state with an effort command of the same stamp."""
+    """Publishes an effort command with the same stamp for every joint state."""
 
     _controller: Controller
 
@@ -85,7 +85,7 @@ class ControllerNode(ManagedNode):
         self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset_fault", self._reset_fault)
-        # What comes before activation is needed for it.
+        # Activation needs messages that arrive before it.
         self.listen(JointState, "joint_states", self._on_joint_state, raw=True, while_inactive=True)
         self.listen(JointReference, "reference", self._on_reference, raw=True, while_inactive=True)
 
@@ -95,16 +95,16 @@ class ControllerNode(ManagedNode):
 
     def refusal(self) -> str:
         if self._state_arrivals.last < 0:
-            return "no joint state so far"
+            return "no joint state received yet"
         silence = (time.monotonic_ns() - self._arrived) * 1e-9
         if not self.lockstep and silence * NANOSECONDS > self._controller.state_stop:
-            return f"the last joint state came {silence:.3g} s ago (watchdog.state_stop)"
+            return f"the last joint state was received {silence:.3g} s ago (watchdog.state_stop)"
         return self._controller.refusal(self._reference_arrivals.last >= 0)
 
     def activate(self) -> None:
         self._statistics.reset()
         self._ticks = 0
-        # The first state is published, whatever state.decimation is.
+        # The first state is always published, regardless of state.decimation.
         self._unpublished = self._decimation - 1
         self._controller.reset()
         self._at_limit = 0
@@ -114,7 +114,7 @@ class ControllerNode(ManagedNode):
         self._engage_brakes()
 
     def deactivate(self) -> None:
-        """Leave the arm with a safe torque; where every stamp has one command, none is left to take it."""
+        """Publish a last, safe torque; not in lockstep, where each joint state has its one command already."""
         if self._controller.commanded and not self.lockstep:
             self._controller.leave()
             self._publish_once_more()
@@ -135,7 +135,7 @@ class ControllerNode(ManagedNode):
             self._answer()
         if self.lockstep:
             return _CHECK if self._waiting_stamp >= 0 else super().poll()
-        # Where this process was not running itself, what arrived meanwhile comes after this.
+        # If this process was suspended, messages that arrived meanwhile are handled only after this check.
         now = time.monotonic_ns()
         if now - self._polled > 2 * _CHECK * NANOSECONDS:
             self._attentive_since = now
@@ -149,7 +149,7 @@ class ControllerNode(ManagedNode):
         return _CHECK
 
     def _now(self) -> int | None:
-        """The clock by which stamps are judged, ns."""
+        """Clock that stamps are compared with, ns; None in lockstep."""
         return None if self.lockstep else time.monotonic_ns()
 
     def _on_reference(self, data: bytes) -> None:
@@ -168,7 +168,7 @@ class ControllerNode(ManagedNode):
         stamp, now, arrivals = serialized_nanoseconds(data), self._now(), self._state_arrivals
         judged = arrivals.judge(stamp, now)
         if judged is Stamp.REPEATED and self.lockstep:
-            # Lockstep asks again for an answer that did not arrive.
+            # In lockstep the simulator repeats a joint state if it received no command for it.
             if self.active and self._waiting_stamp < 0:
                 self._commands.publish(self._command.to_bytes(stamp))
             return
@@ -178,9 +178,9 @@ class ControllerNode(ManagedNode):
         arrivals.take(judged, stamp, now)
         self._waiting_stamp = stamp
         if judged is Stamp.RESTARTED:
-            self.get_logger().warning(f"joint_states: {judged.value}: holding position until references follow")
+            self.get_logger().warning(f"joint_states: {judged.value}; holding position until new references arrive")
             self._controller.set_clock(stamp, arrivals.elapsed)
-            # References of the time before say nothing.
+            # References from before the change are invalid.
             if abs(self._reference_arrivals.last - stamp) > self._controller.state_stop:
                 self._reference_arrivals.forget()
         if not self.active:
@@ -191,7 +191,7 @@ class ControllerNode(ManagedNode):
         self._arrived = time.monotonic_ns()
 
     def _answer(self) -> None:
-        """Answer the joint state that waits, once there is a reference for it and somebody to hear the answer."""
+        """Publish the command for the waiting joint state, once its reference and the subscribers are there."""
         stamp = self._waiting_stamp
         if self.lockstep and self._answered_stamp != stamp:
             return
@@ -203,7 +203,7 @@ class ControllerNode(ManagedNode):
         compute_time = time.perf_counter() - began
         self._commands.publish(self._command.to_bytes(stamp))
 
-        # From here on nothing is urgent.
+        # The rest is not time-critical.
         if status != self._status:
             self._report(status)
         if self._brakes is not None:
@@ -222,9 +222,9 @@ class ControllerNode(ManagedNode):
         self._states.publish(self._state.to_bytes(stamp))
 
     def _report(self, status: tuple[int, ...]) -> None:
-        """Log what has changed."""
+        """Log changes of the status."""
         for change in self._controller.changes(self._status):
-            # Each level on a line of its own: rclpy knows a logger's calls by their lines.
+            # One line of code per level: rclpy identifies logging calls by their line.
             if change.level == "error":
                 self.get_logger().error(change.text)
             elif change.level == "warning":
@@ -234,12 +234,12 @@ class ControllerNode(ManagedNode):
         self._status = status
 
     def _publish_once_more(self) -> None:
-        """Publish an effort that answers no new joint state."""
+        """Publish an effort command without a new joint state."""
         self._commands.publish(self._command.to_bytes(self._state_arrivals.last))
         self._engage_brakes()
 
     def _engage_brakes(self) -> None:
-        """Engage the brakes of an arm that has some, or release them, when that has changed."""
+        """Publish the state of the brakes, if the arm has brakes and the state has changed."""
         if self._brakes is None:
             return
         engaged = bool(self._controller.clock(Clock.BRAKES))
@@ -248,7 +248,7 @@ class ControllerNode(ManagedNode):
             self._brakes.publish(Bool(data=engaged))
 
     def _reset_fault(self) -> str:
-        """Follow again after a fault; returns why not, or nothing."""
+        """Reset the fault and follow again; returns the reason if refused, else an empty text."""
         if not self.active or not self._controller.fault:
             return "there is no fault"
         if refusal := self.refusal():
@@ -285,13 +285,13 @@ class ControllerNode(ManagedNode):
             self.get_logger().warning(f"{doubted - before} joint states are implausible (plausibility.velocity)")
         idle, level = "", DiagnosticStatus.WARN
         if not self.active:
-            idle = f"inactive: {self.refusal() or 'to be activated'}"
+            idle = f"inactive: {self.refusal() or 'ready to be activated'}"
         elif not ticks:
             idle = f"no {'reference' if self._waiting_stamp >= 0 else 'joint state'} for a second"
         elif self._controller.fault:
-            idle, level = "stopped by a fault; ~/reset_fault ends it", DiagnosticStatus.ERROR
+            idle, level = "stopped by a fault; call ~/reset_fault to continue", DiagnosticStatus.ERROR
         elif self._status is not None and self._status[Status.MODE] == Mode.HOLDING:
-            idle = "holding position: no reference, or an old one"
+            idle = "holding position: the reference is missing or too old"
         self._diagnostics.publish(readings, idle, level, self._statistics.scale)
 
 

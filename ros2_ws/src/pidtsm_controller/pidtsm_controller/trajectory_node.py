@@ -1,4 +1,4 @@
-"""Trajectory node: publishes the reference for every joint state, and takes trajectories that replace it."""
+"""Trajectory node: publishes a reference for every joint state and accepts trajectories that replace it."""
 
 import time
 
@@ -24,18 +24,17 @@ from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import OutgoingMessage, deserialize
 
 _WAITING = 20
-"""Joint states that may wait while the node does not run. At 1 kHz one that falls behind is late by 20 ms then, and
-leaves joint states out; with all that a topic's queue holds it would be later than the controller allows
-(``watchdog.reference``)."""
+"""Queue length for joint states. A node that falls behind at 1 kHz is then at most 20 ms late and skips joint states.
+With the default queue length, its references could be older than the controller allows (``watchdog.reference``)."""
 _FIELDS = ("positions", "velocities", "accelerations")
 
 
 class TrajectoryNode(ManagedNode):
     """Publishes q_d, q_d', q_d'' with the stamp of every joint state; the motion begins at the first one.
 
-    A trajectory on ``joint_trajectory`` replaces the motion under way; one without points brings it to rest.
-    Driven by the joint states, the node lives in their time, simulated or not. Where their clock is set, or their
-    source started anew, the motion comes to rest where the arm is; ``~/begin`` begins the built-in one again.
+    A trajectory on ``joint_trajectory`` replaces the current motion; a trajectory without points brings it to rest.
+    The node's time is that of the joint states, simulated or real. If their clock is set, or their source restarts,
+    the motion comes to rest where the arm is; ``~/begin`` starts the built-in motion again.
     """
 
     def __init__(self) -> None:
@@ -91,14 +90,14 @@ class TrajectoryNode(ManagedNode):
             self.diagnose()
         if self._diagnostics is None or self._listening:
             return super().poll()
-        # A simulator that waits for its listeners thereby waits for those of the reference, too.
+        # Subscribe only now, so that a simulator that waits for subscribers also waits for those of the reference.
         if not self.awaits(self._references):
             self._listening = True
             self.listen(JointState, "joint_states", self._on_joint_state, raw=True, depth=_WAITING)
         return 0.02
 
     def _on_joint_state(self, state: bytes) -> None:
-        # Only the time matters here, at a fraction of the cost of the whole message.
+        # Read only the stamp, at a fraction of the cost of the whole message.
         stamp, arrivals = serialized_nanoseconds(state), self._arrivals
         now = None if self.lockstep else time.monotonic_ns()
         judged, last = arrivals.judge(stamp, now), arrivals.last
@@ -116,7 +115,7 @@ class TrajectoryNode(ManagedNode):
 
     def _publish(self, stamp: int) -> None:
         if self._built_in.drops_out(seconds(stamp - self._began)):
-            # In lockstep the controller waits for an answer.
+            # In lockstep the controller waits for a message.
             if self.lockstep:
                 self._references.publish(self._none.to_bytes(stamp))
             return
@@ -131,7 +130,10 @@ class TrajectoryNode(ManagedNode):
         return positions
 
     def _rest(self, position: Array, before: int, stamp: int) -> None:
-        """Come to rest, or stay at `position` (rad) where that is elsewhere; `stamp` (ns) is what was `before`."""
+        """Bring the motion to rest, or hold `position` (rad) if the reference is elsewhere.
+
+        The new time `stamp` (ns) corresponds to the old time `before` (ns).
+        """
         self._motion.move(stamp - before)
         self._motion.evaluate(stamp, self._desired)
         if np.abs(self._desired[0] - position).max() <= as_float(self.values["start_tolerance"]):
@@ -140,22 +142,23 @@ class TrajectoryNode(ManagedNode):
             self._motion = MotionUnderWay(Rest(position), stamp, self._built_in.joints)
         self._began = stamp
         self.get_logger().warning(
-            f"joint_states: {Stamp.RESTARTED.value}: holding the arm where it is; ~/begin begins the built-in motion"
+            f"joint_states: {Stamp.RESTARTED.value}; holding the arm where it is; "
+            "call ~/begin to start the built-in motion"
         )
 
     def _begin(self) -> str:
-        """Begin the built-in motion again, from wherever the reference is; returns why not, or nothing."""
+        """Start the built-in motion again from the current reference; returns the reason if refused, else nothing."""
         if not self.active or self._arrivals.last < 0:
-            return "no joint state has come yet, whose time it could begin at"
+            return "no joint state received yet, so the start time is unknown"
         self._began = self._arrivals.last
         self._motion.approach(self._began, self._built_in)
-        self.get_logger().info("beginning the built-in motion")
+        self.get_logger().info("starting the built-in motion")
         return ""
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         last = self._arrivals.last
         if last < 0:
-            raise MessageError("no joint state has come yet, whose time it could begin at")
+            raise MessageError("no joint state received yet, so the start time is unknown")
         if not message.points:
             self._motion.cancel(last)
             self.get_logger().info("cancelled: coming to rest")
@@ -170,7 +173,7 @@ class TrajectoryNode(ManagedNode):
         self.get_logger().info(f"following a trajectory of {len(times)} points, {times[-1]:g} s")
 
     def _read(self, message: JointTrajectory) -> Array:
-        """Positions, and velocities and accelerations where given, shape (points, 1 to 3, joints), in our own order."""
+        """Positions and, if given, velocities and accelerations, in node order, shape (points, 1 to 3, joints)."""
         fields = _fields(message.points[0])
         points = np.empty((len(message.points), len(fields), len(self._order.joints)))
         for i, point in enumerate(message.points):
@@ -182,12 +185,12 @@ class TrajectoryNode(ManagedNode):
 
 
 def _fields(point: JointTrajectoryPoint) -> tuple[str, ...]:
-    """What the point has of position and its derivatives; an effort is not looked at."""
+    """Which of position and its derivatives the point has; effort is ignored."""
     fields = tuple(field for field in _FIELDS if len(getattr(point, field)))
     if fields not in (_FIELDS[:1], _FIELDS[:2], _FIELDS):
         raise MessageError(
-            f"a point has {', '.join(fields) or 'nothing'}; positions, velocities with positions, "
-            "or accelerations with both are wanted"
+            f"a point has {', '.join(fields) or 'nothing'}; it needs positions, positions and velocities, "
+            "or positions, velocities and accelerations"
         )
     return fields
 

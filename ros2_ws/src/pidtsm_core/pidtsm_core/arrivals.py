@@ -1,4 +1,4 @@
-"""Which of the stamped messages that arrive are to be used: one rule for every node."""
+"""Decides by their stamps which messages to use, by the same rule in every node."""
 
 from enum import Enum
 from typing import NamedTuple
@@ -7,36 +7,36 @@ from pidtsm_core.timing import NANOSECONDS, track_period
 
 
 class Stamp(Enum):
-    """What the stamp of a message says, beside those that came before."""
+    """Stamp of a message, compared with earlier ones."""
 
     NEW = "new"
-    REPEATED = "it is that of the message before"
-    LATE = "it is older than that of a message received before"
-    AHEAD = "it is ahead of its source's clock so far"
-    RESTARTED = "it continues others that were late or ahead: the clock of its source has been set"
+    REPEATED = "the stamp equals that of the previous message"
+    LATE = "the stamp is older than that of an earlier message"
+    AHEAD = "the stamp is ahead of the source's clock"
+    RESTARTED = "the source's clock was set, or the source restarted"
 
     @property
     def usable(self) -> bool:
-        """The message is to be used."""
+        """Whether the message should be used."""
         return self in (Stamp.NEW, Stamp.RESTARTED)
 
     @property
     def explanation(self) -> str:
-        """For the log, why the message is not used."""
+        """Why the message is not used, for the log."""
         return f"{self.name.lower()}: {self.value}"
 
 
 class _Row(NamedTuple):
-    """Stamps in order, ns, of messages that were late or ahead, with none between them that was used."""
+    """Increasing stamps of consecutive messages that were late or ahead, ns."""
 
     first: int = 0
     last: int = 0
     length: int = 0
     began: int = 0
-    """When the first arrived, by one's own clock, ns."""
+    """Arrival time of the first, receiver's clock, ns."""
 
     def then(self, stamp: int, now: int | None) -> "_Row":
-        """With one more; in lockstep (`now` is None) the same stamp again counts."""
+        """The row with one more stamp; in lockstep (`now` is None) a repeated stamp counts too."""
         if self.length and (stamp > self.last or (now is None and stamp == self.last)):
             return _Row(self.first, stamp, self.length + 1, self.began)
         return _Row(stamp, stamp, 1, now or 0)
@@ -46,56 +46,56 @@ _NO_ROW = _Row()
 
 
 class Arrivals:
-    """Judges the stamps of one source's messages in the order in which they arrive.
+    """Judges the stamps of messages from one source in the order of arrival.
 
-    A stamp that goes back is late, and one that runs ahead of the source's clock, as it compares with one's own, is
-    ahead: such messages are not to be used. But several of them in a row, in order, and with none of the time before
-    in between, show that the clock of the source has been set, or the source been started anew. So one stamp, or a few,
-    never restart anything.
+    A stamp that goes back is late. A stamp that is ahead of the source's clock, as estimated from the receiver's clock,
+    is ahead. Such messages should not be used. But several of them in a row, in increasing order and without a message
+    of the old time in between, show that the source's clock was set or the source restarted. A single such stamp, or a
+    few, never cause a restart.
 
-    The source's clock need not be one's own: only how the two have gone on since counts.
+    The source's clock may differ from the receiver's: only the progress of the two is compared.
 
     Attributes:
-        last: stamp of the newest message used, ns; negative: there was none.
-        elapsed: ns between the last message used before the source's clock was set and the first one after; 0: not
-            known.
-        period: nominal time between two messages, ns; 0: not known so far.
-        refused: messages that were late or ahead.
+        last: stamp of the newest message used, ns; negative: none so far.
+        elapsed: time between the last message used before the source's clock was set and the first one after, ns; 0:
+            unknown.
+        period: nominal time between two messages, ns; 0: not known yet.
+        refused: number of messages that were late or ahead.
     """
 
     CONFIRMED, CONFIRMED_IN_LOCKSTEP = 5, 2
-    """Messages in a row that make a restart."""
+    """Consecutive messages that confirm a restart."""
     TOLERANCE = NANOSECONDS // 200
-    """ns that a stamp may be ahead, and that a restart must last; or a period, where that is longer."""
+    """Largest lead of a stamp, and shortest duration of a restart, ns; or one period if that is longer."""
     _DRIFT = 2000
-    """Clocks differ by less than one part in so many."""
+    """Clocks drift apart by less than one part in this number."""
     _STALL = NANOSECONDS // 10
-    """ns between two messages; with more the receiver has not run."""
+    """If the time between two messages is longer, the receiver was suspended, ns."""
 
     def __init__(self) -> None:
         self.refused = 0
         self.forget()
 
     def forget(self) -> None:
-        """Take whatever comes next for the first message."""
+        """Treat the next message as the first."""
         self.last = -1
         self.elapsed = self.period = self._taken = self._lead = 0
         self._tolerance = self.TOLERANCE
         self._row = _NO_ROW
 
     def judge(self, stamp: int, now: int | None) -> Stamp:
-        """What the stamp (ns) of a message says; if the message is used, `take` is to be called.
+        """Judge the stamp of a message; call `take` if the message is used.
 
         Args:
-            stamp: of the message.
-            now: one's own clock, ns, that never goes back; None in lockstep, where simulated time has nothing to do
-                with it. Nothing is ahead there, and a stamp that is sent again counts: somebody waits for an answer.
+            stamp: stamp of the message, ns.
+            now: monotonic clock of the receiver, ns; None in lockstep, where stamps are simulated time. There, no stamp
+                is ahead, and repeated stamps count towards a restart, because the sender repeats unanswered messages.
         """
         if self.last < 0:
             return Stamp.NEW
         if stamp == self.last:
             return Stamp.REPEATED
-        # The tolerance first: it holds nearly always. And the second message tells how fast time goes there.
+        # The tolerance comes first since it nearly always holds. The second message defines the period of the source.
         since = stamp - self.last
         if since > 0 and (
             now is None or since <= self._tolerance or self.period == 0 or stamp - now <= self._lead + self._tolerance
@@ -108,7 +108,13 @@ class Arrivals:
         return Stamp.LATE if stamp < self.last else Stamp.AHEAD
 
     def take(self, judged: Stamp, stamp: int, now: int | None) -> None:
-        """Use the message that was judged so."""
+        """Record that a message was used.
+
+        Args:
+            judged: result of `judge` for it.
+            stamp: as for `judge`.
+            now: as for `judge`.
+        """
         if judged is Stamp.REPEATED:
             return
         follows = judged is Stamp.NEW and self.last >= 0
@@ -125,22 +131,22 @@ class Arrivals:
         if not follows or lead >= self._lead:
             self._lead = lead
         else:
-            # Simulated time may be slower than one's own; but where one has not run, it is not.
+            # Simulated time may be slower than the receiver's clock, but not if the receiver was suspended.
             slower = (self._lead - lead) * since // NANOSECONDS if since < self._STALL else 0
             self._lead = max(lead, self._lead - slower - since // self._DRIFT)
         if judged is Stamp.RESTARTED:
-            # The source's own time from its first message on; one's own only before, where it may have been silent.
+            # The source's time from its first new message on; before that the receiver's, if the source was silent.
             silence = self._row.began - self._taken
             self.elapsed = stamp - self._row.first + (silence if silence > self._STALL else self.period)
         self._taken = now
 
     def age(self, now: int, system_time: int) -> int:
-        """How old the message used last is, ns, going by its stamp.
+        """Age of the message used last, according to its stamp, ns.
 
         Args:
             now: as for `judge`.
-            system_time: ns. Where no message was ever younger than half a second, or one came from the future, the
-                stamps are of another clock; the message that came soonest after its stamp then counts as new.
+            system_time: ns. If no message was ever younger than half a second, or one was from the future, the stamps
+                are of another clock; the message with the shortest delay then counts as age 0.
         """
         youngest = system_time - now - self._lead
         return system_time - self.last if 0 <= youngest < NANOSECONDS // 2 else self._lead - (self.last - now)

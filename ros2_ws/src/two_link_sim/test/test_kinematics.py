@@ -1,4 +1,4 @@
-"""Frames from a URDF are where the closed form puts them; what cannot be shown is refused with the reason."""
+"""Frames from a URDF match the closed form; unsupported URDFs are rejected with the reason."""
 
 import math
 
@@ -12,7 +12,7 @@ LINK = "<link name='a'/><link name='b'/>"
 
 
 @pytest.mark.parametrize(("q1", "q2"), [(0.0, 0.0), (0.3, -0.8), (-2.0, 1.5)])
-def test_links_end_where_the_closed_form_says(q1: float, q2: float) -> None:
+def test_link_ends_match_the_closed_form(q1: float, q2: float) -> None:
     poses = link_poses(read_urdf(_two_link()), {"joint1": q1, "joint2": q2})
     elbow = np.array([math.cos(q1), 0.0, math.sin(q1)])
     hand = elbow + 0.85 * np.array([math.cos(q1 + q2), 0.0, math.sin(q1 + q2)])
@@ -20,7 +20,7 @@ def test_links_end_where_the_closed_form_says(q1: float, q2: float) -> None:
     np.testing.assert_allclose((poses["link2"] @ [0.85, 0.0, 0.0, 1.0])[:3], hand, atol=1e-12)
 
 
-def test_joints_come_after_their_parents_and_fixed_ones_stand_still() -> None:
+def test_joints_are_listed_after_their_parents_and_fixed_joints_do_not_move() -> None:
     text = """<robot name="r"><link name="base"/><link name="arm"/><link name="tool"/>
       <joint name="flange" type="fixed"><parent link="arm"/><child link="tool"/>
         <origin xyz="0 0 0.5" rpy="0 0 1.5707963267948966"/></joint>
@@ -51,6 +51,6 @@ def test_joints_come_after_their_parents_and_fixed_ones_stand_still() -> None:
         ),
     ],
 )
-def test_what_cannot_be_shown_is_refused(joints: str, reason: str) -> None:
+def test_unsupported_urdfs_are_rejected(joints: str, reason: str) -> None:
     with pytest.raises(UrdfError, match=reason):
         read_urdf(f"<robot name='r'>{LINK}{joints}</robot>")

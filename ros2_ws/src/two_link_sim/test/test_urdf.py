@@ -1,4 +1,4 @@
-"""The URDF is the arm of the article: same numbers, and the same dynamics through Pinocchio."""
+"""The URDF describes the arm of the article: same numbers, and the same dynamics in Pinocchio."""
 
 import math
 from pathlib import Path
@@ -39,13 +39,13 @@ def test_numbers_are_those_of_the_robot_model() -> None:
 
 
 def motions() -> list[NDArray[np.float64]]:
-    """q, q' and a third row, which is an acceleration or a torque, of 20 states."""
+    """20 states: q, q' and a third row, used as acceleration or torque."""
     return list(np.random.default_rng(0).uniform(-3.0, 3.0, (20, 3, 2)))
 
 
 def test_dynamics_are_the_closed_form() -> None:
-    """Inverse dynamics against RNEA, forward dynamics against ABA; `lagrange`, since (49) as printed is not physics."""
-    pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio is not installed: requirements/README.md says how")
+    """Inverse dynamics match RNEA, forward dynamics ABA; with `lagrange`, since (49) as printed is not physical."""
+    pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio is not installed, see requirements/README.md")
     model = pinocchio.buildModelFromUrdf(str(URDF))
     pinocchio.loadRotorParameters(model, str(SRDF), False)
     model.gravity.linear = np.array([0.0, 0.0, -float(DEFAULTS["g"])])

@@ -1,4 +1,4 @@
-"""The ghost stands beside the arm in the tree of frames; an arc shows each torque."""
+"""The arm and its ghost share one tree of frames; an arc shows each torque."""
 
 import math
 
@@ -41,13 +41,13 @@ def arc(marker: Marker) -> NDArray[np.float64]:
     return np.array([[p.x, p.y, p.z] for p in marker.points])
 
 
-def test_an_arc_leaves_the_link_the_way_the_torque_pulls() -> None:
+def test_an_arc_starts_at_the_link_in_the_direction_of_the_torque() -> None:
     lifting, pulling = torque_markers(JOINTS, {}, {"joint1": 50.0, "joint2": -200.0}, HEADER)
     up, down = arc(lifting), arc(pulling)
     np.testing.assert_allclose(up[0], [0.3, 0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(down[0], [1.3, 0.0, 0.0], atol=1e-12)
     assert up[1, 2] > 0.0 > down[1, 2]
-    # Half of the limit; more than the limit counts as the limit.
+    # Half the limit; torques above the limit are shown as the limit.
     np.testing.assert_allclose(up[-1], 0.3 * np.array([math.cos(0.75 * math.pi), 0.0, math.sin(0.75 * math.pi)]))
     np.testing.assert_allclose(down[-1], [1.0, 0.0, 0.3], atol=1e-12)
     assert (lifting.color.r, lifting.color.g) == (0.5, 0.5)

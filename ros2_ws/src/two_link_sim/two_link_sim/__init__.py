@@ -1,1 +1,1 @@
-"""The simulated arm as a ROS 2 node."""
+"""Simulated two-link arm as a ROS 2 node."""

@@ -1,4 +1,4 @@
-"""Where the links of a robot are, from its URDF."""
+"""Forward kinematics of a robot from its URDF."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ _TURNING = ("revolute", "continuous")
 
 
 class UrdfError(ValueError):
-    """A text is no URDF, or one with more than turning and fixed joints; the message says which."""
+    """The text is not a URDF, or has joints that are neither rotating nor fixed; the message contains the reason."""
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,10 @@ class Joint:
 
     Attributes:
         name: its name.
-        parent, child: the links that it connects.
+        parent, child: the links it connects.
         origin: pose of the joint in the parent's frame, shape (4, 4), m.
-        axis: unit vector in the child's frame, shape (3,); zero where the joint is fixed.
-        effort: torque limit, N m; infinite where there is none.
+        axis: unit vector in the child's frame, shape (3,); zero for a fixed joint.
+        effort: torque limit, N m; infinite if there is none.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Joint:
 
     @property
     def turns(self) -> bool:
-        """Whether it moves at all."""
+        """Whether the joint rotates; false: it is fixed."""
         return bool(self.axis.any())
 
     def pose(self, angle: float) -> Array:
@@ -49,10 +49,10 @@ class Joint:
 
 
 def read_urdf(text: str) -> list[Joint]:
-    """The joints of a robot, each after the one that its parent link hangs on.
+    """The joints of a robot, each after the joint that moves its parent link.
 
     Raises:
-        UrdfError: not XML, not one tree of links, or a joint that neither turns nor is fixed.
+        UrdfError: not XML, not a single tree of links, or a joint that is neither rotating nor fixed.
     """
     try:
         robot = ElementTree.fromstring(text)  # noqa: S314 (a robot's own description)
@@ -61,7 +61,7 @@ def read_urdf(text: str) -> list[Joint]:
     rest = [_joint(element) for element in robot.findall("joint")]
     roots = {joint.parent for joint in rest} - {joint.child for joint in rest}
     if len(roots) != 1:
-        raise UrdfError(f"the robot description must have joints and one root link, not {sorted(roots)}")
+        raise UrdfError(f"the robot description must have joints and one root link; it has the roots {sorted(roots)}")
     ordered: list[Joint] = []
     reached = roots
     while reached:
@@ -76,7 +76,7 @@ def link_poses(joints: Sequence[Joint], positions: Mapping[str, float]) -> dict[
 
     Args:
         joints: as from `read_urdf`.
-        positions: rad, by joint; 0 where not given.
+        positions: rad, by joint; missing joints are at 0.
     """
     poses = {joints[0].parent: np.eye(4)}
     for joint in joints:
@@ -88,9 +88,9 @@ def _joint(element: ElementTree.Element) -> Joint:
     name, kind = element.get("name", ""), element.get("type")
     parent, child = element.find("parent"), element.find("child")
     if kind not in (*_TURNING, "fixed"):
-        raise UrdfError(f"joint {name} is {kind}; only {', '.join(_TURNING)} and fixed ones can be shown")
+        raise UrdfError(f"joint {name} is {kind}; only {', '.join(_TURNING)} and fixed joints are supported")
     if parent is None or child is None:
-        raise UrdfError(f"joint {name} lacks its parent or its child")
+        raise UrdfError(f"joint {name} lacks a parent or a child link")
     origin = np.eye(4)
     origin[:3, :3] = Rotation.from_euler("xyz", _vector(element, "origin", "rpy", "0 0 0")).as_matrix()
     origin[:3, 3] = _vector(element, "origin", "xyz", "0 0 0")
@@ -103,7 +103,7 @@ def _joint(element: ElementTree.Element) -> Joint:
 
 
 def _vector(element: ElementTree.Element, tag: str, attribute: str, default: str) -> Array:
-    """Three numbers of an element inside, with URDF's defaults."""
+    """Three numbers from a child element, with URDF's defaults."""
     found = element.find(tag)
     text = default if found is None else found.get(attribute, default)
     try:

@@ -1,4 +1,4 @@
-"""Simulator node: publishes what the sensors say, takes effort commands, integrates the arm."""
+"""Simulator node: publishes sensor readings, receives effort commands, integrates the arm."""
 
 import time
 
@@ -24,35 +24,37 @@ from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 
 _POLL = 0.02
-"""s between two looks at who is connected."""
+"""Time between two checks of the connections, s."""
 _SETTLE = 0.3
-"""s in realtime from when everybody is seen to the first sample. A connection has two ends, some of them elsewhere:
-in lockstep a sample waits for its answer, here the reference would run ahead of a controller that is not connected."""
+"""In realtime, time from the last discovered connection to the first sample, s. Other nodes may discover their
+connections later. In lockstep each sample waits for its command; in realtime the reference would run ahead of a
+controller that is not connected yet."""
 _PATIENCE = 3.0
-"""s of waiting for others before the log says so, and between two such lines."""
+"""Waiting time before a log line about it, and between two such lines, s."""
 _CALM = 1.0
-"""s without a change after which the log tells of the brakes again; those that go to and fro make one line."""
+"""After this time without a change, the next change of the brakes is logged again, s; frequent changes are not."""
 _LATEST_CATCH_UP = 20
-"""Periods that realtime may be late before it gives up making up for them."""
-_ASK_AGAIN = 1.0
-"""s without an answer to the first sample of all in lockstep. What it asks may not be connected yet, or not active."""
+"""Periods that realtime may be late; beyond that, samples are skipped instead of made up for."""
+_REPEAT_AFTER = 1.0
+"""In lockstep, the very first sample is repeated after this time without a command, s. The controller may not be
+connected or active yet."""
 _UNANSWERED = 5
-"""Periods without an answer to the first sample of all in realtime, after which it comes again. The first answer takes
-longer than others, and to become active a controller needs a joint state that is not old (``watchdog.state_stop``)."""
+"""In realtime, the very first sample is repeated after this many periods without a command. The first command takes
+longer than others, and a controller needs a recent joint state to become active (``watchdog.state_stop``)."""
 _LONGEST_SILENCE = 1000
-"""Samples without a measurement that lockstep goes through before others get a turn."""
+"""Samples without a measurement that lockstep simulates before the executor handles other events."""
 
 
 class SimulatorNode(ManagedNode):
     """The simulated arm.
 
-    The torque of the command that answers sample k is held from sample k to k + 1. Until the first command
-    arrives the arm stands on its brakes and no sample passes, unless ``start.subscribers`` is 0: the joint state is
-    published again, in realtime every few periods and with a fresh stamp. In realtime the arm stands on its
-    brakes also when commands stay out (``command.timeout``), and a command with the stamp of the one taken last takes
-    its place.
-    Sensors, delays, losses and motors are those of `SimulatedRobot`: a joint state carries the stamp of its
-    acquisition, and one that is lost is not published.
+    The torque of the command for sample k is held from sample k to k + 1. Until the first command arrives, the brakes
+    are engaged and time does not advance, unless ``start.subscribers`` is 0: the joint state is published again, in
+    realtime every few periods with a new stamp. In realtime, the brakes are also engaged if commands are missing
+    (``command.timeout``), and a command with the same stamp as the last one replaces it.
+
+    Sensors, delays, losses and motors are those of `SimulatedRobot`: the stamp of a joint state is the time of its
+    acquisition, and lost joint states are not published.
     """
 
     def __init__(self) -> None:
@@ -141,18 +143,18 @@ class SimulatorNode(ManagedNode):
         wanted = as_float(self.values["start.subscribers"])
         listening = self._joint_states.get_subscription_count()
         commanded = self._commands.get_publisher_count()
-        # In lockstep nothing goes on without a command.
+        # Lockstep cannot continue without a command.
         if listening >= wanted and (commanded > 0 or (wanted == 0 and not self.lockstep)):
             self._connected_since = self._connected_since or time.monotonic()
             return self.lockstep or wanted == 0 or time.monotonic() - self._connected_since > _SETTLE
         self._connected_since = 0.0
-        self._tell_waiting(
+        self._log_waiting(
             f"joint_states has {listening} of {wanted:g} subscribers, {self._input.name} {commanded} publishers"
         )
         return False
 
-    def _tell_waiting(self, what: str) -> None:
-        """Log from time to time what is waited for."""
+    def _log_waiting(self, what: str) -> None:
+        """Log at intervals what the simulator is waiting for."""
         now = time.monotonic()
         if now - self._last_reminder > _PATIENCE:
             self._last_reminder = now
@@ -160,17 +162,17 @@ class SimulatorNode(ManagedNode):
 
     @property
     def _awaits_first(self) -> bool:
-        """No command has come yet, and no sample passes without."""
+        """Whether the simulator waits for the very first command."""
         return not self._begun and (self.lockstep or as_float(self.values["start.subscribers"]) > 0)
 
-    def _ask_again(self, later: int) -> None:
-        """Realtime: publish the sample that nobody has answered once more, so many periods later."""
+    def _repeat_sample(self, later: int) -> None:
+        """Realtime: publish the sample that has received no command again, so many periods later."""
         self._began += later * self._period
         self._first_stamp += later * self._period
-        # An answer to any of those sent so far will do.
+        # A command for any of the repetitions is accepted.
         self._answered -= later
         self._publish_sample(self._sample)
-        self._tell_waiting(f"no command on {self._input.name} so far; is a controller active?")
+        self._log_waiting(f"no command on {self._input.name} so far; is a controller active?")
 
     def _start(self) -> None:
         self._first_stamp = 0 if self.lockstep else time.time_ns()
@@ -184,7 +186,7 @@ class SimulatorNode(ManagedNode):
         return self._first_stamp + sample * self._period
 
     def _publish_sample(self, sample: int) -> None:
-        """Publish the measurement that arrives at this sample, if one does."""
+        """Publish the measurement that becomes available at this sample, if any."""
         acquired, measured = self._robot.sense(sample)
         self._awaits_command = acquired >= 0
         self._sample = sample
@@ -199,7 +201,7 @@ class SimulatorNode(ManagedNode):
         self._statistics.tick(self._sent, 0.0, self._compute_time)
 
     def _advance(self) -> None:
-        """Integrate to the next sample, publish that, and the truth of the one that ends here."""
+        """Integrate to the next sample and publish it, then the ground truth of the completed one."""
         began = time.perf_counter()
         arm, truth = self._robot.state.arm, self._truth.arrays
         truth[0] = arm.position
@@ -224,7 +226,7 @@ class SimulatorNode(ManagedNode):
             self.active = False
 
     def _go_on(self) -> None:
-        """Lockstep: advance to the next sample that somebody can answer."""
+        """Lockstep: advance to the next sample with a measurement."""
         for _ in range(_LONGEST_SILENCE):
             self._advance()
             if self._awaits_command or self.finished:
@@ -235,12 +237,12 @@ class SimulatorNode(ManagedNode):
         commanded, self._commanded = self._commanded, False
         self._robot.act(self._sample, commanded, self._effort)
         braked = self._robot.braked
-        # Before the first command the brakes are closed anyway.
+        # Before the first command, the brakes are always engaged.
         if (braked != self._braked or braked != self._logged_brakes) and self._robot.silence:
             self._report_brakes(braked)
 
     def _report_brakes(self, braked: bool) -> None:
-        """Log that the robot has closed its brakes for want of commands, or opened them, unless they did just now."""
+        """Log that the brakes were engaged for lack of commands, or released, unless they changed a moment ago."""
         now = time.monotonic()
         calm = now - self._brakes_moved > _CALM
         if braked != self._braked:
@@ -261,27 +263,27 @@ class SimulatorNode(ManagedNode):
         if remainder or answered > self._acquired:
             self.rejected += 1
             if self._unknown.begins():
-                self.get_logger().error(f"rejected {self._input.name}: the stamp is that of no joint state sent")
+                self.get_logger().error(f"rejected {self._input.name}: no joint state with this stamp was sent")
         elif answered > self._answered or (answered == self._answered and self._replaceable):
             self._incoming.read(data, self._received)
             self._take(answered)
         elif self._stale.begins():
-            self.get_logger().warning(f"ignored {self._input.name}: this joint state or a later one is answered")
+            self.get_logger().warning(f"ignored {self._input.name}: a command for this or a later joint state was used")
 
     @property
     def _replaceable(self) -> bool:
-        """Realtime: drives take the newest torque, also where it comes without a new joint state."""
+        """Realtime: like real drives, use the newest torque, even without a new joint state."""
         return not self.lockstep and self._begun
 
     def _on_array(self, message: Float64MultiArray) -> None:
-        """Without a stamp it answers the joint state sent last; in lockstep only one that waits for its answer."""
+        """Take a command without a stamp as one for the last joint state; in lockstep only if that waits for one."""
         if self._sample < 0 or (self.lockstep and self._answered == self._acquired):
             return
         self._order.read(self._joints_of_arm, message.data, self._input.field, self._received[0])
         self._take(self._acquired)
 
     def _take(self, answered: int) -> None:
-        """The torques received answer this sample."""
+        """Use the received torques as the command for this sample."""
         self._effort[:] = self._received[0]
         self._begun = True
         self._samples_answered += answered > max(self._answered, -1)
@@ -293,18 +295,18 @@ class SimulatorNode(ManagedNode):
     # Clocks.
 
     def _keep_time(self) -> float:
-        """Realtime: advance when the next sample is due; returns the time until the next one, in s.
+        """Realtime: advance when the next sample is due; returns the time until the next one, s.
 
-        A sample that was late is followed by the next after half a period at the earliest, so that lateness is made
-        up for and no burst meets the others. Beyond `_LATEST_CATCH_UP` the samples that nobody took are skipped:
-        the arm moves on under the torque it has, as one of steel does, and its brakes close in time.
+        After a late sample, the next one follows after at least half a period. This makes up for the delay without
+        sending a burst to the other nodes. Beyond `_LATEST_CATCH_UP` the overdue samples are skipped: like a real arm,
+        the simulated one keeps moving under its last torque, and its brakes engage in time.
         """
         now, due = time.monotonic_ns(), self._due()
         earliest = self._sent + self._period // 2
         if now >= due and now >= earliest:
             late = (now - due) // self._period
             if self._awaits_command and self._awaits_first:
-                self._ask_again(_UNANSWERED + late)
+                self._repeat_sample(_UNANSWERED + late)
             else:
                 if late > _LATEST_CATCH_UP:
                     self._skip(late)
@@ -314,12 +316,12 @@ class SimulatorNode(ManagedNode):
         return max(0, due - now, earliest - now) / 1e9
 
     def _due(self) -> int:
-        """When the next sample is due, or the first is to come again; ns of the monotonic clock."""
+        """When to publish the next sample, or to repeat the first; ns of the monotonic clock."""
         periods = _UNANSWERED if self._awaits_command and self._awaits_first else 1
         return self._began + (self._sample + periods) * self._period
 
     def _reset(self) -> str:
-        """Put the arm back to its start; returns why not, or nothing."""
+        """Put the arm back to its initial position; returns the reason if refused, else an empty text."""
         if not self.active:
             return "the simulator is not active"
         self._robot.reset(self.values)
@@ -327,7 +329,7 @@ class SimulatorNode(ManagedNode):
         return ""
 
     def _skip(self, samples: int) -> None:
-        """Let samples pass without telling anybody."""
+        """Simulate samples without publishing them."""
         for _ in range(min(samples, self._samples - 2 - self._sample) if self._samples else samples):
             self._act()
             self._sample += 1
@@ -335,12 +337,12 @@ class SimulatorNode(ManagedNode):
             self._robot.sense(self._sample)
 
     def _check_silence(self) -> None:
-        """Lockstep: end the run where a command stays out, with the name of who is silent; the first may be late."""
+        """Lockstep: end the run if a command is missing, and name its publisher; only the first command may be late."""
         now = time.monotonic_ns()
         if self._awaits_first:
-            self._tell_waiting(f"no command on {self._input.name} so far; is a controller active?")
-            # An array could be the answer to either.
-            if self._stamped and now - self._sent > _ASK_AGAIN * 1e9:
+            self._log_waiting(f"no command on {self._input.name} so far; is a controller active?")
+            # Not for arrays: without a stamp, it is unknown which of the repetitions they belong to.
+            if self._stamped and now - self._sent > _REPEAT_AFTER * 1e9:
                 self._sent = now
                 self._joint_states.publish(self._measured.to_bytes(self._stamp(self._acquired)))
             return
@@ -351,7 +353,7 @@ class SimulatorNode(ManagedNode):
             f"{i.node_namespace.rstrip('/')}/{i.node_name}"
             for i in self.get_publishers_info_by_topic(self._commands.topic_name)
         ]
-        who = f"{', '.join(writers)} is silent" if writers else f"no node publishes {self._input.name} any more"
+        who = f"{', '.join(writers)} did not respond" if writers else f"no node publishes {self._input.name} any more"
         self.get_logger().fatal(
             f"no command for t = {seconds(self._acquired * self._period):g} s within {timeout:g} s: {who}"
         )
@@ -360,11 +362,11 @@ class SimulatorNode(ManagedNode):
     def diagnose(self) -> None:
         idle = ""
         if self._sample < 0:
-            idle = "waiting for the others"
+            idle = "waiting for the other nodes"
         elif self._awaits_first:
             idle = "waiting for the first command"
         elif self._braked:
-            idle = "on the brakes: no command for longer than command.timeout"
+            idle = "brakes engaged: no command for longer than command.timeout"
         elif self._sample == self._reported:
             idle = "no sample for a second"
         self._reported = self._sample
@@ -373,7 +375,7 @@ class SimulatorNode(ManagedNode):
             Reading("samples", self._sample + 1),
             Reading("samples skipped", self._skipped),
             Reading("stops by the brakes since activation", self._brakings),
-            Reading("samples since the last command's", self._sample - self._answered),
+            Reading("samples since that of the last command", self._sample - self._answered),
             Reading("commands ignored for a stale stamp since activation", self._stale.count),
             Reading("commands rejected for an unknown stamp since activation", self._unknown.count),
         ]

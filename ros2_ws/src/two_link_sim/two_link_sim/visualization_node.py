@@ -1,4 +1,4 @@
-"""Visualization node: what RViz and Foxglove need to show the arm, its reference and its torques."""
+"""Visualization node: publishes the arm, its reference and its torques for RViz and Foxglove."""
 
 import math
 import time
@@ -29,13 +29,13 @@ from two_link_sim.kinematics import Joint, UrdfError, link_poses, read_urdf
 
 try:
     from tf2_msgs.msg import TFMessage
-except ImportError:  # The wheels have none.
+except ImportError:  # not available as a wheel
     TFMessage = None
 
 GHOST = "reference"
-"""TF prefix of the second arm, which stands where the reference is."""
+"""TF prefix of the second arm, which shows the reference."""
 
-_PERIOD = 0.02  # s; a screen shows no more
+_PERIOD = 0.02  # s; as fast as a screen can show
 _NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _FULL_TORQUE = 1.5 * math.pi  # rad of arc for a torque at its limit
 _ARC_RADIUS = 0.3  # m
@@ -46,11 +46,11 @@ _LINE_WIDTH = 0.03  # m
 class VisualizationNode(Node):
     """Publishes ``robot_description``, ``tf`` and ``~/markers``, as often as a screen can show them.
 
-    Parameter ``robot_description``: the URDF; the two-link arm's where not given.
+    Parameter ``robot_description``: the URDF; default: the two-link arm.
     """
 
     def __init__(self) -> None:
-        """Raises: UrdfError: a robot description that cannot be shown."""
+        """Raises: UrdfError: the robot description cannot be displayed."""
         super().__init__("visualization")
         description = str(self.declare_parameter("robot_description", "").value) or _two_link()
         self._joints = read_urdf(description)
@@ -61,14 +61,15 @@ class VisualizationNode(Node):
         self._tf = None if TFMessage is None else self.create_publisher(TFMessage, "tf", 100)
         if self._tf is None:
             self.get_logger().warning(
-                "tf2_msgs is not installed, so there is no tf: viewers show torques, and arms only from joint states"
+                "tf2_msgs is not installed, so tf is not published: viewers can show the torques, "
+                "but the arm only from joint_states"
             )
         for topic, empty in self._newest.items():
-            # What came between two pictures nobody sees.
+            # Messages between two frames are never visible.
             self.create_subscription(type(empty), topic, partial(self._newest.__setitem__, topic), _NEWEST)
 
     def show(self) -> None:
-        """Publish one picture, as far as there is anything to show."""
+        """Publish one frame from the messages received so far."""
         state, command, reference = self._newest.values()
         frames: list[TransformStamped] = []
         if state.name:
@@ -88,20 +89,20 @@ def _two_link() -> str:
 
 
 def _by_joint(names: Sequence[str], values: Sequence[float]) -> dict[str, float]:
-    """Values by joint, without those that cannot be drawn."""
+    """Values by joint, without values that are not finite."""
     return {name: value for name, value in zip(names, values, strict=False) if math.isfinite(value)}
 
 
 def transforms(
     joints: Sequence[Joint], positions: dict[str, float], header: Header, prefix: str
 ) -> list[TransformStamped]:
-    """The frame of every link in that of its parent.
+    """Transform of every link relative to its parent.
 
     Args:
-        joints: as from `read_urdf`.
+        joints: as returned by `read_urdf`.
         positions: rad, by joint.
-        header: its stamp is taken over.
-        prefix: put before every frame's name; an arm with a prefix gets its root where that of the arm without is.
+        header: provides the stamp.
+        prefix: prefix of every frame name; the root of an arm with a prefix coincides with that of the arm without.
     """
     root = joints[0].parent
     frames = [_transform(header, root, prefix + root, np.eye(4))] if prefix else []
@@ -122,13 +123,15 @@ def _transform(header: Header, parent: str, child: str, pose: Array) -> Transfor
 def torque_markers(
     joints: Sequence[Joint], positions: dict[str, float], torques: dict[str, float], header: Header
 ) -> list[Marker]:
-    """An arc around each joint with a torque limit: from the link, the way the torque pulls, green to red at the limit.
+    """An arc around each joint with a torque limit.
+
+    It starts at the link and points in the direction of the torque; its colour turns from green to red at the limit.
 
     Args:
-        joints: as from `read_urdf`.
+        joints: as returned by `read_urdf`.
         positions: rad, by joint.
-        torques: N m, by joint; a joint without one gets no arc.
-        header: its stamp is taken over.
+        torques: N m, by joint; joints without a torque get no arc.
+        header: provides the stamp.
     """
     poses = link_poses(joints, positions)
     markers = []
@@ -162,10 +165,10 @@ def _arc(joint: Joint, pose: Array, share: float) -> Array:
 
 
 def run(stop: Stop) -> int:
-    """``ros2 run two_link_sim visualization``: until a signal comes; returns the exit code.
+    """``ros2 run two_link_sim visualization``: run until a signal; returns the exit code.
 
     Raises:
-        SystemExit: bad parameters, see `refuse`.
+        SystemExit: invalid parameters, see `refuse`.
     """
     start_ros(stop)
     try:
