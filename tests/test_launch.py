@@ -96,8 +96,8 @@ def refused(bench: Bench, argument: str) -> str:
 @pytest.mark.parametrize(
     ("argument", "cause"),
     [
-        ("law:=nonsense", "unknown law nonsense; known are"),
-        ("durations:=1.0", "unknown argument durations; known are scenario, law, robot, duration, clock"),
+        ("law:=nonsense", "unknown law nonsense; known: "),
+        ("durations:=1.0", "unknown argument durations; known: scenario, law, robot, duration, clock"),
         ("duration:=abc", "duration: 'abc' is not a positive number of seconds"),
         ("duration:=-1", "duration: '-1' is not a positive number of seconds"),
         ("clock:=sundial", "clock: 'sundial' must be one of realtime, lockstep"),

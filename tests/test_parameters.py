@@ -13,7 +13,7 @@ BAD_AT_START = [
     ("controller", "law.kd:=fast", "law.kd: 'fast' must be a number"),
     ("controller", "law.name:=pidtsm", "law.name: 'pidtsm' must be one of"),
     ("controller", "estimator.name:=exact", "exact needs the true derivatives"),
-    ("controller", "joints:=[joint1]", "must name 2 joints"),
+    ("controller", "joints:=[joint1]", "must contain 2 joint names"),
     ("simulator", "rate:=0", "rate (Hz): 0 must be >= 1"),
     ("simulator", "clock:=sundial", "clock: 'sundial' must be one of realtime, lockstep"),
     ("simulator", "robot.r1:=0.0", "robot.r1 (m): 0.0 must be > 0"),
@@ -91,7 +91,7 @@ def test_setting_a_parameter_that_does_not_exist_names_it(bench: Bench) -> None:
     unset = Parameter(name="nonsense")
     assert set_parameters(typo, known) == [(False, "unknown parameter law.kk; did you mean law.k?"), (True, "")]
     assert set_parameters(double("law.gain", 1.0))[0][1].startswith("unknown parameter law.gain: ")
-    assert set_parameters(unset)[0][1].startswith("unknown parameter nonsense; known are ")
+    assert set_parameters(unset)[0][1].startswith("unknown parameter nonsense; known: ")
     request = SetParametersAtomically.Request(parameters=[known, typo])
     result = bench.call(SetParametersAtomically, "controller/set_parameters_atomically", request).result
     assert (result.successful, result.reason) == (False, "unknown parameter law.kk; did you mean law.k?")

@@ -89,5 +89,5 @@ def test_nodes_and_rollout_agree_to_the_last_bit(scenario: str, tmp_path: Path) 
 
 
 def test_a_law_that_it_is_not_made_for_is_refused() -> None:
-    with pytest.raises(UsageError, match="practical parameters are made for piddtsm, not pid;"):
+    with pytest.raises(UsageError, match="practical parameters exist only for piddtsm, not for pid;"):
         make_experiment("case1", "pid", params=[PRACTICAL])

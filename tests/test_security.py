@@ -186,7 +186,7 @@ def test_no_file_and_no_option_names_code(tmp_path: Path, text: str) -> None:
         make_experiment(str(scenario))
     with pytest.raises(UsageError, match=r"not YAML.*could not determine a constructor"):
         load_ros_parameters(parameters)
-    with pytest.raises(UsageError, match="is not a value"):
+    with pytest.raises(UsageError, match="is not a valid value"):
         make_experiment("case1", overrides=[f"simulator.clock={text}"])
 
 

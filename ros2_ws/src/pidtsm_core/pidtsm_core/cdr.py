@@ -1,6 +1,6 @@
-"""How a message lies in its bytes: CDR, as DDS sends it and bags hold it (OMG DDSI-RTPS 2.3, chapter 10).
+"""Binary layout of messages: CDR, as sent by DDS and stored in bags (OMG DDSI-RTPS 2.3, chapter 10).
 
-Where the numbers of a message stand is not computed but found, see `places_of_numbers`.
+The offsets of the numbers in a message are searched for rather than computed, see `places_of_numbers`.
 """
 
 import math
@@ -17,15 +17,15 @@ from pidtsm_core.parameters import Array
 from pidtsm_core.timing import NANOSECONDS
 
 ENCODING = 2
-"""Bytes at the beginning that say how the message is encoded; the second tells the byte order."""
+"""Number of bytes for the encoding at the beginning; the second byte is the byte order."""
 STAMP_BEGIN = 4
-"""Where the first field stands, after the encoding and two bytes that nobody reads. Integers are aligned to it."""
+"""Offset of the first field, after the encoding and two unused bytes. Integers are aligned relative to it."""
 STAMP_END = STAMP_BEGIN + 8
-"""Where the stamp ends in a message that begins with one, alone or in a std_msgs/Header."""
+"""End of the stamp in a message that begins with one, alone or in a std_msgs/Header."""
 DOUBLE = 8
 """Bytes of a float64."""
 LEAD = DOUBLE - STAMP_BEGIN
-"""Place of a message among whole words, see `aligned`."""
+"""Offset of a message in a buffer of whole words, see `aligned`."""
 STAMP = struct.Struct("=iI")
 """A stamp, seconds and nanoseconds, in the byte order of this machine."""
 
@@ -39,13 +39,13 @@ def serialized_nanoseconds(data: bytes) -> int:
     """The stamp in ns of a serialized message that begins with a std_msgs/Header.
 
     Raises:
-        MessageError: the message is too short to have one, or its nanoseconds are a second or more.
+        MessageError: the message is too short for a stamp, or its nanoseconds are a second or more.
     """
     if len(data) < STAMP_END:
-        raise MessageError(f"{len(data)} bytes are no message")
+        raise MessageError(f"{len(data)} bytes are too short for a message")
     sec, nanosec = _STAMP["<" if data[1] == _LITTLE_ENDIAN else ">"].unpack_from(data)
     if nanosec >= NANOSECONDS:
-        raise MessageError(f"{nanosec} ns are no part of a second")
+        raise MessageError(f"invalid stamp: {nanosec} ns are a second or more")
     return int(sec * NANOSECONDS + nanosec)
 
 
@@ -53,32 +53,32 @@ def stamps_of(messages: Sequence[bytes]) -> NDArray[np.int64]:
     """The stamps in ns of little-endian messages that begin with a std_msgs/Header, shape (messages,).
 
     Raises:
-        ValueError: a message is too short to have one.
+        ValueError: a message is too short for a stamp.
     """
     encoded = b"".join([data[STAMP_BEGIN:STAMP_END] for data in messages])
     stamps = np.frombuffer(encoded, _STAMPS)
     if stamps.size != len(messages):
-        raise ValueError("a message is too short to have a stamp")
+        raise ValueError("a message is too short for a stamp")
     return stamps["sec"] * np.int64(NANOSECONDS) + stamps["nanosec"]
 
 
 def places_of_numbers(
     message: Any, names: Sequence[str], serialize: Callable[[Any], bytes | memoryview]
 ) -> tuple[bytes, dict[str, int]]:
-    """Find where the numbers of float64 fields stand: a message full of marks is serialized, and the marks looked for.
+    """Find the offsets of float64 fields by serializing a message with unique marks and searching for them.
 
-    Whoever serializes knows the layout of every type, and messages that differ in nothing but numbers share it.
+    The serializer knows the layout of every type, and messages that differ only in numbers have the same layout.
 
     Args:
-        message: the named fields are numbers, or arrays of them, and are overwritten with marks.
-        names: of the float64 and float64[] fields.
-        serialize: gives the message as CDR.
+        message: its named fields are floats or arrays of floats; they are overwritten with marks.
+        names: names of the float64 and float64[] fields.
+        serialize: returns the message as CDR.
 
     Returns:
-        The message that was searched, and the place of the first byte of each field; an empty array has none.
+        The serialized message with the marks, and the offset of the first byte of each field; none for empty arrays.
 
     Raises:
-        ValueError: the message does not hold each mark once.
+        ValueError: the message does not contain each mark exactly once.
     """
     sizes = [np.size(getattr(message, name)) for name in names]
     ends = np.cumsum(sizes, dtype=int).tolist()
@@ -96,21 +96,21 @@ def places_of_numbers(
         if numbers.size:
             pattern = numbers.tobytes()
             if data.count(pattern) != 1:
-                raise ValueError(f"the message does not hold the marks of {name} exactly once")
+                raise ValueError(f"the message does not contain the marks of {name} exactly once")
             places[name] = data.index(pattern)
     return data, places
 
 
 def _marks(count: int) -> Array:
-    """Integers that occur nowhere else in a message."""
+    """Numbers that occur nowhere else in a message."""
     return np.arange(1, count + 1, dtype=np.float64) * np.float64(-math.pi * 1e-200)
 
 
 def end_of_empty(data: bytes, sequences: int) -> int:
-    """Bytes of a message of a std_msgs/Header and so many sequences if all of these are empty, else 0.
+    """Length in bytes of a message of a std_msgs/Header and so many sequences if all of them are empty, else 0.
 
-    What follows is of any value: Fast CDR leaves bytes behind such a message, for which others take it as damaged.
-    Only a little-endian message is recognized.
+    Fast CDR appends arbitrary bytes to such a message, so that other implementations consider it damaged.
+    Only little-endian messages are recognized.
     """
     if len(data) < _EMPTY.size:
         return 0
@@ -121,8 +121,8 @@ def end_of_empty(data: bytes, sequences: int) -> int:
 
 
 def aligned(length: int) -> NDArray[np.uint8]:
-    """Zeros for a message of so many bytes that begins at `LEAD`, in whole words, shape (bytes,).
+    """Zeroed buffer of whole words for a message of `length` bytes at offset `LEAD`, shape (bytes,).
 
-    The float64 of the message stand at whole words then.
+    This aligns the float64 of the message to whole words.
     """
     return np.zeros(-(-(LEAD + length) // DOUBLE) * DOUBLE, np.uint8)

@@ -2,4 +2,4 @@
 
 
 class UsageError(ValueError):
-    """What the user gave cannot be used: exit code 2."""
+    """Invalid input from the user: exit code 2."""

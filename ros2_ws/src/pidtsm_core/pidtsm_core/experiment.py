@@ -1,4 +1,4 @@
-"""What is to be run: a scenario, a law, and the parameters of every node that follow from them."""
+"""Definition of a run: a scenario, a law, and the resulting parameters of every node."""
 
 import re
 import sys
@@ -18,30 +18,30 @@ from pidtsm_core.parameters import ParameterError, Schema, Value
 from pidtsm_core.rollout import resolve_nodes
 
 Settings = dict[str, dict[str, Any]]
-"""Parameters by node and full name."""
+"""Parameter values by node and full name."""
 
 ARTICLE = "article"
-"""Name of the parameter set that is the article's Table 1."""
+"""Name of the parameter set of the article's Table 1."""
 PRACTICAL = "practical"
 """Name of the parameter set for real sensors and drives."""
 NODES = ("simulator", "controller", "trajectory")
 _ANY_NAMESPACE = "/**"
-"""In ROS parameter files, before the name of a node."""
+"""Prefix of a node name in ROS parameter files."""
 _SCENARIOS, _PARAMETERS = (Path(__file__).with_name(folder) for folder in ("scenarios", "params"))
 _SCENARIO_KEYS = ("description", "duration", *NODES)
 
 
 _DEEPEST = 20
-"""Levels of a file; PyYAML takes seconds for thousands of them, and then finds no way back."""
+"""Maximum nesting depth of a file; with thousands of levels, PyYAML takes seconds and then fails to recurse further."""
 
 _LONGEST = 100
-"""Digits; Python refuses to write numbers of thousands of them."""
+"""Maximum number of digits; Python refuses to print integers with thousands of digits."""
 
 
 class _Loader(yaml.SafeLoader):
-    """Takes 1e-3 for a number, as ROS does; to YAML 1.1 it is a text.
+    """Reads 1e-3 as a number, as ROS does; in YAML 1.1 it is text.
 
-    Refuses aliases, as ROS does: a few lines of them can stand for more than fits in memory, or for no end of it.
+    Rejects aliases, as ROS does: a few lines with aliases can expand to more than fits into memory, or endlessly.
     """
 
     def __init__(self, text: str) -> None:
@@ -57,7 +57,7 @@ class _Loader(yaml.SafeLoader):
         node = super().compose_node(parent, index)
         self._level -= 1
         if isinstance(node, yaml.ScalarNode) and node.tag.endswith(":int") and len(node.value) > _LONGEST:
-            raise yaml.YAMLError(f"a whole number of more than {_LONGEST} digits")
+            raise yaml.YAMLError(f"an integer of more than {_LONGEST} digits")
         return node
 
 
@@ -68,14 +68,14 @@ _Loader.add_implicit_resolver(
 
 @dataclass(frozen=True)
 class Experiment:
-    """A run to be made.
+    """Definition of a run.
 
     Attributes:
         scenario: name or file name of the scenario.
         law: name of the control law.
         duration: s.
         settings: parameters that differ from the defaults, by node.
-        files: the file that a setting comes from, by ``NODE.PARAMETER``, for messages.
+        files: source file of each setting, by ``NODE.PARAMETER``, for error messages.
     """
 
     scenario: str
@@ -86,7 +86,7 @@ class Experiment:
 
     @property
     def event_time(self) -> float | None:
-        """When the plant changes under way (s), for the metrics; None where it does not."""
+        """Time at which the plant changes during the run (s), for the metrics; None if it does not."""
         simulator = self.settings["simulator"]
         if not simulator.get("payload.mass", 0.0):
             return None
@@ -94,7 +94,7 @@ class Experiment:
         return time if 0.0 < time < self.duration else None
 
     def without_node_parameters(self) -> "Experiment":
-        """The same for a rollout: parameters that exist in nodes only (clock, autostart ...) are left out."""
+        """The same experiment for a rollout, without parameters that exist in nodes only (clock, autostart ...)."""
         settings = {}
         for node, given in self.settings.items():
             only = {p.name for p in NODE_ONLY[node]}
@@ -105,7 +105,7 @@ class Experiment:
         """Every parameter of every node, checked.
 
         Raises:
-            UsageError: an unknown parameter or a refused value; the message names file, node and parameter.
+            UsageError: an unknown parameter or an invalid value; the message contains file, node and parameter.
         """
         try:
             return resolve_nodes(schemas, self.settings)
@@ -115,7 +115,7 @@ class Experiment:
 
 
 def scenario_names() -> list[str]:
-    """Names of the scenarios that come with the package."""
+    """Names of the scenarios included in the package."""
     return sorted(file.stem for file in _SCENARIOS.glob("*.yaml"))
 
 
@@ -126,21 +126,21 @@ def make_experiment(
     params: Sequence[str] = (),
     overrides: Sequence[str] = (),
 ) -> Experiment:
-    """Put an experiment together; later parts win: scenario, parameter files, law, overrides.
+    """Combine the parts of an experiment; later ones override earlier ones: scenario, parameter files, law, overrides.
 
     Args:
-        scenario: a name of `scenario_names`, or the path of a scenario file.
-        law: a name in `LAWS`; where None, that of the parts before it, or the default law.
-        duration: s, instead of the scenario's.
-        params: paths of ROS parameter files; ``article`` stands for the article's Table 1 of the law (of `law`, or of
-            the parts before), ``practical`` for the set for real sensors and drives.
+        scenario: a name from `scenario_names`, or the path of a scenario file.
+        law: a name in `LAWS`; None: the law of the scenario or parameter files, or else the default law.
+        duration: s; replaces the scenario's if given.
+        params: paths of ROS parameter files. ``article`` is the article's Table 1 for the law (`law` if given, else the
+            one set by the earlier parts), ``practical`` the set for real sensors and drives.
         overrides: texts ``NODE.PARAMETER=VALUE``.
 
     Raises:
-        UsageError: anything unknown or malformed; the message names file, key and what is allowed.
+        UsageError: anything unknown or malformed; the message contains the file, the key and what is allowed.
     """
     if law is not None and law not in LAWS.names:
-        raise UsageError(f"unknown law {law}; known are {', '.join(LAWS.names)}")
+        raise UsageError(f"unknown law {law}; known: {', '.join(LAWS.names)}")
     file = _scenario_file(scenario)
     content = _load_scenario(file)
     settings: Settings = {node: {} for node in NODES}
@@ -169,14 +169,14 @@ def make_experiment(
 
 
 def article_parameters(law: str | None) -> Path:
-    """ROS parameter file with the article's Table 1 for a law (the default law where None).
+    """ROS parameter file with the article's Table 1 for a law (None: the default law).
 
     Raises:
         UsageError: the article has no parameters for this law.
     """
     file = _PARAMETERS / f"{law or LAW_NAME.default}.yaml"
     if not file.is_file():
-        raise UsageError(f"the article has no parameters for {law}; leave --params {ARTICLE} out, or name a file")
+        raise UsageError(f"the article has no parameters for {law}; omit --params {ARTICLE}, or specify a file")
     return file
 
 
@@ -184,12 +184,12 @@ def practical_parameters(law: str | None) -> Path:
     """ROS parameter file for real sensors and drives: observer and bounded adaptation.
 
     Raises:
-        UsageError: a law other than the proposed one, for which it is made.
+        UsageError: the law is not the proposed one.
     """
     if law not in (None, LAW_NAME.default):
         raise UsageError(
-            f"{PRACTICAL} parameters are made for {LAW_NAME.default}, not {law}; leave --params {PRACTICAL} out, "
-            "or name a file"
+            f"{PRACTICAL} parameters exist only for {LAW_NAME.default}, not for {law}; omit --params {PRACTICAL}, "
+            "or specify a file"
         )
     return _PARAMETERS / f"{PRACTICAL}.yaml"
 
@@ -201,26 +201,26 @@ def load_ros_parameters(file: Path) -> Settings:
     """Parameters by node from a ROS parameter file (``NODE: ros__parameters: ...``).
 
     Raises:
-        UsageError: not readable, or not of that form.
+        UsageError: the file is not readable or has another form.
     """
     content = _load_mapping(file)
     settings: Settings = {}
     for key, value in content.items():
         node = str(key).removeprefix(_ANY_NAMESPACE).lstrip("/")
         if node not in NODES:
-            raise UsageError(f"{file}: unknown node {key}; known are {', '.join(NODES)}")
+            raise UsageError(f"{file}: unknown node {key}; known: {', '.join(NODES)}")
         if not isinstance(value, dict) or set(value) != {"ros__parameters"}:
-            raise UsageError(f"{file}: {key} must hold ros__parameters and nothing else")
+            raise UsageError(f"{file}: {key} must contain ros__parameters and nothing else")
         settings[node] = flatten(value["ros__parameters"] or {}, f"{file}: {key}")
     return settings
 
 
 def ros_parameters(node: str, values: Mapping[str, Value]) -> str:
-    """Content of a ROS parameter file of one node, parameters nested by the dots of their names.
+    """Content of a ROS parameter file for one node, with parameters nested by the dots in their names.
 
     Args:
-        node: its name, for a node in any namespace, or its full name.
-        values: by name.
+        node: name of the node in any namespace, or its full name.
+        values: parameter values by name.
     """
     tree: dict[str, Any] = {}
     for name, value in values.items():
@@ -234,17 +234,17 @@ def ros_parameters(node: str, values: Mapping[str, Value]) -> str:
 
 
 def flatten(tree: object, where: str) -> dict[str, Any]:
-    """Nested groups as full names with dots.
+    """Flatten nested groups to full names with dots.
 
     Raises:
-        UsageError: `tree` is not a mapping with texts as keys.
+        UsageError: `tree` is not a mapping with text keys.
     """
     if not isinstance(tree, dict):
         raise UsageError(f"{where} must be a group of parameters, not {tree!r}")
     flat: dict[str, Any] = {}
     for key, value in tree.items():
         if not isinstance(key, str):
-            raise UsageError(f"{where}: {key!r} is not the name of a parameter")
+            raise UsageError(f"{where}: {key!r} is not a parameter name")
         if isinstance(value, dict):
             flat.update({f"{key}.{name}": v for name, v in flatten(value, f"{where}.{key}").items()})
         else:
@@ -255,7 +255,7 @@ def flatten(tree: object, where: str) -> dict[str, Any]:
 def _scenario_file(scenario: str) -> Path:
     if scenario in scenario_names():
         return _SCENARIOS / f"{scenario}.yaml"
-    with suppress(OSError):  # A name too long, or a folder that nobody may read.
+    with suppress(OSError):  # The name is too long, or its folder is not readable.
         if Path(scenario).is_file():
             return Path(scenario)
     raise UsageError(f"no scenario {scenario}: neither a file nor one of {', '.join(scenario_names())}")
@@ -265,13 +265,13 @@ def _read_yaml(text: str) -> Any:
     """The content of a YAML text.
 
     Raises:
-        YAMLError: it is none, or a value is not what it says.
+        YAMLError: the text is not YAML, or a value does not match its tag.
     """
     try:
-        return yaml.load(text, _Loader)  # noqa: S506  It is a safe loader.
+        return yaml.load(text, _Loader)  # noqa: S506  The loader is safe.
     except yaml.YAMLError:
         raise
-    except Exception as error:  # PyYAML meets !!int x, !!bool x or 2001-02-30 with Python's exceptions.
+    except Exception as error:  # For !!int x, !!bool x or 2001-02-30, PyYAML raises other exceptions.
         raise yaml.YAMLError(f"a value cannot be read: {error}") from None
 
 
@@ -279,7 +279,7 @@ def _load_scenario(file: Path) -> dict[str, Any]:
     content = _load_mapping(file)
     for key in content:
         if key not in _SCENARIO_KEYS:
-            raise UsageError(f"{file}: unknown key {key}; allowed are {', '.join(_SCENARIO_KEYS)}")
+            raise UsageError(f"{file}: unknown key {key}; allowed: {', '.join(_SCENARIO_KEYS)}")
     return content
 
 
@@ -291,7 +291,7 @@ def _load_mapping(file: Path) -> dict[str, Any]:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise UsageError(f"{file} is not YAML: {' '.join(str(error).split())}") from None
     if not isinstance(content, dict):
-        raise UsageError(f"{file} must hold keys and values")
+        raise UsageError(f"{file} must contain keys and values")
     return content
 
 
@@ -303,7 +303,7 @@ def _parse_override(text: str) -> tuple[str, str, Any]:
     try:
         return node, name, _read_yaml(value)
     except yaml.YAMLError:
-        raise UsageError(f"--set {text}: {value!r} is not a value") from None
+        raise UsageError(f"--set {text}: {value!r} is not a valid value") from None
 
 
 def _positive(value: object, where: str) -> float:

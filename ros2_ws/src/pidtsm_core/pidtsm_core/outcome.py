@@ -1,4 +1,4 @@
-"""What happened in a run, in numbers and words: faults, violations, time spent holding, stopped or at a limit."""
+"""Events of a run, as numbers and as text: faults, violations, time spent holding, stopped or at a limit."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -11,17 +11,17 @@ from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 
 FOLLOWED, HELD, STOPPED, RAN_AWAY = "followed", "held", "stopped", "ran away"
-"""What a run can come to."""
+"""Possible outcomes of a run."""
 
 ASTRAY = np.pi
-"""rad; a run with a larger error does not track any more."""
+"""With a larger error, the arm no longer tracks its reference, rad."""
 
 OF_TRACKING = ("rmse", "eci", "steady_state_error")
-"""Metrics that say nothing of a run that ran away."""
+"""Metrics that are meaningless if the arm ran away."""
 
 
 def outcome(recording: Recording) -> str:
-    """What the run came to: ran away where the error was ever beyond `ASTRAY`, else by what the controller did last."""
+    """Outcome of a run: ran away if the error ever exceeded `ASTRAY`, else according to the final mode."""
     if np.abs(recording.error).max() > ASTRAY:
         return RAN_AWAY
     if _stopped(recording)[-1]:
@@ -30,7 +30,7 @@ def outcome(recording: Recording) -> str:
 
 
 def happenings(recording: Recording) -> dict[str, Any]:
-    """The part of metrics.json that says what happened, but for what there is a joint."""
+    """The part of metrics.json about events, without the values per joint."""
     lasts = _lasts(recording)
     stopped = _stopped(recording)
     holding = ~stopped & (recording.status[:, Status.MODE] == Mode.HOLDING)
@@ -44,7 +44,7 @@ def happenings(recording: Recording) -> dict[str, Any]:
 
 
 def time_at_limits(recording: Recording) -> dict[str, list[float]]:
-    """The part of metrics.json that says how long each joint's effort was held back, s."""
+    """The part of metrics.json about the time that each joint's effort was limited, s."""
     lasts = _lasts(recording)
     limited = recording.signals[:, Signal.SATURATED].astype(np.int64)
     return {
@@ -54,13 +54,13 @@ def time_at_limits(recording: Recording) -> dict[str, list[float]]:
 
 
 def _stopped(recording: Recording) -> NDArray[np.bool_]:
-    """Where the effort was the safe one, shape (samples,): at the sample of a fault the mode does not say so yet."""
+    """Samples with the safe effort, shape (samples,); at the sample of a fault, the mode is not STOPPED yet."""
     mode, fault = recording.status[:, Status.MODE], recording.status[:, Status.FAULT]
     return np.asarray((mode == Mode.STOPPED) | (fault != Fault.NO_FAULT))
 
 
 def _lasts(recording: Recording) -> NDArray[np.int64]:
-    """How long each sample lasts, ns, shape (samples,); the last one as long as the others."""
+    """Duration of each sample, ns, shape (samples,); for the last one, the median of the others."""
     periods = np.diff(recording.stamps_ns)
     return np.append(periods, round(float(np.median(periods))) if periods.size else 0)
 
@@ -87,7 +87,7 @@ def _faults(recording: Recording) -> Iterator[dict[str, Any]]:
 def _name(fault: int) -> str:
     try:
         return Fault(fault).name.lower()
-    except ValueError:  # It was recorded with another version.
+    except ValueError:  # recorded with another version
         return f"fault_{fault}"
 
 
@@ -99,39 +99,39 @@ def _violations(recording: Recording, lasts: NDArray[np.int64]) -> Iterator[dict
             yield {"limit": limit, "time": first, "duration": _sum(lasts, exceeded)}
 
 
-# In words.
+# As text.
 
 
 def what_happened(metrics: Mapping[str, Any]) -> list[str]:
-    """What was not normal in a run, a sentence each.
+    """Everything unusual in a run, one sentence each.
 
     Args:
         metrics: as in metrics.json.
     """
-    said = [] if metrics["outcome"] == FOLLOWED else [_OUTCOMES[metrics["outcome"]]]
-    said += [_fault(fault) for fault in metrics["faults"]]
+    events = [] if metrics["outcome"] == FOLLOWED else [_OUTCOMES[metrics["outcome"]]]
+    events += [_fault(fault) for fault in metrics["faults"]]
     for violation in metrics["violations"]:
         limit, time, duration = (violation[key] for key in ("limit", "time", "duration"))
-        said.append(f"a joint was beyond limits.{limit} for {duration:.4g} s, first at {time:.4g} s")
+        events.append(f"a joint was beyond limits.{limit} for {duration:.4g} s, first at {time:.4g} s")
     for state in ("holding", "stopped"):
         if metrics[f"time_{state}"]:
-            said.append(f"{state} for {metrics[f'time_{state}']:.4g} s of {metrics['duration']:.4g} s")
+            events.append(f"{state} for {metrics[f'time_{state}']:.4g} s of {metrics['duration']:.4g} s")
     if rejected := [f"{node} {count}" for node, count in (metrics["rejected"] or {}).items() if count]:
-        said.append(f"messages rejected: {', '.join(rejected)}")
+        events.append(f"messages rejected: {', '.join(rejected)}")
     if lost := [f"{topic} {count}" for topic, count in metrics["lost"].items() if count]:
-        said.append(f"incomplete: stamps of the ground truth that lack {', '.join(lost)}")
-    return said
+        events.append(f"incomplete recording, missing messages: {', '.join(lost)}")
+    return events
 
 
 _OUTCOMES = {
     RAN_AWAY: f"ran away: a joint was more than {ASTRAY:.3g} rad from its reference",
-    HELD: "does not follow at the end: holds its position, as there is no reference, or only an old one",
+    HELD: "does not follow at the end: holds its position, because the reference is missing or too old",
     STOPPED: "does not follow at the end: stopped, with the safe torque",
 }
 
 
 def why_not_followed(metrics: Mapping[str, Any]) -> str:
-    """Why the controller does not follow at the end, in a sentence; empty where it does.
+    """Why the controller does not follow at the end, in one sentence; empty if it does.
 
     Args:
         metrics: as in metrics.json.

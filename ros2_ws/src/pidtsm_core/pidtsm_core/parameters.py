@@ -1,8 +1,8 @@
-"""The one description of every parameter: default, unit, range and meaning.
+"""The single description of every parameter: default, unit, range and meaning.
 
-Nodes declare their ROS parameters from it, the rollout checks its settings with it, the command line parses
-``--set`` through it. A parameter group (a law, a surface, a robot ...) is a tuple of `Parameter`; which groups
-apply may depend on values (`law.name` decides the gains), so a schema is a function of the settings.
+Nodes declare their ROS parameters from it, the rollout checks its settings with it, and the command line parses
+``--set`` with it. A parameter group (a law, a surface, a robot ...) is a tuple of `Parameter`. Which groups apply may
+depend on values (`law.name` decides the gains), so a schema is a function of the settings.
 """
 
 import difflib
@@ -21,14 +21,15 @@ Value: TypeAlias = Scalar | Sequence[Scalar]
 Array: TypeAlias = NDArray[np.float64]
 
 _LARGEST = 2.0**62
-"""No parameter is that large, in any SI unit; products of two do not overflow, and whole numbers fit 64 bits."""
+"""Upper bound of every parameter, in any SI unit: products of two do not overflow, and integers fit into 64 bits."""
 
 
 class ParameterError(ValueError):
-    """A parameter is unknown, or its value has the wrong type, length or range; the message says which and why.
+    """A parameter is unknown, or its value has the wrong type, length or range; the message contains name and reason.
 
     Attributes:
-        parameter: its name (after the node's, where several nodes are checked together), empty if it is none.
+        parameter: its name, preceded by that of the node if several nodes are checked together; empty if the error
+            concerns no parameter.
     """
 
     def __init__(self, message: str, parameter: str = "") -> None:
@@ -42,14 +43,14 @@ class Parameter:
 
     Attributes:
         name: full dotted name, such as ``law.k1``.
-        default: its type (float, int, bool, str, or tuple of str) is the type of the parameter;
-            where `per_joint` is set also a tuple of floats.
+        default: its type (float, int, bool, str, or tuple of str) is the type of the parameter; with `per_joint` also a
+            tuple of floats.
         description: one sentence.
-        unit: SI unit, empty where there is none.
-        minimum, maximum: inclusive range of a number; None is unbounded.
-        exclusive: the ends of the range themselves are not allowed.
+        unit: SI unit, empty if dimensionless.
+        minimum, maximum: inclusive range of a number; None: unbounded.
+        exclusive: exclude the ends of the range.
         choices: allowed values of a string.
-        per_joint: one number for all joints, or a sequence of one number a joint; one name a joint.
+        per_joint: one number for all joints, or a sequence of one number per joint; for texts, one name per joint.
         read_only: can only be set before the node is configured, not while it runs.
     """
 
@@ -65,7 +66,7 @@ class Parameter:
     read_only: bool = False
 
     def range_text(self) -> str:
-        """The allowed values in words, empty where everything is allowed."""
+        """The allowed values as text, empty if unrestricted."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
         low = "" if self.minimum is None else f"{'>' if self.exclusive else '>='} {self.minimum:g}"
@@ -76,8 +77,8 @@ class Parameter:
         """Return `value` in the type of the parameter.
 
         Args:
-            value: what the user gave; an int is taken for a float, a sequence of length `joints` where
-                `per_joint` is set (a sequence of length one counts as its only element).
+            value: the user's value. An int is accepted for a float, and with `per_joint` a sequence of length `joints`
+                for a number (a sequence of length one counts as its only element).
             joints: number of joints of the robot.
 
         Raises:
@@ -93,9 +94,9 @@ class Parameter:
         if not isinstance(value, (list, tuple)) or not value or not all(isinstance(v, str) and v for v in value):
             raise self._error(value, "must be a non-empty list of names")
         if len(set(value)) != len(value):
-            raise self._error(value, "must not name anything twice")
+            raise self._error(value, "must not contain a name twice")
         if self.per_joint and len(value) != joints:
-            raise self._error(value, f"must name {joints} joints")
+            raise self._error(value, f"must contain {joints} joint names")
         return tuple(value)
 
     def _check_sequence(self, value: list[object], joints: int) -> Value:
@@ -115,18 +116,18 @@ class Parameter:
             return bool(value)
         if isinstance(self.default, str):
             if not isinstance(value, str):
-                raise self._error(value, "must be a text")
+                raise self._error(value, "must be text")
             if self.choices and value not in self.choices:
                 raise self._error(value, f"must be {self.range_text()}{_did_you_mean(value, self.choices)}")
             return value
         if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
             raise self._error(value, "must be a number")
-        if not abs(value) < math.inf:  # isfinite cannot take a whole number larger than any float.
+        if not abs(value) < math.inf:  # isfinite does not accept integers larger than any float.
             raise self._error(value, "must be finite")
         if abs(value) > _LARGEST:
-            raise self._error(value, f"is absurd: larger than {_LARGEST:.0e}, either way")
+            raise self._error(value, f"is absurd: its magnitude exceeds {_LARGEST:.0e}")
         if isinstance(self.default, int) and int(value) != value:
-            raise self._error(value, "must be a whole number")
+            raise self._error(value, "must be an integer")
         if not self._in_range(float(value)):
             raise self._error(value, f"must be {self.range_text()}")
         return int(value) if isinstance(self.default, int) else float(value)
@@ -146,21 +147,21 @@ Schema: TypeAlias = Callable[[Mapping[str, object]], Sequence[Parameter]]
 
 
 def prefixed(group: str, parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
-    """The same parameters with ``group.`` before each name."""
+    """The same parameters with the prefix ``group.``."""
     return tuple(_renamed(p, f"{group}.{p.name}") for p in parameters)
 
 
 @functools.cache
 def _renamed(parameter: Parameter, name: str) -> Parameter:
-    """Kept, since every rollout of a batch asks for it again."""
+    """Cached, since every rollout of a batch needs it again."""
     return replace(parameter, name=name)
 
 
 def chosen(settings: Mapping[str, object], parameter: Parameter) -> str:
-    """Value of a text parameter that decides which others exist (its default where not given).
+    """Value of a text parameter that decides which others exist; its default if not set.
 
     Raises:
-        ParameterError: not one of its choices.
+        ParameterError: the value is not one of its choices.
     """
     return str(parameter.check(settings.get(parameter.name, parameter.default), 1))
 
@@ -172,7 +173,7 @@ def resolve(schema: Schema, settings: Mapping[str, object], joints: int) -> dict
         Every parameter of the schema by its full name.
 
     Raises:
-        ParameterError: an unknown name, or a value that its parameter refuses.
+        ParameterError: a name is unknown or a value is invalid.
     """
     parameters = {p.name: p for p in schema(settings)}
     for name in settings:
@@ -185,8 +186,8 @@ def resolve(schema: Schema, settings: Mapping[str, object], joints: int) -> dict
 
 
 def _where_it_belongs(name: str, schema: Schema, settings: Mapping[str, object]) -> str:
-    """With which other choices the parameter would exist; empty if with none."""
-    for steps in (1, 2):  # A law may have to be chosen before its surface can be.
+    """The other choices with which the parameter would exist; empty if there are none."""
+    for steps in (1, 2):  # Two, since for example a surface can only be chosen after its law.
         found: dict[str, list[str]] = {}
         for changed in _other_choices(schema, settings, steps):
             if any(p.name == name for p in schema(changed)):
@@ -200,7 +201,7 @@ def _where_it_belongs(name: str, schema: Schema, settings: Mapping[str, object])
 
 
 def _other_choices(schema: Schema, settings: Mapping[str, object], steps: int) -> Iterator[dict[str, object]]:
-    """The settings with so many choices made otherwise, each of which brings in the next."""
+    """The settings with `steps` choices changed, each of which makes the next one available."""
     before = {p.name for p in schema(settings)}
     for parameter in schema(settings):
         for choice in parameter.choices:
@@ -210,7 +211,7 @@ def _other_choices(schema: Schema, settings: Mapping[str, object], steps: int) -
             try:
                 after = {p.name for p in schema(changed)}
             except ParameterError:
-                continue  # A node refuses what works in a rollout only.
+                continue  # Nodes reject choices that work in rollouts only.
             if steps == 1:
                 yield changed
             elif after != before:
@@ -222,14 +223,14 @@ def _either(values: Sequence[str]) -> str:
 
 
 def unknown_parameter(name: str, known: Iterable[str]) -> str:
-    """One sentence for a parameter that does not exist."""
+    """Error text for a parameter that does not exist."""
     known = sorted(known)
     hint = _did_you_mean(name, known)
-    return f"unknown parameter {name}{hint or '; known are ' + ', '.join(known)}"
+    return f"unknown parameter {name}{hint or '; known: ' + ', '.join(known)}"
 
 
 def as_float(value: Value) -> float:
-    """The checked value of a parameter that is a number."""
+    """The checked value of a numeric parameter."""
     assert isinstance(value, (int, float))
     return float(value)
 
@@ -241,7 +242,7 @@ def names(value: Value) -> tuple[str, ...]:
 
 
 def joint_array(value: Value, joints: int) -> Array:
-    """One float a joint, shape (joints,), from a number or a sequence."""
+    """One float per joint, shape (joints,), from a number or a sequence."""
     array = np.empty(joints)
     array[:] = value
     return array

@@ -1,4 +1,4 @@
-"""What a run leaves, as arrays, be it a rollout or a recorded bag."""
+"""Data of a run as arrays, from a rollout or a recorded bag."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,24 +18,24 @@ Codes: TypeAlias = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Recording:
-    """What a bag says about a run; row k of every array belongs to time[k].
+    """Data of a run; row k of every array belongs to time[k].
 
     Attributes:
         joints: names, in the order of the ground truth.
-        time: from the first stamp of the ground truth, s, shape (samples,).
+        time: time since the first stamp of the ground truth, s, shape (samples,).
         stamps_ns: header stamps, ns, shape (samples,), increasing.
         position, velocity: true q (rad), q' (rad/s), shape (samples, joints).
         effort: torque applied from time[k] on, N m, shape (samples, joints).
         reference: q_d, q_d', q_d'', shape (samples, 3, joints), rad, rad/s, rad/s^2.
-        signals: what the controller computed, shape (samples, len(Signal), joints), order of `Signal`.
-        status: what the controller said of itself, shape (samples, len(Status)), order of `Status`; 0 where the
-            messages are of a version that did not say it. A fault's joint counts from 1 in the order of `joints`.
-        compute_time: of the controller for a command, s, shape (samples,), or (0,) where nobody measured it.
-        scenario, law, clock: names, None where the bag does not say.
-        event_time: when something happened to the arm, s on the axis of `time`, None without an event.
-        lost: number of stamps of the ground truth without a partner, by recorded topic; a stamp without any is that
-            of a measurement that never left its sensor, and where the reference was to stay out it is not lost.
-        rejected: number of messages that each node could not use, by its name; None where the bag does not say.
+        signals: values computed by the controller, shape (samples, len(Signal), joints), order of `Signal`.
+        status: status of the controller, shape (samples, len(Status)), order of `Status`; 0 for values that the
+            recorded version of the message does not have. A fault's joint counts from 1 in the order of `joints`.
+        compute_time: compute time of each command, s, shape (samples,), or (0,) if not measured.
+        scenario, law, clock: names; None if the bag does not contain them.
+        event_time: time of an event that changed the arm, s, on the axis of `time`; None without an event.
+        lost: number of ground truth stamps without a matching message, by recorded topic. Stamps without any message
+            are measurements lost at the sensor and not counted, nor are references during a simulated loss.
+        rejected: number of rejected messages by node name; None if the bag does not contain it.
     """
 
     joints: tuple[str, ...]
@@ -57,7 +57,7 @@ class Recording:
 
     @classmethod
     def of_rollout(cls, rollout: Rollout, scenario: str, law: str, event_time: float | None) -> "Recording":
-        """A rollout as if it had been recorded; nobody measured compute times."""
+        """A rollout in the form of a recording, without compute times."""
         return cls(
             joints=rollout.joints,
             time=rollout.time,

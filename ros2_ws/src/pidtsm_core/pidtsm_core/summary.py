@@ -15,10 +15,10 @@ from pidtsm_core.signals import Signal
 
 
 def summarize(recording: Recording) -> dict[str, Any]:
-    """Metrics of a run, as in metrics.json, in its order; None where a value does not exist."""
+    """Metrics of a run, with the content and order of metrics.json; None for values that do not exist."""
     stamps = recording.stamps_ns
     periods = np.diff(stamps)
-    # The last sample lasts as long as the others.
+    # The last sample lasts for the median of the periods.
     span = int(stamps[-1] - stamps[0]) + (round(float(np.median(periods))) if periods.size else 0)
     saturated = recording.signals[:, Signal.SATURATED]
     computed = recording.compute_time
@@ -45,11 +45,11 @@ def summarize(recording: Recording) -> dict[str, Any]:
 
 
 def write_metrics(values: Mapping[str, Any], path: Path) -> None:
-    """Write metrics as JSON; the file is there whole or not at all.
+    """Write metrics as JSON, atomically: the file is never incomplete.
 
     Args:
-        values: as `summarize` returns them.
-        path: the file, metrics.json; an old one is replaced.
+        values: as returned by `summarize`.
+        path: the file, metrics.json; an existing one is replaced.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     temporary.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Time as integer nanoseconds, and its one conversion to seconds (nodes and rollout must agree to the last bit)."""
+"""Time as integer nanoseconds, and its only conversion to seconds (nodes and rollout must agree to the last bit)."""
 
 from pidtsm_core.compiled import inlined
 
@@ -6,30 +6,30 @@ NANOSECONDS = 1_000_000_000
 
 
 def period_nanoseconds(rate: int) -> int:
-    """Sampling period in ns of a rate in Hz."""
+    """Sampling period in ns for a rate in Hz."""
     return NANOSECONDS // rate
 
 
 @inlined
 def seconds(nanoseconds: int) -> float:
-    """Nanoseconds as s; one correctly rounded division."""
+    """Convert ns to s with a single, correctly rounded division."""
     return nanoseconds / 1e9
 
 
 def sum_of_times(*times: float) -> float:
-    """The sum of times in s, to the nanosecond, as the time of a sample is: else 0.1 s + 0.2 s ends a sample late."""
+    """Sum of times in s, rounded to 1 ns like the times of samples; otherwise 0.1 s + 0.2 s ends one sample late."""
     return seconds(round(sum(times) * 1e9))
 
 
 @inlined
 def track_period(period: int, elapsed: int) -> int:
-    """The nominal period of samples (ns) after one more, `elapsed` ns after the one before: nearly the median.
+    """Update the nominal period of samples (ns), approximately the median of the periods.
 
-    It moves by a few per cent a sample at most, so that gaps and jitter leave it alone.
+    It changes by at most a few per cent per sample, so gaps and jitter hardly affect it.
 
     Args:
-        period: nominal period so far; 0: not known.
-        elapsed: positive.
+        period: nominal period so far, ns; 0: unknown.
+        elapsed: time between the last two samples, ns, positive.
     """
     if period == 0:
         return elapsed

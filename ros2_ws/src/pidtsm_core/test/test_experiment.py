@@ -67,7 +67,7 @@ def test_a_named_set_is_that_of_the_law_of_the_scenario(tmp_path: Path) -> None:
     experiment = make_experiment(scenario, params=["article"])
     assert experiment.law == "dtsm"
     assert experiment.settings["controller"]["law.kappa"] == 0.3
-    with pytest.raises(UsageError, match="practical parameters are made for piddtsm, not dtsm"):
+    with pytest.raises(UsageError, match="practical parameters exist only for piddtsm, not for dtsm"):
         make_experiment(scenario, params=["practical"])
 
 

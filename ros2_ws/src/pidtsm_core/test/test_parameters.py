@@ -167,7 +167,7 @@ def test_resolve_fills_in_defaults() -> None:
     ("name", "reason"),
     [
         ("law.gian", r"unknown parameter law\.gian; did you mean law\.gain\?"),
-        ("nothing", r"unknown parameter nothing; known are law\.gain, law\.name, mass"),
+        ("nothing", r"unknown parameter nothing; known: law\.gain, law\.name, mass"),
     ],
 )
 def test_resolve_refuses_an_unknown_name(name: str, reason: str) -> None:

@@ -75,7 +75,7 @@ def _check(given: Mapping[str, str]) -> None:
     known = [argument.name for argument in _ARGUMENTS]
     unknown = [name for name in given if name not in (*known, *_OF_LAUNCH)]
     if unknown and _launched_alone():
-        raise UsageError(f"unknown argument {unknown[0]}; known are {', '.join(known)}")
+        raise UsageError(f"unknown argument {unknown[0]}; known: {', '.join(known)}")
     for name, choices in _CHOICES.items():
         if given[name] not in choices:
             raise UsageError(f"{name}: {given[name]!r} must be one of {', '.join(choices)}")

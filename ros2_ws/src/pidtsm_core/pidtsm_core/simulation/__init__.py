@@ -1,5 +1,5 @@
-"""Simulated hardware between the controller and the rigid arm, each effect off by default.
+"""Simulated hardware between the controller and the rigid arm; every effect is off by default.
 
-True state -> `sensor` -> `channel` -> controller -> `channel` -> `actuator` -> dynamics (`plant`), with the numbers
-of `randomness`. `pidtsm_core.simulation.simulator` puts them in this order.
+True state -> `sensor` -> `channel` -> controller -> `channel` -> `actuator` -> dynamics (`plant`), with random numbers
+from `randomness`. `pidtsm_core.simulation.simulator` combines them in this order.
 """

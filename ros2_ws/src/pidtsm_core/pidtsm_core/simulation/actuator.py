@@ -1,4 +1,4 @@
-"""Actuator: the torque that a motor makes of the torque it is asked for."""
+"""Actuator: the torque that a motor delivers for a commanded torque."""
 
 import math
 from collections.abc import Mapping
@@ -43,19 +43,19 @@ PARAMETERS = (
 
 
 class ActuatorConfig(NamedTuple):
-    """What the actuators read, arrays of shape (joints,)."""
+    """Parameters of the actuators, arrays of shape (joints,)."""
 
     dead_zone: Array  # N m
-    decay: Array  # exp(-dt / lag): how much of a difference is left after a sample, 0 without lag
-    mean: Array  # how much of it there is on average over the sample
-    gain: Array  # torque a nominal torque
-    ripple: Array  # share of the torque
-    periods: Array  # of the ripple, a revolution
+    decay: Array  # exp(-dt / lag): remaining fraction of a difference after one sample, 0 without lag
+    mean: Array  # mean fraction of the difference over the sample
+    gain: Array  # actual torque per nominal torque
+    ripple: Array  # fraction of the torque
+    periods: Array  # ripple periods per revolution
     ideal: bool
 
 
 def actuator_config(values: Mapping[str, Value], joints: int) -> ActuatorConfig:
-    """Args: values: `PARAMETERS` and ``rate``, as `resolve` returns them."""
+    """Args: values: `PARAMETERS` and ``rate``, as returned by `resolve`."""
     dt = seconds(period_nanoseconds(int(as_float(values["rate"]))))
     dead_zone, lag, error, ripple, periods = (joint_array(values[p.name], joints) for p in PARAMETERS)
     ratio = np.divide(dt, lag, out=np.full(joints, math.inf), where=lag > 0.0)
@@ -72,15 +72,15 @@ def actuator_config(values: Mapping[str, Value], joints: int) -> ActuatorConfig:
 
 @njit
 def drive(config: ActuatorConfig, lagging: Array, command: Array, q: Array, effort: Array) -> None:
-    """Write the torque over one sample, N m, shape (joints,).
+    """Write the torque over one sample to `effort`, N m, shape (joints,).
 
-    Dead zone: u = sign(c) max(|c| - width, 0) (Tao and Kokotovic 1994). Lag: T x' = u - x, solved exactly for a u
-    that is held; `lagging` is x at the end of the sample. The torque is (1 + error) (1 + ripple sin(n q)) times the
-    mean of x over the sample, so that the momentum that the joint gets from the lag is exact too.
+    Dead zone: u = sign(c) max(|c| - width, 0) (Tao and Kokotovic 1994). Lag: T x' = u - x, solved exactly for a
+    constant u; `lagging` is x at the end of the sample. The torque is (1 + error) (1 + ripple sin(n q)) times the mean
+    of x over the sample, so that the angular impulse on the joint is exact despite the lag.
     """
     for j in range(command.size):
-        asked = math.copysign(max(abs(command[j]) - config.dead_zone[j], 0.0), command[j])
-        difference = lagging[j] - asked
-        effort[j] = asked + config.mean[j] * difference
-        lagging[j] = asked + config.decay[j] * difference
+        target = math.copysign(max(abs(command[j]) - config.dead_zone[j], 0.0), command[j])
+        difference = lagging[j] - target
+        effort[j] = target + config.mean[j] * difference
+        lagging[j] = target + config.decay[j] * difference
         effort[j] *= config.gain[j] * (1.0 + config.ripple[j] * math.sin(config.periods[j] * q[j]))

@@ -1,4 +1,4 @@
-"""Transport of measurements to the controller, or of commands to the motors: whole samples of delay, and losses."""
+"""Transport of measurements to the controller or of commands to the motors, with delays of whole samples and losses."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -42,30 +42,30 @@ PARAMETERS = (*_parameters("", "measurements"), *_parameters("command_", "comman
 
 
 class ChannelConfig(NamedTuple):
-    """What a transport reads."""
+    """Parameters of a channel."""
 
     loss: float  # probability
     burst_begin: float  # probability that a burst begins at a sample
     burst: int  # samples
-    out_from: int  # sample; from here on everything is lost
-    out_until: int  # sample; to here
+    out_from: int  # first sample of the outage, in which everything is lost
+    out_until: int  # first sample after the outage
     direct: bool  # neither delay nor losses
 
 
 class ChannelState(NamedTuple):
-    """What a transport changes: a ring of packets, one more than the delay."""
+    """State of a channel: a ring buffer of packets, one more than the delay."""
 
     packets: Array  # shape (delay + 1, rows, joints)
-    sent: NDArray[np.int64]  # when each was sent, sample number, -1 for an empty place
-    burst_left: NDArray[np.int64]  # shape (1,): samples that the burst still takes
+    sent: NDArray[np.int64]  # sample at which each packet was sent, -1 for an empty slot
+    burst_left: NDArray[np.int64]  # shape (1,): remaining samples of the burst
 
 
 def channel_config(values: Mapping[str, Value], prefix: str) -> ChannelConfig:
-    """The channel of measurements (no prefix) or of commands (``command_``).
+    """Configuration of the channel for measurements (no prefix) or commands (``command_``).
 
     Args:
-        values: `PARAMETERS` and ``rate``, as `resolve` returns them.
-        prefix: of the last part of the parameters' names.
+        values: `PARAMETERS` and ``rate``, as returned by `resolve`.
+        prefix: prefix of the last part of the parameter names.
     """
     nanoseconds = period_nanoseconds(int(as_float(values["rate"])))
     period = seconds(nanoseconds)
@@ -74,7 +74,7 @@ def channel_config(values: Mapping[str, Value], prefix: str) -> ChannelConfig:
         as_float(values[f"dropout.{prefix}burst_rate"]) * period,
     )
     begin, duration = as_float(values[f"dropout.{prefix}time"]), as_float(values[f"dropout.{prefix}duration"])
-    # The first samples at or after these times, to the nanosecond.
+    # The first samples at or after these times, rounded to 1 ns.
     out_from, out_until = (min(-(-round(t * 1e9) // nanoseconds), 2**62) for t in (begin, begin + duration))
     return ChannelConfig(
         loss=loss,
@@ -98,9 +98,9 @@ def channel_state(values: Mapping[str, Value], prefix: str, rows: int, joints: i
 
 @njit
 def loses(config: ChannelConfig, state: ChannelState, sample: int, loss: float, burst: float) -> bool:
-    """Whether what is sent at this sample is lost; to be called once a sample, with two uniform random numbers.
+    """Whether the packet of this sample is lost.
 
-    A burst may begin at any sample outside a burst.
+    Call it once per sample, with two uniform random numbers. A burst can begin at any sample outside a burst.
     """
     out = config.out_from <= sample < config.out_until
     if state.burst_left[0] == 0 and burst < config.burst_begin:
@@ -113,11 +113,11 @@ def loses(config: ChannelConfig, state: ChannelState, sample: int, loss: float, 
 
 @njit
 def place(state: ChannelState, sample: int) -> int:
-    """Where the packet of a sample is in the ring."""
+    """Index of a sample's packet in the ring buffer."""
     return sample % state.sent.size
 
 
 @njit
 def arrived(state: ChannelState, sent: int) -> bool:
-    """Whether the packet sent at that sample is in the ring."""
+    """Whether the packet sent at that sample is in the ring buffer."""
     return sent >= 0 and state.sent[place(state, sent)] == sent

@@ -1,4 +1,4 @@
-"""Friction of the joints: Stribeck's curve."""
+"""Joint friction: Stribeck curve."""
 
 import math
 from collections.abc import Mapping
@@ -35,17 +35,17 @@ _SHARPNESS = 10.0  # vs / v0, see `add_friction`.
 
 
 class FrictionConfig(NamedTuple):
-    """What friction reads, arrays of shape (joints,)."""
+    """Parameters of friction, arrays of shape (joints,)."""
 
     coulomb: Array  # N m
-    excess: Array  # of static over Coulomb friction, N m
+    excess: Array  # static minus Coulomb friction, N m
     stribeck_velocity: Array  # rad/s
     viscous: Array  # N m s/rad
     none: bool
 
 
 def friction_config(values: Mapping[str, Value], joints: int) -> FrictionConfig:
-    """Args: values: `PARAMETERS`, as `resolve` returns them."""
+    """Args: values: `PARAMETERS`, as returned by `resolve`."""
     coulomb, static, velocity, viscous = (joint_array(values[p.name], joints) for p in PARAMETERS)
     none = not (coulomb.any() or static.any() or viscous.any())
     return FrictionConfig(coulomb, np.maximum(static - coulomb, 0.0), velocity, viscous, none)
@@ -53,11 +53,11 @@ def friction_config(values: Mapping[str, Value], joints: int) -> FrictionConfig:
 
 @njit
 def add_friction(config: FrictionConfig, dq: Array, effort: Array) -> None:
-    """Take (Fc + (Fs - Fc) exp(-(v / vs)^2)) tanh(v / v0) + Fv v from effort, N m, shape (joints,); v0 = vs / 10.
+    """Subtract (Fc + (Fs - Fc) exp(-(v / vs)^2)) tanh(v / v0) + Fv v from effort, N m, shape (joints,); v0 = vs / 10.
 
-    The curve is that of Armstrong-Helouvry, Dupont and Canudas de Wit (Automatica 30, 1994). tanh instead of the sign
-    (Makkar et al., AIM 2005) leaves an equation that Runge-Kutta solves and nothing that chatters at rest. The price:
-    a joint that should stick creeps, slower than v0.
+    The curve is that of Armstrong-Helouvry, Dupont and Canudas de Wit (Automatica 30, 1994). With tanh instead of the
+    sign (Makkar et al., AIM 2005), Runge-Kutta can solve the equation, and nothing chatters at rest. The drawback: a
+    joint that should stick creeps, slower than v0.
     """
     for j in range(effort.size):
         ratio = dq[j] / config.stribeck_velocity[j]

@@ -15,7 +15,7 @@ from pidtsm_core.simulation.friction import FrictionConfig, add_friction, fricti
 from pidtsm_core.timing import sum_of_times
 
 _QUANTITIES = ("mass", "inertia", "length")
-"""That the model may have wrong, see `Robot.quantities`."""
+"""Quantities with a possible model error, see `Robot.quantities`."""
 
 _LOADS = (
     Parameter("payload.mass", 0.0, "mass picked up at payload.time (Case 2: 0.5)", "kg", minimum=0.0),
@@ -40,7 +40,7 @@ _MODEL_ERRORS = tuple(
 
 
 def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Parameters of the simulated arm; ``robot.name`` decides which there are."""
+    """Parameters of the simulated arm; they depend on ``robot.name``."""
     robot_parameters = robot_schema(settings)
     robot = ROBOTS[str(settings.get(ROBOT_NAME.name, ROBOT_NAME.default))]
     return (
@@ -61,11 +61,11 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
 
 
 class PlantConfig(NamedTuple):
-    """What a step reads; the numbers are places in the registries."""
+    """Parameters of a step; `robot` and `disturbance` are indices into the registries."""
 
     robot: int
     model: Array  # shape (model parameters,)
-    loaded_model: Array  # the same with the payload
+    loaded_model: Array  # the same with payload
     payload_begin: float  # s
     payload_end: float  # s
     disturbance: int
@@ -74,15 +74,15 @@ class PlantConfig(NamedTuple):
     push_begin: float  # s
     push_end: float  # s
     friction: FrictionConfig
-    accelerations: bool  # q'' at the samples is asked for
+    accelerations: bool  # compute q'' at the samples
 
 
 class PlantState(NamedTuple):
-    """What a step changes."""
+    """State changed by a step."""
 
     position: Array  # q, shape (joints,), rad
     derivatives: Array  # q', q'', shape (2, joints); q'' under the torque held before the sample, 0 at the start
-    effort: Array  # the torque applied over the last step, within the limits, shape (joints,), N m
+    effort: Array  # torque applied over the last step, within the limits, shape (joints,), N m
     work: Array  # scratch, shape (8, joints)
 
 
@@ -101,11 +101,9 @@ def _acceleration(
 
 @njit
 def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: float) -> None:
-    """Integrate from t to t + dt (s) with the limited `effort` held: classical Runge-Kutta of fourth order.
+    """Integrate from t to t + dt (s) under the constant, limited `effort` by classical fourth-order Runge-Kutta.
 
-    `effort` has shape (joints,), N m.
-
-    Payload and push are those of the start of the step.
+    `effort` has shape (joints,), N m. Payload and push are those at the start of the step.
     """
     joints = effort.size
     model = config.loaded_model if config.payload_begin <= t < config.payload_end else config.model
@@ -144,7 +142,7 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
         stage_dq[j] = dq[j] + dt * k3[j]
     _acceleration(config, model, stage_q, stage_dq, torque, net, k4)
     for j in range(joints):
-        # The weights of RK4 on q, with the velocities of its stages written out.
+        # RK4 for q, with the velocities of its stages substituted.
         q[j] += dt * (dq[j] + dt * (k1[j] + k2[j] + k3[j]) / 6.0)
         dq[j] += dt * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j]) / 6.0
     if config.accelerations:
@@ -156,24 +154,24 @@ class Plant:
 
     Attributes:
         joints: number of joints.
-        config, state: what `step` takes.
+        config, state: arguments of `step`.
     """
 
     def __init__(self, values: Mapping[str, Value], accelerations: bool = True) -> None:
-        """Build it.
+        """Build the arm.
 
         Args:
-            values: every parameter of `plant_schema`, as `resolve` returns them.
-            accelerations: whether q'' at the samples is asked for, a fifth of the time; else it stays 0.
+            values: every parameter of `plant_schema`, as returned by `resolve`.
+            accelerations: compute q'' at the samples, which takes a fifth of the time; otherwise it stays 0.
 
         Raises:
-            ParameterError: a disturbance made for another number of joints.
+            ParameterError: the disturbance is for another number of joints.
         """
         self.joints = len(ROBOTS[str(values["robot.name"])].joints)
         disturbance = DISTURBANCES[str(values["disturbance.name"])]
         if disturbance.joints not in (0, self.joints):
             raise ParameterError(
-                f"disturbance.name: {disturbance.name} is made for {disturbance.joints} joints, not {self.joints}"
+                f"disturbance.name: {disturbance.name} requires {disturbance.joints} joints, not {self.joints}"
             )
         self._accelerations = accelerations
         self.set_parameters(values)
@@ -185,7 +183,7 @@ class Plant:
         )
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
-        """Use other parameters from the next step on; the state stays."""
+        """Use other parameters from the next step on; the state is kept."""
         robot = ROBOTS[str(values["robot.name"])]
         place = ROBOTS.index(robot.name)
         factors = {quantity: 1.0 + as_float(values[f"model_error.{quantity}"]) for quantity in _QUANTITIES}

@@ -1,4 +1,4 @@
-"""The random numbers of a run: one row a sample, the same for the same seed however the run is cut into blocks."""
+"""Random numbers of a run: one row per sample, reproducible by seed, independent of the size of the drawn blocks."""
 
 from collections.abc import Mapping
 from enum import IntEnum
@@ -11,21 +11,21 @@ PARAMETERS = (
     Parameter("seed", 0, "seed of all random numbers: the same seed gives the same run", minimum=0, read_only=True),
 )
 
-_BLOCK = 1024  # rows drawn at once in a node: about a second
+_BLOCK = 1024  # rows that a node draws at once: about one second
 
 
 class Column(IntEnum):
-    """Columns of a row of random numbers; NOISE is the first of one a joint."""
+    """Columns of a row of random numbers; NOISE is the first of one column per joint."""
 
-    MEASUREMENT_LOSS = 0  # uniform in [0, 1), as the other losses
+    MEASUREMENT_LOSS = 0  # uniform in [0, 1), like the other losses and bursts
     MEASUREMENT_BURST = 1
     COMMAND_LOSS = 2
     COMMAND_BURST = 3
-    JITTER = 4  # standard normal, as the noise
+    JITTER = 4  # standard normal, like the noise
     NOISE = 5
 
 
-# What makes a column worth drawing.
+# A column is drawn if its parameter is not 0.
 _SWITCHES = {
     Column.MEASUREMENT_LOSS: "dropout.probability",
     Column.MEASUREMENT_BURST: "dropout.burst_rate",
@@ -37,28 +37,28 @@ _SWITCHES = {
 
 
 class Randomness:
-    """Independent streams of random numbers, one for each purpose; a purpose that is switched off draws nothing."""
+    """Independent streams of random numbers, one per column; disabled columns draw nothing."""
 
     def __init__(self, values: Mapping[str, Value], joints: int) -> None:
-        """Args: values: every parameter of the simulator, as `resolve` returns them."""
+        """Args: values: every parameter of the simulator, as returned by `resolve`."""
         self._seed = int(as_float(values["seed"]))
         self._joints = joints
         self._streams: dict[Column, np.random.Generator] = {}
         self.set_parameters(values)
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
-        """Draw for other purposes from the next row on."""
+        """Use other parameters from the next row on."""
         self._drawn = [column for column, switch in _SWITCHES.items() if np.any(values[switch])]
         for column in self._drawn:
             if column not in self._streams:
-                # The children of SeedSequence(seed), made without their siblings.
+                # The same as SeedSequence(seed).spawn(), but without creating the other children.
                 child = np.random.SeedSequence(self._seed, spawn_key=(column,))
                 self._streams[column] = np.random.default_rng(child)
         self._block = np.empty((0, 0))
         self._next = 0
 
     def draw(self, samples: int) -> Array:
-        """The next rows, shape (samples, columns), order of `Column`; 0 where nothing is random."""
+        """The next rows, shape (samples, columns), order of `Column`; 0 in disabled columns."""
         rows = np.zeros((samples, Column.NOISE + self._joints))
         for column in self._drawn:
             stream = self._streams[column]

@@ -1,4 +1,4 @@
-"""Position sensor: what an encoder says of the true position, and when."""
+"""Position sensor: the encoder reading for a true position."""
 
 import math
 from collections.abc import Mapping
@@ -34,18 +34,18 @@ PARAMETERS = (
 
 
 class SensorConfig(NamedTuple):
-    """What a measurement reads."""
+    """Parameters of a measurement."""
 
-    step: Array  # shape (joints,), rad, 0 where ideal
+    step: Array  # shape (joints,), rad, 0 for ideal encoders
     bias: Array  # shape (joints,), rad
     noise: Array  # shape (joints,), rad
     backlash: Array  # shape (joints,), rad
     jitter: float  # s
-    ideal: bool  # nothing of the above
+    ideal: bool  # none of the above
 
 
 def sensor_config(values: Mapping[str, Value], joints: int) -> SensorConfig:
-    """Args: values: `PARAMETERS`, as `resolve` returns them."""
+    """Args: values: `PARAMETERS`, as returned by `resolve`."""
     bits = joint_array(values["encoder.bits"], joints)
     step = np.where(bits > 0, 2.0 * math.pi / 2.0**bits, 0.0)
     bias, noise, backlash = (
@@ -58,11 +58,11 @@ def sensor_config(values: Mapping[str, Value], joints: int) -> SensorConfig:
 
 @njit
 def measure(config: SensorConfig, motor: Array, q: Array, dq: Array, draws: Array, measured: Array) -> None:
-    """measured = step round((m + bias + noise) / step), rad, shape (joints,), with the motor's position m.
+    """measured = step round((m + bias + noise) / step), rad, shape (joints,), with the motor position m.
 
-    A motor stays within half the gap of the backlash around its joint, and where it is until a flank takes it along
-    (play operator); `motor` keeps m. The joint is met at q(t + jitter) = q + q' jitter, exact to (q'' / 2) jitter^2,
-    all joints at the same moment. `draws` is a row of `Randomness`.
+    Backlash is a play operator: a motor stays within half the gap around its joint and moves only when a flank drags it
+    along; `motor` stores m. The joint is sampled at q(t + jitter) = q + q' jitter, exact to (q'' / 2) jitter^2, all
+    joints at the same time. `draws` is a row of `Randomness`.
     """
     if config.ideal:
         for j in range(q.size):

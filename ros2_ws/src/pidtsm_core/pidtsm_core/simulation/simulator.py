@@ -1,6 +1,6 @@
 """The simulated robot: true state -> sensor -> channel -> (controller) -> channel -> actuator -> dynamics.
 
-One sample is `sense`, then whatever the controller does, then `act`.
+One sample is `sense`, then the controller's step, then `act`.
 """
 
 import math
@@ -29,7 +29,7 @@ from pidtsm_core.simulation.sensor import SensorConfig, measure, sensor_config
 from pidtsm_core.timing import period_nanoseconds, seconds
 
 _BRAKING = 0.002
-"""s; time constant with which the brakes stop the arm."""
+"""Time constant with which the brakes stop the arm, s."""
 
 _COMMAND_TIMEOUT = Parameter(
     "command.timeout",
@@ -42,7 +42,7 @@ _COMMAND_TIMEOUT = Parameter(
 
 
 def simulator_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Parameters of the simulated robot; ``robot.name`` decides which there are."""
+    """Parameters of the simulated robot; they depend on ``robot.name``."""
     return (
         *plant_schema(settings),
         *sensor.PARAMETERS,
@@ -54,25 +54,25 @@ def simulator_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
 
 
 class SimulatorConfig(NamedTuple):
-    """What a sample reads."""
+    """Parameters of a sample."""
 
     sensor: SensorConfig
     measurements: ChannelConfig
     commands: ChannelConfig
-    patience: int  # samples without a new command after which the brakes close
+    patience: int  # samples without a new command after which the brakes engage
     actuator: ActuatorConfig
     plant: PlantConfig
 
 
 class SimulatorState(NamedTuple):
-    """What a sample changes."""
+    """State changed by a sample."""
 
     measurements: ChannelState  # packets: measured q, true q', q'', applied effort; shape (4, joints)
     commands: ChannelState  # packets: effort, shape (1, joints)
-    command: Array  # the effort that arrived last, shape (joints,), N m
-    released: NDArray[np.bool_]  # shape (1,): the brakes are open, as a command has arrived
-    silence: NDArray[np.int64]  # shape (1,): samples since the last one to which a command came, inclusive; 0: none yet
-    motor: Array  # position at the motors' side of the backlash, shape (joints,), rad
+    command: Array  # effort that arrived last, shape (joints,), N m
+    released: NDArray[np.bool_]  # shape (1,): a command has arrived, the brakes are released
+    silence: NDArray[np.int64]  # shape (1,): samples since the last one with a command, inclusive; 0: none yet
+    motor: Array  # position on the motor side of the backlash, shape (joints,), rad
     lagging: Array  # torque of the drives at the end of the sample, shape (joints,), N m
     effort: Array  # torque of the motors over the sample, before the limits, shape (joints,), N m
     arm: PlantState
@@ -80,18 +80,18 @@ class SimulatorState(NamedTuple):
 
 @njit
 def sense(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int) -> tuple[int, Array, Array, Array]:
-    """Measure the arm, and say what reaches the controller at this sample.
+    """Measure the arm, and return the measurement that reaches the controller at this sample.
 
     Args:
-        config: what the sample reads.
-        state: what it changes.
-        draws: row of `Randomness` of this sample.
-        sample: its number, from 0.
+        config: parameters.
+        state: state, modified.
+        draws: row of `Randomness` for this sample.
+        sample: index of the sample, from 0.
 
     Returns:
-        The sample at which the measurement that arrives was acquired, -1 if none arrives; measured q, shape
-        (joints,), rad; true q' and q'' of that sample, shape (2, joints); the effort applied before it, as the drives
-        report it, shape (joints,), N m.
+        The sample at which the arriving measurement was acquired, -1 if none arrives; measured q, shape (joints,), rad;
+        true q' and q'' of that sample, shape (2, joints); the effort applied before it, as reported by the drives,
+        shape (joints,), N m.
     """
     channel, arm = state.measurements, state.arm
     if config.sensor.ideal and config.measurements.direct:
@@ -115,7 +115,7 @@ def sense(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: 
 def _sense_into(
     config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int, measured: Array, applied: Array
 ) -> int:
-    """`sense` for Python, which must not be given views that compiled code has made."""
+    """`sense` for Python, which must not receive views created by compiled code."""
     acquired, q, _, effort = sense(config, state, draws, sample)
     for j in range(q.size):
         measured[j] = q[j]
@@ -125,7 +125,7 @@ def _sense_into(
 
 @inlined
 def _take(state: SimulatorState, effort: Array) -> None:
-    """A command has arrived."""
+    """Accept a command."""
     for j in range(effort.size):
         state.command[j] = effort[j]
     state.released[0] = True
@@ -133,7 +133,7 @@ def _take(state: SimulatorState, effort: Array) -> None:
 
 @inlined
 def _watch(config: SimulatorConfig, state: SimulatorState, arrives: bool) -> None:
-    """Close the brakes where no command arrives at the drives for too long."""
+    """Engage the brakes if no command has reached the drives for too long."""
     if arrives:
         state.silence[0] = 1
     elif state.silence[0] > 0:
@@ -144,7 +144,7 @@ def _watch(config: SimulatorConfig, state: SimulatorState, arrives: bool) -> Non
 
 @njit
 def _brake(state: SimulatorState, dt: float) -> None:
-    """Move the arm over dt (s) with closed brakes: velocities die away exponentially, and the motors rest."""
+    """Move the arm over dt (s) with engaged brakes: velocities decay exponentially, the motors deliver no torque."""
     arm, left = state.arm, math.exp(-dt / _BRAKING)
     for j in range(arm.position.size):
         velocity = arm.derivatives[0, j]
@@ -166,17 +166,17 @@ def act(
     t: float,
     dt: float,
 ) -> None:
-    """Move the arm over the sample; closed brakes stop it, and hold it until a command has arrived.
+    """Move the arm over the sample; engaged brakes stop it, and hold it until a command has arrived.
 
     Args:
-        config: what the sample reads.
-        state: what it changes.
-        draws: row of `Randomness` of this sample.
-        sample: its number, from 0.
+        config: parameters.
+        state: state, modified.
+        draws: row of `Randomness` for this sample.
+        sample: index of the sample, from 0.
         commanded: whether the controller has sent a command since the last sample.
         effort: the last command sent, shape (joints,), N m.
         t: time of the sample, s.
-        dt: until the next, s.
+        dt: time until the next sample, s.
     """
     torque, arrives = effort, commanded
     if config.commands.direct:
@@ -210,17 +210,17 @@ class SimulatedRobot:
 
     Attributes:
         joints: number of joints.
-        config, state: what `sense` and `act` take.
-        applied: the effort that the drives report with the last measurement, shape (joints,), N m.
-        randomness: where their `draws` come from.
+        config, state: arguments of `sense` and `act`.
+        applied: effort reported by the drives with the last measurement, shape (joints,), N m.
+        randomness: source of their `draws`.
     """
 
     def __init__(self, values: Mapping[str, Value], accelerations: bool = True) -> None:
-        """Build it.
+        """Build the robot.
 
         Args:
-            values: every parameter of `simulator_schema`, as `resolve` returns them.
-            accelerations: whether true q'' is asked for, see `Plant`.
+            values: every parameter of `simulator_schema`, as returned by `resolve`.
+            accelerations: compute true q'', see `Plant`.
 
         Raises:
             ParameterError: see `Plant`.
@@ -256,19 +256,22 @@ class SimulatedRobot:
             actuator=actuator_config(values, self.joints),
             plant=self._plant.config,
         )
-        # Such a robot needs no detour through compiled code, whose many arguments take longer than what it does.
+        # Ideal hardware skips the compiled functions: passing their many arguments takes longer than the work itself.
         self._ideal = (
             config.sensor.ideal and config.measurements.direct and config.commands.direct and config.actuator.ideal
         )
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
-        """Use other parameters from the next sample on; the state stays."""
+        """Use other parameters from the next sample on; the state is kept."""
         self._plant.set_parameters(values)
         self._configure(values)
         self.randomness.set_parameters(values)
 
     def compile(self) -> None:
-        """Compile all that `sense` and `act` may call, so that no new parameter makes a node wait; it moves the arm."""
+        """Compile everything that `sense` and `act` may call, so that no parameter change delays a node.
+
+        This moves the arm.
+        """
         draws = np.zeros(len(Column) - 1 + self.joints)
         _sense_into(self.config, self.state, draws, 0, self._measured, self.applied)
         act(self.config, self.state, draws, 0, True, self.state.effort, 0.0, seconds(self._period))
@@ -277,19 +280,19 @@ class SimulatedRobot:
 
     @property
     def silence(self) -> int:
-        """Samples since the last one with a command, that one counted; 0: there was none."""
+        """Samples since the last one with a command, inclusive; 0: none yet."""
         return int(self.state.silence[0])
 
     @property
     def braked(self) -> bool:
-        """The brakes are closed."""
+        """Whether the brakes are engaged."""
         return not self.state.released[0]
 
     def reset(self, values: Mapping[str, Value]) -> None:
-        """Put the arm where it begins, at rest, with closed brakes; time and what is on its way go on.
+        """Put the arm at its initial position, at rest, with engaged brakes; time and messages in transit are kept.
 
         Args:
-            values: as for the robot; ``initial_position`` counts.
+            values: parameters of the robot; only ``initial_position`` is used.
         """
         arm = self.state.arm
         arm.position[:] = joint_array(values["initial_position"], self.joints)
@@ -301,11 +304,11 @@ class SimulatedRobot:
         self.state.silence[0] = 0
 
     def sense(self, sample: int) -> tuple[int, Array]:
-        """Begin a sample; every sample is to be begun once, in order.
+        """Begin a sample; call it once for every sample, in order.
 
         Returns:
-            When the measurement that reaches the controller was acquired, -1 if none does; measured q, shape
-            (joints,), rad, valid until the next call.
+            The sample at which the measurement that reaches the controller was acquired, -1 if none arrives; measured
+            q, shape (joints,), rad, valid until the next call.
         """
         if self._ideal:
             self.applied[:] = self.state.arm.effort

@@ -86,7 +86,7 @@ def execute(options: argparse.Namespace) -> int:
     files = _files()
     names = options.only or [name for name in files if name != _LONG]
     if unknown := [name for name in names if name not in files]:
-        raise UsageError(f"unknown benchmark {', '.join(unknown)}; known are {', '.join(files)}")
+        raise UsageError(f"unknown benchmark {', '.join(unknown)}; known: {', '.join(files)}")
     rows: dict[str, list[Row]] = {}
     for name in names:
         with CONSOLE.status(name):

@@ -92,7 +92,7 @@ def test_two_joints_need_eighty_columns_at_most(values: dict[str, Any]) -> None:
 def test_lost_stamps_are_said(values: dict[str, Any]) -> None:
     assert "incomplete" not in "".join(printed(values))
     lost = {**values["lost"], "reference": 3}
-    assert printed({**values, "lost": lost})[-1] == "incomplete: stamps of the ground truth that lack reference 3"
+    assert printed({**values, "lost": lost})[-1] == "incomplete recording, missing messages: reference 3"
 
 
 def test_a_run_without_nodes_has_no_compute_time(values: dict[str, Any]) -> None:
