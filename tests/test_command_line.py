@@ -81,8 +81,8 @@ BAD_USAGE = [
     (["run", "--set", "law.k1=1"], "must be NODE.PARAMETER=VALUE"),
     (["run", "--set", "controller.law.k1=[1"], "is not a valid value"),
     (["run", "--params", "nowhere.yaml"], "nowhere.yaml: No such file or directory"),
-    (["run", "--out", "occupied"], "holds other files (thesis.tex)"),
-    (["run", "--set", "controller.state.decimation=10"], "a run that is recorded needs 1, not 10"),
+    (["run", "--out", "occupied"], "contains other files (thesis.tex)"),
+    (["run", "--set", "controller.state.decimation=10"], "a recorded run requires 1, not 10"),
     (
         ["run", "--set", "trajectory.joints=[shoulder, elbow]"],
         "trajectory: joints are shoulder, elbow; those of the controller are joint1, joint2",
@@ -227,7 +227,7 @@ def test_what_is_allowed_but_unwise_is_said_before_the_start(tmp_path: Path, cal
 
 def test_the_order_of_settings_is_in_the_help(call: Call) -> None:
     for command in ("run", "rollout"):
-        assert "The later wins: scenario, --params, --law, --set." in call(command, "--help").stdout
+        assert "Precedence, lowest first: scenario, --params, --law, --set." in call(command, "--help").stdout
 
 
 def test_two_runs_into_one_folder_do_not_meet(tmp_path: Path, call: Call) -> None:

@@ -109,7 +109,7 @@ def refused(bench: Bench, argument: str) -> str:
         ("set:='a", "set: 'a: No closing quotation"),
         ("params:=nowhere.yaml", "nowhere.yaml: No such file or directory"),
         ("namespace:=1st", "namespace: '1st': Invalid namespace: namespace must not have a token that starts with"),
-        ("record:=/tmp", "record: /tmp exists; name a folder to make"),
+        ("record:=/tmp", "record: /tmp exists; specify a new folder"),
     ],
 )
 def test_a_bad_argument_starts_nothing_and_is_one_line(bench: Bench, argument: str, cause: str) -> None:

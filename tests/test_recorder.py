@@ -205,9 +205,9 @@ def fill(loop: Loop, process: Process) -> None:
     for _ in loop.run(30.0):
         if len(loop.sent[PUBLISHED[0]]) % 100 == 0:
             log = process.log.read_text()
-        if "recording ends here" in log:
+        if "recording ended" in log:
             break
-    assert "recording ends here" in log, log
+    assert "recording ended" in log, log
     for _ in loop.run(0.5):
         assert process.process.poll() is None
 
@@ -224,7 +224,7 @@ def check_ended_early(loop: Loop, bag: Path, process: Process, reason: str) -> N
     """The bag is whole up to some moment; the recorder kept receiving, and reports that."""
     code, log, progress = end(process)
     assert code == 1
-    assert f"recording ends here: {reason}" in log
+    assert f"recording ended: {reason}" in log
     assert f"{bag} is incomplete: {reason}" in log
     assert "Traceback" not in log
     sent = loop.sent["simulator/ground_truth"]

@@ -1,6 +1,6 @@
-"""The whole system: simulator, trajectory and controller, on request with a recorder and a view.
+"""The whole system: simulator, trajectory and controller, optionally with a recorder and a viewer.
 
-Arguments mean what the options of ``./pidtsm run`` mean. ``ros2 launch`` ends when the simulator has done the scenario.
+The arguments correspond to the options of ``./pidtsm run``. ``ros2 launch`` ends when the simulator has finished.
 """
 
 import shlex
@@ -27,9 +27,9 @@ from pidtsm_experiments.commands.options import seconds
 from pidtsm_experiments.runs.runner import EXECUTABLES, bag_metadata, node_parameters
 
 _VIEWED = ("/tf", "/robot_description", "/visualization/markers")
-"""Topics of the RViz configuration, which in a namespace are those of the namespace."""
+"""Topics of the RViz configuration, remapped into the namespace."""
 
-_OUTPUT = {"stdout": "log", "stderr": "screen"}  # Nodes log to the latter; the former has the recorder's progress.
+_OUTPUT = {"stdout": "log", "stderr": "screen"}  # Nodes log to stderr; stdout has the recorder's progress.
 
 _ARGUMENTS = (
     DeclareLaunchArgument(
@@ -37,11 +37,11 @@ _ARGUMENTS = (
     ),
     DeclareLaunchArgument("law", default_value="", description=f"one of {', '.join(LAWS.names)}"),
     DeclareLaunchArgument("robot", default_value="", description=f"robot model: one of {', '.join(ROBOTS.names)}"),
-    DeclareLaunchArgument("duration", default_value="", description="seconds, instead of the scenario's"),
+    DeclareLaunchArgument("duration", default_value="", description="duration in seconds (default: the scenario's)"),
     DeclareLaunchArgument(
         "clock",
         default_value="realtime",
-        description="realtime: at the wall clock's pace; lockstep: deterministic, as fast as possible",
+        description="realtime: in real time; lockstep: deterministic, as fast as possible",
     ),
     DeclareLaunchArgument(
         "params",
@@ -52,25 +52,25 @@ _ARGUMENTS = (
         "set", default_value="", description="parameters NODE.PARAM=VALUE, separated by spaces, quoted as in a shell"
     ),
     DeclareLaunchArgument("namespace", default_value="", description="namespace of all nodes and topics"),
-    DeclareLaunchArgument("record", default_value="", description="folder to make for the bag; without it no recorder"),
-    DeclareLaunchArgument("viewer", default_value="none", description="what to look with: none or rviz"),
+    DeclareLaunchArgument("record", default_value="", description="new folder for the bag; empty: no recorder"),
+    DeclareLaunchArgument("viewer", default_value="none", description="viewer: none or rviz"),
     DeclareLaunchArgument(
         "autostart",
         default_value="true",
-        description="true, or false: the nodes wait, unconfigured, for a lifecycle manager",
+        description="true; or false: the nodes stay unconfigured and wait for a lifecycle manager",
     ),
 )
 _CHOICES = {"clock": ("realtime", "lockstep"), "viewer": ("none", "rviz"), "autostart": ("true", "false")}
-"""Not left to `DeclareLaunchArgument`, which says twice what is wrong."""
+"""Allowed values. They are not passed to `DeclareLaunchArgument`, which would report an error twice."""
 _OF_LAUNCH = ("launch-prefix", "launch-prefix-filter", "emulate_tty", "sigterm_timeout", "sigkill_timeout")
-"""Arguments that launch itself takes for every process."""
+"""Arguments of launch itself, for every process."""
 
 
 def _check(given: Mapping[str, str]) -> None:
-    """Refuse what no node would ever see.
+    """Check arguments that are not checked by a node.
 
     Raises:
-        UsageError: an unknown argument, or a value that is not allowed.
+        UsageError: an argument is unknown, or a value is not allowed.
     """
     known = [argument.name for argument in _ARGUMENTS]
     unknown = [name for name in given if name not in (*known, *_OF_LAUNCH)]
@@ -80,7 +80,7 @@ def _check(given: Mapping[str, str]) -> None:
         if given[name] not in choices:
             raise UsageError(f"{name}: {given[name]!r} must be one of {', '.join(choices)}")
     if given["record"] and Path(given["record"]).exists():
-        raise UsageError(f"record: {given['record']} exists; name a folder to make")
+        raise UsageError(f"record: {given['record']} exists; specify a new folder")
     try:
         validate_namespace(f"/{given['namespace'].lstrip('/')}")
     except InvalidNamespaceException as error:
@@ -88,7 +88,7 @@ def _check(given: Mapping[str, str]) -> None:
 
 
 def _launched_alone() -> bool:
-    """Whether the command line names this file; one that includes it may have arguments of its own."""
+    """Whether the command line names this file; a launch file that includes it may have other arguments."""
     return any(":=" not in word and Path(word).name == Path(__file__).name for word in sys.argv)
 
 
@@ -108,13 +108,13 @@ def _words(name: str, text: str) -> list[str]:
 
 
 class _End:
-    """Ends everything when a node has ended, without which the others have nothing to do.
+    """Ends all nodes when one has ended: first simulator, controller and trajectory, then the rest.
 
-    First simulator, controller and trajectory, then the rest. `Shutdown` alone interrupts processes up to a second
-    later, when it has ended launch's own node, and meanwhile the controller misses its joint states.
+    `Shutdown` alone interrupts the processes up to a second later, after launch's own node has ended; meanwhile the
+    controller would report missing joint states.
 
     Attributes:
-        loop: the three that still run.
+        loop: those of the first three that are still running.
     """
 
     def __init__(self) -> None:
@@ -165,7 +165,7 @@ def _actions(context: LaunchContext) -> list[Node]:
     actions: list[Node] = []
     if viewed:
         configuration = Path(get_package_share_directory("pidtsm_experiments"), "rviz", "two_link.rviz")
-        # First, so that nothing is left running where RViz is not installed.
+        # First, so that nothing keeps running if RViz is not installed.
         actions.append(
             Node(
                 package="rviz2",
@@ -189,5 +189,5 @@ def _actions(context: LaunchContext) -> list[Node]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """What ``ros2 launch pidtsm_experiments two_link.launch.py`` starts."""
+    """Description for ``ros2 launch pidtsm_experiments two_link.launch.py``."""
     return LaunchDescription([*_ARGUMENTS, OpaqueFunction(function=_actions)])

@@ -1,1 +1,1 @@
-"""Scenarios, launch files, recorder, runner, bag analysis, report and command line."""
+"""Launch files, recorder, runner, bag analysis and command line."""

@@ -11,16 +11,16 @@ from pidtsm_core.errors import UsageError
 from pidtsm_experiments.errors import RunError
 
 _COMMANDS = {
-    "demo": "the article's Case 1 with the proposed law over the real nodes: table, figures, bag",
-    "run": "any scenario and law over the real nodes",
-    "rollout": "the same loop without ROS",
-    "reproduce": "both cases, all laws: the article and the project side by side",
-    "robustness": "how much imperfection of sensors, drives and model each controller bears",
-    "analyze": "metrics of any recorded bag",
-    "bench": "benchmarks, each figure beside its floor measured in the same run",
-    "test": "all tests and checks",
+    "demo": "run the article's Case 1 with the proposed law and the real nodes: table, figures, bag",
+    "run": "run any scenario and law with the real nodes",
+    "rollout": "run the same loop without ROS",
+    "reproduce": "compare both cases and all laws with the article",
+    "robustness": "measure how much imperfection of sensors, drives and model each controller tolerates",
+    "analyze": "compute the metrics of a recorded bag",
+    "bench": "run benchmarks, each compared with a lower bound or another implementation measured in the same run",
+    "test": "run all tests and checks",
 }
-_SHELL = "a shell with the workspace sourced (-c COMMAND runs one command in it)"
+_SHELL = "start a shell with the workspace sourced (-c COMMAND runs one command in it)"
 
 _EPILOG = """examples:
   ./pidtsm demo
@@ -29,7 +29,7 @@ _EPILOG = """examples:
   ./pidtsm rollout --scenario case1 --set controller.estimator.name=exact --json
   ./pidtsm analyze results/demo/bag
 
-exit codes: 0 done, 1 the work failed, or the controller of a run does not follow at the end, 2 bad usage or input
+exit codes: 0 success, 1 the work failed, or the controller does not follow at the end of the run, 2 bad usage or input
 """
 
 
@@ -39,7 +39,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parser(command: str | None) -> argparse.ArgumentParser:
-    """The parser; only the module of the command that is called is imported."""
+    """Create the parser; only the module of the given command is imported."""
     parser = _Parser(
         prog="./pidtsm",
         description="A robust torque controller for robot arms, a simulated arm, and experiments with both.",
@@ -55,13 +55,13 @@ def _parser(command: str | None) -> argparse.ArgumentParser:
             module = importlib.import_module(f"pidtsm_experiments.commands.{name}")
             module.add_arguments(sub)
             sub.set_defaults(execute=module.execute)
-    # Handled by the launcher, before Python's environment is entered.
+    # Handled by the launcher, before it enters the Python environment.
     commands.add_parser("shell", help=_SHELL)
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit code: 0 done, 1 it failed, 2 bad usage or input, 130 interrupted."""
+    """Run a command; returns the exit code: 0 success, 1 failure, 2 bad usage or input, 130 interrupted."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     signal.signal(signal.SIGTERM, _interrupt)
     command = next((word for word in words if not word.startswith("-")), None)

@@ -1,4 +1,4 @@
-"""The metrics of a recorded bag."""
+"""Metrics of a recorded bag."""
 
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,6 @@ def analyze(bag: Path) -> dict[str, Any]:
     """Metrics of a bag, as in metrics.json.
 
     Raises:
-        RecordingError: the bag is not that of a run.
+        RecordingError: the bag does not contain a run.
     """
     return summarize(read_recording(bag, METRICS_ONLY))

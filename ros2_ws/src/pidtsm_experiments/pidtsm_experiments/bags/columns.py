@@ -1,4 +1,4 @@
-"""Topics of a bag as arrays: decodes blocks of messages at once."""
+"""Topics of a bag as arrays, decoded in blocks of messages."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ from pidtsm_experiments.bags.rejections import rejections
 from pidtsm_experiments.bags.topics import DIAGNOSTICS, REFERENCE, STATE, TRUTH, WantedTopic
 
 _FLOAT64 = ((Nodetype.BASE, ("float64", 0)), (Nodetype.SEQUENCE, ((Nodetype.BASE, ("float64", 0)), 0)))
-"""Kinds of fields, as rosbags writes them: float64 and float64[]."""
-_BLOCK = 2048  # messages decoded at once: enough for NumPy, little enough for memory and for mixed layouts
+"""Field types float64 and float64[] in the notation of rosbags."""
+_BLOCK = 2048  # messages decoded at once: enough for NumPy, few enough for memory and for mixed layouts
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class Columns:
     """The messages of one topic as arrays.
 
     Attributes:
-        topic: whose messages these are.
+        topic: topic of the messages.
         stamps: ns, shape (messages,).
-        values: shape (fields, messages, joints), order of the topic's fields. The memory of a field that is not kept
-            is never written to, so that the operating system only promises it.
-        scalars: shape (messages,), or (0,) where the topic has no scalar.
+        values: shape (fields, messages, joints), order of the topic's fields. The memory of fields that are not kept
+            is never written, so the operating system never allocates it.
+        scalars: shape (messages,), or (0,) if the topic has no scalar.
         codes: shape (messages, codes), order of the topic's codes.
-        filled: whether a message has joints and values, shape (messages,).
+        filled: whether each message has joints and values, shape (messages,).
         kept: indices of the fields that are kept.
     """
 
@@ -71,7 +71,7 @@ class Columns:
         )
 
     def at(self, rows: NDArray[np.intp]) -> "Columns":
-        """A copy of the messages at these places, shape (rows,)."""
+        """A copy of the messages at these indices, shape (rows,)."""
         copy = Columns.blank(self.topic, rows.size, self.values.shape[2], self.kept)
         copy.stamps[:] = self.stamps[rows]
         copy.codes[:] = self.codes[rows]
@@ -83,20 +83,20 @@ class Columns:
         return copy
 
     def sorted(self) -> "Columns":
-        """The messages in the order of their stamps, the first with each stamp; a copy only where that differs."""
+        """The messages sorted by stamp, only the first with each stamp; self if already sorted, else a copy."""
         if (np.diff(self.stamps) > 0).all():
             return self
         return self.at(np.unique(self.stamps, return_index=True)[1])
 
 
 class BagMessages:
-    """The messages of an open bag, whose errors name what cannot be read."""
+    """Reads the messages of an open bag; its errors name what cannot be read."""
 
     def __init__(self, reader: AnyReader) -> None:
         self._reader = reader
 
     def serialized(self, connections: Sequence[Connection]) -> Iterator[tuple[str, bytes]]:
-        """Yield name of the topic and serialized message of every message of `connections`, in the order of the bag.
+        """Yield topic name and serialized message for every message of `connections`, in the order of the bag.
 
         Raises:
             RecordingError: the file is damaged.
@@ -104,14 +104,14 @@ class BagMessages:
         try:
             for connection, _, data in self._reader.messages(connections):
                 yield connection.topic, data
-        except Exception as error:  # Broken files are met with many exceptions, rosbags' own and Python's.
+        except Exception as error:  # Damaged files cause many kinds of exceptions, rosbags' own and Python's.
             raise damaged("the messages cannot be read", error) from error
 
     def parse(self, data: bytes, topic: WantedTopic) -> Any:
-        """The message.
+        """Deserialize a message.
 
         Raises:
-            RecordingError: it is damaged.
+            RecordingError: the message is damaged.
         """
         try:
             return self._reader.deserialize(data, topic.msgtype)
@@ -119,15 +119,15 @@ class BagMessages:
             raise damaged(f"a message of {topic.name} cannot be read", error) from error
 
     def places(self, message: Any, data: bytes, topic: WantedTopic) -> dict[str, slice]:
-        """Where the numbers of each float64 field stand in a serialized message; empty arrays have no place.
+        """Offsets of the numbers of each float64 field in a serialized message; none for empty arrays.
 
         Args:
-            message: the same message; its numbers are overwritten.
-            data: serialized.
-            topic: of the message.
+            message: the deserialized message; its numbers are overwritten.
+            data: the serialized message.
+            topic: topic of the message.
 
         Raises:
-            RecordingError: it is not little-endian CDR.
+            RecordingError: the message is not little-endian CDR.
         """
         store = self._reader.typestore
         names = [name for name, kind in store.get_msgdef(topic.msgtype).fields if kind in _FLOAT64]
@@ -149,17 +149,17 @@ def read_columns(
     """Read the topics of a run.
 
     Args:
-        reader: of the bag.
+        reader: reader of the bag.
         connections_of: the topics to read.
-        only: names of the fields to keep; None keeps all.
-        namespace: of the nodes, if the names of topics do not have it, else empty.
+        only: names of the fields to keep; None: keep all.
+        namespace: namespace of the nodes if the topic names omit it, else empty.
 
     Returns:
-        Names of the ground truth's joints; every topic of samples, sorted by stamp, each stamp once; and how many
-        messages each node rejected, None if no node says so.
+        Joint names of the ground truth; every topic of samples, sorted by stamp, each stamp once; and the number of
+        messages rejected by each node, None if no node reports it.
 
     Raises:
-        RecordingError: messages are damaged, or have no values, or values that are not finite.
+        RecordingError: messages are damaged, have no values, or have values that are not finite.
     """
     messages = BagMessages(reader)
     _, first = next(messages.serialized(connections_of[TRUTH]), ("", b""))
@@ -183,10 +183,10 @@ def read_columns(
 
 
 class _Decoder:
-    """Takes the messages of one topic, and decodes them a block at a time.
+    """Decodes the messages of one topic in blocks.
 
-    Objects would take most of the time of reading a bag. But the messages of a topic nearly always differ in nothing
-    but their numbers, so that where the numbers stand in one tells where they stand in all.
+    Deserializing messages to objects would take most of the time of reading a bag. But the messages of a topic nearly
+    always differ only in their numbers, so the offsets of the numbers in one message are valid for all.
     """
 
     def __init__(
@@ -198,7 +198,7 @@ class _Decoder:
         messages: BagMessages,
     ) -> None:
         self._topic, self._joints, self._messages = topic, joints, messages
-        # The reference may have to be interpolated.
+        # All fields of the reference are kept, since it may have to be interpolated.
         kept = [i for i, name in enumerate(topic.fields) if only is None or name in only or topic is REFERENCE]
         self._columns = Columns.blank(topic, count, len(joints), kept)
         self._decoded = 0
@@ -213,8 +213,8 @@ class _Decoder:
         """All messages, sorted by stamp, each stamp once."""
         self._decode_block()
         if (missing := self._columns.stamps.size - self._decoded) > 0:
-            hole = ValueError("the file has a hole")
-            raise damaged(f"{missing} messages of {self._topic.name} cannot be read", hole)
+            gap = ValueError("the file has a gap")
+            raise damaged(f"{missing} messages of {self._topic.name} cannot be read", gap)
         return self._columns.sorted()
 
     def _decode_block(self) -> None:
@@ -271,20 +271,22 @@ class _Decoder:
         starts = [places[name].start + DOUBLE * names.index(joint) for name in topic.fields for joint in joints]
         if topic.scalar:
             if topic.scalar not in places:
-                raise RecordingError(f"{topic.name} has no {topic.scalar}: recorded with another pidtsm_msgs")
+                raise RecordingError(
+                    f"{topic.name} has no {topic.scalar}: recorded with another version of pidtsm_msgs"
+                )
             starts.append(places[topic.scalar].start)
         return _Layout(fixed, np.add.outer(starts, np.arange(DOUBLE)).ravel(), _codes(message, topic, names, joints))
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """How messages are built that differ in nothing but stamp and numbers.
+    """Layout of messages that differ only in stamp and numbers.
 
     Attributes:
-        fixed: which bytes they share, shape (length,).
-        places: of the bytes of the numbers to read, in the order fields x joints, scalar; none for a message without
-            values.
-        codes: that the messages share, in the order of the topic's.
+        fixed: mask of the bytes they share, shape (length,).
+        places: offsets of the bytes of the numbers to read, in the order fields x joints, scalar; empty for messages
+            without values.
+        codes: codes of the messages, in the order of the topic's codes.
     """
 
     fixed: NDArray[np.bool_]
@@ -293,7 +295,7 @@ class _Layout:
 
 
 def _codes(message: Any, topic: WantedTopic, names: Sequence[str], joints: Sequence[str]) -> list[int]:
-    """The codes of a message; a joint that caused a fault counts in the order of the recording's joints."""
+    """The codes of a message; a joint that caused a fault is counted in the order of the recording's joints."""
     codes = [int(getattr(message, name, 0)) for name in topic.codes]
     if topic is STATE and codes[Status.FAULT_JOINT]:
         caused = names[codes[Status.FAULT_JOINT] - 1 : codes[Status.FAULT_JOINT]]

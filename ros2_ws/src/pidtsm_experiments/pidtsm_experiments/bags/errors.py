@@ -1,15 +1,15 @@
-"""What goes wrong with bags."""
+"""Errors and warnings about bags."""
 
 
 class RecordingError(ValueError):
-    """A bag cannot be read, or is not of a run; the message says why and what to do."""
+    """A bag cannot be read, or does not contain a run; the message contains the reason and a remedy."""
 
 
 class UnfinishedBag(UserWarning):
-    """What was read comes from a bag that was never finished; the message says what is missing."""
+    """The bag was not finished; the message contains what is missing."""
 
 
 def damaged(what: str, error: Exception) -> RecordingError:
-    """The error that says what is damaged, why, and how to save the rest."""
+    """Error with the damaged part, the reason, and how to recover the rest."""
     cause = str(error) or type(error).__name__
-    return RecordingError(f"{what}: {cause} (`mcap recover FILE.mcap -o SAVED.mcap` saves the rest of an MCAP file)")
+    return RecordingError(f"{what}: {cause} (`mcap recover FILE.mcap -o SAVED.mcap` recovers the rest of an MCAP file)")

@@ -1,4 +1,4 @@
-"""Definitions of the messages in a bag, for programs that read and write bags without ROS."""
+"""Message definitions for reading and writing bags without ROS."""
 
 import os
 from functools import cache
@@ -14,10 +14,10 @@ _OWN_MESSAGES = ("JointReference", "ControllerState")
 
 @cache
 def typestore() -> Typestore:
-    """Types of ROS 2 Jazzy and of pidtsm_msgs; always the same object, so nothing may be registered in it.
+    """Types of ROS 2 Jazzy and of pidtsm_msgs; a shared object, so do not register other types in it.
 
     Raises:
-        RecordingError: the .msg files of pidtsm_msgs are neither installed nor beside this package.
+        RecordingError: the .msg files of pidtsm_msgs are neither installed nor in the same source tree.
     """
     store = get_typestore(Stores.ROS2_JAZZY)
     for name in _OWN_MESSAGES:
@@ -31,4 +31,4 @@ def _definition(name: str) -> str:
         file = root / "pidtsm_msgs" / "msg" / f"{name}.msg"
         if file.is_file():
             return file.read_text(encoding="utf-8")
-    raise RecordingError(f"{name}.msg of pidtsm_msgs is not found: source the workspace")
+    raise RecordingError(f"{name}.msg of pidtsm_msgs not found: source the workspace")

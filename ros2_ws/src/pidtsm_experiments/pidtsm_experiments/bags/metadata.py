@@ -1,4 +1,4 @@
-"""What the recorder says of the run in a bag."""
+"""Metadata of a run, as stored in its bag by the recorder."""
 
 import json
 from collections.abc import Mapping
@@ -16,13 +16,13 @@ METADATA_KEY = "pidtsm"
 
 @dataclass(frozen=True)
 class RunMetadata:
-    """What the recorder says of a run; None where it says nothing.
+    """Metadata of a run; None for values that the bag does not contain.
 
     Attributes:
         scenario, law, clock: names.
-        event_time: when something happens to the arm, s.
-        trajectory: parameters of the trajectory by name, if they are what the recorder writes.
-        namespace: of the nodes, where the names of topics lack it, else empty.
+        event_time: time of an event that changes the arm, s.
+        trajectory: parameters of the trajectory node by name; not validated.
+        namespace: namespace of the nodes if the topic names omit it, else empty.
     """
 
     scenario: str | None
@@ -37,11 +37,11 @@ def run_metadata(path: Path, bag: Readable) -> RunMetadata:
     """Read the metadata of a bag.
 
     Args:
-        path: of the bag, or of a file of it.
-        bag: the same as rosbags can read it.
+        path: path of the bag, or of one of its files.
+        bag: the same bag in a form that rosbags can read.
 
     Raises:
-        RecordingError: the metadata is not what the recorder writes.
+        RecordingError: the metadata does not have the recorder's form.
     """
     custom_data = _custom_data(path, bag)
     try:
@@ -56,7 +56,7 @@ def run_metadata(path: Path, bag: Readable) -> RunMetadata:
             namespace=str(values.get("namespace", "")),
         )
     except (AttributeError, TypeError, ValueError) as error:
-        raise RecordingError(f"custom data {METADATA_KEY} is not what the recorder writes: {error}") from None
+        raise RecordingError(f"custom data {METADATA_KEY} does not have the recorder's form: {error}") from None
 
 
 def _custom_data(path: Path, bag: Readable) -> Mapping[str, str]:

@@ -1,4 +1,4 @@
-"""A recorded run: reads a bag and aligns its topics by header stamp."""
+"""Reads a recorded run from a bag and aligns its topics by header stamp."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -19,32 +19,32 @@ from pidtsm_experiments.bags.reference_gaps import KnownMotion, interpolated, kn
 from pidtsm_experiments.bags.topics import REFERENCE, STATE, TRUTH, WantedTopic, find_topics
 
 METRICS_ONLY = frozenset(("position", "effort", "saturated", "adaptive_gain"))
-"""What the metrics are made of, by the names of the messages' fields."""
+"""Message fields needed for the metrics."""
 
 
 def read_recording(path: Path, only: frozenset[str] | None = None) -> Recording:
     """Read a run from a bag.
 
-    Messages belong together when their header stamps are equal. A sample is a stamp with both ground truth and
-    controller state, or with ground truth alone: a measurement that never left its sensor. There the controller's
-    signals are the last ones, 0 before the first. Where a sample has no reference, it is computed from the
-    trajectory's parameters in the bag. If that motion is not the recorded one, the reference is interpolated over a
-    short time, and samples beyond that are left out. Joints are matched by name. A bag whose recorder was killed, or
-    ran out of space, is read as far as it goes, with the warning `UnfinishedBag`.
+    Messages with equal header stamps belong together. A sample is a stamp with both ground truth and controller state,
+    or with ground truth alone if the measurement was lost at the sensor. In the latter case the controller's signals
+    are the previous ones, 0 before the first. Missing references are computed from the trajectory's parameters in the
+    bag. If that motion differs from the recorded one, the reference is interpolated over short gaps, and samples in
+    longer gaps are omitted. Joints are matched by name. A bag whose recorder was killed or ran out of space is read as
+    far as possible, with the warning `UnfinishedBag`.
 
     Args:
         path: rosbag2 folder (MCAP or SQLite), or one .mcap or .db3 file.
-        only: names of the messages' fields to keep; the others are 0 and take no memory. None keeps all.
+        only: names of the message fields to keep; the others are 0 and take no memory. None: keep all.
 
     Raises:
-        RecordingError: not a bag, no messages, a topic or joint missing, nothing with equal stamps, or
-            values that are not finite.
+        RecordingError: not a bag, no messages, a missing topic or joint, no common stamps, or values that are not
+            finite.
     """
     try:
         return _read(path, only)
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error.__cause__
-    except Exception as error:  # Broken files are met with many exceptions, rosbags' own and Python's.
+    except Exception as error:  # Damaged files cause many kinds of exceptions, rosbags' own and Python's.
         raise RecordingError(f"{path}: {damaged('not a whole bag', error)}") from error
 
 
@@ -59,8 +59,8 @@ def _read(path: Path, only: frozenset[str] | None) -> Recording:
     needed = {topic: columns[topic] for topic in (TRUTH, REFERENCE, STATE)}
     if reduce(_common, (column.stamps for column in needed.values())).size == 0:
         raise RecordingError(
-            f"no stamp is in all of {', '.join(t.name for t in needed)}; each must carry the stamp of the joint state "
-            "that it belongs to"
+            f"no stamp is in all of {', '.join(t.name for t in needed)}; each message must have the stamp of its "
+            "joint state"
         )
     answers = {topic: column for topic, column in columns.items() if topic is not TRUTH}
     unsent, known = np.empty(0, dtype=np.int64), None
@@ -94,7 +94,7 @@ def _read(path: Path, only: frozenset[str] | None) -> Recording:
 
 def _open(path: Path, bag: Readable) -> AnyReader:
     if not path.exists():
-        raise RecordingError("there is no such file or folder")
+        raise RecordingError("no such file or folder")
     if path.is_dir() and not bag.flaws and not (path / "metadata.yaml").exists():
         raise RecordingError("not a bag: no metadata.yaml, and no .mcap or .db3 file")
     if not bag.files:
@@ -110,32 +110,32 @@ def _open(path: Path, bag: Readable) -> AnyReader:
 
 
 def _missing(bag: Readable, columns: Mapping[WantedTopic, Columns]) -> str:
-    """What is missing in an unfinished bag, by the stamps."""
+    """Description of what is missing in an unfinished bag, from the stamps."""
     first = columns[TRUTH].stamps[0]
     last = {topic.name: (column.stamps[-1] - first) / 1e9 for topic, column in columns.items() if column.stamps.size}
     end = max(last.values())
     earlier = [f"{name} at {time:.3f} s" for name, time in last.items() if time < end]
     text = f"the bag was not finished ({'; '.join(bag.flaws)}). Everything after {end:.3f} s is missing"
-    return f"{text}; earlier end {', '.join(earlier)}" if earlier else text
+    return f"{text}; topics that end earlier: {', '.join(earlier)}" if earlier else text
 
 
 def _with_references(
     moments: Stamps, unsent: Stamps, columns: Mapping[WantedTopic, Columns], trajectory: object, joints: Sequence[str]
 ) -> tuple[Stamps, Columns, KnownMotion | None]:
-    """The samples of a recording that is not complete, the reference of each, and the motion if it is known.
+    """Samples of an incomplete recording, their references, and the motion if it is known.
 
     Args:
         moments: stamps of the ground truth, ns, shape (measurements,).
         unsent: those of them that no other topic has, ns.
-        columns: of every topic.
+        columns: columns of every topic.
         trajectory: parameters, see `known_motion`.
         joints: names.
 
     Returns:
-        Stamps in ns, shape (samples,); references, one a sample; the motion, None if it is not known.
+        Stamps in ns, shape (samples,); one reference per sample; the motion, None if unknown.
 
     Raises:
-        RecordingError: there is no sample.
+        RecordingError: there are no samples.
     """
     reference = columns[REFERENCE]
     start = int(reference.stamps[0])
@@ -150,7 +150,7 @@ def _with_references(
     recorded = _common(answered, reference.stamps)
     stamps = np.union1d(recorded, lacking)
     if stamps.size == 0:
-        raise RecordingError("no controller state has a reference, and nothing says what the reference was")
+        raise RecordingError("no controller state has a reference, and the bag does not describe the reference motion")
     complete = Columns.blank(REFERENCE, stamps.size, len(joints), reference.kept)
     complete.stamps[:] = stamps
     rows = np.searchsorted(reference.stamps, recorded)
@@ -164,7 +164,7 @@ def _with_references(
 def _lost(
     moments: Stamps, unsent: Stamps, answers: Mapping[WantedTopic, Columns], known: KnownMotion | None
 ) -> dict[str, int]:
-    """How many stamps of the ground truth lack a partner, by topic."""
+    """Number of ground truth stamps without a matching message, by topic."""
     sent = np.setdiff1d(moments, unsent, assume_unique=True)
     lost = {}
     for topic, column in answers.items():
@@ -174,7 +174,7 @@ def _lost(
 
 
 def _held(state: Columns, stamps: Stamps) -> Columns:
-    """The controller's last state at each of these stamps; 0 before the first."""
+    """The latest controller state at each of these stamps; 0 before the first."""
     rows = np.searchsorted(state.stamps, stamps, side="right") - 1
     held = state.at(np.maximum(rows, 0))
     held.stamps[:] = stamps
@@ -185,5 +185,5 @@ def _held(state: Columns, stamps: Stamps) -> Columns:
 
 
 def _common(stamps: Stamps, others: Stamps) -> Stamps:
-    """Stamps that are in both; nearly always they are the same."""
+    """Stamps that are in both; in nearly all cases they are equal."""
     return stamps if np.array_equal(stamps, others) else np.intersect1d(stamps, others, assume_unique=True)

@@ -1,4 +1,4 @@
-"""Recorder node: writes the messages of the experiment's topics to a rosbag2 bag (MCAP), as they come."""
+"""Recorder node: writes the messages of the experiment's topics to a rosbag2 bag (MCAP) as they arrive."""
 
 import contextlib
 import gc
@@ -34,40 +34,39 @@ TOPICS = {
     "reference": JointReference,
     "joint_states": JointState,
 }
-"""Relative names, as the nodes publish them, in the order of the subscriptions. Nodes discover these in the same
-order: one that counts the subscribers of its topic of the loop (``start.subscribers``) has those of its other topic by
-then."""
+"""Relative topic names in the order of the subscriptions. Nodes discover the subscriptions in the same order: once a
+node has enough subscribers on its topic in the loop (``start.subscribers``), its other topic has them too."""
 DIAGNOSTICS = "/diagnostics"
-"""Recorded from every publisher, also nodes of other systems: nothing waits for it, or counts what is lost."""
+"""Recorded from every publisher, even of other systems; the recorder neither waits for them nor counts losses."""
 BARRIER = "joint_states"
-"""Subscribed to last, once every other topic has a publisher: a simulator that waits for them starts then."""
+"""Subscribed to last, when every other topic has a publisher. The simulator waits for this subscription to start."""
 
 MAX_BAG_SIZE = 1_000_000_000
 """Bytes."""
 MAX_BAG_DURATION = 300.0
-"""s. The index of a file grows in memory until it is finished, by 1.3 MB in that time."""
+"""s. A file's index grows in memory until the file is finished, by 1.3 MB in this time."""
 FLUSH_PERIOD = 0.2
-"""s between two writes to the file."""
+"""Time between two writes to the file, s."""
 _BATCH = 0.02  # s
 _STATUS_PERIOD = 0.2  # s between two lines on standard output
 _WARNING_PERIOD = 1.0  # s between two lines about lost messages
-_PATIENCE = 10.0  # s of waiting for publishers before the log says so
-_SILENCE = 0.3  # s without a message after which everything sent has arrived
-_REST = 2.0  # s from the request to stop to the end of a recording whose publishers go on
+_PATIENCE = 10.0  # s of waiting for publishers before a log line about it
+_SILENCE = 0.3  # s without a message after which everything is considered received
+_REST = 2.0  # s from the request to stop to the end of the recording, if publishers continue
 _PRIORITY = 20
-"""Of the threads that receive messages, below the loop's. The buffers of their sockets hold 50 ms; nodes that have no
-time for it must send again what overflows them."""
+"""Priority of the receiving threads, below that of the loop. Their socket buffers hold 50 ms; if they overflow, the
+nodes must resend messages and have little time for it."""
 _NO_SERVICE = Parameter("start_type_description_service", value=False)
 
 
 class _RecordedTopic:
-    """A topic that is recorded.
+    """A recorded topic.
 
     Attributes:
-        subscription: holds the messages until they are taken.
-        index: of the topic in the bag.
-        received: messages taken.
-        lost: messages that were published and did not arrive, by the publisher's sequence numbers.
+        subscription: queues the messages until they are taken.
+        index: index of the topic in the bag.
+        received: number of messages taken.
+        lost: number of messages that did not arrive, according to the publisher's sequence numbers.
     """
 
     def __init__(self, subscription: Subscription, index: int) -> None:
@@ -80,7 +79,7 @@ class _RecordedTopic:
 
     def take(self) -> bytes | None:
         """The next waiting message, serialized; None if there is none."""
-        # Executors have no way to tell a callback the sequence number of serialized messages.
+        # Executors do not pass the sequence number of serialized messages to callbacks.
         taken = self._handle.take_message(self._type, True)
         if taken is None:
             return None
@@ -89,7 +88,7 @@ class _RecordedTopic:
         sequence: int | None = information["publication_sequence_number"]
         if sequence is not None and self._sequence is not None:
             gap = sequence - self._sequence - 1
-            # A restarted publisher begins at 1; the sequences of several publishers cannot be told apart.
+            # A restarted publisher begins at 1; the sequences of several publishers cannot be distinguished.
             if gap > 0 and self.subscription.get_publisher_count() <= 1:
                 self.lost += gap
         self._sequence = sequence
@@ -99,46 +98,46 @@ class _RecordedTopic:
 class RecorderNode(Node):
     """Subscribes to `TOPICS` as raw bytes and writes them to a bag.
 
-    A received message is in the file after `FLUSH_PERIOD`, and readable however the recorder ends. When nothing more
-    can be written, or less than ``min_free_space`` is left on the disk, the bag ends. The node keeps receiving, so
-    that a loop that waits for its subscribers is not disturbed.
+    A received message is in the file after `FLUSH_PERIOD`, and readable however the recorder ends. If writing fails, or
+    less than ``min_free_space`` is left on the disk, the bag ends. The node continues to receive, so as not to disturb
+    a loop that waits for its subscribers.
 
-    The node takes messages itself and is in no executor; it offers no services.
+    The node polls its subscriptions without an executor and offers no services.
 
     Parameters, all read at the start: ``output``, the folder of the bag, which must not exist; ``metadata``, a text
-    that is stored in the bag under the key ``pidtsm``; ``max_bag_size`` (bytes) and ``max_bag_duration`` (s), after
-    which a new file of the bag is begun, 0 for never; ``min_free_space``, the bytes that recording leaves free;
-    ``plain_names``, whether the names of topics are written without the node's namespace.
+    stored in the bag under the key ``pidtsm``; ``max_bag_size`` (bytes) and ``max_bag_duration`` (s), after which a new
+    file is started, 0: never; ``min_free_space``, the bytes that recording leaves free; ``plain_names``, whether topic
+    names are written without the node's namespace.
 
     Attributes:
-        last: when the last message was taken, s of the monotonic clock.
-        failure: why the bag ended before the recorder; empty if it did not.
+        last: time of the last message, s of the monotonic clock.
+        failure: why the bag ended early; empty if it did not.
         connected: whether every topic is subscribed to.
     """
 
     def __init__(self) -> None:
-        """Begin the bag.
+        """Create the bag.
 
         Raises:
-            OSError: the bag cannot be begun there.
+            OSError: the bag cannot be created.
         """
         super().__init__("recorder", start_parameter_services=False, parameter_overrides=[_NO_SERVICE])
-        output = Path(self._parameter("output", "bag", "folder of the bag to make"))
-        metadata = self._parameter("metadata", "", "text stored with the bag")
-        size = self._parameter("max_bag_size", MAX_BAG_SIZE, "bytes after which a new file is begun; 0: never")
+        output = Path(self._parameter("output", "bag", "new folder for the bag"))
+        metadata = self._parameter("metadata", "", "text stored in the bag")
+        size = self._parameter("max_bag_size", MAX_BAG_SIZE, "bytes after which a new file is started; 0: never")
         duration = self._parameter(
-            "max_bag_duration", MAX_BAG_DURATION, "seconds after which a new file is begun; 0: never"
+            "max_bag_duration", MAX_BAG_DURATION, "seconds after which a new file is started; 0: never"
         )
         self._reserve: int = self._parameter("min_free_space", 200_000_000, "bytes that recording leaves free")
         if shortage := self._shortage(output):
             raise OSError(f"{shortage}; free some space, record elsewhere, or lower min_free_space")
-        plain: bool = self._parameter("plain_names", False, "write names of topics without the node's namespace")
+        plain: bool = self._parameter("plain_names", False, "write topic names without the node's namespace")
         self._left_out = self.get_namespace().rstrip("/") if plain else ""
         self.last = time.monotonic()
         self.failure = ""
         self._unwritten = 0
         self._output = output
-        # Times of messages do not jump when the system clock is set.
+        # Message times do not jump if the system clock is set.
         self._epoch = time.time_ns() - time.monotonic_ns()
         self._writer = BagWriter(output, metadata, size, duration)
         self.connected = False
@@ -165,7 +164,7 @@ class RecorderNode(Node):
 
     @property
     def samples(self) -> int:
-        """Samples of the ground truth received."""
+        """Number of ground truth samples received."""
         return self._topics["simulator/ground_truth"].received
 
     def connect(self) -> None:
@@ -175,16 +174,16 @@ class RecorderNode(Node):
             self.connected = True
 
     def missing(self) -> list[str]:
-        """Topics without a publisher so far."""
+        """Topics without a publisher."""
         subscriptions = [topic.subscription for topic in self._topics.values()]
         return [s.topic_name for s in subscriptions if s.get_publisher_count() == 0]
 
     def has_publishers(self) -> bool:
-        """Whether somebody still publishes one of the topics."""
+        """Whether any of the topics still has a publisher."""
         return any(topic.subscription.get_publisher_count() for topic in self._topics.values())
 
     def take(self) -> None:
-        """Write everything that has arrived to the bag."""
+        """Write all messages that have arrived to the bag."""
         with self._writing():
             received = self._received()
             for topic in (*self._topics.values(), self._diagnostics):
@@ -200,7 +199,7 @@ class RecorderNode(Node):
         return sum(topic.received for topic in self._topics.values())
 
     def flush(self) -> None:
-        """Bring what was taken to the file; end the bag if the disk has no space left."""
+        """Flush the messages to the file; end the bag if the disk is full."""
         if self.failure:
             return
         with self._writing():
@@ -210,14 +209,14 @@ class RecorderNode(Node):
                 self._fail(shortage)
 
     def warn_of_lost(self) -> None:
-        """Warn of messages lost since the last time."""
+        """Warn about messages lost since the last warning."""
         lost = self._lost()
         if sum(lost.values()) > self._reported:
             self._reported = sum(lost.values())
             self.get_logger().warning(f"lost so far: {_counts(lost)}; the machine is too busy to record everything")
 
     def close(self) -> None:
-        """Finish the bag, and log what is in it."""
+        """Finish the bag and log its content."""
         if not self.failure:
             with self._writing():
                 self._writer.close()
@@ -226,11 +225,11 @@ class RecorderNode(Node):
         if lost := self._lost():
             log.warning(f"lost {_counts(lost)}")
         if self.failure:
-            log.error(f"{self._output} is incomplete: {self.failure}; {self._unwritten} messages came after")
+            log.error(f"{self._output} is incomplete: {self.failure}; {self._unwritten} later messages are missing")
 
     @contextlib.contextmanager
     def _writing(self) -> Any:
-        """A context in which an error of writing ends the bag and nothing else."""
+        """A context in which a write error ends only the bag."""
         try:
             yield
         except OSError as error:
@@ -239,20 +238,20 @@ class RecorderNode(Node):
 
     def _fail(self, reason: str) -> None:
         self.failure = reason
-        self.get_logger().error(f"recording ends here: {reason}; what was recorded before is in {self._output}")
+        self.get_logger().error(f"recording ended: {reason}; earlier messages are in {self._output}")
 
     def _shortage(self, path: Path) -> str:
         free = free_space(path)
         if free >= self._reserve:
             return ""
-        return f"{path} is on a disk with {free / 1e6:.1f} MB left, min_free_space is {self._reserve / 1e6:.1f} MB"
+        return f"{path} is on a disk with {free / 1e6:.1f} MB free, min_free_space is {self._reserve / 1e6:.1f} MB"
 
     def _lost(self) -> dict[str, int]:
         return {name: topic.lost for name, topic in self._topics.items() if topic.lost}
 
 
 def _never_called(message: bytes) -> None:
-    """The node is in no executor."""
+    """The node has no executor."""
 
 
 def _counts(counts: dict[str, int]) -> str:
@@ -260,19 +259,19 @@ def _counts(counts: dict[str, int]) -> str:
 
 
 def _print_progress(recorder: RecorderNode) -> None:
-    """Print a line for the program that started the recorder."""
+    """Print a progress line for the program that started the recorder."""
     with contextlib.suppress(BrokenPipeError):
         print(f"recorded {recorder.samples}", flush=True)
 
 
 def _record(recorder: RecorderNode, stop: Stop) -> None:
-    """Record until a stop is requested, and then until no more messages arrive, or until it shows that they go on."""
+    """Record until a stop is requested, and then until messages stop arriving; at most `_REST` if they do not."""
     flush = _Every(FLUSH_PERIOD, recorder.flush)
     rest = [_Every(_STATUS_PERIOD, lambda: _print_progress(recorder)), _Every(_WARNING_PERIOD, recorder.warn_of_lost)]
     now = time.monotonic()
     patience, end = now + _PATIENCE, math.inf
     while now < end and not (stop.requested and now - recorder.last > _SILENCE):
-        # Waking for batches costs a fraction of waking for every message; the queues hold far more than a batch.
+        # Waking up per batch costs a fraction of waking up per message; the queues hold far more than a batch.
         time.sleep(_BATCH)
         recorder.connect()
         recorder.take()
@@ -289,7 +288,7 @@ def _record(recorder: RecorderNode, stop: Stop) -> None:
 
 
 class _Every:
-    """Work to do once a period (s)."""
+    """Periodic work, period in s."""
 
     def __init__(self, period: float, work: Callable[[], None]) -> None:
         self._period, self._work, self._next = period, work, 0.0
@@ -301,13 +300,13 @@ class _Every:
 
 
 def run(stop: Stop) -> int:
-    """``ros2 run pidtsm_experiments recorder``: record until a signal comes.
+    """``ros2 run pidtsm_experiments recorder``: record until a signal.
 
     Returns:
-        The exit code: 1 for a bag that could not be begun, or is incomplete.
+        The exit code: 1 if the bag could not be created or is incomplete, else 0.
 
     Raises:
-        SystemExit: bad parameters, see `refuse`.
+        SystemExit: invalid parameters, see `refuse`.
     """
     set_defaults("fastdds_recorder.xml")
     start_ros(stop)

@@ -1,4 +1,4 @@
-"""Reads what is left of a bag that was never finished: its recorder was killed, or its disk was full."""
+"""Recovers an unfinished bag, whose recorder was killed or whose disk was full."""
 
 import shutil
 import struct
@@ -25,16 +25,16 @@ _DATA = {
     Opcode.ATTACHMENT,
     Opcode.METADATA,
 }
-"""Records that come before the end of the data; those after it are written again."""
+"""Records of the data section; those after it are written again."""
 
 
 @dataclass(frozen=True)
 class Readable:
-    """A bag as rosbags can read it.
+    """A bag in a form that rosbags can read.
 
     Attributes:
-        files: its folder, or its files; empty if nothing in it can be read.
-        flaws: the signs that the bag was not finished; empty for one that was.
+        files: its folder or its files; empty if nothing can be read.
+        flaws: signs that the bag was not finished; empty if it was finished.
     """
 
     files: list[Path]
@@ -43,9 +43,9 @@ class Readable:
 
 @contextmanager
 def readable(path: Path) -> Iterator[Readable]:
-    """Yield a bag as it can be read, without changing the bag itself.
+    """Yield a bag in a readable form, without changing the bag itself.
 
-    An MCAP file without its end is copied to a temporary folder, up to its last whole record, and ended there as the
+    An incomplete MCAP file is copied to a temporary folder up to its last complete record, and completed there as the
     format requires.
 
     Args:
@@ -64,7 +64,7 @@ def readable(path: Path) -> Iterator[Readable]:
                 whole.append(file)
                 continue
             end = _end_of_records(file)
-            flaws.append(f"{file.name} has no end: {end} of its {file.stat().st_size} bytes are whole records")
+            flaws.append(f"{file.name} has no end: {end} of its {file.stat().st_size} bytes are complete records")
             if end:
                 whole.append(_ended(file, end, Path(folder)))
         yield Readable(whole, flaws)
@@ -89,7 +89,7 @@ def _is_whole(file: Path) -> bool:
 
 
 def _end_of_records(file: Path) -> int:
-    """Bytes of a file up to the end of its last whole record of data; 0 if there is none."""
+    """Bytes of a file up to the end of its last complete data record; 0 if there is none."""
     size = file.stat().st_size
     with file.open("rb") as stream:
         if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
@@ -105,7 +105,7 @@ def _end_of_records(file: Path) -> int:
 
 
 def _ended(file: Path, end: int, folder: Path) -> Path:
-    """Copy the first `end` bytes of an MCAP file to a folder, and add an end that refers to no index."""
+    """Copy the first `end` bytes of an MCAP file to a folder, and add an end without an index."""
     copy = folder / file.name
     shutil.copyfile(file, copy)
     with copy.open("r+b") as stream:

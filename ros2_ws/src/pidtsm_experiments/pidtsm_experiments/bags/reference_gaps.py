@@ -1,4 +1,4 @@
-"""References that a bag lacks: computed as the trajectory does, or, where its motion is not known, interpolated."""
+"""References missing in a bag: computed like the trajectory node does, or interpolated if its motion is unknown."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,19 +14,19 @@ from pidtsm_core.references import ReferenceMotion, reference_joints
 from pidtsm_core.timing import seconds
 
 LONGEST_GAP = 100_000_000
-"""ns; a reference can be interpolated this far from a recorded one."""
+"""Largest distance of an interpolated reference from a recorded one, ns."""
 
-_COMPARED = 200  # recorded references that a known motion must agree with
+_COMPARED = 200  # recorded references that are compared with a known motion
 
 
 @dataclass(frozen=True)
 class KnownMotion:
-    """The motion that the trajectory publishes.
+    """The motion published by the trajectory node.
 
     Attributes:
-        motion: the same as the trajectory's.
-        places: indices of the recording's joints among the motion's, shape (joints,).
-        start: stamp at which it began, ns.
+        motion: the motion.
+        places: indices of the recording's joints in the motion, shape (joints,).
+        start: stamp of its start, ns.
     """
 
     motion: ReferenceMotion
@@ -34,7 +34,7 @@ class KnownMotion:
     start: int
 
     def at(self, stamps: Stamps) -> Array:
-        """q_d, q_d', q_d'' to the last bit as the trajectory computes them, rad and s, shape (3, stamps, joints)."""
+        """q_d, q_d', q_d'', bit for bit as in the trajectory node, rad and s, shape (3, stamps, joints)."""
         desired = np.zeros((3, self.motion.joints))
         values = np.empty((3, stamps.size, self.places.size))
         for k, elapsed in enumerate((stamps - self.start).tolist()):
@@ -43,7 +43,7 @@ class KnownMotion:
         return values
 
     def stays_out(self, stamps: Stamps) -> NDArray[np.bool_]:
-        """Whether the trajectory is to publish nothing at each of these stamps, shape (stamps,)."""
+        """Whether each of these stamps is in the simulated loss of references, shape (stamps,)."""
         elapsed = (stamps - self.start) / 1e9
         return (self.motion.config.dropout_begin <= elapsed) & (elapsed < self.motion.config.dropout_end)
 
@@ -51,17 +51,17 @@ class KnownMotion:
 def known_motion(
     parameters: object, joints: Sequence[str], start: int, stamps: Stamps, values: Array, lacking: Stamps
 ) -> KnownMotion | None:
-    """The motion that a bag's parameters describe, None if it is not the recorded one.
+    """The motion described by the parameters in a bag, None if it differs from the recorded one.
 
-    Another motion is recorded when somebody commands a trajectory, or changes a file.
+    The recorded motion differs if a trajectory was commanded, or if the reference file has changed.
 
     Args:
-        parameters: of the trajectory, by name, as the bag has them; anything else gives None.
+        parameters: parameters of the trajectory node by name, from the bag; anything else gives None.
         joints: names, in the order of the recording.
         start: stamp of the first reference, with or without values, ns.
-        stamps: of the recorded references, ns, increasing, shape (stamps,).
-        values: of the recorded references, rad and s, shape (3, stamps, joints).
-        lacking: stamps to be filled, ns, shape (lacking,).
+        stamps: stamps of the recorded references, ns, increasing, shape (stamps,).
+        values: recorded references, rad and s, shape (3, stamps, joints).
+        lacking: stamps without a reference, ns, shape (lacking,).
     """
     motion = _motion(parameters)
     if motion is None or not set(joints) <= set(motion[1]):
@@ -73,7 +73,7 @@ def known_motion(
 
 
 def _motion(parameters: object) -> tuple[ReferenceMotion, tuple[str, ...]] | None:
-    """The motion, and the names of its joints in its order."""
+    """The motion and its joint names, in its order."""
     if not isinstance(parameters, dict):
         return None
     file = parameters.get("reference.file")
@@ -82,12 +82,12 @@ def _motion(parameters: object) -> tuple[ReferenceMotion, tuple[str, ...]] | Non
     try:
         values = resolve(NODE_SCHEMAS["trajectory"], parameters, reference_joints(parameters))
         return ReferenceMotion(values), names(values["joints"])
-    except ParameterError:  # It was recorded with another version, or the file has changed.
+    except ParameterError:  # recorded with another version, or the file has changed
         return None
 
 
 def _spread(stamps: Stamps, lacking: Stamps) -> NDArray[np.intp]:
-    """Indices of `stamps` next to those that lack, and of others, spread evenly; `_COMPARED` at most."""
+    """Indices of `stamps` next to the lacking ones, and of others evenly spread; at most `_COMPARED`."""
     if stamps.size == 0:
         return np.empty(0, dtype=np.intp)
     after = np.searchsorted(stamps, lacking)
@@ -97,17 +97,17 @@ def _spread(stamps: Stamps, lacking: Stamps) -> NDArray[np.intp]:
 
 
 def _evenly(indices: NDArray[np.intp], count: int) -> NDArray[np.intp]:
-    """At most `count` of the indices, spread evenly, with the first and the last."""
+    """At most `count` of the indices, evenly spread, including the first and the last."""
     if indices.size <= count:
         return indices
     return indices[np.linspace(0, indices.size - 1, count).round().astype(np.intp)]
 
 
 def near(stamps: Stamps, lacking: Stamps) -> Stamps:
-    """Those of the stamps that lack a reference which are at most `LONGEST_GAP` from a recorded one.
+    """Those of the `lacking` stamps that are at most `LONGEST_GAP` from a recorded reference.
 
     Args:
-        stamps: of the recorded references, ns, increasing, shape (stamps,).
+        stamps: stamps of the recorded references, ns, increasing, shape (stamps,).
         lacking: stamps without a reference, ns, shape (lacking,).
     """
     if stamps.size < 2:
@@ -118,14 +118,14 @@ def near(stamps: Stamps, lacking: Stamps) -> Stamps:
 
 
 def interpolated(stamps: Stamps, values: Array, lacking: Stamps) -> Array:
-    """Interpolate with the cubics that fit the neighbours' position and velocity, shape (3, lacking, joints).
+    """Interpolate with cubics through the neighbours' positions and velocities, shape (3, lacking, joints).
 
     Args:
-        stamps: of the recorded references, ns, increasing, at least two, shape (stamps,).
-        values: of the recorded references, rad and s, shape (3, stamps, joints).
+        stamps: stamps of the recorded references, ns, increasing, at least two, shape (stamps,).
+        values: recorded references, rad and s, shape (3, stamps, joints).
         lacking: stamps without a reference, ns, shape (lacking,).
     """
-    from scipy.interpolate import CubicHermiteSpline  # Rarely needed, and slow to import.
+    from scipy.interpolate import CubicHermiteSpline  # rarely needed and slow to import
 
     motion = CubicHermiteSpline((stamps - stamps[0]) / 1e9, values[0], values[1])
     return np.stack([motion((lacking - stamps[0]) / 1e9, order) for order in range(3)])

@@ -1,4 +1,4 @@
-"""The topics of a run: which of a bag's they are, and what is read from their messages."""
+"""The topics of a run: how to find them in a bag, and which fields to read."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ class WantedTopic:
     """A topic to look for in a bag, in any namespace.
 
     Attributes:
-        name: as in `Recording.lost`; its last part must be that of the topic.
-        msgtype: its type.
-        fields: float64[] fields to read, one value a joint.
-        scalar: a float64 field to read, empty for none.
-        codes: uint8 fields to read; 0 where a message of an older version has none.
-        may_be_empty: whether a message without joints is allowed; it says that there are no values.
-        required: without it there is no recording.
+        name: name in `Recording.lost`; its last part must be that of the topic.
+        msgtype: message type.
+        fields: float64[] fields to read, one value per joint.
+        scalar: float64 field to read, or empty.
+        codes: uint8 fields to read; 0 if missing in an older version of the message.
+        may_be_empty: whether messages without joints are allowed; they mean that there are no values.
+        required: whether a recording needs the topic.
     """
 
     name: str
@@ -45,7 +45,7 @@ STATE = WantedTopic(
     "compute_time",
     tuple(code.name.lower() for code in Status),
 )
-# Of the next two only the stamps are read, which tell how many messages are lost.
+# Only the stamps of the next two are read, to count lost messages.
 SENSORS = WantedTopic("joint_states", _JOINT_STATE, required=False)
 COMMANDS = WantedTopic("joint_commands", _JOINT_STATE, required=False)
 DIAGNOSTICS = WantedTopic("diagnostics", "diagnostic_msgs/msg/DiagnosticArray", required=False)
@@ -55,10 +55,10 @@ _TOPICS = (TRUTH, REFERENCE, STATE, SENSORS, COMMANDS, DIAGNOSTICS)
 def find_topics(connections: Sequence[Connection]) -> dict[WantedTopic, list[Connection]]:
     """Find the connections of each topic of a run, by type and last part of the name.
 
-    A topic has a connection in each file of the bag.
+    A topic has one connection per file of the bag.
 
     Raises:
-        RecordingError: a required topic is not there, is there twice, or has no messages.
+        RecordingError: a required topic is missing, ambiguous, or has no messages.
     """
     connections_of: dict[WantedTopic, list[Connection]] = {}
     for topic in _TOPICS:
@@ -66,7 +66,7 @@ def find_topics(connections: Sequence[Connection]) -> dict[WantedTopic, list[Con
         matches = [c for c in connections if c.msgtype == topic.msgtype and c.topic.rpartition("/")[2] == last]
         names = sorted({c.topic for c in matches})
         if topic.required and len(names) > 1:
-            raise RecordingError(f"more than one {topic.name}: {', '.join(names)}; record one robot a bag")
+            raise RecordingError(f"more than one {topic.name}: {', '.join(names)}; record one robot per bag")
         if matches:
             connections_of[topic] = matches
     required = [topic for topic in _TOPICS if topic.required]

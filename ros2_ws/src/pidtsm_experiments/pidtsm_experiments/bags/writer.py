@@ -1,4 +1,4 @@
-"""Writes a rosbag2 bag (MCAP) that can be read up to its last second, whatever happens to the writer."""
+"""Writes a rosbag2 bag (MCAP) that stays readable up to its last second, even if the writer is killed."""
 
 import contextlib
 import shutil
@@ -14,38 +14,38 @@ from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.metadata import METADATA_KEY
 
 _LARGEST_CHUNK = 300_000
-"""Bytes; a chunk is copied several times on its way to the file, and memory taken once is not given back."""
+"""Bytes; each chunk is copied several times before it is written, and the memory is not released afterwards."""
 _VERSION = 9
-"""Of the format of metadata.yaml."""
+"""Format version of metadata.yaml."""
 _ENCODING = "cdr"
 _NEVER = 2**63 - 1
-"""ns; the starting time of a file without messages, as rosbag2 writes it."""
+"""Starting time of a file without messages, as written by rosbag2, ns."""
 
 
 def free_space(path: Path) -> int:
-    """Bytes that can be written where `path` is or is going to be."""
+    """Free bytes on the disk of `path`, which need not exist yet."""
     return shutil.disk_usage(next(p for p in (path.absolute(), *path.absolute().parents) if p.exists())).free
 
 
 class BagWriter:
     """A bag of one or more files, ``BAG/BAG_0.mcap``, ``BAG/BAG_1.mcap``, ..., and ``BAG/metadata.yaml``.
 
-    Messages are collected in memory until `flush` hands them to the operating system as one whole chunk of the file;
-    from then on they survive the end of this process. ``metadata.yaml`` is written by `close`: a bag without it was
-    not finished, and `pidtsm_experiments.bags.recovery` reads it.
+    Messages are collected in memory until `flush` passes them to the operating system as one complete chunk; from then
+    on they survive the end of this process. `close` writes ``metadata.yaml``: a bag without it was not finished, and is
+    read by `pidtsm_experiments.bags.recovery`.
     """
 
     def __init__(self, folder: Path, metadata: str, max_size: int, max_duration: float) -> None:
-        """Make the folder and its first file.
+        """Create the folder and its first file.
 
         Args:
-            folder: must not exist.
-            metadata: a text that goes with the bag, in ``metadata.yaml`` and at the beginning of each file.
-            max_size: bytes after which a new file is begun; 0: never.
-            max_duration: s after which a new file is begun; 0: never.
+            folder: folder of the bag; it must not exist.
+            metadata: text stored in ``metadata.yaml`` and at the beginning of each file.
+            max_size: bytes after which a new file is started; 0: never.
+            max_duration: s after which a new file is started; 0: never.
 
         Raises:
-            OSError: the folder exists, or cannot be written to.
+            OSError: the folder exists or cannot be written.
         """
         folder.mkdir(parents=True)
         self._folder = folder
@@ -59,11 +59,11 @@ class BagWriter:
         """Add a topic to the bag.
 
         Args:
-            name: full.
+            name: full name of the topic.
             message_type: for example ``sensor_msgs/msg/JointState``.
 
         Returns:
-            The index under which `write` knows it.
+            Index of the topic, for `write`.
         """
         types = typestore()
         definition, _ = types.generate_msgdef(message_type, ros_version=2)
@@ -74,15 +74,15 @@ class BagWriter:
         return len(self._topics) - 1
 
     def write(self, topic: int, time: int, data: bytes) -> None:
-        """Take a message.
+        """Add a message.
 
         Args:
             topic: index, see `add_topic`.
-            time: when it was received, ns. Times must not decrease.
+            time: time of reception, ns; must not decrease.
             data: serialized message.
 
         Raises:
-            OSError: nothing more can be written.
+            OSError: writing failed.
         """
         file = self._file
         if file is None:
@@ -90,10 +90,10 @@ class BagWriter:
         file.write(topic, time, data)
 
     def flush(self) -> None:
-        """Hand what was taken to the operating system; finish the file if it is long enough.
+        """Pass the collected messages to the operating system; finish the file if it is long enough.
 
         Raises:
-            OSError: nothing more can be written.
+            OSError: writing failed.
         """
         if not self._file or not self._file.content.messages:
             return
@@ -105,7 +105,7 @@ class BagWriter:
         """Finish the bag.
 
         Raises:
-            OSError: nothing more can be written.
+            OSError: writing failed.
         """
         self._finish_file()
         temporary = self._folder / ".metadata.yaml.tmp"
@@ -114,7 +114,7 @@ class BagWriter:
         temporary.replace(self._folder / "metadata.yaml")
 
     def abort(self) -> None:
-        """Let go of the bag where nothing more can be written; what was flushed is in it."""
+        """Give up the bag after a write error; it contains everything flushed before."""
         if self._file:
             self._file.abort()
             self._file = None
@@ -131,7 +131,7 @@ class BagWriter:
             self._file = None
 
     def _information(self, files: Sequence["_Content"]) -> dict[str, Any]:
-        """What ``metadata.yaml`` says of these files of the bag, see rosbag2_storage::BagMetadata."""
+        """Content of ``metadata.yaml`` for these files of the bag, see rosbag2_storage::BagMetadata."""
         start = min(file.start for file in files)
         end = max(file.end for file in files)
         counts = [sum(file.counts[i] for file in files if i < len(file.counts)) for i in range(len(self._topics))]
@@ -159,10 +159,10 @@ class _Topic:
     """A topic of the bag.
 
     Attributes:
-        name: full.
-        type: of its messages.
-        definition: text of the type's .msg file, with those of the types in it.
-        type_hash: of the type (REP 2011).
+        name: full name.
+        type: message type.
+        definition: text of the type's .msg file, followed by those of its nested types.
+        type_hash: hash of the type (REP 2011).
     """
 
     name: str
@@ -171,7 +171,7 @@ class _Topic:
     type_hash: str
 
     def information(self) -> dict[str, Any]:
-        """As in ``metadata.yaml``."""
+        """Entry in ``metadata.yaml``."""
         return {
             "name": self.name,
             "type": self.type,
@@ -183,12 +183,12 @@ class _Topic:
 
 @dataclass
 class _Content:
-    """What is in a file.
+    """Content of a file.
 
     Attributes:
-        name: of the file.
+        name: name of the file.
         start, end: times of the first and the last message, ns.
-        counts: messages of each topic.
+        counts: number of messages of each topic.
     """
 
     name: str
@@ -198,16 +198,16 @@ class _Content:
 
     @property
     def messages(self) -> int:
-        """Of all topics."""
+        """Number of messages of all topics."""
         return sum(self.counts)
 
     @property
     def duration(self) -> int:
-        """Ns; 0 without messages."""
+        """Duration, ns; 0 without messages."""
         return max(0, self.end - self.start)
 
     def information(self) -> dict[str, Any]:
-        """As in ``metadata.yaml``."""
+        """Entry in ``metadata.yaml``."""
         return {
             "path": self.name,
             "starting_time": {"nanoseconds_since_epoch": self.start},
@@ -217,19 +217,19 @@ class _Content:
 
 
 class _File:
-    """A file of the bag while it is written.
+    """A file of the bag while it is being written.
 
     Attributes:
-        content: what was taken so far.
+        content: content so far.
     """
 
     def __init__(self, path: Path, custom_data: dict[str, str], topics: Sequence[_Topic]) -> None:
         self.content = _Content(path.name)
         self._stream = path.open("xb")
-        # Checksums would take a tenth of the time of writing.
+        # Checksums would take a tenth of the writing time.
         self._writer = Writer(self._stream, _LARGEST_CHUNK, CompressionType.NONE, enable_crcs=False)
         self._writer.start("ros2")
-        # So that an unfinished bag and a single file say what was run, too.
+        # So that an unfinished bag or a single file also has the metadata of the run.
         self._writer.add_metadata(METADATA_KEY, custom_data)
         self._schemas: dict[str, int] = {}
         self._channels: list[int] = []
@@ -262,7 +262,7 @@ class _File:
         return self._stream.tell()
 
     def finish(self, information: str) -> None:
-        """End the file with an index, and with what metadata.yaml says of it: ``ros2 bag`` reads single files, too."""
+        """End the file with an index and its entry of metadata.yaml, so that ``ros2 bag`` can read it alone too."""
         self.flush()
         self._writer.add_metadata("rosbag2", {"serialized_metadata": information})
         self._writer.finish()  # type: ignore[no-untyped-call]
@@ -270,5 +270,5 @@ class _File:
 
     def abort(self) -> None:
         """Close the file as it is."""
-        with contextlib.suppress(OSError):  # Closing writes what is left, in vain.
+        with contextlib.suppress(OSError):  # Closing tries to write the rest.
             self._stream.close()

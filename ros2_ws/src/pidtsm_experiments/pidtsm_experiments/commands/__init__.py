@@ -1,1 +1,1 @@
-"""One command of the command line a module: `add_arguments` describes it, `execute` does it."""
+"""Commands of the command line, one per module: `add_arguments` describes the command, `execute` runs it."""

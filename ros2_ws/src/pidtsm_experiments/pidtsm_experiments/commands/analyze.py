@@ -12,8 +12,8 @@ from pidtsm_experiments.commands.options import show_metrics
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a rosbag2 bag, such as results/demo/bag")
-    parser.add_argument("--json", action="store_true", help="print the metrics as one JSON object, and nothing else")
+    parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a rosbag2 bag, for example results/demo/bag")
+    parser.add_argument("--json", action="store_true", help="print only the metrics, as one JSON object")
 
 
 def execute(options: argparse.Namespace) -> int:

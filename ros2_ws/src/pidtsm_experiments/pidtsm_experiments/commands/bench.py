@@ -1,7 +1,7 @@
-"""``./pidtsm bench``: every figure beside its floor or peer, measured in the same run.
+"""``./pidtsm bench``: each figure next to a lower bound or another implementation, measured in the same run.
 
-A benchmark is a file ``NAME.py`` in the checkout's folder ``benchmarks`` with a function ``run(quick: bool)`` that
-yields rows.
+A benchmark is a file ``NAME.py`` in the folder ``benchmarks`` of the checkout. Its function ``run(quick: bool)`` yields
+the rows.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from pidtsm_core.errors import UsageError
 from pidtsm_experiments.commands.options import CONSOLE
 
 _LONG = "soak"
-"""Takes half an hour, so it must be asked for."""
+"""Takes half an hour, so it runs only on request."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,14 @@ class Row:
 
     Attributes:
         name: what was measured.
-        figure: in `unit`, the median of several measurements where that is affordable.
-        unit: of the figure and of the floor.
-        floor: what it is compared with, measured in the same run; None without one.
-        floor_figure: in `unit`.
-        ratio: of both, as the target means it.
-        target: ``<= 2`` or ``>= 100`` for the ratio; None where nothing is promised.
-        note: how it was measured, where that needs saying.
+        figure: result in `unit`, the median of several measurements if they are affordable.
+        unit: unit of `figure` and `floor_figure`.
+        floor: what it is compared with (a lower bound or another implementation), measured in the same run; None:
+            nothing.
+        floor_figure: its result in `unit`.
+        ratio: ratio of both, in the sense of `target`.
+        target: bound of the ratio, such as ``<= 2`` or ``>= 100``; None: no target.
+        note: details of the measurement.
     """
 
     name: str
@@ -62,7 +63,7 @@ class Row:
 
 
 def medians(repetitions: int, *functions: Callable[[], object]) -> list[float]:
-    """Median time of each function (s), after one call to warm up; they take turns, so that all meet the same load."""
+    """Median time of each function (s), after one warm-up call; they take turns to run under the same load."""
     times: list[list[float]] = [[] for _ in functions]
     for repetition in range(repetitions + 1):
         for function, measured in zip(functions, times, strict=True):
@@ -74,11 +75,11 @@ def medians(repetitions: int, *functions: Callable[[], object]) -> list[float]:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print the figures as one JSON object, and nothing else")
+    parser.add_argument("--json", action="store_true", help="print only the figures, as one JSON object")
     parser.add_argument("--out", type=Path, metavar="DIR", help="also write DIR/bench.json")
     parser.add_argument("--only", nargs="+", metavar="NAME", help=f"benchmarks to run (default: all but {_LONG})")
     parser.add_argument(
-        "--quick", action="store_true", help="short and coarse: shows that everything runs, and judges no ratio"
+        "--quick", action="store_true", help="short and coarse: checks that everything runs, without judging the ratios"
     )
 
 
@@ -123,7 +124,7 @@ def _files() -> dict[str, Path]:
     folder = next(folders, None)
     if folder is None:
         raise UsageError("bench needs the source checkout")
-    # Others are what benchmarks start or share.
+    # The other files are helpers of the benchmarks.
     return {file.stem: file for file in sorted(folder.glob("*.py")) if "\ndef run(" in file.read_text("utf-8")}
 
 
@@ -132,16 +133,16 @@ def _load(name: str, file: Path) -> Callable[[bool], Iterable[Row]]:
     assert spec is not None
     assert spec.loader is not None
     module: Any = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # Dataclasses and pickle look there.
+    sys.modules[spec.name] = module  # needed by dataclasses and pickle
     if str(file.parent) not in sys.path:
-        sys.path.append(str(file.parent))  # For what benchmarks share.
+        sys.path.append(str(file.parent))  # for their helpers
     spec.loader.exec_module(module)
     return cast(Callable[[bool], Iterator[Row]], module.run)
 
 
 def _table(name: str, rows: Iterable[Row], judged: bool) -> Table:
     table = Table(title=name, title_style="bold", title_justify="left", box=box.SIMPLE_HEAD)
-    for column in ("figure", "", "unit", "beside", "", "ratio", "target"):
+    for column in ("figure", "", "unit", "compared with", "", "ratio", "target"):
         table.add_column(column, justify="right" if column in ("", "ratio", "target") else "left")
     for row in rows:
         style = {True: "green", False: "bold red", None: ""}[row.met if judged else None]

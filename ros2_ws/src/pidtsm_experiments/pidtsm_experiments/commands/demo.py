@@ -1,4 +1,4 @@
-"""``./pidtsm demo``: Case 1 with the proposed law, over the real nodes in lockstep."""
+"""``./pidtsm demo``: Case 1 with the proposed law and the real nodes, in lockstep."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Options shared by several commands."""
 
 import argparse
 import json
@@ -24,8 +24,8 @@ CONSOLE = Console(stderr=True)
 
 
 def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
-    """What says which experiment is meant."""
-    parser.description = f"{parser.description}\n\nThe later wins: scenario, --params, --law, --set."
+    """Add the options that define the experiment."""
+    parser.description = f"{parser.description}\n\nPrecedence, lowest first: scenario, --params, --law, --set."
     parser.add_argument(
         "--scenario",
         default="case1",
@@ -33,31 +33,31 @@ def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"one of {', '.join(scenario_names())}, or a scenario file (default: case1)",
     )
     parser.add_argument("--law", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: {LAW_NAME.default})")
-    parser.add_argument("--duration", type=seconds, metavar="S", help="seconds, instead of the scenario's")
+    parser.add_argument("--duration", type=seconds, metavar="S", help="duration in seconds (default: the scenario's)")
     parser.add_argument(
         "--params",
         action="append",
         default=[],
         metavar="article|practical|FILE",
         help="the article's Table 1, the set for real sensors and drives, or a ROS parameter file for any of the "
-        "nodes; wins over the scenario; may be given again, the last one wins",
+        "nodes; overrides the scenario; can be repeated, later files override earlier ones",
     )
     parser.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="NODE.PARAM=VALUE",
-        help="one parameter, such as controller.law.upsilon=0.01; wins over all others; may be given again",
+        help="one parameter, such as controller.law.upsilon=0.01; overrides everything else; can be repeated",
     )
 
 
 def experiment_of(options: argparse.Namespace) -> Experiment:
-    """The experiment that the options describe."""
+    """The experiment defined by the options."""
     return make_experiment(options.scenario, options.law, options.duration, options.params, options.set)
 
 
 def seconds(text: str) -> float:
-    """A positive, finite number."""
+    """Parse a positive, finite number of seconds."""
     try:
         value = float(text)
     except ValueError:
@@ -69,7 +69,7 @@ def seconds(text: str) -> float:
 
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
-    """A progress bar on standard error, gone when the block ends."""
+    """A progress bar on standard error, removed at the end of the block."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with Progress(*columns, console=CONSOLE, transient=True) as bar:
         yield bar
@@ -85,7 +85,7 @@ def show_metrics(metrics: Mapping[str, Any], as_json: bool) -> None:
 
 
 def warn(controller: Mapping[str, Value]) -> None:
-    """Say on standard error what is wrong with parameters that are allowed.
+    """Print warnings about allowed but problematic parameters on standard error.
 
     Args:
         controller: every parameter of the controller.
@@ -95,10 +95,10 @@ def warn(controller: Mapping[str, Value]) -> None:
 
 
 def require_followed(metrics: Mapping[str, Any]) -> None:
-    """End the command after a run that did not come to a good end.
+    """Check that the controller follows at the end of a run.
 
     Raises:
-        RunError: the controller does not follow at the end, and why.
+        RunError: it does not; the message contains the reason.
     """
     if reason := why_not_followed(metrics):
         raise RunError(reason)

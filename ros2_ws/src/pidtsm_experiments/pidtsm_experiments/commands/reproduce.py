@@ -1,4 +1,4 @@
-"""``./pidtsm reproduce``: the article's evaluation over the real nodes, side by side with what it printed."""
+"""``./pidtsm reproduce``: the article's evaluation with the real nodes, compared with its printed results."""
 
 import argparse
 import os
@@ -25,11 +25,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("results", "reproduce"), metavar="DIR", help="default: results/reproduce"
     )
-    parser.add_argument("--resume", action="store_true", help="keep the runs that an interrupted call has finished")
+    parser.add_argument("--resume", action="store_true", help="keep the runs that an interrupted call has completed")
     parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="runs at a time (default: one a core)"
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="parallel runs (default: one per core)"
     )
-    parser.add_argument("--duration", type=seconds, metavar="S", help="seconds a run, for a quick look (default: 30)")
+    parser.add_argument("--duration", type=seconds, metavar="S", help="seconds per run, for a quick look (default: 30)")
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -39,7 +39,7 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _reproduce(options: argparse.Namespace) -> None:
-    """Make the runs, and everything of them.
+    """Make the runs and write all results.
 
     Raises:
         RunError: a run failed.
@@ -71,7 +71,7 @@ def _reproduce(options: argparse.Namespace) -> None:
 
 
 def _notes(runs: dict[tuple[str, str], Any]) -> list[str]:
-    """What the report says beyond the comparison; runs that went astray give way to a sentence about them."""
+    """Notes of the report besides the comparison; a run in which the arm ran away is replaced by a sentence."""
     notes = []
     for (scenario, law), run in list(runs.items()):
         if isinstance(run, str) or run[1]["outcome"] != RAN_AWAY:
@@ -88,8 +88,8 @@ def _notes(runs: dict[tuple[str, str], Any]) -> list[str]:
         notes.append(f"{label(law)}, {CASES[scenario]}: {sentence}.")
     if isinstance(runs.get(("case1", PRINTED_DTSM)), str):
         notes.append(
-            "Table 1 prints kappa = 0.01 for DTSM. Everything about DTSM here is with kappa = 0.3, "
-            "the value with which the law works; the sentence above is what the printed one does."
+            "Table 1 prints kappa = 0.01 for DTSM. All other results of DTSM here are for kappa = 0.3, with which the "
+            "law works; the sentence above describes the run with the printed value."
         )
     return notes
 

@@ -1,4 +1,4 @@
-"""``./pidtsm robustness``: how much imperfection each controller bears, over many rollouts."""
+"""``./pidtsm robustness``: how much imperfection each controller tolerates, from many rollouts."""
 
 import argparse
 import json
@@ -27,9 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help=f"{QUICK.values} values and {QUICK.seeds} seeds: shows that everything runs, not more",
+        help=f"{QUICK.values} values and {QUICK.seeds} seeds, only to check that everything runs",
     )
-    parser.add_argument("--json", action="store_true", help="print the results as one JSON object, and nothing else")
+    parser.add_argument("--json", action="store_true", help="print only the results, as one JSON object")
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -57,7 +57,7 @@ def execute(options: argparse.Namespace) -> int:
 def _requirements(robustness: Robustness) -> Table:
     effort = robustness.effort
     title = (
-        f"imperfect hardware: practical set within its limits in {robustness.met()} of {len(REQUIREMENTS)} rows "
+        f"imperfect hardware: the practical set meets all limits in {robustness.met()} of {len(REQUIREMENTS)} rows "
         f"({effort.duration:g} s, {effort.seeds} seeds)"
     )
     table = _table(title, "hardware", "set", "RMSE", "ECI", "error (rad)", "variation (N m)", "success")
@@ -75,7 +75,7 @@ def _requirements(robustness: Robustness) -> Table:
 
 def _tolerance(robustness: Robustness) -> Table:
     names = (each.heading for each in CONTENDERS)
-    table = _table("tolerated: up to here every run succeeded", "", *names)
+    table = _table("tolerance: up to this value every run succeeded", "", *names)
     for each in IMPERFECTIONS:
         head = f"{each.name}\n[dim]{each.unit}[/]" if each.unit else each.name
         table.add_row(head, *(tolerance_text(robustness, each, contender.name) for contender in CONTENDERS))

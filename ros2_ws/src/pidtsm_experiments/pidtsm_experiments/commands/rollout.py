@@ -19,7 +19,7 @@ from pidtsm_experiments.errors import RunError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_experiment_arguments(parser)
-    parser.add_argument("--json", action="store_true", help="print the metrics as one JSON object, and nothing else")
+    parser.add_argument("--json", action="store_true", help="print only the metrics, as one JSON object")
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""``./pidtsm run``: an experiment over the real nodes."""
+"""``./pidtsm run``: an experiment with the real nodes."""
 
 import argparse
 from pathlib import Path
@@ -30,12 +30,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--clock",
         choices=("lockstep", "realtime"),
         default="lockstep",
-        help="lockstep: deterministic, as fast as possible; realtime: at the wall clock's pace (default: lockstep)",
+        help="lockstep: deterministic, as fast as possible; realtime: in real time (default: lockstep)",
     )
     parser.add_argument(
-        "--composed", action="store_true", help="simulator, trajectory and controller in one process: lowest latency"
+        "--composed", action="store_true", help="run all nodes but the recorder in one process: lowest latency"
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default: results/SCENARIO-LAW)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="result folder (default: results/SCENARIO-LAW)")
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -46,13 +46,13 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def run_and_report(experiment: Experiment, clock: str, out: Path, composed: bool = False) -> None:
-    """Run, analyse, draw, and say where everything is.
+    """Run an experiment, analyse it, draw the figures, and print where the results are.
 
     Raises:
         UsageError: see `runner.run` and `result_folder`.
         RunError: the run failed, or, with complete results, the controller does not follow at the end.
     """
-    parameters = recorded_parameters(experiment, clock)  # Refuses bad parameters before anything is begun.
+    parameters = recorded_parameters(experiment, clock)  # Reject invalid parameters before anything starts.
     warn(parameters["controller"])
     title = f"{experiment.scenario}, {experiment.law}, {clock}"
     with result_folder(out) as folder, progress_bar() as bar:
@@ -61,10 +61,10 @@ def run_and_report(experiment: Experiment, clock: str, out: Path, composed: bool
         def show(time: float) -> None:
             bar.update(task, completed=time, description=title)
 
-        def tell(place: str) -> None:
+        def announce(place: str) -> None:
             bar.console.print(f"{title}: {place}", highlight=False)
 
-        bag = run(experiment, clock, folder, show, composed, tell)
+        bag = run(experiment, clock, folder, show, composed, announce)
         bar.update(task, completed=experiment.duration, description=f"{title}: analysing")
         try:
             recording = read_recording(bag)

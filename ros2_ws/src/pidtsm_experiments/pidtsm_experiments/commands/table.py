@@ -17,7 +17,7 @@ _ROWS = (
     ("settling_time", "settling time", "s"),
     ("recovery_time", "recovery time", "s"),
     ("torque_variation", "torque variation", "N m"),
-    ("torque_variation_rate", "torque variation a second", "N m/s"),
+    ("torque_variation_rate", "torque variation per second", "N m/s"),
     ("torque_jumps", "torque jumps", ""),
     ("saturation", "saturated", "%"),
     ("time_at_effort_limit", "at the effort limit", "s"),
@@ -29,14 +29,14 @@ _ONLY_IF_ANY = ("time_at_effort_limit", "time_at_rate_limit")
 
 
 def metrics_table(metrics: Mapping[str, Any]) -> Table:
-    """One column a joint.
+    """The metrics with one column per joint.
 
     Args:
         metrics: as in metrics.json.
     """
-    said = [str(metrics[key]) for key in ("scenario", "law", "clock") if metrics[key] is not None]
+    labels = [str(metrics[key]) for key in ("scenario", "law", "clock") if metrics[key] is not None]
     run = f"{_number(metrics['duration'])} s, {metrics['samples']} samples"
-    title = ": ".join(filter(None, (", ".join(said), run)))
+    title = ": ".join(filter(None, (", ".join(labels), run)))
     table = Table(title=escape(title), title_style="bold", box=box.SIMPLE_HEAD)
     table.add_column("metric")
     table.add_column("unit")
@@ -49,18 +49,18 @@ def metrics_table(metrics: Mapping[str, Any]) -> Table:
 
 
 def _cells(metrics: Mapping[str, Any], key: str) -> list[str]:
-    """A metric of each joint; no number where it would pass for that of a run that tracks."""
+    """A metric of each joint; no tracking metrics if the arm ran away, since the numbers would be misleading."""
     if metrics["outcome"] == RAN_AWAY and key in OF_TRACKING:
         return [f"[bold red]{RAN_AWAY}[/]"] * len(metrics[key])
     return [_number(value, _FACTOR.get(key, 1.0)) for value in metrics[key]]
 
 
 def print_metrics(metrics: Mapping[str, Any], console: Console | None = None) -> None:
-    """Print the table, the timing and what was not normal; without a terminal it is plain text.
+    """Print the table, the timing and everything unusual; plain text if the output is not a terminal.
 
     Args:
         metrics: as in metrics.json.
-        console: where to, standard output by default.
+        console: output, by default standard output.
     """
     console = console or Console()
     console.print(metrics_table(metrics))
@@ -76,7 +76,7 @@ def print_metrics(metrics: Mapping[str, Any], console: Console | None = None) ->
 
 
 def _number(value: float | None, factor: float = 1.0) -> str:
-    """Four significant digits, enough to compare runs; a dash for what does not exist."""
+    """Four significant digits, enough to compare runs; a dash for None."""
     if value is None:
         return "-"
     return str(value) if isinstance(value, int) and factor == 1.0 else f"{value * factor:.4g}"

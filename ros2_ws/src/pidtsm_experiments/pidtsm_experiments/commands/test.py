@@ -1,4 +1,4 @@
-"""``./pidtsm test``: ruff, mypy and pytest over the checkout."""
+"""``./pidtsm test``: ruff, mypy and pytest on the checkout."""
 
 import argparse
 import subprocess
@@ -8,19 +8,19 @@ from pathlib import Path
 from pidtsm_core.errors import UsageError
 
 _UNHURRIED = ("tests/test_documentation.py", "tests/test_practical.py", "tests/test_reproduction.py")
-"""Tests of whole runs that do not mind what else the machine does."""
+"""Tests of whole runs that are not sensitive to the load of the machine."""
 _PARALLEL = ("--numprocesses", "auto", "--dist", "worksteal")
 _AGAIN = ("--reruns", "2", "-rR")
-"""For real processes: a machine that stands still is told from a defect by another try, which the summary names."""
+"""For real processes: a failed test is repeated, in case the machine stalled; the summary lists repeated tests."""
 
 _CHECKS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    # The packages' own tests depend on nothing but the code: they get one try.
+    # The packages' own tests depend only on the code and are not repeated.
     ("pytest", *_PARALLEL, "ros2_ws/src"),
     ("pytest", *_AGAIN, *_PARALLEL, *_UNHURRIED),
-    # The others are real nodes in real time, one test after the other.
+    # The others run real nodes in real time, one test after the other.
     ("pytest", *_AGAIN, "tests", *(f"--ignore={path}" for path in _UNHURRIED)),
 )
 
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "arguments",
         nargs=argparse.REMAINDER,
         metavar="ARGS",
-        help="passed on to pytest, which then runs alone; without any, everything is checked",
+        help="run only pytest, with these arguments (default: run all checks)",
     )
 
 

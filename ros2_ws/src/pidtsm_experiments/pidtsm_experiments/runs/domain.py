@@ -1,4 +1,4 @@
-"""A ROS domain of one's own, so that runs disturb neither each other nor other ROS traffic."""
+"""A separate ROS domain, so that runs disturb neither each other nor other ROS traffic."""
 
 import random
 import socket
@@ -8,14 +8,14 @@ from pathlib import Path
 
 from pidtsm_experiments.errors import RunError
 
-_HIGHEST = 101  # Above, the ports of a domain may meet those the system hands out.
-_FIRST_PORT, _PORTS_A_DOMAIN = 7400, 250  # DDSI-RTPS 2.2, 9.6.1.1.
+_HIGHEST = 101  # Above it, the ports of a domain may overlap with the system's ephemeral ports.
+_FIRST_PORT, _PORTS_PER_DOMAIN = 7400, 250  # DDSI-RTPS 2.2, 9.6.1.1.
 _SOCKETS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 
 
 @contextmanager
 def own_domain() -> Iterator[int]:
-    """Yield a ROS_DOMAIN_ID that nobody on this machine uses, and keep it until the end of the block.
+    """Reserve a ROS_DOMAIN_ID that is unused on this machine until the end of the block.
 
     Raises:
         RunError: every domain is in use.
@@ -23,7 +23,7 @@ def own_domain() -> Iterator[int]:
     domains = list(range(1, _HIGHEST + 1))
     random.shuffle(domains)
     for domain in domains:
-        # A name without a file: it is free again however this process ends, and all users of the machine share it.
+        # An abstract socket name is released however this process ends, and is shared by all users of the machine.
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as lock:
             try:
                 lock.bind(f"\0pidtsm-domain-{domain}")
@@ -36,17 +36,17 @@ def own_domain() -> Iterator[int]:
 
 
 def domains_in_use() -> set[int]:
-    """Domains in which somebody on this machine has a socket, whatever its address and whoever its owner.
+    """Domains in which any process on this machine has a socket, regardless of its address and owner.
 
-    Every participant has one for discovery and one for messages at ports of its domain, also where it is limited to
-    this machine and does not listen at the port that all participants of a domain share.
+    Every participant has a socket for discovery and one for messages at ports of its domain, even if it is limited to
+    this machine and does not use the port shared by all participants of a domain.
     """
-    return {(port - _FIRST_PORT) // _PORTS_A_DOMAIN for port in _bound_ports()}
+    return {(port - _FIRST_PORT) // _PORTS_PER_DOMAIN for port in _bound_ports()}
 
 
 def _bound_ports() -> Iterator[int]:
     """Ports of all UDP sockets of this machine."""
     for table in _SOCKETS:
-        with suppress(FileNotFoundError):  # Without IPv6 there is one table only.
+        with suppress(FileNotFoundError):  # Without IPv6 there is only one table.
             for line in table.read_text(encoding="ascii").splitlines()[1:]:
                 yield int(line.split()[1].rpartition(":")[2], 16)

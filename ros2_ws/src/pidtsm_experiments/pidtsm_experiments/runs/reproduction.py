@@ -1,4 +1,4 @@
-"""The article's evaluation: which runs it takes, and making them side by side."""
+"""The article's evaluation: the list of its runs, and making them in parallel."""
 
 import json
 import multiprocessing
@@ -25,7 +25,7 @@ from pidtsm_studies.article.claims import ARTICLE_LAWS, Comparison, as_json
 SCENARIOS = ("case1", "case2")
 BASELINES = ("pid", "computed_torque", "super_twisting")
 PRINTED_DTSM = "dtsm_printed"
-"""DTSM with Table 1's kappa as printed, in Case 1 only: to show why another value is used."""
+"""DTSM with kappa as printed in Table 1, only in Case 1, to show why another value is used."""
 
 _POLL = 0.1  # s
 
@@ -40,7 +40,7 @@ class Planned:
     Attributes:
         scenario: name of the scenario.
         law: name in tables and figures.
-        experiment: what is run.
+        experiment: definition of the run.
     """
 
     scenario: str
@@ -57,7 +57,7 @@ def plan(duration: float | None = None) -> list[Planned]:
     """Every run: the article's laws and the baselines in both cases, and DTSM as printed.
 
     Args:
-        duration: s, instead of the scenarios' own; for a quick look only.
+        duration: s; replaces that of the scenarios, only for a quick look.
     """
     runs = [
         Planned(scenario, law, make_experiment(scenario, law, duration, [ARTICLE] if law in ARTICLE_LAWS else []))
@@ -72,17 +72,17 @@ def plan(duration: float | None = None) -> list[Planned]:
 def make_runs(
     planned: Sequence[Planned], folder: Path, workers: int, resume: bool, progress: Progress
 ) -> dict[str, str]:
-    """Make the runs over the nodes in lockstep, several at a time, each in ROS domain and processes of its own.
+    """Make the runs with the nodes in lockstep, several in parallel, each in its own ROS domain and processes.
 
     Args:
         planned: the runs.
-        folder: each run is left in a folder of its own, named after its key, below this one.
-        workers: number of runs at a time.
-        resume: keep runs that are there already, with the same parameters.
-        progress: called as the runs go on.
+        folder: parent of the runs' folders, which are named after their keys.
+        workers: number of parallel runs.
+        resume: keep existing runs with the same parameters.
+        progress: called during the runs.
 
     Returns:
-        By key, why a run failed.
+        Reasons of failed runs, by key.
     """
     waiting = [p for p in planned if not (resume and is_done(p, folder / p.key))]
     for done in planned:
@@ -118,7 +118,7 @@ def make_runs(
 
 
 def is_done(planned: Planned, folder: Path) -> bool:
-    """Whether the folder holds this run, complete and with these very parameters."""
+    """Whether the folder contains this run, complete and with the same parameters."""
     if not (folder / "metrics.json").is_file():
         return False
     try:
@@ -131,7 +131,7 @@ def is_done(planned: Planned, folder: Path) -> bool:
 
 
 def load(planned: Sequence[Planned], folder: Path, failed: Mapping[str, str]) -> dict[tuple[str, str], Any]:
-    """Recordings and metrics by (scenario, law), from the bags; for a run that failed the reason."""
+    """Recordings and metrics by (scenario, law), from the bags; for a failed run, the reason."""
     runs: dict[tuple[str, str], Any] = {}
     for p in planned:
         if p.key in failed:
@@ -143,7 +143,7 @@ def load(planned: Sequence[Planned], folder: Path, failed: Mapping[str, str]) ->
 
 
 def write_results(runs: Mapping[tuple[str, str], Any], comparisons: Sequence[Comparison], file: Path) -> None:
-    """results.json: the metrics of every run, and the comparison with the article."""
+    """Write results.json: the metrics of every run, and the comparison with the article."""
     content = {
         "runs": {
             f"{scenario}-{law}": {"failed": run} if isinstance(run, str) else run[1]
@@ -155,7 +155,7 @@ def write_results(runs: Mapping[tuple[str, str], Any], comparisons: Sequence[Com
 
 
 def _make_run(experiment: Experiment, folder: Path, clock: "Synchronized[float]", errors: Any) -> None:
-    """One run, in a process of its own."""
+    """Make one run, in a separate process."""
     signal.signal(signal.SIGTERM, _interrupt)
 
     def show(seconds: float) -> None:

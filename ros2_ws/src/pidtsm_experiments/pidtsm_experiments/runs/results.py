@@ -1,4 +1,4 @@
-"""Result folders: complete or absent, never somebody's other files, and of one process at a time."""
+"""Result folders: complete or absent, without replacing other files, used by one process at a time."""
 
 import fcntl
 import os
@@ -14,13 +14,13 @@ _OURS = {"bag", "params", "log", "figures", "metrics.json", "robustness.json", "
 
 @contextmanager
 def result_folder(out: Path) -> Iterator[Path]:
-    """Yield an empty folder to work in; it becomes `out` at the end of the block, replacing earlier results there.
+    """Yield an empty working folder; at the end of the block it becomes `out` and replaces earlier results.
 
-    Where the block raises, earlier results stay as they were, and the unfinished ones are kept beside them in
-    ``OUT.failed`` for a look at the logs.
+    If the block raises an exception, earlier results are kept, and the unfinished ones are moved to ``OUT.failed``,
+    where the logs can be read.
 
     Raises:
-        UsageError: `out` holds other things than results, cannot be written, or another process works in it.
+        UsageError: `out` contains other files, cannot be written, or is used by another process.
     """
     out = out.absolute()
     with locked(out):
@@ -47,12 +47,12 @@ def result_folder(out: Path) -> Iterator[Path]:
 
 @contextmanager
 def locked(out: Path) -> Iterator[None]:
-    """Let no other process work in `out` within the block.
+    """Lock `out` against other processes within the block.
 
-    The lock is on a file beside `out`, and the kernel takes it back from a process that dies.
+    The lock is held on a file next to `out`; the kernel releases it if the process dies.
 
     Raises:
-        UsageError: another process works in it, which the message names, or nothing can be written there.
+        UsageError: another process holds the lock (the message contains its id), or the lock file cannot be written.
     """
     out = out.absolute()
     file = out.with_name(f".{out.name}.lock")
@@ -71,12 +71,12 @@ def locked(out: Path) -> Iterator[None]:
 
 
 def _lock(file: Path) -> int | None:
-    """Descriptor of a file, made where it is not there, that is locked and says by whom; None: by another process."""
+    """Create and lock a file with the id of this process; returns its descriptor, None if another process has it."""
     while True:
         descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            # Whoever had it before has removed it, unless it is still the one of that name.
+            # The previous owner may have removed the file after it was opened here; then try again.
             if file.exists() and os.path.samestat(file.stat(), os.fstat(descriptor)):
                 os.ftruncate(descriptor, 0)
                 os.write(descriptor, str(os.getpid()).encode())
@@ -92,7 +92,7 @@ def _lock(file: Path) -> int | None:
 def _owner(file: Path) -> str:
     try:
         return f"process {int(file.read_text(encoding='ascii'))}"
-    except (OSError, ValueError):  # It has just ended, or just begun.
+    except (OSError, ValueError):  # It has just ended or just started.
         return "another process"
 
 
@@ -105,4 +105,4 @@ def _check_ours(out: Path) -> None:
         raise UsageError(f"{out} is a file; --out needs a folder")
     foreign = sorted(entry.name for entry in out.iterdir() if entry.name not in _OURS)
     if foreign:
-        raise UsageError(f"{out} holds other files ({', '.join(foreign[:3])}); choose another --out")
+        raise UsageError(f"{out} contains other files ({', '.join(foreign[:3])}); choose another --out")

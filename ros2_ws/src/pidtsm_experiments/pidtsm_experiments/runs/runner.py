@@ -1,4 +1,4 @@
-"""Runs an experiment over real nodes: starts the processes, watches them, ends them."""
+"""Runs an experiment with real nodes: starts, monitors and ends the processes."""
 
 import ctypes
 import json
@@ -37,49 +37,49 @@ EXECUTABLES = {
 }
 """Package and executable of each process; ``composed`` is simulator, trajectory and controller in one."""
 
-_ENDS = ("simulator", "composed")  # end by themselves when all samples are done
+_ENDS = ("simulator", "composed")  # end by themselves after the last sample
 _FIRST_SAMPLE_WITHIN = 180.0  # s; the very first run compiles
 _NEXT_SAMPLE_WITHIN = 20.0  # s
 _END_WITHIN = 10.0  # s from SIGINT to the end of a process
 _TAIL_LINES = 15
-_PROFILES = {"recorder": "fastdds_recorder.xml"}  # of Fast DDS, where they are not the nodes'
+_PROFILES = {"recorder": "fastdds_recorder.xml"}  # Fast DDS profiles other than the default
 _SUBSCRIBERS = {"simulator": 3, "controller": 2, "trajectory": 2}
-"""Who waits for how many at the start, the recorder among them."""
+"""Number of subscribers each node waits for at the start, including the recorder."""
 _PR_SET_PDEATHSIG = 1
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 
 Progress = Callable[[float], None]
 """Called with the simulated time recorded so far, s."""
 Announce = Callable[[str], None]
-"""Called with a line that says where on the ROS graph a run is."""
+"""Called with a line with the ROS domain and the namespace of a run."""
 
 
 def _end_with_parent(runner: int) -> None:
-    """Let the process end when the runner does, however that happens."""
+    """Make the kernel end this process when the runner ends, for whatever reason."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != runner:  # It was killed before it could be asked for.
+    if os.getppid() != runner:  # The runner was killed before this request.
         os._exit(1)
 
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Put SIGINT and SIGTERM off until the end of the block."""
-    came: list[int] = []
-    previous = {number: signal.signal(number, lambda n, _: came.append(n)) for number in _ENDING}
+    """Defer SIGINT and SIGTERM to the end of the block."""
+    received: list[int] = []
+    previous = {number: signal.signal(number, lambda n, _: received.append(n)) for number in _ENDING}
     try:
         yield
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
-        if came:
-            signal.raise_signal(came[0])
+        if received:
+            signal.raise_signal(received[0])
 
 
 class Process:
-    """One node's process, its output in a log file."""
+    """Process of one node, with its output in a log file."""
 
     def __init__(self, name: str, arguments: Sequence[str], environment: dict[str, str], log: Path) -> None:
-        """Start it; raises RunError where its package is not installed."""
+        """Start the process; raises RunError if its package is not installed."""
         package, executable = EXECUTABLES[name]
         try:
             path = Path(get_package_prefix(package), "lib", package, executable)
@@ -99,12 +99,12 @@ class Process:
             )
 
     def interrupt(self) -> None:
-        """Ask the process to end."""
+        """Send SIGINT to the process if it is still running."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
 
     def wait(self) -> int:
-        """Exit code, after SIGKILL if the process does not end in time."""
+        """Wait for the exit code; send SIGKILL if the process does not end in time."""
         try:
             return self.process.wait(_END_WITHIN)
         except subprocess.TimeoutExpired:
@@ -114,11 +114,11 @@ class Process:
     def tail(self) -> str:
         """The last lines of its output."""
         lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
-        return "\n".join(f"    {line}" for line in lines[-_TAIL_LINES:]) or "    (it said nothing)"
+        return "\n".join(f"    {line}" for line in lines[-_TAIL_LINES:]) or "    (no output)"
 
 
 class Processes:
-    """All processes of a run; leaving the block ends them."""
+    """All processes of a run; they are ended at the end of the block."""
 
     def __init__(self) -> None:
         self.running: dict[str, Process] = {}
@@ -141,14 +141,14 @@ class Processes:
         return self.running[name]
 
     def end(self, *names: str) -> None:
-        """Interrupt these, and wait for them; a process that ended badly is an error only if it was not killed."""
+        """Interrupt these processes and wait for them; their exit codes are ignored."""
         for name in names:
             self.running[name].interrupt()
         for name in names:
             self.running.pop(name).wait()
 
     def check(self) -> None:
-        """Raise RunError for a process that ended although it should run."""
+        """Raise RunError if a process has ended unexpectedly."""
         for name, process in self.running.items():
             code = process.process.poll()
             if code is None or (name in _ENDS and code == 0):
@@ -165,25 +165,25 @@ def run(
     composed: bool = False,
     announce: Announce = lambda _place: None,
 ) -> Path:
-    """Run an experiment and record it, in a ROS domain and a namespace of its own.
+    """Run an experiment and record it, in a separate ROS domain and namespace.
 
-    Even in a domain that somebody joins who starts later, the nodes command no other arm, and no other commands theirs.
+    If other nodes join the domain later, the namespace keeps the commands of both systems apart.
 
     Args:
-        experiment: what to run.
+        experiment: definition of the run.
         clock: ``lockstep`` or ``realtime``.
-        out: an existing folder; ``bag/``, ``params/`` and ``log/`` are made in it.
-        progress: called as the run goes on.
-        composed: simulator, trajectory and controller share one process.
-        announce: called once, before the nodes start; ``log/place.txt`` has the same line.
+        out: an existing folder, in which ``bag/``, ``params/`` and ``log/`` are created.
+        progress: called during the run.
+        composed: run simulator, trajectory and controller in one process.
+        announce: called once, before the nodes start; ``log/place.txt`` contains the same line.
 
     Returns:
         Path of the bag.
 
     Raises:
-        UsageError: a parameter that a node would refuse, or security that is asked for and cannot be had.
-        RunError: a process died or fell silent, or the bag is incomplete; the message names the process and shows its
-            last lines.
+        UsageError: a parameter is invalid, or security is requested but not available.
+        RunError: a process died or stopped responding, or the bag is incomplete; the message contains the process and
+            its last lines.
     """
     parameters = recorded_parameters(experiment, clock)
     bag = out / "bag"
@@ -225,7 +225,7 @@ def _environment(process: str, domain: int, logs: Path) -> dict[str, str]:
 
 
 def _check_security(names: Iterable[str]) -> None:
-    """Start nothing where one of these executables would not be as secure as is asked for."""
+    """Raise UsageError if security is requested but not available for one of these executables."""
     try:
         if security_requested():
             for name in names:
@@ -235,12 +235,12 @@ def _check_security(names: Iterable[str]) -> None:
 
 
 def bag_metadata(experiment: Experiment, clock: str, namespace: str = "") -> str:
-    """What the recorder stores with the bag, so that an analysis knows what was run: a JSON object.
+    """Description of the run as a JSON object, which the recorder stores in the bag for the analysis.
 
     Args:
-        experiment: what is run.
+        experiment: definition of the run.
         clock: ``lockstep`` or ``realtime``.
-        namespace: of the nodes, without slashes at its ends, where the recorder leaves it out of the names of topics.
+        namespace: namespace of the nodes, without slashes at its ends, if the recorder omits it from topic names.
 
     Raises:
         UsageError: see `node_parameters`.
@@ -257,7 +257,7 @@ def bag_metadata(experiment: Experiment, clock: str, namespace: str = "") -> str
 
 
 def _quoted(text: str) -> str:
-    """A text as a YAML string, as the command line of ROS wants it."""
+    """A text as a YAML string for the command line of ROS."""
     return "'" + text.replace("'", "''") + "'"
 
 
@@ -265,7 +265,7 @@ def node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, V
     """Every parameter of every node, by node, for a run with this clock.
 
     Raises:
-        UsageError: a parameter that a node would refuse.
+        UsageError: a parameter is invalid.
     """
     of_the_run: Settings = {
         "simulator": {"clock": clock, "duration": experiment.duration},
@@ -283,25 +283,25 @@ _RECORDED: dict[str, dict[str, Value]] = {
     "controller": {"output.type": "joint_state", "state.decimation": 1},
     "simulator": {"input.type": "joint_state"},
 }
-"""What the recorder and the metrics of a run count on."""
+"""Parameter values that the recorder and the metrics of a run require."""
 
 
 def recorded_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, Value]]:
-    """`node_parameters` of a run with a recorder.
+    """`node_parameters` of a recorded run.
 
     Raises:
-        UsageError: a parameter that a node would refuse, or with which the bag would lack something.
+        UsageError: a parameter is invalid, or would make the recording incomplete.
     """
     parameters = node_parameters(experiment, clock)
     for node, needed in _RECORDED.items():
         for name, value in needed.items():
             if parameters[node][name] != value:
-                raise UsageError(f"{node}.{name}: a run that is recorded needs {value}, not {parameters[node][name]}")
+                raise UsageError(f"{node}.{name}: a recorded run requires {value}, not {parameters[node][name]}")
     return parameters
 
 
 def _watch(processes: Processes, progress: Callable[[int], None]) -> None:
-    """Return when the simulator has done what it should; raise when anything else ends, or nothing goes on."""
+    """Return when the simulator has finished; raise RunError if another process ends or nothing more is recorded."""
     recorder = processes.running["recorder"].process
     simulator = next(processes.running[name].process for name in _ENDS if name in processes.running)
     assert recorder.stdout is not None
@@ -324,4 +324,4 @@ def _watch(processes: Processes, progress: Callable[[int], None]) -> None:
 
 
 def _last_words(processes: Processes) -> str:
-    return "the processes' last lines:\n" + "\n".join(f"  {p.name}:\n{p.tail()}" for p in processes.running.values())
+    return "last lines of the processes:\n" + "\n".join(f"  {p.name}:\n{p.tail()}" for p in processes.running.values())

@@ -578,7 +578,7 @@ def test_topics_that_end_earlier_are_named(tmp_path: Path, run: Rollout, write_b
 
     path = write_bag(tmp_path / "bag", run, edit=stop_state)
     (path / "metadata.yaml").unlink()
-    with pytest.warns(UnfinishedBag, match=r"earlier end controller/state at 0\.299 s"):
+    with pytest.warns(UnfinishedBag, match=r"topics that end earlier: controller/state at 0\.299 s"):
         read_recording(path)
 
 

@@ -26,7 +26,7 @@ _METRICS = (
     ("settling_time", "settling time, until |e| stays below 2 % of its start", "s", 1.0),
     ("recovery_time", "recovery time, from the event until |e| stays below 1e-3 rad", "s", 1.0),
     ("torque_variation", "torque variation, mean change from sample to sample", "N m", 1.0),
-    ("torque_variation_rate", "torque variation a second", "N m/s", 1.0),
+    ("torque_variation_rate", "torque variation per second", "N m/s", 1.0),
     ("torque_jumps", "torque jumps, samples at which it changes by more than 5 N m", "", 1.0),
     ("saturation", "torque at its limit or that of its rate, share of the samples", "%", 100.0),
     ("time_at_effort_limit", "torque at its limit", "s", 1.0),
