@@ -1,6 +1,6 @@
-"""What the article prints about its evaluation (section 4), beside what a reproduction gives.
+"""Comparison of the article's printed evaluation (section 4) with a reproduction.
 
-The article's numbers and statements are in claims.yaml. The project's are computed from the runs at hand.
+The article's numbers and statements are in claims.yaml; the project's are computed from its runs.
 """
 
 import math
@@ -15,31 +15,31 @@ from pidtsm_studies.article.printed import PRINTED
 from pidtsm_studies.reports.labels import CASES, NOTHING, label, value_text
 
 Run: TypeAlias = tuple[Recording, Mapping[str, Any]]
-"""A recording and its metrics, as `summary.summarize` gives them."""
+"""A recording and its metrics, as returned by `summary.summarize`."""
 
 Reproduction: TypeAlias = Mapping[tuple[str, str], Run | str]
-"""Runs by (scenario, law); in place of a run that did not come to its end stands the reason, a sentence."""
+"""Runs by (scenario, law); for a run that did not finish, the reason as a sentence."""
 
 ARTICLE_LAWS = ("piddtsm", "pidnftsm", "dtsm")
 """In the article's order: the proposed law first."""
 
 _JOINTS = (0, 1)
-_NEARLY = 0.01  # share up to which values are nearly the same; the article gives none
+_NEARLY = 0.01  # relative difference of values that are "nearly the same"; the article gives none
 
 
 @dataclass(frozen=True)
 class Claim(ABC):
-    """Something that the article prints about one joint.
+    """A statement or number of the article about one joint.
 
     Attributes:
-        quantity: in words, with the definition that the project uses.
+        quantity: description, with the definition that the project uses.
         case: scenario.
-        laws: which laws it is about, the one judged first.
+        laws: the laws concerned, beginning with the one that is judged.
         joint: index, from 0.
-        unit: of the metric, empty for a count.
-        metric: its name, see `measures.measure`.
-        printed_in: where the article prints it.
-        reason: why the project's value may be another, a sentence or several.
+        unit: unit of the metric, empty for a count.
+        metric: name of the metric, see `measures.measure`.
+        printed_in: place in the article.
+        reason: why the project's value may differ, one or more sentences.
     """
 
     quantity: str
@@ -52,10 +52,10 @@ class Claim(ABC):
     reason: str
 
     def compare(self, reproduction: Reproduction) -> "Comparison":
-        """The claim beside the project's runs.
+        """Compare the claim with the project's runs.
 
         Raises:
-            KeyError: a run has no such metric.
+            KeyError: a run lacks the metric.
         """
         outcomes = {law: reproduction.get((self.case, law), "not run") for law in self.laws}
         missing = [f"{label(law)}: {outcome}" for law, outcome in outcomes.items() if isinstance(outcome, str)]
@@ -70,17 +70,17 @@ class Claim(ABC):
 
     @abstractmethod
     def printed(self) -> str:
-        """The article's value as a table shows it."""
+        """The article's value as shown in tables."""
 
     @abstractmethod
     def judge(self, values: Sequence[float]) -> tuple[str, str, bool | None]:
-        """What becomes of the claim with the project's values.
+        """Judge the claim by the project's values.
 
         Args:
-            values: one a law, in the order of `laws`.
+            values: one per law, in the order of `laws`.
 
         Returns:
-            The project's value and its deviation, as a table shows them, and whether the claim holds.
+            The project's value and its deviation, as shown in tables, and whether the claim holds.
         """
 
     def with_unit(self, text: str) -> str:
@@ -90,14 +90,14 @@ class Claim(ABC):
 
 @dataclass(frozen=True)
 class Comparison:
-    """A claim beside the project's value.
+    """A claim of the article compared with the project.
 
     Attributes:
-        claim: the article's.
-        values: the project's value of each law; None where it does not exist.
-        project: as shown, with unit.
-        deviation: of the project from the article, as shown.
-        holds: whether a statement or limit of the article is true of the project; None for numbers and without runs.
+        claim: the claim.
+        values: the project's value for each law; None if it does not exist.
+        project: the project's value as shown, with unit.
+        deviation: deviation of the project from the article, as shown.
+        holds: whether a statement or limit of the article is true for the project; None for numbers and without runs.
     """
 
     claim: Claim
@@ -109,7 +109,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Number(Claim):
-    """A value of one law; `about` where the article does not print it exactly."""
+    """A value of one law; `about` if the article gives it only approximately."""
 
     value: float
     about: bool = False
@@ -146,7 +146,7 @@ class Decrease(Claim):
 
 @dataclass(frozen=True)
 class Limit(Claim):
-    """What no law's value is above."""
+    """An upper limit for the values of all laws."""
 
     value: float
 
@@ -161,7 +161,7 @@ class Limit(Claim):
 
 @dataclass(frozen=True)
 class Order(Claim):
-    """How the first law's value compares with each other's: the sign is -1 for smaller, 1 for larger."""
+    """The first law's value is smaller (sign -1) or larger (sign 1) than those of all other laws."""
 
     sign: int
 
@@ -176,7 +176,7 @@ class Order(Claim):
 
 @dataclass(frozen=True)
 class Same(Claim):
-    """Values that are nearly the same: within a hundredth of the first law's."""
+    """Values that are nearly the same: within 1 % of the first law's."""
 
     def printed(self) -> str:
         return " and ".join(label(law) for law in self.laws) + " nearly the same"
@@ -195,15 +195,15 @@ def _verdict(holds: bool) -> str:
 
 
 def claim_of(entry: Mapping[str, Any], joint: int) -> Claim:
-    """What an entry of claims.yaml says about one joint.
+    """The claim of an entry of claims.yaml for one joint.
 
     Args:
-        entry: one of `PRINTED`'s claims.
+        entry: one of the claims in `PRINTED`.
         joint: index, from 0.
 
     Raises:
-        ValueError: there is no such kind of claim.
-        KeyError: something is missing.
+        ValueError: unknown kind of claim.
+        KeyError: a key is missing.
     """
     common: dict[str, Any] = {
         "quantity": entry["quantity"],
@@ -227,18 +227,18 @@ def claim_of(entry: Mapping[str, Any], joint: int) -> Claim:
         case "same":
             return Same(**common)
         case kind:
-            raise ValueError(f"claims.yaml: {entry['quantity']}: {kind} is no kind of claim")
+            raise ValueError(f"claims.yaml: {entry['quantity']}: unknown kind of claim {kind}")
 
 
 CLAIMS = tuple(claim_of(entry, joint) for entry in PRINTED["claims"] for joint in _JOINTS)
-"""Everything that the article prints about its evaluation, in its order."""
+"""All claims of the article about its evaluation, in its order."""
 
 
 def compare(reproduction: Reproduction) -> list[Comparison]:
-    """Every claim beside the project's runs, in the order of `CLAIMS`.
+    """Compare every claim with the project's runs, in the order of `CLAIMS`.
 
     Raises:
-        KeyError: a run lacks a metric that a claim is about.
+        KeyError: a run lacks the metric of a claim.
     """
     return [claim.compare(reproduction) for claim in CLAIMS]
 
@@ -256,7 +256,7 @@ def markdown(comparisons: Iterable[Comparison]) -> str:
 
 
 def as_json(comparison: Comparison) -> dict[str, Any]:
-    """A comparison in results.json; a value that does not exist, or is not finite, is null."""
+    """A comparison for results.json; values that do not exist or are not finite are null."""
     claim = comparison.claim
     return {
         "what": claim.quantity,
@@ -272,7 +272,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
 
 
 def printed_rmse(case: str) -> dict[str, list[float]]:
-    """RMSE of both joints (rad) by law, as far as the article has it: printed, or following from its percentages.
+    """RMSE of both joints (rad) by law, if the article prints it or it follows from the article's percentages.
 
     Args:
         case: scenario.

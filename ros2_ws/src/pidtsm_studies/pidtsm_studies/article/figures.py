@@ -1,4 +1,4 @@
-"""Figures 3 to 12 of the article from a reproduction, as PNG and SVG."""
+"""Figures 3 to 12 of the article, drawn from a reproduction, as PNG and SVG."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -28,20 +28,20 @@ Runs: TypeAlias = Mapping[str, Run]
 """The runs of one case by law, in the order of `ARTICLE_LAWS`, at least one."""
 
 _STYLES = style_indices(ARTICLE_LAWS)
-_HEIGHTS = {"pidnftsm": 2.1, "dtsm": 2.2, "piddtsm": 2.3}  # the law with spikes hides none of the others
+_HEIGHTS = {"pidnftsm": 2.1, "dtsm": 2.2, "piddtsm": 2.3}  # drawing order: the law with spikes must not hide the others
 _HATCHES = {"piddtsm": "", "pidnftsm": "///", "dtsm": ""}
-_START = (0.0, 6.0)  # what is shown beside the whole run, s: the article's transient ...
-_EVENT = (-1.0, 5.0)  # ... or the time around the event, s from it
+_START = (0.0, 6.0)  # time range of the right panel, s: the article's transient ...
+_EVENT = (-1.0, 5.0)  # ... or the time around the event, s from the event
 
 
 def write_article_figures(reproduction: Reproduction, directory: Path) -> list[Path]:
     """Write Figures 3 to 12 as figure03.png, figure03.svg and so on.
 
-    A law that did not run to its end is not drawn; a case of which none did has no figures.
+    Runs that did not finish are not drawn; a case without any finished run has no figures.
 
     Args:
         reproduction: the runs, of any laws and cases.
-        directory: where to; made if it is not there.
+        directory: output folder; created if missing.
 
     Returns:
         The files.
@@ -55,22 +55,22 @@ def write_article_figures(reproduction: Reproduction, directory: Path) -> list[P
 
 
 def tracking(case: str, runs: Runs) -> Figure:
-    """Figures 3 and 8: position and reference, and their start or what the event does."""
+    """Figures 3 and 8: position and reference, and their start or the response to the event."""
     return _over_time(case, runs, "tracking", "$q$ of {} (rad)", lambda r: r.position, reference=True)
 
 
 def error(case: str, runs: Runs) -> Figure:
-    """Figures 4 and 9: the tracking error, and its size on a logarithmic scale."""
+    """Figures 4 and 9: the tracking error, and its magnitude on a logarithmic scale."""
     return _over_time(case, runs, "tracking error", "$e$ of {} (rad)", lambda r: r.error, size="$|e|$, envelope (rad)")
 
 
 def rmse(case: str, runs: Runs) -> Figure:
-    """Figures 5 and 10: RMSE, with the article's, printed or from its percentages."""
+    """Figures 5 and 10: RMSE, with the article's values, printed or computed from its percentages."""
     return _bars(case, runs, "rmse", "root mean square error", "RMSE of {} (rad)", printed_rmse(case))
 
 
 def control_inputs(case: str, runs: Runs) -> Figure:
-    """Figures 6 and 11: the applied torque, and its start or what the event does."""
+    """Figures 6 and 11: the applied torque, and its start or the response to the event."""
     return _over_time(case, runs, "control input", r"$\tau$ of {} (N m)", lambda r: r.effort)
 
 
@@ -92,16 +92,16 @@ def _over_time(
     reference: bool = False,
     size: str = "",
 ) -> Figure:
-    """A row a joint, the whole run at the left.
+    """One row per joint, with the whole run on the left.
 
     Args:
         case: scenario.
-        runs: of the laws to draw.
-        title: what is shown.
-        axis: label of the vertical axes, with a place for the joint.
-        values: what is drawn, shape (samples, joints).
-        reference: whether the reference is drawn behind.
-        size: label of the panels at the right, which show the size; without it they show a part of the time.
+        runs: runs of the laws to draw.
+        title: title of the figure.
+        axis: label of the vertical axes, with a placeholder for the joint.
+        values: returns the values to draw, shape (samples, joints).
+        reference: whether to draw the reference in the background.
+        size: label of the right panels if they show the magnitude; empty: they show a part of the time.
     """
     (first, _), *_ = runs.values()
     figure, table = panels(len(first.joints), width_ratios=(3, 2))
@@ -123,7 +123,7 @@ def _over_time(
 
 
 def _window(recording: Recording) -> NDArray[np.bool_]:
-    """Which samples are shown beside the whole run."""
+    """Samples shown in the right panel."""
     origin, (begin, end) = (
         (recording.time[0], _START) if recording.event_time is None else (recording.event_time, _EVENT)
     )
@@ -131,7 +131,7 @@ def _window(recording: Recording) -> NDArray[np.bool_]:
 
 
 def _bars(case: str, runs: Runs, key: str, title: str, axis: str, printed: Mapping[str, list[float]]) -> Figure:
-    """A panel a joint: a bar a law, and a mark where the article has a value."""
+    """One panel per joint with one bar per law, and a mark if the article has a value."""
     (first, _), *_ = runs.values()
     figure, table = panels(1, width_ratios=(1,) * len(first.joints))
     marked = {place: printed[law] for place, law in enumerate(runs) if law in printed}

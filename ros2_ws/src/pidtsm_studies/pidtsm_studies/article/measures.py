@@ -1,4 +1,4 @@
-"""The quantities that the article's claims are about, each of one joint of one run."""
+"""Quantities of the article's claims, each for one joint of one run."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -12,20 +12,20 @@ from pidtsm_core.recording import Recording
 from pidtsm_studies.article.printed import PRINTED
 
 Measure: TypeAlias = Callable[[Recording, Mapping[str, Any], int], float | None]
-"""One value of one joint of a run: None where it does not exist, inf for a time that the run did not reach.
+"""Computes one value of one joint of a run: None if it does not exist, inf for a time that was not reached.
 
 Arguments: the run, its metrics (`summary.summarize`), and the index of the joint.
 """
 
 _TIMES = ("settling_time", "recovery_time")
-"""Metrics that are None in a run that ends before, and absent from one without an event to recover from."""
+"""Metrics that are None if the run ends too early, and missing if there is no event to recover from."""
 
 
 def measure(name: str) -> Measure:
-    """What a claim's metric is in a run.
+    """The function that computes a claim's metric.
 
     Args:
-        name: one of `MEASURES`, or a metric of `summary.summarize`; a run without that metric gives a KeyError.
+        name: one of `MEASURES`, or a metric of `summary.summarize`; the function raises KeyError if a run lacks it.
     """
     return MEASURES.get(name) or partial(_metric, name)
 
@@ -55,7 +55,7 @@ def _largest_error_time(recording: Recording, metrics: Mapping[str, Any], joint:
 
 
 def _overshoot(recording: Recording, metrics: Mapping[str, Any], joint: int) -> float | None:
-    """The largest error on the other side of zero than the start, within the article's 6 s of transient, rad."""
+    """Largest error with the opposite sign of the initial error, within the article's 6 s of transient, rad."""
     error = recording.error[recording.time - recording.time[0] <= PRINTED["transient"], joint]
     return float(max(0.0, (-np.sign(error[0]) * error).max()))
 
@@ -66,19 +66,19 @@ def _error_variation(recording: Recording, metrics: Mapping[str, Any], joint: in
 
 
 def _steady_torque(recording: Recording, metrics: Mapping[str, Any], joint: int) -> float | None:
-    """Median |tau| over the last 40 % of the run, N m: what spikes do not move."""
+    """Median |tau| over the last 40 % of the run, N m; not affected by spikes."""
     return float(np.median(np.abs(recording.effort[_steady(recording), joint])))
 
 
 def _error_after_event(recording: Recording, metrics: Mapping[str, Any], joint: int) -> float | None:
-    """The largest |e| from the event on, rad."""
+    """Largest |e| from the event on, rad."""
     if recording.event_time is None:
         return None
     return float(np.abs(recording.error[recording.time >= recording.event_time, joint]).max(initial=0.0))
 
 
 def _steady(recording: Recording) -> slice:
-    """Which samples count as the steady state."""
+    """Samples of the steady state."""
     return slice(int(recording.time.size * (1.0 - STEADY_SHARE)), None)
 
 
@@ -91,4 +91,4 @@ MEASURES: Mapping[str, Measure] = {
     "steady_torque": _steady_torque,
     "error_after_event": _error_after_event,
 }
-"""What the claims need beside the metrics of a run, by name."""
+"""Quantities of the claims that are not among the metrics of a run, by name."""

@@ -1,4 +1,4 @@
-"""What the article prints about its evaluation (section 4), read from claims.yaml."""
+"""The article's claims about its evaluation (section 4), read from claims.yaml."""
 
 from importlib.resources import files
 from typing import Any
@@ -6,4 +6,4 @@ from typing import Any
 import yaml
 
 PRINTED: dict[str, Any] = yaml.safe_load((files(__package__) / "claims.yaml").read_text(encoding="utf-8"))
-"""The file's content: two values that the article prints beside its claims, the reasons by name, and the claims."""
+"""Content of the file: two values of the article used by claims, the reasons by name, and the claims."""

@@ -1,4 +1,4 @@
-"""The moving arm of the reports: its data, which report.js draws."""
+"""Data for the animated arm of the reports, drawn by report.js."""
 
 import base64
 from collections.abc import Mapping, Sequence
@@ -21,13 +21,13 @@ def animation(
 
     Args:
         cases: runs by case and law.
-        styles: index of each law's style, as `labels.style_indices` gives them.
+        styles: index of each law's style, as returned by `labels.style_indices`.
         links: lengths of the links, m.
 
     Returns:
-        Plain data for JSON: links, rate (1/s), box (left, top, width and height of the drawing, m), and of each run,
+        Plain data for JSON: links, rate (1/s), box (left, top, width and height of the drawing, m), and for each run,
         under ``CASE LAW``, its colour, joints and event (s from the start, or None), and reference and error (rad),
-        each packed, all joints of a sample together. None where a run has more or fewer joints than there are links.
+        each packed, all joints of a sample together. None if the number of joints of a run differs from the links.
     """
     runs = {(case, law): recording for case, by_law in cases.items() for law, (recording, _) in by_law.items()}
     if any(len(recording.joints) != len(links) for recording in runs.values()):
@@ -54,7 +54,7 @@ def animation(
 
 
 def _packed(values: Array) -> dict[str, str]:
-    """Integers as plotly.js has them: little-endian, base64."""
+    """Packed floats in the format of plotly.js: little-endian, base64."""
     return {"dtype": "f4", "bdata": base64.b64encode(values.astype("<f4").tobytes()).decode()}
 
 
@@ -66,7 +66,7 @@ def _resampled(recording: Recording, values: Array) -> Array:
 
 
 def _link_ends(recording: Recording, links: Sequence[float]) -> Array:
-    """Where the ends of the links are and should be, m, shape (points, 2)."""
+    """Actual and desired positions of the link ends, m, shape (points, 2)."""
     angles = np.concatenate([recording.position, recording.reference[:, 0]]).cumsum(axis=1)
     x, y = ((function(angles) * np.asarray(links)).cumsum(axis=1).ravel() for function in (np.cos, np.sin))
     return np.column_stack([x, y])

@@ -19,9 +19,10 @@ Table: TypeAlias = NDArray[np.object_]
 """Axes, shape (rows, columns)."""
 
 COLOURS = ("#0072B2", "#E69F00", "#000000", "#56B4E9", "#009E73", "#CC79A7", "#882255")
-"""Okabe and Ito's (wine for their yellow, which is lost on white), dark and light by turns to differ in greyscale."""
+"""Okabe and Ito's colours (wine instead of yellow, which is invisible on white), alternately dark and light so that
+neighbours differ in greyscale."""
 DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)), (0, (8, 2)), (0, (2, 1)), (0, (6, 1)))
-"""Matplotlib's, as many as `COLOURS`: they tell lines apart without colour."""
+"""Matplotlib line styles, as many as `COLOURS`, to distinguish lines without colour."""
 STYLE: Any = {
     "font.size": 9,
     "axes.labelsize": 9,
@@ -36,10 +37,10 @@ STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 8,
     "savefig.dpi": 200,
-    "svg.fonttype": "none",  # text as text: small, and searchable
+    "svg.fonttype": "none",  # text as text: small and searchable
     "svg.hashsalt": "pidtsm",  # the same run gives the same file
 }
-"""Matplotlib's settings for every figure."""
+"""Matplotlib settings for every figure."""
 MARK: dict[str, Any] = {
     "color": "#D55E00",
     "linewidth": 4.0,
@@ -47,7 +48,7 @@ MARK: dict[str, Any] = {
     "clip_on": False,
     "in_layout": False,
 }
-"""Line above a panel that marks when something was so."""
+"""Line above a panel that marks time intervals."""
 
 # Units of s, sigma and Y, which depend on the surface and the manifold of the law.
 _UNITS = {
@@ -57,10 +58,10 @@ _UNITS = {
 }
 _ANY_UNIT = ("SI unit", "SI unit", "SI unit")
 PARTS = 500
-"""Parts of the time axis of which a line keeps the extremes."""
+"""Number of parts of the time axis; a line keeps the extremes of each part."""
 
 _WIDTH = 7.0  # inch
-_START = 1.0  # what of a run shows its start, s
+_START = 1.0  # duration of the start of a run, s
 
 
 def write_figures(recording: Recording, directory: Path) -> list[Path]:
@@ -68,7 +69,7 @@ def write_figures(recording: Recording, directory: Path) -> list[Path]:
 
     Args:
         recording: the run.
-        directory: where to; made if it is not there.
+        directory: output folder; created if missing.
 
     Returns:
         The files.
@@ -80,8 +81,8 @@ def save_figures(drawings: Mapping[str, Callable[[], Figure]], directory: Path) 
     """Draw each figure in the style of this module and write it as PNG and SVG.
 
     Args:
-        drawings: what draws each figure, by the name of its files.
-        directory: where to; made if it is not there.
+        drawings: function that draws each figure, by file name.
+        directory: output folder; created if missing.
 
     Returns:
         The files.
@@ -94,12 +95,12 @@ def save_figures(drawings: Mapping[str, Callable[[], Figure]], directory: Path) 
             for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
                 files.append(directory / f"{name}.{suffix}")
                 figure.savefig(files[-1], metadata=metadata)
-                figure.set_layout_engine("none")  # what is laid out stays so
+                figure.set_layout_engine("none")  # keep the layout
     return files
 
 
 def tracking(recording: Recording) -> Figure:
-    """True position and reference, a panel a joint."""
+    """True position and reference, one panel per joint."""
     figure, table = panels(len(recording.joints))
     for j, (ax, joint) in enumerate(zip(table[:, 0], recording.joints, strict=True)):
         line(ax, recording.time, recording.position[:, j], 0, "$q$")
@@ -109,7 +110,7 @@ def tracking(recording: Recording) -> Figure:
 
 
 def error(recording: Recording) -> Figure:
-    """True tracking error, eq. (7), and its size on a logarithmic scale."""
+    """True tracking error, eq. (7), and its magnitude on a logarithmic scale."""
     figure, table = panels(2)
     for j, joint in enumerate(recording.joints):
         line(table[0, 0], recording.time, recording.error[:, j], j, joint)
@@ -121,7 +122,7 @@ def error(recording: Recording) -> Figure:
 
 
 def torque(recording: Recording) -> Figure:
-    """Applied torque, a row a joint: the whole run and its start; marked where the torque is at its limit."""
+    """Applied torque, one row per joint: the whole run and its start; marks show when the torque is at its limit."""
     figure, table = panels(len(recording.joints), width_ratios=(3, 1))
     for j, (row, joint) in enumerate(zip(table, recording.joints, strict=True)):
         for ax, shown in zip(row, (slice(None), _start(recording)), strict=True):
@@ -134,7 +135,7 @@ def torque(recording: Recording) -> Figure:
 
 
 def sliding_variables(recording: Recording) -> Figure:
-    """Sliding variable s, eq. (11), and manifold variable sigma, eq. (10): their size, and their start with sign."""
+    """Sliding variable s, eq. (11), and manifold variable sigma, eq. (10): magnitude, and the start with sign."""
     unit_s, unit_sigma, _ = _UNITS.get(recording.law or "", _ANY_UNIT)
     rows = ((Signal.SLIDING_VARIABLE, "s", unit_s), (Signal.MANIFOLD_VARIABLE, r"\sigma", unit_sigma))
     figure, table = panels(len(rows), width_ratios=(2, 1))
@@ -169,20 +170,20 @@ FIGURES: dict[str, Callable[[Recording], Figure]] = {
     "sliding_variables": sliding_variables,
     "adaptive_gain": adaptive_gain,
 }
-"""Every figure by the name of its files."""
+"""Every figure by file name."""
 
 
 def _start(recording: Recording) -> slice:
-    """Which samples show the start of a run."""
+    """Samples of the start of a run."""
     return slice(int(np.searchsorted(recording.time, recording.time[0] + _START, side="right")))
 
 
 def panels(rows: int, width_ratios: Sequence[float] = (1,)) -> tuple[Figure, Table]:
-    """A figure of rows of panels over common time axes.
+    """A figure of panels with common time axes.
 
     Args:
-        rows: their number.
-        width_ratios: widths of the columns, relative to each other.
+        rows: number of rows.
+        width_ratios: relative widths of the columns.
 
     Returns:
         The figure, and its axes of shape (rows, columns).
@@ -192,13 +193,13 @@ def panels(rows: int, width_ratios: Sequence[float] = (1,)) -> tuple[Figure, Tab
 
 
 def finished(figure: Figure, table: Table, recording: Recording, title: str | None = None) -> Figure:
-    """Add what all figures have: the event, a title, the legend, the label and the end of the time axis.
+    """Add the common elements of all figures: event, title, legend, label and end of the time axis.
 
     Args:
-        figure: as `panels` made it.
+        figure: created by `panels`.
         table: its axes, shape (rows, columns).
-        recording: the run that it is of.
-        title: scenario, law and clock of the run where none is given.
+        recording: the run.
+        title: title; None: scenario, law and clock of the run.
 
     Returns:
         The figure.
@@ -210,10 +211,10 @@ def finished(figure: Figure, table: Table, recording: Recording, title: str | No
     table[0, 0].set_title(title or run, loc="left")
     lines = table[0, 0].get_legend_handles_labels()
     legend = table[0, -1].legend(*lines, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, borderaxespad=0.1)
-    legend.set_in_layout(False)  # it stands beside the title, over all columns
+    legend.set_in_layout(False)  # next to the title, above all columns
     for ax in table[-1]:
         ax.set_xlabel("time (s)")
-    if recording.time.size > 1:  # the last sample lasts as long as the others
+    if recording.time.size > 1:  # the last sample lasts for the median of the periods
         table[-1, 0].set_xlim(recording.time[0], recording.time[-1] + np.median(np.diff(recording.time)))
     figure.align_ylabels()
     return figure
@@ -223,12 +224,12 @@ def line(ax: Axes, time: Array, values: Array, style: int, label: str, zorder: f
     """Draw a decimated line.
 
     Args:
-        ax: where.
+        ax: axes.
         time: s, shape (samples,).
         values: in the unit of the axis, shape (samples,).
-        style: index of the style, into `COLOURS` and `DASHES`; beyond their end it begins anew.
-        label: in the legend.
-        zorder: lines with a larger one hide the others.
+        style: index into `COLOURS` and `DASHES`, modulo their length.
+        label: label in the legend.
+        zorder: lines with larger values are drawn above the others.
     """
     ax.plot(
         *decimated(time, values),
@@ -240,7 +241,7 @@ def line(ax: Axes, time: Array, values: Array, style: int, label: str, zorder: f
 
 
 def _mark(ax: Axes, time: Array, where: NDArray[np.bool_], label: str) -> None:
-    """Mark times above the panel; a mark is wide enough to be seen even if it is one sample."""
+    """Mark times above the panel; even the mark of a single sample is wide enough to be visible."""
     begins = _parts(time)
     ends = np.append(time[begins[1:]], time[-1])
     height = np.where(np.logical_or.reduceat(where, begins), 1.02, np.nan)
@@ -249,13 +250,13 @@ def _mark(ax: Axes, time: Array, where: NDArray[np.bool_], label: str) -> None:
 
 
 def logarithmic(ax: Axes) -> None:
-    """Make the vertical axis logarithmic, if there is anything to show on it."""
+    """Make the vertical axis logarithmic, if there are positive values."""
     if any(np.any(np.asarray(drawn.get_ydata()) > 0.0) for drawn in ax.lines):
         ax.set_yscale("log", nonpositive="mask")
 
 
 def _parts(time: Array, parts: int = PARTS) -> NDArray[np.intp]:
-    """Where each part of the time axis that has samples begins, shape (at most parts,)."""
+    """Index of the first sample of each nonempty part of the time axis, shape (at most parts,)."""
     part = np.minimum((time - time[0]) / max(np.ptp(time), 1e-9) * parts, parts - 1).astype(np.intp)
     return np.flatnonzero(np.diff(part, prepend=-1))
 
@@ -266,10 +267,10 @@ def decimated(time: Array, values: Array, parts: int = PARTS) -> tuple[Array, Ar
     Args:
         time: s, increasing, shape (samples,).
         values: shape (samples,).
-        parts: into how many the time axis is cut.
+        parts: number of parts of the time axis.
 
     Returns:
-        Time and values of what is kept, with the first and the last sample, shape (at most 2 parts + 2,) each.
+        Time and values of the kept samples, including the first and the last, shape (at most 2 parts + 2,) each.
     """
     if time.size <= 2 * parts:
         return time, values
@@ -292,7 +293,7 @@ def envelope(time: Array, values: Array) -> tuple[Array, Array]:
         values: shape (samples,).
 
     Returns:
-        Where each part begins, s, and its largest value, shape (at most `PARTS`,) each.
+        Start of each part, s, and its largest value, shape (at most `PARTS`,) each.
     """
     begins = _parts(time)
     return time[begins], np.maximum.reduceat(values, begins)

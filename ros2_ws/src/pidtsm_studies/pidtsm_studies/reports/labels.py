@@ -1,4 +1,4 @@
-"""How laws, cases and values are called in tables and figures."""
+"""Labels of laws, cases and values in tables and figures."""
 
 import math
 from collections.abc import Iterable
@@ -12,23 +12,23 @@ LABELS = {
     "super_twisting": "super-twisting",
     "dtsm_printed": "DTSM, printed kappa",
 }
-"""How laws are called in tables and figures, in their order."""
+"""Labels of the laws in tables and figures, in their order."""
 
 CASES = {"case1": "Case 1", "case2": "Case 2"}
-"""How the article's cases are called in tables and figures, by scenario."""
+"""Labels of the article's cases in tables and figures, by scenario."""
 NOTHING = "–"
-"""What tables show for a value that does not exist."""
+"""Table entry for a value that does not exist."""
 
 
 def label(law: str) -> str:
-    """How a law, by its name, is called in tables and figures."""
+    """Label of a law in tables and figures."""
     return LABELS.get(law, law.replace("_", " "))
 
 
 def style_indices(laws: Iterable[str]) -> dict[str, int]:
     """The index of each law's style (`figures.COLOURS`, `figures.DASHES`), in the order of legends.
 
-    A law of `LABELS` has the same style everywhere; others share the styles that are left.
+    A law of `LABELS` has the same style everywhere; other laws share the remaining styles.
     """
     order = {law: index for index, law in enumerate(LABELS)}
     laws = sorted(set(laws), key=lambda law: (order.get(law, len(order)), law))
@@ -38,9 +38,9 @@ def style_indices(laws: Iterable[str]) -> dict[str, int]:
 
 
 def value_text(value: float | None, digits: int = 5) -> str:
-    """A value for a table, with so many significant digits.
+    """A value for a table, with `digits` significant digits.
 
-    None and nan, which stand for no value, become `NOTHING`; inf is a time that the run did not reach.
+    None and nan mean that there is no value and become `NOTHING`; inf is a time that was not reached in the run.
     """
     if value is None or math.isnan(value):
         return NOTHING

@@ -1,4 +1,4 @@
-"""The page that every report is: one HTML file that opens offline, made from the templates beside this module."""
+"""The page of every report: a single HTML file that works offline, rendered from templates."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from plotly.offline import get_plotlyjs
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page under a heading of its own.
+    """A section of a page with its heading.
 
     Attributes:
-        id: of the heading.
+        id: id of the heading.
         heading: text.
-        template: what renders the content, by its path in this package.
-        content: plain data for the template, there as ``content``; a section without any is left out.
+        template: path of the template in this package.
+        content: plain data for the template, available there as ``content``; sections without content are omitted.
     """
 
     id: str
@@ -38,13 +38,13 @@ def write_page(
     """Write a page in the style of the reports; the same arguments give the same file.
 
     Args:
-        path: the HTML file; an old one is replaced.
-        title: of the page, text.
-        summary: a sentence below it, text.
-        sections: in their order.
-        figures: plotly's, by the id of the plot that they are drawn in; their numbers are arrays of float32, and a
-            trace whose ``meta`` is the value of a box named ``law`` is shown while that box is checked.
-        arm: what the animation needs, see `animation.animation`; None without one.
+        path: the HTML file; an existing one is replaced.
+        title: title of the page, text.
+        summary: a sentence below the title, text.
+        sections: sections in their order.
+        figures: plotly figures by the id of their plot; their numbers are arrays of float32, and a trace whose ``meta``
+            is the value of a box named ``law`` is visible while that box is checked.
+        arm: data for the animation, see `animation.animation`; None: no animation.
 
     Raises:
         ValueError: a number in `arm`, or one of a figure outside its arrays, is not finite.

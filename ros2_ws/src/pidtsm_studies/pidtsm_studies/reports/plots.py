@@ -1,4 +1,4 @@
-"""The interactive plots of the reports: plotly's figures, a panel a joint."""
+"""Interactive plots of the reports: plotly figures with one panel per joint."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,20 +16,20 @@ from pidtsm_studies.article.claims import Run
 from pidtsm_studies.reports.figures import COLOURS, DASHES, decimated
 from pidtsm_studies.reports.labels import label
 
-_PARTS = 1000  # of the time axis of which a line keeps the extremes
+_PARTS = 1000  # parts of the time axis; a line keeps the extremes of each part
 _LINE_WIDTH = 1.8  # pixels
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Something that is plotted over time.
+    """A quantity plotted over time.
 
     Attributes:
-        name: in ids.
-        title: of the plot.
+        name: name used in ids.
+        title: title of the plot.
         axis: label of the vertical axes, in plotly's markup.
-        values: of a run, shape (samples, joints).
-        signed: whether its size on a logarithmic axis is worth a look too.
+        values: returns the values of a run, shape (samples, joints).
+        signed: whether to offer its magnitude on a logarithmic axis.
     """
 
     name: str
@@ -49,7 +49,7 @@ QUANTITIES = (
     Quantity("torque", "Applied torque", "τ (N m)", lambda recording: recording.effort),
     Quantity("sliding", "Sliding variable s, in the unit of the law's surface", "s", _signal(Signal.SLIDING_VARIABLE)),
     Quantity("manifold", "Manifold variable σ, in the unit of the law", "σ", _signal(Signal.MANIFOLD_VARIABLE)),
-    Quantity("gain", "Adaptive gain Υ, in the unit of σ a second", "Υ", _signal(Signal.ADAPTIVE_GAIN)),
+    Quantity("gain", "Adaptive gain Υ, in the unit of σ per second", "Υ", _signal(Signal.ADAPTIVE_GAIN)),
 )
 """Every quantity in the order of the plots."""
 
@@ -59,11 +59,11 @@ def plot(quantity: Quantity, runs: Mapping[str, Run], styles: Mapping[str, int])
 
     Args:
         quantity: one of `QUANTITIES`.
-        runs: of one case by law, at least one.
-        styles: index of each law's style, as `labels.style_indices` gives them.
+        runs: runs of one case by law, at least one.
+        styles: index of each law's style, as returned by `labels.style_indices`.
 
     Returns:
-        Plotly's figure, or None where the quantity is zero in every run.
+        The plotly figure, or None if the quantity is zero in every run.
     """
     values = {law: quantity.values(recording) for law, (recording, _) in runs.items()}
     shown = [law for law in runs if np.any(values[law])]  # A law without the quantity has zeros.
@@ -93,7 +93,7 @@ def set_style(figure: Any, height: int) -> None:
     """Give a figure the style of the reports.
 
     Args:
-        figure: plotly's.
+        figure: plotly figure.
         height: pixels.
     """
     figure.update_layout(
@@ -109,18 +109,18 @@ def set_style(figure: Any, height: int) -> None:
 
 
 def line_style(colour: str, dashes: Any) -> dict[str, Any]:
-    """A line in plotly's words.
+    """A line style for plotly.
 
     Args:
-        colour: as CSS has it.
-        dashes: matplotlib's, as in `figures.DASHES`.
+        colour: CSS colour.
+        dashes: matplotlib line style, as in `figures.DASHES`.
     """
     dash = "solid" if dashes == "-" else ",".join(f"{_LINE_WIDTH * length:g}px" for length in dashes[1])
     return {"color": colour, "dash": dash, "width": _LINE_WIDTH}
 
 
 def colour(style: int) -> str:
-    """The colour of the style with this index."""
+    """Colour of the style with this index."""
     return COLOURS[style % len(COLOURS)]
 
 

@@ -1,4 +1,4 @@
-"""The report of a run or a reproduction: what its sections show, as plain data for their templates."""
+"""The report of a run or a reproduction: content of its sections as plain data for their templates."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
@@ -17,7 +17,7 @@ LINKS = (1.0, 0.85)
 """Lengths of the article's two links, m."""
 
 _Cases: TypeAlias = Mapping[str, Mapping[str, Run]]
-"""The runs that came to their end, by case and law."""
+"""The finished runs, by case and law."""
 
 _METRICS = (
     ("rmse", "RMSE, root of the mean of e²", "rad", 1.0),
@@ -47,9 +47,9 @@ def write_report(
     Args:
         path: the HTML file.
         runs: a reproduction, or a single run.
-        comparisons: with the article, as `claims.compare` gives them; none for a report without the article.
-        notes: more about the deviations, a sentence or a paragraph each.
-        links: lengths of the links of a planar arm, m; the arm is drawn if there are as many as joints.
+        comparisons: comparisons with the article, as returned by `claims.compare`; empty: a report without the article.
+        notes: further notes on the deviations, each a sentence or a paragraph.
+        links: lengths of the links of a planar arm, m; the arm is drawn if their number equals that of the joints.
     """
     reproduction = {_key(runs[0]): runs} if isinstance(runs, tuple) else runs
     done = {key: run for key, run in reproduction.items() if not isinstance(run, str)}
@@ -72,7 +72,7 @@ def write_report(
         _section("article", "Article and project", _comparison_tables(comparisons)),
         _section("metrics", "Metrics", _metrics(cases, failed)),
         _section("plots", "Plots", _plots(cases, figures, styles) if cases else None),
-        _section("deviations", "What deviates from the article, and why", _deviations(comparisons, notes)),
+        _section("deviations", "Deviations from the article, with reasons", _deviations(comparisons, notes)),
     )
     title = "The article, reproduced" if comparisons else ", ".join(_run_name(*key) for key in done)
     write_page(path, title, _summary(done), sections, figures, arm)
@@ -95,7 +95,7 @@ def _run_name(case: str, law: str) -> str:
 
 
 def _summary(done: Mapping[tuple[str, str], Run]) -> str:
-    """What the report is of, in a sentence."""
+    """Description of the runs in one sentence."""
     parts = []
     for extent, runs in groupby(_extent(metrics) for _, metrics in done.values()):
         count = len(list(runs))
@@ -109,7 +109,7 @@ def _extent(metrics: Mapping[str, Any]) -> str:
 
 
 def _happenings(done: Mapping[tuple[str, str], Run]) -> list[dict[str, Any]]:
-    """What was not normal, by run; a run is named where there are several."""
+    """Everything unusual, by run; runs are named if there are several."""
     return [
         {"run": _run_name(*key) if len(done) > 1 else "", "sentences": sentences}
         for key, (_, metrics) in done.items()
@@ -118,13 +118,13 @@ def _happenings(done: Mapping[tuple[str, str], Run]) -> list[dict[str, Any]]:
 
 
 def _arm(cases: _Cases) -> dict[str, Any]:
-    """What can be chosen for the animation."""
+    """Choices for the animation."""
     laws = dict.fromkeys(law for by_law in cases.values() for law in by_law)
     return {"cases": {case: _case_name(case) for case in cases}, "laws": {law: label(law) for law in laws}}
 
 
 def _comparison_tables(comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
-    """A table a case; neighbours that share all but the joint are a group."""
+    """One table per case; neighbours that differ only in the joint form a group."""
     reasons = list(_reasons(comparisons))
     tables = []
     for case, of_case in groupby(comparisons, key=lambda each: each.claim.case):
@@ -151,7 +151,7 @@ def _group(comparison: Comparison) -> tuple[Any, ...]:
 
 
 def _reasons(comparisons: Iterable[Comparison]) -> dict[str, list[str]]:
-    """Which quantities each reason is about, in the order of the comparisons."""
+    """The quantities of each reason, in the order of the comparisons."""
     reasons: dict[str, list[str]] = {}
     for claim in (comparison.claim for comparison in comparisons):
         quantities = reasons.setdefault(claim.reason, [])
@@ -162,7 +162,7 @@ def _reasons(comparisons: Iterable[Comparison]) -> dict[str, list[str]]:
 
 
 def _metrics(cases: _Cases, failed: Mapping[tuple[str, str], str]) -> dict[str, Any] | None:
-    """The tables, and a sentence about each run that failed."""
+    """The tables, and a sentence about each failed run."""
     if not (cases or failed):
         return None
     failures = [f"{_run_name(*key)}: {reason}" for key, reason in failed.items()]
@@ -170,7 +170,7 @@ def _metrics(cases: _Cases, failed: Mapping[tuple[str, str], str]) -> dict[str, 
 
 
 def _metrics_tables(cases: _Cases) -> list[dict[str, Any]]:
-    """A table a case: of each metric a line a joint, with a cell a law."""
+    """One table per case, with one line per metric and joint, and one cell per law."""
     tables = []
     for case, runs in cases.items():
         joints = next(iter(runs.values()))[0].joints
@@ -199,7 +199,7 @@ def _cell(metrics: Mapping[str, Any], key: str, joint: int, factor: float) -> st
 
 
 def _plots(cases: _Cases, figures: Mapping[str, Any], styles: Mapping[str, int]) -> dict[str, Any]:
-    """The boxes of the laws, if there are several, and by case the plots that there are."""
+    """The boxes of the laws, if there are several, and the plots by case."""
     boxes = [{"value": law, "colour": colour(style), "label": label(law)} for law, style in styles.items()]
     return {
         "boxes": boxes if len(boxes) > 1 else [],
@@ -231,12 +231,12 @@ def _deviations(comparisons: Sequence[Comparison], notes: Sequence[str]) -> dict
 
 
 def _verdict(comparisons: Iterable[Comparison]) -> str:
-    """How many of the article's statements are true of the project, and which are not."""
+    """How many of the article's statements are true for the project, and which are not."""
     judged = [each for each in comparisons if each.holds is not None]
     false = [
         f"{_case_name(each.claim.case)}, joint {each.claim.joint + 1}: {each.claim.quantity} ({each.claim.printed()})"
         for each in judged
         if not each.holds
     ]
-    count = f"Of {len(judged)} statements and limits of the article, {len(judged) - len(false)} are true of these runs."
-    return f"{count} These are not: {'; '.join(false)}." if false else count
+    count = f"{len(judged) - len(false)} of {len(judged)} statements and limits of the article are true for these runs."
+    return f"{count} The others: {'; '.join(false)}." if false else count

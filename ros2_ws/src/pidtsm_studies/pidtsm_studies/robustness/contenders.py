@@ -1,4 +1,4 @@
-"""The controllers that are tried."""
+"""The controllers of the study."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,13 +9,13 @@ from pidtsm_studies.reports.labels import label
 
 @dataclass(frozen=True)
 class Contender:
-    """A controller that is tried.
+    """A controller of the study.
 
     Attributes:
-        name: in results.
-        label: in tables and figures.
+        name: name in results.
+        label: label in tables and figures.
         law: name of the law.
-        params: parameter sets, as of `make_experiment`.
+        params: parameter sets, as for `make_experiment`.
         overrides: ``NODE.PARAMETER=VALUE``.
     """
 
@@ -27,7 +27,7 @@ class Contender:
 
     @property
     def heading(self) -> str:
-        """Its name in words, for where there is little room."""
+        """Short heading."""
         return self.name.replace("_", " ")
 
     def settings(self, scenario: str, overrides: Sequence[str] = ()) -> Settings:
@@ -35,10 +35,10 @@ class Contender:
 
         Args:
             scenario: name.
-            overrides: ``NODE.PARAMETER=VALUE``, beside the contender's own.
+            overrides: ``NODE.PARAMETER=VALUE``, in addition to the contender's own.
 
         Raises:
-            UsageError: no such scenario, or no such parameter; see `make_experiment`.
+            UsageError: unknown scenario or parameter; see `make_experiment`.
         """
         every = (*self.overrides, *overrides)
         return make_experiment(scenario, self.law, None, self.params, every).without_node_parameters().settings
@@ -60,7 +60,7 @@ CONTENDERS = (
     *(Contender(law, label(law), law, (ARTICLE,)) for law in ("pidnftsm", "dtsm")),
     *(Contender(law, label(law), law) for law in ("pid", "computed_torque", "super_twisting")),
 )
-"""In the order of legends. All but the observer's and the differentiator's use filtered differences, as the article."""
+"""In the order of legends. All but `OBSERVER` and `DIFFERENTIATOR` use filtered differences, like the article."""
 ESTIMATORS = tuple(c.name for c in (OBSERVER, FILTERED, DIFFERENTIATOR))
 """Names of the proposed law with each estimator."""
 LAWS = tuple(c.name for c in CONTENDERS if c not in (FILTERED, DIFFERENTIATOR))
@@ -68,4 +68,4 @@ LAWS = tuple(c.name for c in CONTENDERS if c not in (FILTERED, DIFFERENTIATOR))
 LABELS = {c.name: c.label for c in CONTENDERS}
 """Labels by name."""
 FOR_REQUIREMENTS = (OBSERVER, FILTERED)
-"""Which are measured against the requirements: the set for real hardware, and the article's own."""
+"""Contenders that are tested against the requirements: the set for real hardware, and the article's."""

@@ -1,4 +1,4 @@
-"""Figures of the study: one for each imperfection, as PNG and SVG."""
+"""Figures of the study: one per imperfection, as PNG and SVG."""
 
 from functools import partial
 from pathlib import Path
@@ -17,12 +17,13 @@ PANELS = {
     "success": "success rate",
     "rmse": "RMSE (rad)",
     "eci": "ECI (N m)",
-    "torque_variation": "torque variation\n(N m a sample)",
+    "torque_variation": "torque variation\n(N m per sample)",
 }
-"""What each row of panels shows: the joints' root of the sum of squares for RMSE, their sum for ECI and variation."""
+"""Quantity of each row of panels. Joints are combined by the root of the sum of squares for RMSE, by the sum for ECI
+and variation."""
 LOGARITHMIC = ("rmse", "torque_variation")
 
-# One more than there are in `figures`, where it marks saturation, which no curve shows.
+# One more than in `figures`, where this colour marks saturation, which is not shown here.
 _COLOURS = (*COLOURS, "#D55E00")
 _DASHES = (*DASHES, (0, (5, 1, 1, 1, 1, 1)))
 STYLES = dict(zip(LABELS, zip(_COLOURS, _DASHES, strict=True), strict=True))
@@ -30,11 +31,11 @@ STYLES = dict(zip(LABELS, zip(_COLOURS, _DASHES, strict=True), strict=True))
 
 
 def write_robustness_figures(robustness: Robustness, directory: Path) -> list[Path]:
-    """Write a figure for each imperfection.
+    """Write one figure per imperfection.
 
     Args:
         robustness: the results.
-        directory: where to; made if it is not there.
+        directory: output folder; created if missing.
 
     Returns:
         The files.
@@ -44,10 +45,10 @@ def write_robustness_figures(robustness: Robustness, directory: Path) -> list[Pa
 
 
 def band(curve: Curve, panel: str) -> tuple[Array, Array, Array]:
-    """Low edge of the band, curve and high edge, each of shape (values,); nan where there is nothing.
+    """Lower edge of the band, curve and upper edge, each of shape (values,); nan where there is no value.
 
     Args:
-        curve: of a contender.
+        curve: curve of a contender.
         panel: one of `PANELS`.
     """
     if panel == "success":
@@ -59,7 +60,7 @@ def band(curve: Curve, panel: str) -> tuple[Array, Array, Array]:
 
 
 def _figure(robustness: Robustness, imperfection: Imperfection) -> Figure:
-    """At the left the proposed law with each estimator, at the right all laws."""
+    """On the left the proposed law with each estimator, on the right all laws."""
     figure, table = panels(len(PANELS), width_ratios=(1, 1))
     values = np.array(robustness.values[imperfection.name], dtype=np.float64)
     curves = robustness.curves[imperfection.name]
@@ -77,7 +78,7 @@ def _figure(robustness: Robustness, imperfection: Imperfection) -> Figure:
     for ax in table[-1]:
         if imperfection.logarithmic:
             ax.set_xscale("log")
-        ax.set_xlim(values[0], values[-1])  # the mildest at the left
+        ax.set_xlim(values[0], values[-1])  # the mildest on the left
         ax.set_xlabel(imperfection.label)
     figure.legend(*table[0, 0].get_legend_handles_labels(), loc="outside lower left")
     figure.legend(*table[0, 1].get_legend_handles_labels(), loc="outside lower right", ncols=2)

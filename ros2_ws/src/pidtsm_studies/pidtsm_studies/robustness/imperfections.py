@@ -1,4 +1,4 @@
-"""What is not ideal about hardware, one thing at a time, and the values that are tried."""
+"""Single imperfections of the hardware, and the tested values."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -6,22 +6,22 @@ from dataclasses import dataclass, field
 import numpy as np
 
 CASE = "case1"
-"""The scenario in which everything is tried, as far as it names no other."""
+"""The default scenario of the study."""
 
 
 @dataclass(frozen=True)
 class Imperfection:
-    """One thing that is not ideal.
+    """One imperfection of the hardware.
 
     Attributes:
-        name: in results, and of the figure's files.
-        description: in words.
-        unit: of the values; empty for a number.
-        parameters: of the simulator; all get the value.
-        values: the mildest first.
+        name: name in results and of the figure's files.
+        description: label of the axis, without unit.
+        unit: unit of the values; empty for a number.
+        parameters: parameters of the simulator that are set to the value.
+        values: tested values, the mildest first.
         random: whether the seed matters.
-        logarithmic: axis of the values.
-        fixed: other parameters of the simulator, the same at every value.
+        logarithmic: whether the axis of the values is logarithmic.
+        fixed: other parameters of the simulator, the same for every value.
     """
 
     name: str
@@ -35,7 +35,7 @@ class Imperfection:
 
     @property
     def label(self) -> str:
-        """Of the axis."""
+        """Label of the axis."""
         return f"{self.description} ({self.unit})" if self.unit else self.description
 
     def settings(self, value: float) -> dict[str, float]:
@@ -68,7 +68,7 @@ IMPERFECTIONS = (
     Imperfection("dropout", "measurements lost", "share", ("dropout.probability",), _evenly(0.0, 0.95), random=True),
     Imperfection(
         "burst",
-        "measurements lost in a row, about once a second",
+        "measurements lost in a row, about once per second",
         "",
         ("dropout.burst",),
         (1, 2, 3, 5, 7, 10, 15, 20, 25, 30, 40, 50, 60, 70, 80, 100, 120, 150, 200, 300),

@@ -1,4 +1,4 @@
-"""The page of the study: what is achieved of the requirements, what is tolerated, and every curve."""
+"""The page of the study: requirements, tolerances, and every curve."""
 
 from collections.abc import Mapping
 from html import escape
@@ -24,18 +24,18 @@ def write_robustness_report(path: Path, robustness: Robustness) -> None:
     """Write the page; the same results give the same file.
 
     Args:
-        path: the HTML file; an old one is replaced.
+        path: the HTML file; an existing one is replaced.
         robustness: the results.
     """
     effort = robustness.effort
     figures = {each.name: _figure(robustness, each) for each in IMPERFECTIONS}
     sections = (
-        _section("rows", "Imperfect hardware, against limits", "requirements", _requirements(robustness)),
-        _section("tolerance", "What each controller tolerates", "tolerance", _tolerance(robustness)),
+        _section("rows", "Imperfect hardware and limits", "requirements", _requirements(robustness)),
+        _section("tolerance", "Tolerance of each controller", "tolerance", _tolerance(robustness)),
         _section("curves", "Curves", "curves", _curves(figures)),
-        _section("method", "How it was measured", "method", _method(robustness)),
+        _section("method", "Method", "method", _method(robustness)),
     )
-    summary = f"Case 1, {robustness.runs} rollouts of {effort.duration:g} s, up to {effort.seeds} seeds a value"
+    summary = f"Case 1, {robustness.runs} rollouts of {effort.duration:g} s, up to {effort.seeds} seeds per value"
     write_page(path, "Robustness", summary, sections, figures)
 
 
@@ -46,7 +46,7 @@ def _section(name: str, heading: str, template: str, content: Any) -> Section:
 def _requirements(robustness: Robustness) -> dict[str, Any]:
     pairs = zip(REQUIREMENTS, robustness.achievements, strict=True)
     return {
-        "caption": f"The practical set is within its limits in {robustness.met()} of {len(REQUIREMENTS)} rows",
+        "caption": f"The practical set meets all limits in {robustness.met()} of {len(REQUIREMENTS)} rows",
         "columns": ["hardware", "controller", *QUANTITIES.values(), "success"],
         "requirements": [
             {
@@ -66,7 +66,7 @@ def _requirements(robustness: Robustness) -> dict[str, Any]:
 
 
 def _cells(requirement: Requirement, achievement: Achievement) -> list[dict[str, Any]]:
-    """Value, limit (empty where there is none) and whether it is kept, of each quantity."""
+    """Value, limit (empty if there is none) and whether the limit is met, for each quantity."""
     kept = achievement.kept(requirement)
     return [
         {
@@ -80,7 +80,7 @@ def _cells(requirement: Requirement, achievement: Achievement) -> list[dict[str,
 
 def _tolerance(robustness: Robustness) -> dict[str, Any]:
     return {
-        "columns": ["imperfection", "tried", *(contender.heading for contender in CONTENDERS)],
+        "columns": ["imperfection", "tested", *(contender.heading for contender in CONTENDERS)],
         "imperfections": [
             {
                 "label": each.label,
@@ -108,7 +108,7 @@ def _curves(figures: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _method(robustness: Robustness) -> dict[str, Any]:
-    """What the text on the method names, as text."""
+    """Values for the description of the method, as text."""
     low, middle, high = (f"{percentile:g}" for percentile in BAND)
     return {
         "tried": robustness.effort.values,
@@ -125,7 +125,7 @@ def _method(robustness: Robustness) -> dict[str, Any]:
 
 
 def _figure(robustness: Robustness, imperfection: Imperfection) -> Any:
-    """Every contender's curves over an imperfection, a panel a metric."""
+    """Every contender's curves over an imperfection, one panel per metric."""
     figure = make_subplots(rows=len(PANELS), cols=1, shared_xaxes=True, vertical_spacing=0.035)
     values = np.array(robustness.values[imperfection.name], dtype=np.float64)
     for contender, curve in robustness.curves[imperfection.name].items():
@@ -133,7 +133,7 @@ def _figure(robustness: Robustness, imperfection: Imperfection) -> Any:
     set_style(figure, 200 + 190 * len(PANELS))
     ends = np.log10(values[[0, -1]]) if imperfection.logarithmic else values[[0, -1]]
     scale = "log" if imperfection.logarithmic else "linear"
-    figure.update_xaxes(type=scale, range=[float(end) for end in ends], exponentformat="power")  # mildest at the left
+    figure.update_xaxes(type=scale, range=[float(end) for end in ends], exponentformat="power")  # mildest on the left
     if imperfection.logarithmic:
         figure.update_xaxes(dtick=1)
     figure.update_xaxes(title_text=escape(imperfection.label), row=len(PANELS), col=1)
@@ -166,7 +166,7 @@ def _draw(figure: Any, contender: str, curve: Curve, values: Array, with_band: b
 
 
 def _edge(values: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Points around a band, there and back; around each part of its own, with nan between, where it has gaps."""
+    """Outline of a band; if the band has gaps, one outline per part, separated by nan."""
     exists = np.isfinite(low) & np.isfinite(high)
     parts = np.split(np.arange(values.size), np.flatnonzero(np.diff(exists)) + 1)
     x, y = [np.empty(0)], [np.empty(0)]

@@ -1,4 +1,4 @@
-"""Scenarios of imperfect hardware as a whole, and the limits that a controller for it has to keep."""
+"""Scenarios with several imperfections at once, and the limits that a controller has to meet in them."""
 
 import math
 from collections.abc import Mapping
@@ -10,18 +10,18 @@ QUANTITIES = {
     "late_error": "error after 10 s (rad)",
     "torque_variation": "torque variation (N m)",
 }
-"""What is limited: the mean over the seeds, or for the error the largest, of the worse joint. Relative is to the same
-controller with ideal hardware."""
+"""Limited quantities: the mean over the seeds (for the error, the largest value) of the worse joint. Relative values
+refer to the same controller with ideal hardware."""
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """A kind of hardware, and what a controller has to achieve with it.
+    """A type of hardware, and the limits that a controller has to meet with it.
 
     Attributes:
-        label: in tables.
-        runs: scenario and overrides of each variant; the worst of them counts.
-        limits: at most, by the quantities of `QUANTITIES`.
+        label: label in tables.
+        runs: scenario and overrides of each variant; the worst variant counts.
+        limits: upper limits by quantity, see `QUANTITIES`.
         random: whether the seed matters.
     """
 

@@ -1,4 +1,4 @@
-"""What the study finds: a curve of each contender over each imperfection, and what it achieves of each requirement."""
+"""Results of the study: a curve for each contender and imperfection, and the values for each requirement."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -12,25 +12,25 @@ from pidtsm_studies.robustness.imperfections import CASE, IMPERFECTIONS, Imperfe
 from pidtsm_studies.robustness.requirements import REQUIREMENTS, Requirement
 
 LATE = 10.0
-"""From when on a run is judged, s: the transient is over."""
+"""Runs are judged from this time on, when the transient is over, s."""
 TRACKING = 0.02
-"""A run whose error reaches this after `LATE` has failed, rad."""
+"""A run fails if its error reaches this after `LATE`, rad."""
 METRICS = ("rmse", "eci", "torque_variation", "late_error")
-"""What curves show; `late_error` is the largest |e| after `LATE`, the others are those of `pidtsm_core.metrics`."""
+"""Metrics of the curves; `late_error` is the largest |e| after `LATE`, the others are from `pidtsm_core.metrics`."""
 BAND = (5.0, 50.0, 95.0)
-"""Percentiles over the seeds: the band of a curve and, in between, the curve."""
+"""Percentiles over the seeds: lower edge of the band, curve, upper edge."""
 CONFIDENCE = 0.95
-"""Of the interval of a success rate (Wilson's)."""
+"""Confidence level of the (Wilson) interval of a success rate."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is run.
+    """Extent of the study.
 
     Attributes:
-        seeds: for each value where something is random; elsewhere one run says as much.
-        values: of each imperfection: how many, spread over all.
-        duration: of each run, s; longer than `LATE`.
+        seeds: number of seeds per value if something is random; otherwise a single run is sufficient.
+        values: number of values per imperfection, spread over all its values.
+        duration: duration of each run, s; longer than `LATE`.
     """
 
     seeds: int
@@ -44,14 +44,14 @@ QUICK = Effort(seeds=2, values=2, duration=11.0)
 
 @dataclass(frozen=True)
 class Curve:
-    """A contender against an imperfection.
+    """Results of a contender for an imperfection.
 
     Attributes:
-        success: share of the runs whose error stays below `TRACKING` and whose torque is off its limits after `LATE`;
-            shape (values,).
-        interval: of that share, low and high, shape (2, values); nan where nothing is random.
-        metrics: those of `METRICS`, percentiles `BAND` over the seeds, shape (3, values, joints); inf where a run
-            left the finite numbers.
+        success: fraction of the runs whose error stays below `TRACKING` and whose torque stays below its limits after
+            `LATE`, shape (values,).
+        interval: confidence interval of that fraction, low and high, shape (2, values); nan if nothing is random.
+        metrics: percentiles `BAND` over the seeds of each of `METRICS`, shape (3, values, joints); inf where a run
+            diverged.
     """
 
     success: Array
@@ -67,18 +67,18 @@ class Curve:
 
 @dataclass(frozen=True)
 class Achievement:
-    """What a contender achieves of a requirement.
+    """Results of a contender for a requirement.
 
     Attributes:
-        values: measured, by quantity; inf where a run left the finite numbers.
-        success: share of the runs that succeeded.
+        values: measured values by quantity; inf if a run diverged.
+        success: fraction of the runs that succeeded.
     """
 
     values: Mapping[str, float]
     success: float
 
     def kept(self, requirement: Requirement) -> dict[str, bool]:
-        """Whether each limit is kept, by quantity."""
+        """Whether each limit is met, by quantity."""
         return {quantity: self.values[quantity] <= limit for quantity, limit in requirement.limits.items()}
 
 
@@ -87,12 +87,12 @@ class Robustness:
     """The result of the study.
 
     Attributes:
-        effort: how much was run.
-        runs: their number.
-        diverged: number of runs that left the finite numbers; they count as failed.
-        values: of each imperfection.
-        curves: by imperfection and contender.
-        achievements: by contender, one for each of `REQUIREMENTS` in their order.
+        effort: extent of the study.
+        runs: number of runs.
+        diverged: number of runs that diverged; they count as failed.
+        values: tested values of each imperfection.
+        curves: curves by imperfection and contender.
+        achievements: for each of `REQUIREMENTS`, in their order, the results by contender.
     """
 
     effort: Effort
@@ -103,13 +103,13 @@ class Robustness:
     achievements: Sequence[Mapping[str, Achievement]]
 
     def met(self) -> int:
-        """How many requirements the practical set meets in full."""
+        """Number of requirements of which the practical set meets every limit."""
         pairs = zip(REQUIREMENTS, self.achievements, strict=True)
         return sum(all(by_contender[OBSERVER.name].kept(each).values()) for each, by_contender in pairs)
 
 
 def combined(metric: str, values: Array) -> Array:
-    """Both joints in one number for figures: root of the sum of squares, sum, or the larger.
+    """Combine both joints to one number for figures: root of the sum of squares, sum, or maximum.
 
     Args:
         metric: one of `METRICS`.
@@ -124,7 +124,7 @@ def combined(metric: str, values: Array) -> Array:
 
 
 def as_json(robustness: Robustness) -> dict[str, Any]:
-    """The content of robustness.json; what does not exist, or is not finite, is null."""
+    """Content of robustness.json; values that do not exist or are not finite are null."""
     return {
         "effort": asdict(robustness.effort),
         "runs": robustness.runs,
@@ -176,7 +176,7 @@ def _imperfection_json(imperfection: Imperfection, robustness: Robustness) -> di
 
 
 def _finite_or_none(values: float | Array) -> Any:
-    """For JSON: lists of numbers, None where one is not finite."""
+    """For JSON: lists of numbers, with None for values that are not finite."""
     array = np.asarray(values, dtype=np.float64)
     table: Any = array.astype(object)
     table[~np.isfinite(array)] = None

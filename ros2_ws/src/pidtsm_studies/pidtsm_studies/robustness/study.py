@@ -1,7 +1,7 @@
-"""What each controller bears: rollouts over single imperfections of the hardware, and over the requirements.
+"""Robustness of each controller, measured by rollouts with single imperfections and with the requirements' hardware.
 
-Everything is Case 1. A curve varies one imperfection and leaves all else ideal; a requirement is a scenario of
-imperfect hardware as a whole.
+All rollouts are Case 1. A curve varies one imperfection and leaves everything else ideal; a requirement is a scenario
+with several imperfections.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,15 +33,15 @@ from pidtsm_studies.robustness.results import (
 )
 
 _Condition: TypeAlias = tuple[str, str, int]
-"""Contender, imperfection or requirement, and index of the value or the variant; runs under it differ by seed only."""
+"""Contender, imperfection or requirement, index of the value or variant; runs of a condition differ only in seed."""
 
 
 def measure(effort: Effort, progress: Callable[[int, int], None] = lambda _done, _total: None) -> Robustness:
-    """Roll everything out, on all cores.
+    """Run all rollouts on all cores.
 
     Args:
-        effort: how much to run.
-        progress: called now and then with the number of runs done and the number of all.
+        effort: extent of the study.
+        progress: called regularly with the number of finished runs and the total number.
     """
     values = {imperfection.name: _chosen(imperfection.values, effort.values) for imperfection in IMPERFECTIONS}
     conditions, settings = _plan(values, effort.seeds)
@@ -70,7 +70,7 @@ def measure(effort: Effort, progress: Callable[[int, int], None] = lambda _done,
 
 
 def _plan(values: Mapping[str, Sequence[float]], seeds: int) -> tuple[list[_Condition], list[Settings]]:
-    """Every run: its condition, and its parameters."""
+    """Condition and parameters of every run."""
     conditions: list[_Condition] = []
     settings: list[Settings] = []
 
@@ -95,12 +95,12 @@ def _plan(values: Mapping[str, Sequence[float]], seeds: int) -> tuple[list[_Cond
 
 
 def _chosen(values: Sequence[float], count: int) -> tuple[float, ...]:
-    """So many of the values, spread evenly, with the first and the last."""
+    """`count` of the values, evenly spread, including the first and the last."""
     return tuple(values[round(place)] for place in np.linspace(0, len(values) - 1, min(count, len(values))))
 
 
 def _late(run: Rollout) -> JointMetrics:
-    """What decides on success, per joint: the largest |e| after `LATE`, and the share of its samples at a limit."""
+    """Criteria of success, per joint: the largest |e| after `LATE`, and the fraction of samples at a torque limit."""
     late = run.time >= LATE
     error = np.abs(run.position[late] - run.reference[late, 0])
     limited = run.signals[late, Signal.SATURATED] != 0.0
@@ -109,13 +109,13 @@ def _late(run: Rollout) -> JointMetrics:
 
 @dataclass(frozen=True)
 class _Outcomes:
-    """What the runs gave, and which of them each condition has."""
+    """Results of the runs, and the indices of the runs of each condition."""
 
     result: BatchResult
     runs: Mapping[_Condition, Sequence[int]]
 
     def of(self, metric: str, condition: _Condition) -> Array:
-        """A metric of a condition's runs, shape (runs, joints); inf for a run that left the finite numbers."""
+        """A metric of a condition's runs, shape (runs, joints); inf for a run that diverged."""
         values = self.result.metrics[metric][self.runs[condition]]
         return np.where(np.isnan(values), np.inf, values)
 
@@ -136,7 +136,7 @@ class _Outcomes:
 
     def _band(self, metric: str, conditions: Sequence[_Condition]) -> Array:
         """Percentiles over the runs, shape (3, conditions, joints)."""
-        # Percentiles that are a run's: nothing is interpolated towards inf.
+        # Each percentile is the value of a run, to avoid interpolation with inf.
         bands = [np.percentile(self.of(metric, each), BAND, axis=0, method="inverted_cdf") for each in conditions]
         return np.stack(bands, axis=1)
 

@@ -1,4 +1,4 @@
-"""Results in words, for the tables of the terminal and of the page."""
+"""Results as text, for the tables of the terminal and of the page."""
 
 import math
 
@@ -7,7 +7,7 @@ from pidtsm_studies.robustness.results import Robustness
 
 
 def tolerance_text(robustness: Robustness, imperfection: Imperfection, contender: str) -> str:
-    """Up to which value, from the mildest on, every run of a contender succeeded: ``all``, the value, or ``none``."""
+    """Largest value up to which every run of a contender succeeded, from the mildest on; or ``all``, or ``none``."""
     values = robustness.values[imperfection.name]
     tolerated = robustness.curves[imperfection.name][contender].tolerated
     if tolerated == len(values):
@@ -16,5 +16,5 @@ def tolerance_text(robustness: Robustness, imperfection: Imperfection, contender
 
 
 def measured_text(value: float) -> str:
-    """A measured value with four significant digits; ``diverged`` where it is not finite."""
+    """A measured value with four significant digits; ``diverged`` if it is not finite."""
     return f"{value:.4g}" if math.isfinite(value) else "diverged"

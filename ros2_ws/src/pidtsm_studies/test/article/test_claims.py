@@ -114,7 +114,7 @@ def test_an_entry_has_what_its_kind_needs_and_no_more() -> None:
 
 def test_a_kind_that_is_none_is_refused() -> None:
     entry = {**PRINTED["claims"][0], "kind": "rumour"}
-    with pytest.raises(ValueError, match=r"claims\.yaml: RMSE: rumour is no kind of claim"):
+    with pytest.raises(ValueError, match=r"claims\.yaml: RMSE: unknown kind of claim rumour"):
         claim_of(entry, 0)
 
 

@@ -73,7 +73,7 @@ def test_every_comparison_is_in_its_table_with_its_reason(
     assert {f"#{i}" for i in Outline(report).ids("li")} <= links
 
 
-def test_it_asks_for_nothing_outside(report: Path) -> None:
+def test_it_loads_nothing_from_outside(report: Path) -> None:
     for tag, attributes in Outline(report).tags:
         assert tag not in ("iframe", "object", "embed", "img")
         assert "src" not in attributes
@@ -133,11 +133,11 @@ def test_a_single_run_has_no_comparison(single: Path) -> None:
 
 
 def happened(path: Path) -> str:
-    """What the section says, as HTML."""
+    """HTML of the section."""
     return path.read_text(encoding="utf-8").partition('<h2 id="happened">')[2].partition("</section>")[0]
 
 
-def test_what_is_not_normal_stands_first(tmp_path: Path, run_of: RunOf) -> None:
+def test_unusual_events_come_first(tmp_path: Path, run_of: RunOf) -> None:
     recording, _ = run_of("case1", "piddtsm")
     status = recording.status.copy()
     status[500:700] = (Mode.STOPPED, Fault.VELOCITY_LIMIT, 1, Violation.VELOCITY)
@@ -149,7 +149,7 @@ def test_what_is_not_normal_stands_first(tmp_path: Path, run_of: RunOf) -> None:
     assert "messages rejected: controller 2" in section
 
 
-def test_of_several_runs_those_that_were_not_normal_are_named(tmp_path: Path, run_of: RunOf) -> None:
+def test_of_several_runs_the_unusual_ones_are_named(tmp_path: Path, run_of: RunOf) -> None:
     bad, good = run_of("case1", "dtsm"), run_of("case1", "piddtsm")
     lost = replace(bad[0], position=bad[0].position + 4.0)
     write_report(tmp_path / "report.html", {("case1", "dtsm"): (lost, summarize(lost)), ("case1", "piddtsm"): good})
@@ -167,7 +167,7 @@ def test_a_run_that_ran_away_has_no_errors_to_compare(tmp_path: Path, run_of: Ru
     assert f"{summarize(lost)['rmse'][0]:.5g}" not in Outline(tmp_path / "report.html").text
 
 
-def test_a_run_that_says_nothing_of_itself_is_reported(tmp_path: Path, run_of: RunOf) -> None:
+def test_a_run_without_metadata_is_reported(tmp_path: Path, run_of: RunOf) -> None:
     recording, _ = run_of("case1", "piddtsm")
     nameless = replace(recording, scenario=None, law=None, clock=None)
     write_report(tmp_path / "report.html", (nameless, summarize(nameless)))

@@ -1,4 +1,4 @@
-"""The page of the robustness study: all of it is there, and a browser draws it."""
+"""The page of the robustness study is complete, and a browser draws it."""
 
 import re
 from pathlib import Path
@@ -21,14 +21,14 @@ def report(tmp_path_factory: pytest.TempPathFactory, quick: Robustness) -> Path:
     return path
 
 
-def test_it_shows_all_and_asks_for_nothing_outside(report: Path, quick: Robustness) -> None:
+def test_it_shows_everything_and_loads_nothing_from_outside(report: Path, quick: Robustness) -> None:
     page = report.read_text(encoding="utf-8")
     assert re.findall(r'<h2 id="(\w+)"', page) == ["rows", "tolerance", "curves", "method"]
     assert re.findall(r'class="plot" id="(\w+)"', page) == [imperfection.name for imperfection in IMPERFECTIONS]
     assert re.findall(r'name="law" value="(\w+)"', page) == [contender.name for contender in CONTENDERS]
     assert "default-src 'none'" in page
-    assert f"has failed, and has no such values: {quick.diverged} of {quick.runs} runs." in page
-    assert f"The practical set is within its limits in {quick.met()} of {len(REQUIREMENTS)} rows" in page
+    assert f"has failed and has no such values: {quick.diverged} of {quick.runs} runs." in page
+    assert f"The practical set meets all limits in {quick.met()} of {len(REQUIREMENTS)} rows" in page
     for requirement in REQUIREMENTS:
         assert requirement.label in page
 
@@ -60,8 +60,8 @@ def test_the_same_results_give_the_same_file(tmp_path: Path, report: Path, quick
 def test_what_diverged_is_counted(tmp_path: Path, with_failures: Robustness) -> None:
     write_robustness_report(tmp_path / "report.html", with_failures)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert f"has failed, and has no such values: 1 of {with_failures.runs} runs." in page
-    assert "The practical set is within its limits in 0 of 6 rows" in page
+    assert f"has failed and has no such values: 1 of {with_failures.runs} runs." in page
+    assert "The practical set meets all limits in 0 of 6 rows" in page
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")

@@ -8,7 +8,7 @@ function unpack(packed) {
   return new Float32Array(Uint8Array.from(atob(packed.bdata), (c) => c.charCodeAt(0)).buffer);
 }
 
-// Plots. Each is drawn when it comes near the window; the controls decide about those still to come too.
+// Plots. Each is drawn when it is near the visible area; the controls also apply to plots that are drawn later.
 
 const drawn = new Set();
 
@@ -74,7 +74,7 @@ document.querySelectorAll("input[data-log]").forEach((box) =>
   box.addEventListener("change", () => drawn.has(box.dataset.log) && scale(element(box.dataset.log), box.checked)),
 );
 
-// The arm. Joint angles add up from the horizontal; y goes up, and down in the drawing.
+// The arm. Joint angles add up from the horizontal; y points up, but down in the drawing.
 
 function animate({ links, rate, box, runs }) {
   const trailTime = 2.0; // s
