@@ -1,4 +1,4 @@
-"""`./pidtsm`: set the checkout up if anything is missing, then start the command line in its environment."""
+"""`./pidtsm`: set up the checkout if anything is missing, then start the command line in its environment."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import os
 import sys
 from pathlib import Path
 
-sys.dont_write_bytecode = True  # a refused set-up leaves nothing behind
+sys.dont_write_bytecode = True  # a failed set-up must leave nothing behind
 
 from launcher import environment  # noqa: E402
 
 
 def main(arguments: list[str]) -> None:
-    """Become the command that `arguments` ask for, in an environment that is ready; SetupError if it cannot be so."""
+    """Replace this process by the command in `arguments`, in a complete environment; SetupError if set-up fails."""
     layout = environment.Layout(Path(__file__).resolve().parent.parent)
     shell = os.environ.get("SHELL") or "bash"
     match arguments:
@@ -21,13 +21,15 @@ def main(arguments: list[str]) -> None:
         case ["shell", "-c", line]:
             command = [shell, "-c", line]
         case ["shell", *others]:
-            environment.say('usage: pidtsm shell [-c "COMMAND"]: a shell in the environment, or COMMAND run in it')
+            environment.say(
+                'usage: pidtsm shell [-c "COMMAND"]: start a shell in the environment, or run COMMAND in it'
+            )
             sys.exit(0 if others in (["-h"], ["--help"]) else 2)
         case _:
             command = [str(layout.python), "-m", "pidtsm_experiments.cli", *arguments]
     have = environment.read(layout)
     if environment.missing(layout, environment.wanted(layout), have):
-        from launcher.install import set_up  # only here: the usual call does not pay for it
+        from launcher.install import set_up  # imported only here, to keep the usual call fast
 
         have = set_up(layout)
     os.execvpe(command[0], command, environment.variables(layout, have["ROS 2"], have["paths"]))  # noqa: S606

@@ -1,4 +1,4 @@
-"""Writes docs/reference.md from what the nodes declare: every parameter and every message.
+"""Generates docs/reference.md from the declarations of the nodes: every parameter and every message.
 
 ./pidtsm shell -c "python scripts/reference.py"
 """
@@ -37,7 +37,7 @@ information. A parameter *per joint* takes one number for all joints, or one num
 *start* is read when the node is configured; all others can be changed while the node runs. In `--set`, in scenarios
 and in a launch, put the name of the node in front: `controller.law.k1=4.0`.
 """
-_LEFT_OUT = """## What a rollout leaves out
+_LEFT_OUT = """## Parameters that a rollout does not have
 
 A rollout accepts every parameter above that changes a torque. These exist only in nodes:
 """
@@ -46,7 +46,7 @@ _TABLE = "| parameter | default | unit | allowed | meaning |\n| --- | --- | --- 
 
 
 def page() -> str:
-    """The whole page."""
+    """Content of the page."""
     parts = [_HEAD]
     for node, schema in NODE_SCHEMAS.items():
         parts.append(f"## Parameters of the {node}\n")
@@ -68,14 +68,14 @@ def _parameters(
     elsewhere: frozenset[Parameter] = frozenset(),
     made: frozenset[str] = frozenset(),
 ) -> Iterator[str]:
-    """Tables of what these settings always bring, and of what each choice adds that is still to be made.
+    """Tables of the parameters that always exist with these settings, and of those added by each remaining choice.
 
     Args:
-        schema: of the node.
-        settings: choices made.
-        path: the same in words.
-        elsewhere: parameters that another table has.
-        made: names of the choices that another table is about.
+        schema: schema of the node.
+        settings: choices made so far.
+        path: the same as text.
+        elsewhere: parameters in other tables.
+        made: names of the choices covered by other tables.
     """
     declared = frozenset(schema(settings))
     choices = {p.name: _variants(schema, settings, p) for p in schema(settings) if p.choices and p.name not in made}
@@ -94,7 +94,7 @@ def _parameters(
 
 
 def _variants(schema: Schema, settings: Mapping[str, object], choice: Parameter) -> dict[str, frozenset[Parameter]]:
-    """Parameters by the value of a choice, without the values that the node refuses."""
+    """Parameters by the value of a choice, without values that the node rejects."""
     found = {}
     for value in choice.choices:
         try:
@@ -105,7 +105,7 @@ def _variants(schema: Schema, settings: Mapping[str, object], choice: Parameter)
 
 
 def _heading(path: tuple[str, ...], settings: Mapping[str, object]) -> str:
-    """The choices made, and what the last of them is."""
+    """Heading with the choices made, and a summary of the last one."""
     if not path:
         return ""
     name, choice = list(settings.items())[-1]

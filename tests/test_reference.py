@@ -1,4 +1,4 @@
-"""docs/reference.md says what the nodes declare."""
+"""docs/reference.md matches the declarations of the nodes."""
 
 import sys
 from pathlib import Path
@@ -15,7 +15,7 @@ import reference  # noqa: E402
 
 def test_page_is_up_to_date() -> None:
     assert reference.PAGE.read_text(encoding="utf-8") == reference.page(), (
-        'make it anew: ./pidtsm shell -c "python scripts/reference.py"'
+        'regenerate it: ./pidtsm shell -c "python scripts/reference.py"'
     )
 
 

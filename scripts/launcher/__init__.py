@@ -1,1 +1,1 @@
-"""What `./pidtsm` does before the command line of pidtsm_experiments runs: set up once, then start at once."""
+"""Set-up of the checkout by `./pidtsm`, on the first call, before the command line of pidtsm_experiments starts."""

@@ -1,4 +1,4 @@
-"""The environment of a checkout: what it should be, what it is, what is missing between the two, and its variables."""
+"""The environment of a checkout: its required and its current state, the difference, and its variables."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from typing import Any
 WHEELS = "wheels"
 STEPS = ("environment", "packages", "workspace")
 
-# A symlink install shows changed modules at once; these files it only reads while building.
+# With a symlink install, changed modules take effect at once; these files are only read during the build.
 _BUILD_INPUTS = ("package.xml", "setup.py", "setup.cfg", "CMakeLists.txt", ".msg", ".srv", ".action")
 _NO_SOURCE = re.compile(r"(^|/)(\.|#|__pycache__)|(~|\.pyc)$|\.egg-info(/|$)")
 
-# What another ROS installation or Python environment leaves in a shell, and the wheels must not see.
+# Variables of other ROS installations and Python environments, which must not affect the wheels.
 _OF_OTHERS = ("PYTHONPATH", "PYTHONHOME", "ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "RMW_IMPLEMENTATION")
 
 
 class SetupError(Exception):
-    """Set-up cannot go on; the text is one sentence for the user."""
+    """Set-up cannot continue; the text is one sentence for the user."""
 
 
 class Layout:
-    """Where things are in the checkout at `root`."""
+    """Paths in the checkout at `root`."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -40,7 +40,7 @@ class Layout:
         self.state = self.venv / "pidtsm.json"
 
     def lock(self, ros: str) -> Path:
-        """The locked packages that go with ROS 2 from `ros`."""
+        """Lock file of the packages for ROS 2 from `ros`."""
         return self.root / "requirements" / ("wheels.lock" if ros == WHEELS else "jazzy.lock")
 
 
@@ -55,14 +55,14 @@ def sourced_jazzy(layout: Layout) -> str | None:
 
 
 def wanted(layout: Layout) -> dict[str, Any]:
-    """The environment that this interpreter, this shell and this checkout ask for; the keys are words for the user."""
+    """The environment required by this interpreter, shell and checkout; the keys appear in messages to the user."""
     ros = sourced_jazzy(layout) or WHEELS
     python = getattr(sys, "_base_executable", "") or sys.executable  # not that of another environment
-    # Any fitting interpreter may start an existing environment, unless the user asks for this one.
+    # Any suitable interpreter can start an existing environment, unless the user has chosen this one.
     if ros == WHEELS and not os.environ.get("PIDTSM_PYTHON") and layout.state.exists() and layout.python.exists():
         python = layout.python
     return {
-        "version of the set-up": 2,  # to be raised when older environments have to be made anew
+        "version of the set-up": 2,  # increment it if older environments must be recreated
         "place of the checkout": str(layout.root),
         "ROS 2": ros,
         "Python": os.path.realpath(python),
@@ -71,7 +71,7 @@ def wanted(layout: Layout) -> dict[str, Any]:
 
 
 def workspace_digest(source: Path) -> str:
-    """Digest of everything below `source` that makes a new build necessary: build inputs and the list of file names."""
+    """Digest of everything below `source` that requires a new build: build inputs and the list of file names."""
     digest = hashlib.sha256()
     for path in sorted(source.rglob("*")):
         name = str(path.relative_to(source))
@@ -81,7 +81,7 @@ def workspace_digest(source: Path) -> str:
 
 
 def read(layout: Layout) -> dict[str, Any]:
-    """The recorded state; empty when there is none that can be read."""
+    """The recorded state; empty if it is missing or unreadable."""
     try:
         return dict(json.loads(layout.state.read_text()))
     except (OSError, ValueError, TypeError):
@@ -89,14 +89,14 @@ def read(layout: Layout) -> dict[str, Any]:
 
 
 def write(layout: Layout, environment: dict[str, Any], **built: Any) -> None:
-    """Record `environment`, and what was `built` in it, once a step is done: the next call repeats what was not."""
+    """Record `environment` and what was `built` in it after a completed step; the next call repeats the others."""
     draft = layout.state.with_suffix(".new")
     draft.write_text(json.dumps({**environment, **built}, indent=1))
     draft.replace(layout.state)
 
 
 def missing(layout: Layout, want: dict[str, Any], have: dict[str, Any]) -> tuple[str, str] | None:
-    """The first of STEPS to be done, with all after it, and why; None if nothing is missing."""
+    """The first of STEPS that must be done (and all after it), and the reason; None if nothing is missing."""
     if not have:
         return "environment", "the set-up was not finished" if layout.venv.exists() else "this is the first call"
     changed = [name for name in want if have.get(name) != want[name]]
@@ -108,7 +108,7 @@ def missing(layout: Layout, want: dict[str, Any], have: dict[str, Any]) -> tuple
 
 
 def variables(layout: Layout, ros: str, paths: dict[str, list[str]]) -> dict[str, str]:
-    """The caller's variables, with `paths` before the caller's and without what would leak into the wheels."""
+    """The caller's variables, with `paths` first and without variables that would affect the wheels."""
     env = dict(os.environ)
     if ros == WHEELS:
         foreign = entries(env, "AMENT_PREFIX_PATH") + entries(env, "COLCON_PREFIX_PATH")
@@ -116,11 +116,11 @@ def variables(layout: Layout, ros: str, paths: dict[str, list[str]]) -> dict[str
             kept = [e for e in entries(env, name) if not any(Path(e).is_relative_to(folder) for folder in foreign)]
             env[name] = os.pathsep.join(kept)
         env = {name: value for name, value in env.items() if name not in _OF_OTHERS}
-        # Python's start-up hook of the wheels would only set LD_LIBRARY_PATH and start again.
+        # The start-up hook of the wheels would only set LD_LIBRARY_PATH and restart Python.
         env |= {"PYTHONNOUSERSITE": "1", "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
     for name, first in paths.items():
         env[name] = os.pathsep.join(first + [entry for entry in entries(env, name) if entry not in first])
-    if not os.access(env.get("HOME", ""), os.W_OK | os.X_OK):  # logs and caches go there
+    if not os.access(env.get("HOME", ""), os.W_OK | os.X_OK):  # used for logs and caches
         home = Path(tempfile.gettempdir(), f"pidtsm-{os.getuid()}")
         home.mkdir(mode=0o700, exist_ok=True)
         env["HOME"] = str(home) if home.stat().st_uid == os.getuid() else tempfile.mkdtemp(prefix="pidtsm-")
@@ -128,7 +128,7 @@ def variables(layout: Layout, ros: str, paths: dict[str, list[str]]) -> dict[str
 
 
 def interactive(shell: str) -> list[str]:
-    """The command of an interactive shell; a bash gets these variables again after .bashrc, which may cover them."""
+    """Command of an interactive shell; bash gets these variables again after .bashrc, which may overwrite them."""
     if Path(shell).name != "bash":
         return [shell, "-i"]
     start = f"echo '[ -f ~/.bashrc ] && . ~/.bashrc; unset {' '.join(_OF_OTHERS)}'; export -p"
@@ -136,10 +136,10 @@ def interactive(shell: str) -> list[str]:
 
 
 def entries(env: dict[str, str], name: str) -> list[str]:
-    """The entries of the search path `name` in `env`."""
+    """Entries of the search path `name` in `env`."""
     return [entry for entry in env.get(name, "").split(os.pathsep) if entry]
 
 
 def say(message: str, end: str = "\n") -> None:
-    """Tell the user, on standard error: standard output belongs to the command."""
+    """Print a message on standard error; standard output is for the command."""
     print(f"pidtsm: {message}", end=end, file=sys.stderr, flush=True)

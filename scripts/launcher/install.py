@@ -1,4 +1,4 @@
-"""The slow path: check the machine, make the environment, install into it, build the workspace, record it."""
+"""Set-up: check the machine, create the environment, install packages, build the workspace, record the state."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from launcher import environment
 from launcher.environment import STEPS, WHEELS, Layout, SetupError, say
 
-# Options of pip, and what tells uv the same: it does not read pip's configuration.
+# Options of pip and the corresponding variables of uv, which does not read pip's configuration.
 _UV_VARIABLES = {
     "index-url": "UV_DEFAULT_INDEX",
     "extra-index-url": "UV_INDEX",
@@ -32,12 +32,12 @@ _UV_VARIABLES = {
 
 
 def _check_machine(ros: str, root: Path, *, create: bool) -> None:
-    """Raise SetupError, with what to install, unless everything is there; `create` tells of a new environment."""
+    """Raise SetupError, with what to install, if anything is missing; `create`: a new environment will be created."""
     system = f"{sys.platform} {platform.machine()} {platform.libc_ver()[0]}"
     free = shutil.disk_usage(root).free / 1e9
     advice = "(Debian, Ubuntu: sudo apt install build-essential python3-dev python3-venv)"
     if not os.access(root, os.W_OK):
-        raise SetupError(f"{root} has to be set up, and this user cannot write there.")
+        raise SetupError(f"{root} must be set up, but this user cannot write there.")
     if ros == WHEELS and system != "linux x86_64 glibc":
         raise SetupError(f"the wheels of ROS 2 need linux x86_64 glibc, this is {system}: source a ROS 2 Jazzy first.")
     if create and free < 2.0:
@@ -52,7 +52,7 @@ def _check_machine(ros: str, root: Path, *, create: bool) -> None:
 
 
 def find_cause(output: str) -> str:
-    """Why a step failed, in a few words, from what it printed."""
+    """Short reason why a step failed, from its output."""
     if re.search("ConnectionError|Timeout|timed out|refused|unreachable|name resolution|ProxyError", output):
         return "no connection to the Python package index (network, proxy?)"
     errors = re.findall(r"(?im)^.*(?:error|failed|no such file).*$", output)
@@ -60,44 +60,44 @@ def find_cause(output: str) -> str:
 
 
 def uv_variables(pip_configuration: str) -> dict[str, str]:
-    """Variables that give uv the package index of pip, from what `pip config list` prints."""
+    """Variables that make uv use pip's package index, from the output of `pip config list`."""
     given = dict(line.split("=", 1) for line in pip_configuration.splitlines())
-    # With several indexes pip takes a package from any of them, uv from the first that has one of that name.
+    # With several indexes, pip takes a package from any of them, uv from the first one that has the name.
     found = {"UV_INDEX_STRATEGY": "unsafe-best-match"}
     for option, variable in _UV_VARIABLES.items():
-        for section in ("global", "install", ":env:"):  # the last one wins, as in pip
+        for section in ("global", "install", ":env:"):  # later ones override earlier ones, as in pip
             if value := given.get(f"{section}.{option}"):
                 found[variable] = ("," if option == "find-links" else " ").join(ast.literal_eval(value).split())
     return found
 
 
 def patch_wheels(venv: Path, include: str) -> None:
-    """Put this environment's paths where the wheels' CMake files name those of the machine that built them."""
+    """Replace the paths of the build machine in the wheels' CMake files by those of this environment."""
     for file in (venv / "share").rglob("*.cmake"):
         text = file.read_text()
         if "/opt/python/cp" in text:
             text = re.sub(r"/opt/python/cp\d+-cp\d+/include/python3\.\d+", include, text)
-            file.unlink()  # uv makes hard links into its cache
+            file.unlink()  # uv creates hard links to its cache
             file.write_text(re.sub(r"/opt/python/cp\d+-cp\d+\b", str(venv), text))
 
 
 class Installer(NamedTuple):
-    """Set-up of one checkout, done by whoever holds its `lock`."""
+    """Set-up of one checkout, by the process that holds its `lock`."""
 
     layout: Layout
     want: dict[str, Any]
     lock: int
 
     def create(self) -> None:
-        """Make an empty environment in place of what is there."""
-        # Build products hold absolute paths of the environment they were made in.
+        """Replace the environment by an empty one."""
+        # Build products contain absolute paths of their environment.
         for made in (self.layout.venv, *(self.layout.workspace / name for name in ("build", "install", "log"))):
             shutil.rmtree(made, ignore_errors=True)
         options = [] if self.want["ROS 2"] == WHEELS else ["--system-site-packages"]
         self._run("creating a Python environment", [self.want["Python"], "-m", "venv", *options, str(self.layout.venv)])
 
     def install(self) -> None:
-        """Install the locked packages, with uv if it can be had, else with pip."""
+        """Install the locked packages, with uv if available, else with pip."""
         self.layout.state.unlink(missing_ok=True)
         python, lock = str(self.layout.python), str(self.layout.lock(self.want["ROS 2"]))
         pip = [python, "-m", "pip", "install", "--no-user", "--no-deps", "--no-compile", "--require-hashes", "-r"]
@@ -108,17 +108,17 @@ class Installer(NamedTuple):
         if not (has_uv and self._run("installing packages", [*uv, lock], more=uv_variables(config), needed=False)):
             self._run("installing packages with pip", [*pip, lock])
         imports = "import numba, scipy.stats, rclpy, rosbags.highlevel, matplotlib.pyplot"
-        self._run("checking packages", [python, "-c", imports])  # makes the bytecode that all processes need, too
+        self._run("checking packages", [python, "-c", imports])  # also creates the bytecode for all processes
         if self.want["ROS 2"] == WHEELS:
             query = "import sysconfig; print(sysconfig.get_path('include'), end='')"
             patch_wheels(self.layout.venv, check_output([self.want["Python"], "-Ic", query], text=True))
 
     def build(self) -> None:
-        """Build the workspace and record what its set-up script makes of the search paths."""
+        """Build the workspace and record the search paths set by its set-up script."""
         digest = environment.workspace_digest(self.layout.workspace / "src")
-        environment.write(self.layout, self.want)  # until the build is complete, there is none
+        environment.write(self.layout, self.want)  # until the build is complete, no workspace is recorded
         for package in self.layout.workspace.glob("install/*/"):
-            if not (self.layout.workspace / "src" / package.name).is_dir():  # It is no longer in the workspace.
+            if not (self.layout.workspace / "src" / package.name).is_dir():  # no longer in the workspace
                 shutil.rmtree(package)
         cmake = ["--cmake-args", "-G", "Ninja", f"-DPython3_EXECUTABLE={self.layout.python}"]
         self._run("building the workspace", ["colcon", "build", "--symlink-install", *cmake])
@@ -130,7 +130,7 @@ class Installer(NamedTuple):
         environment.write(self.layout, self.want, workspace=digest, paths=paths)
 
     def _paths(self) -> dict[str, list[str]]:
-        """What the environment itself puts into the search paths."""
+        """Search path entries of the environment itself."""
         venv = self.layout.venv
         paths = {"PATH": [f"{venv}/bin"]}
         if self.want["ROS 2"] == WHEELS:
@@ -139,23 +139,23 @@ class Installer(NamedTuple):
         return paths
 
     def _variables(self) -> dict[str, str]:
-        """Variables for uv, pip and colcon, with nothing of the user's that sends their products elsewhere."""
+        """Variables for uv, pip and colcon, without user settings that redirect their output."""
         env = environment.variables(self.layout, self.want["ROS 2"], self._paths())
         if self.want["ROS 2"] != WHEELS and (cmake := shutil.which("cmake")):
-            env["CMAKE_COMMAND"] = cmake  # the installation's
-        # Unless told how many jobs to run, colcon makes ninja wait for a load below the number of cores.
+            env["CMAKE_COMMAND"] = cmake  # that of the ROS installation
+        # Without an explicit number of jobs, colcon makes ninja wait for a load below the number of cores.
         own = {"COLCON_DEFAULTS_FILE": f"{self.layout.venv}/no-defaults", "MAKEFLAGS": f"-j{os.cpu_count()}"}
         return env | own | {"PYTHONDONTWRITEBYTECODE": ""}
 
     def _run(self, what: str, command: list[str], *, more: dict[str, str] | None = None, needed: bool = True) -> bool:
-        """Run one step with `more` variables, its output in the log; tell its progress and whether it succeeded."""
+        """Run one step with `more` variables and its output in the log; print progress, return whether it succeeded."""
         say(f"{what} ...", end="")
         started = time.monotonic()
         env = (more or {}) | self._variables()
         with self.layout.log.open("a+", errors="replace") as log:
             print(f"\n$ {' '.join(command)}", file=log, flush=True)
             begin = log.tell()
-            # The lock goes along: if this process is killed, the next one waits for what it leaves running.
+            # The step inherits the lock: if this process is killed, the next one waits for the step to end.
             done = run(
                 command, env=env, cwd=self.layout.workspace, stdin=DEVNULL, stdout=log, stderr=log, pass_fds=[self.lock]
             )
@@ -169,8 +169,8 @@ class Installer(NamedTuple):
 
 
 def set_up(layout: Layout) -> dict[str, Any]:
-    """Do what is missing, alone, and return the state reached; SetupError if something fails or is lacking."""
-    lock = os.open(layout.root, os.O_RDONLY)  # the folder itself: no file to make; let go with the end of this process
+    """Do the missing steps under a lock and return the state; SetupError if anything fails or is missing."""
+    lock = os.open(layout.root, os.O_RDONLY)  # locks the folder itself, without a file; released when this process ends
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
