@@ -1,4 +1,4 @@
-"""Time and memory of `analyze` with the length of a recording, beside reading the same bag with rosbags alone."""
+"""Time and memory of `analyze` for recordings of different lengths, compared with only reading the bag with rosbags."""
 
 import json
 import subprocess
@@ -33,14 +33,14 @@ bag = Path(sys.argv[1])
 begin = time.perf_counter()
 {work}
 spent = time.perf_counter() - begin
-# Not ru_maxrss, which begins with that of the process that started this one.
+# Not ru_maxrss, which starts at the value of the parent process.
 peak = Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]
 print(json.dumps([spent, int(peak) / 1e6]))
 """
 
 
 def run(quick: bool) -> Iterator[Row]:
-    """30 s, 5 min and 1 h of 1 kHz data: the hour takes 4 GB in the folder of temporary files (TMPDIR)."""
+    """30 s, 5 min and 1 h of 1 kHz data; one hour needs 4 GB in the folder for temporary files (TMPDIR)."""
     for seconds in (2,) if quick else (30, 300, 3600):
         with tempfile.TemporaryDirectory() as folder:
             bag = Path(folder, "bag")
@@ -53,16 +53,16 @@ def run(quick: bool) -> Iterator[Row]:
 
 
 def _measured(work: str, bag: Path) -> tuple[float, float]:
-    """Seconds and peak GB of a fresh process."""
+    """Run the work in a new process; returns its time in s and its peak memory in GB."""
     command = [sys.executable, "-c", _MEASURE.format(work=work), str(bag)]
     seconds, memory = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     return seconds, memory
 
 
 def write_bag(path: Path, seconds: int) -> None:
-    """A bag as the recorder writes it, of `seconds` whose samples repeat a rollout of at most 30 s.
+    """Write a bag like the recorder's; its samples repeat a rollout of at most 30 s.
 
-    Messages are made by writing the stamp over that of a serialized one: an hour has 18 million.
+    Only the stamps of serialized messages are overwritten, since one hour has 18 million messages.
     """
     run = rollout({}, min(seconds, 30))
     store, names, nothing = typestore(), list(run.joints), np.empty(0)
@@ -71,7 +71,7 @@ def write_bag(path: Path, seconds: int) -> None:
     joint_state = types["sensor_msgs/msg/JointState"]
     reference = types["pidtsm_msgs/msg/JointReference"]
     state = types["pidtsm_msgs/msg/ControllerState"]
-    # After header, name, signals and status: numbers of the loop.
+    # Numbers of the loop, after header, name, signals and status.
     others = len(store.get_msgdef("pidtsm_msgs/msg/ControllerState").fields) - len(Signal) - len(Status) - 2
 
     def messages(k: int) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Batches of rollouts: all cores beside one, and how time grows with their number."""
+"""Batches of rollouts: all cores compared with one, and time against the number of rollouts."""
 
 import os
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ from pidtsm_experiments.commands.bench import Row, medians
 
 
 def run(quick: bool) -> Iterator[Row]:
-    """30 s a rollout for the speed-up, 3 s for the growth."""
+    """Rollouts of 30 s for the speed-up, of 3 s for the time against their number."""
     runs, duration, largest = (16, 1.0, 10) if quick else (1000, 30.0, 10_000)
     one, every = medians(1, lambda: batch(_varied(runs), duration, 1), lambda: batch(_varied(runs), duration))
     cores = os.cpu_count() or 1
@@ -22,7 +22,7 @@ def run(quick: bool) -> Iterator[Row]:
         (seconds,) = medians(1, lambda count=count: batch(_varied(count), short))  # type: ignore[misc]
         share = seconds / count
         yield Row(
-            f"a rollout of {short:g} s in a batch of {count}", share * 1e3, "ms", "alone", single * 1e3, share / single
+            f"rollout of {short:g} s in a batch of {count}", share * 1e3, "ms", "alone", single * 1e3, share / single
         )
         count *= 10
 

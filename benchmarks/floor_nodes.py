@@ -1,8 +1,8 @@
-"""What the benchmarks compare the nodes with: the same messages between the same number of nodes, and no control.
+"""Lower bound for the benchmarks of the nodes: the same messages between the same number of nodes, without control.
 
 ``python floor_nodes.py NAME,...[+ALTERNATIVE] --ros-args ...`` runs nodes of `NODES` in one process. The echo nodes
-send and take the bytes that the real nodes send and take, in the same way, but neither look at them nor compute
-anything; the plain ones do it with rclpy's message objects, as most nodes in Python do.
+exchange the same bytes in the same way as the real nodes, but neither read them nor compute anything. The plain nodes
+use rclpy's message objects, like most Python nodes.
 """
 
 import gc
@@ -36,7 +36,7 @@ _SCALARS = ("period", "rate", "period_jitter", "state_age", "missed_deadlines", 
 
 
 class Floor(ManagedNode):
-    """A node that needs only the parameters every benchmark node has."""
+    """Base of the benchmark nodes, with their common parameters."""
 
     OWN: tuple[Parameter, ...] = ()
 
@@ -54,7 +54,7 @@ class Floor(ManagedNode):
 
 
 class EchoController(Floor):
-    """Answers every joint state, when `match` after the reference of the same stamp."""
+    """Publishes a command for every joint state; with `match`, after the reference of the same stamp."""
 
     OWN = (Parameter("match", False, "wait for the reference"),)
 
@@ -89,7 +89,7 @@ class EchoController(Floor):
 
 
 class EchoTrajectory(Floor):
-    """Sends a reference for every joint state."""
+    """Publishes a reference for every joint state."""
 
     def __init__(self) -> None:
         super().__init__("echo_trajectory")
@@ -104,7 +104,7 @@ class EchoTrajectory(Floor):
 
 
 class PlainController(Floor):
-    """As `EchoController`, with message objects."""
+    """Like `EchoController`, with message objects."""
 
     def __init__(self) -> None:
         super().__init__("plain_controller")
@@ -125,7 +125,7 @@ class PlainController(Floor):
 
 
 class PlainTrajectory(Floor):
-    """As `EchoTrajectory`, with message objects."""
+    """Like `EchoTrajectory`, with message objects."""
 
     def __init__(self) -> None:
         super().__init__("plain_trajectory")
@@ -141,9 +141,9 @@ class PlainTrajectory(Floor):
 
 
 class EchoSimulator(Floor):
-    """Lockstep without an arm: sends sample after sample, each when the one before is answered."""
+    """Lockstep without an arm: publishes each sample after the command for the previous one."""
 
-    OWN = (Parameter("samples", 1000, "ends after so many"),)
+    OWN = (Parameter("samples", 1000, "number of samples"),)
 
     def __init__(self) -> None:
         super().__init__("echo_simulator")
@@ -183,12 +183,12 @@ class EchoSimulator(Floor):
 
 
 class Driver(Floor):
-    """Measures round trips: sends joint states at a steady rate to one namespace after the other, in short turns."""
+    """Measures round trips: publishes joint states at a constant rate to the namespaces in turn."""
 
     OWN = (
         Parameter("targets", ("law", "echo"), "namespaces"),
-        Parameter("rate", 1000, "samples a second", "Hz"),
-        Parameter("turn", 250, "samples in a row to one namespace"),
+        Parameter("rate", 1000, "samples per second", "Hz"),
+        Parameter("turn", 250, "consecutive samples to one namespace"),
         Parameter("turns", 40, "turns of each namespace"),
         Parameter("output", "round_trips.json", "file for the results"),
     )
@@ -288,7 +288,7 @@ def _wait_set() -> None:
 
 
 ALTERNATIVES: dict[str, Callable[[], None]] = {"unfrozen": _unfrozen, "wait_set": _wait_set}
-"""What the nodes decided against, for the comparison: all of the process is collected by the garbage collector; the
+"""Rejected design alternatives, for comparison: the garbage collector traverses all objects of the process; the
 executor builds a wait set for every message."""
 
 if __name__ == "__main__":

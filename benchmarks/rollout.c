@@ -1,6 +1,5 @@
-/* The closed loop of Case 1 with default parameters as one writes it by hand in C: what the project's rollout is
- * compared with. Same model, same law (piddtsm, conditional anti-windup), same filtered differences, same RK4, same
- * outputs stored.
+/* The closed loop of Case 1 with default parameters, hand-written in C for comparison with the project's rollout.
+ * Same model, same law (piddtsm, conditional anti-windup), same filtered differences, same RK4, same stored outputs.
  *
  *     gcc -O3 rollout.c -o rollout -lm
  *     ./rollout SAMPLES REPETITIONS
@@ -44,7 +43,7 @@ typedef struct { /* of one joint */
     int saturated;
 } Memory;
 
-typedef struct { /* all arrays as the project's Rollout has them */
+typedef struct { /* the arrays of the project's Rollout */
     double *time, *position, *velocity, *effort, *reference, *signals;
 } Result;
 

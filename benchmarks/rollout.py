@@ -1,4 +1,4 @@
-"""A rollout of Case 1 on one core beside hand-written C, SciPy's solve_ivp and the simulator of opensmc."""
+"""A rollout of Case 1 on one core, compared with hand-written C, SciPy's solve_ivp and the simulator of opensmc."""
 
 import math
 import subprocess
@@ -33,7 +33,7 @@ def _timed(function: Callable[[], object]) -> float:
 
 
 def _warm_median(times: Iterable[float]) -> float:
-    """Of the second half of runs in a row: the first ones of a process, or after another's, are slower by half."""
+    """Median of the second half of consecutive runs; the first ones take 1.5 times as long."""
     return float(np.median(list(times)[_WARM // 2 :]))
 
 
@@ -43,7 +43,7 @@ def _rmse(position: Array, desired: Array) -> Array:
 
 
 def run(quick: bool) -> Iterator[Row]:
-    """30 s; the slow peers that take equal steps run a part of it, and their time is scaled."""
+    """Rollouts of 30 s; slow implementations with equal steps run only a part of it, and their time is scaled."""
     samples, repetitions, part = (1000, 3, 20) if quick else (30_000, 15, 1000)
     duration = samples * DT
     ours: list[float] = []
@@ -60,21 +60,21 @@ def run(quick: bool) -> Iterator[Row]:
     result = rollout({}, duration)
     difference = float(np.abs(_rmse(result.position, result.reference[:, 0]) - np.fromstring(rmse, sep=" ")).max())
     if difference > 1e-9:
-        raise RuntimeError(f"the C program does something else: its RMSE differs by {difference:g} rad")
+        raise RuntimeError(f"the C program is not equivalent: its RMSE differs by {difference:g} rad")
 
     name, mine, c = f"rollout, {duration:g} s of Case 1", float(np.median(ours)), float(np.median(in_c))
     note = f"RMSE of both agree to {difference:.1g} rad"
     yield Row(name, mine * 1e3, "ms", "C, gcc -O3", c * 1e3, mine / c, "<= 2", note)
 
     scale = samples / part
-    scaled = f"peer timed over {part} of {samples} samples and scaled"
+    scaled = f"timed over {part} of {samples} samples and scaled"
     # At the default tolerance of 1e-3 the solver's error is five times the steady-state error of joint 2.
     for rtol, target in ((1e-4, ">= 1000"), (1e-3, None)):
         scipy = _timed(partial(_solve_ivp, duration, rtol))
         note = f"the closed loop as one ODE, rtol {rtol:g}"
         yield Row(name, mine * 1e3, "ms", "SciPy solve_ivp", scipy * 1e3, scipy / mine, target, note)
     scipy = _timed(lambda: _solve_ivp_sampled(part)) * scale
-    note = f"solved anew over each sample, torque held; {scaled}"
+    note = f"one call per sample, constant torque; {scaled}"
     yield Row(name, mine * 1e3, "ms", "SciPy solve_ivp", scipy * 1e3, scipy / mine, None, note)
     peer = _timed(lambda: _opensmc(part)) * scale
     note = f"RK4 at 1 kHz; {scaled}"
@@ -122,7 +122,7 @@ def _law(e: Array, de: Array, ddq_d: Array, integral: Array, tau_sw: Array) -> t
 
 
 def _solve_ivp(duration: float, rtol: float) -> Array:
-    """The closed loop as one ODE with exact derivatives, as one writes down the article's equations with SciPy."""
+    """The closed loop as one ODE with exact derivatives, a direct transcription of the article's equations to SciPy."""
     limit = np.array([100.0, 50.0])
 
     def closed_loop(t: float, x: Array) -> Array:
@@ -149,7 +149,7 @@ def _solve_ivp(duration: float, rtol: float) -> Array:
 
 
 def _solve_ivp_sampled(samples: int) -> Array:
-    """The sampled loop with NumPy and SciPy: filtered differences, torque held over a period, RK45 in it."""
+    """The sampled loop with NumPy and SciPy: filtered differences, torque constant over a period, RK45 within it."""
     limit = np.array([100.0, 50.0])
 
     def motion(t: float, x: Array, tau: Array) -> Array:
@@ -186,7 +186,7 @@ def _solve_ivp_sampled(samples: int) -> Array:
 
 
 class _Terminal(Controller):
-    """Inverse dynamics with a nonsingular terminal surface and a boundary layer a joint, of the package's parts."""
+    """Inverse dynamics with a nonsingular terminal surface and a boundary layer per joint, from parts of opensmc."""
 
     def __init__(self) -> None:
         super().__init__(surface=NonsingularTerminalSurface(), reaching=Saturation())
@@ -210,5 +210,5 @@ def _opensmc(samples: int) -> Array:
     result = simulator.run(_Terminal(), TwoLinkArm(), reference, x0=np.array([0.0, 0.0, -0.1, 0.0]))
     trajectory: Array = result["x"]
     if not np.isfinite(trajectory).all():
-        raise RuntimeError("the peer's simulation diverged")
+        raise RuntimeError("the simulation of opensmc diverged")
     return trajectory

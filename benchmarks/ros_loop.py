@@ -1,6 +1,6 @@
-"""The loop over ROS: round trips, regularity, lockstep speed, cost of the rate, start; each beside its floor.
+"""The loop over ROS: round trips, jitter, lockstep speed, cost of the rate, start-up; each with a lower bound.
 
-Floor and project take turns in the same run, so that a machine that is busy for a while is busy for both.
+Project and lower bound take turns in the same run, so that temporary load of the machine affects both.
 """
 
 import json
@@ -33,14 +33,14 @@ RATES = (250, 500, 1000, 1500, 2000, 3000, 4000)
 """Hz."""
 _PERCENTILES = ("p50", "p99", "p99.9", "max")
 _START_WITHIN = 120.0  # s
-_JITTER_NOTE = "of the commands at who sends the states"
-_START_NOTE = "code cached; until the node says that it is configured"
+_JITTER_NOTE = "of the commands, measured by the sender of the states"
+_START_NOTE = "code cached; until the node logs that it is configured"
 _DONE = re.compile(r"done: (\d+) samples in ([\d.]+) s(?:; (\d+) skipped, (\d+) answered)?")
 
 
 @contextmanager
 def _started(folder: Path, environment: dict[str, str], groups: Sequence[Sequence[str]]) -> Iterator[list[Any]]:
-    """Processes of `floor_nodes.py`, one a list of words; ended with the block."""
+    """Processes of `floor_nodes.py`, one per list of arguments; ended at the end of the block."""
     running = []
     try:
         for i, words in enumerate(groups):
@@ -64,7 +64,7 @@ def _started(folder: Path, environment: dict[str, str], groups: Sequence[Sequenc
 
 @contextmanager
 def _place() -> Iterator[tuple[Path, dict[str, str]]]:
-    """A folder, and an environment with a ROS domain of its own."""
+    """A temporary folder, and an environment with a separate ROS domain."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pidtsm-bench-")))
         domain = stack.enter_context(own_domain())
@@ -86,8 +86,8 @@ def _wait(process: Any, within: float, folder: Path) -> None:
     except subprocess.TimeoutExpired:
         code = "time-out"
     if code != 0:
-        said = "\n".join(f"{log.name}: {log.read_text()[-600:]}" for log in sorted(folder.glob("*.log")))
-        raise RuntimeError(f"a benchmark process ended with {code}:\n{said}")
+        logs = "\n".join(f"{log.name}: {log.read_text()[-600:]}" for log in sorted(folder.glob("*.log")))
+        raise RuntimeError(f"a benchmark process ended with {code}:\n{logs}")
 
 
 def _namespace(*nodes: str, to: str) -> list[str]:
@@ -95,7 +95,7 @@ def _namespace(*nodes: str, to: str) -> list[str]:
 
 
 def run(quick: bool) -> Iterator[Row]:
-    """Round trips, what was chosen for them, lockstep, a recorded minute, the rates and the start."""
+    """Round trips, alternatives to the design, lockstep, a recorded minute, sampling rates and start-up."""
     for composed in (False, True):
         yield from _round_trip_rows(round_trips(2.0 if quick else 60.0, composed), composed)
     choices = ("law", "wait_set", "unfrozen", "reliable")
@@ -106,7 +106,7 @@ def run(quick: bool) -> Iterator[Row]:
         yield from _realtime_rows(realtime(2.0 if quick else 60.0, composed), composed)
     yield from _rate_rows(rates((250, 1000) if quick else RATES, 2.0 if quick else 10.0))
     for node, took in start(1 if quick else 3).items():
-        yield Row(f"{node} ready after its start", took, "s", "the limit", 3.0, took / 3.0, "<= 1", _START_NOTE)
+        yield Row(f"{node}, start-up time", took, "s", "limit", 3.0, took / 3.0, "<= 1", _START_NOTE)
 
 
 def _kind(composed: bool) -> str:
@@ -116,8 +116,8 @@ def _kind(composed: bool) -> str:
 def _round_trip_rows(result: dict[str, Any], composed: bool) -> Iterator[Row]:
     law, where = result["law"], _kind(composed)
     note = f"{law['samples']} samples each in turns; {law['lost']} lost"
-    # The floor is a node as one writes it that computes nothing. The echo of bytes, which does not even look at its
-    # messages, is the stricter comparison: there the few microseconds of the law show.
+    # The judged bound is an ordinary node that computes nothing. The echo of bytes, which does not even read its
+    # messages, is the stricter comparison: there the few microseconds of the law are visible.
     judged = "plain"
     for floor, beside in (("echo", "echo of the same bytes"), ("plain", "echo of message objects")):
         for p in _PERCENTILES:
@@ -125,11 +125,11 @@ def _round_trip_rows(result: dict[str, Any], composed: bool) -> Iterator[Row]:
             ours, theirs = law["round_trip_us"][p], result[floor]["round_trip_us"][p]
             yield Row(f"round trip, {where}, {p}", ours, "us", beside, theirs, ours / theirs, target, note)
         ours, theirs = law["missed"], result[floor]["missed"]
-        # At most 0.1 %, or 1.5 times a floor that misses more.
+        # At most 0.1 %, or 1.5 times the lower bound if that misses more.
         allowed = 0.001 if theirs <= 0.001 else 1.5 * theirs
         name = f"missed deadlines, {where}"
         target = "<= 1" if floor == judged else None
-        yield Row(name, 100 * ours, "%", beside, 100 * theirs, ours / allowed, target, "ratio: of what is allowed")
+        yield Row(name, 100 * ours, "%", beside, 100 * theirs, ours / allowed, target, "ratio to the allowed share")
         ours, theirs = law["period_jitter_us"], result[floor]["period_jitter_us"]
         yield Row(f"period jitter, {where}", ours, "us", beside, theirs, ours / theirs, None, _JITTER_NOTE)
 
@@ -143,7 +143,7 @@ def _choice_rows(result: dict[str, Any]) -> Iterator[Row]:
     ):
         theirs, lost = result[name]["round_trip_us"], f"{result[name]['lost']} lost"
         for p in ("p50", "p99", "p99.9"):
-            yield Row(f"round trip as chosen, {p}", law[p], "us", beside, theirs[p], law[p] / theirs[p], None, lost)
+            yield Row(f"round trip, our design, {p}", law[p], "us", beside, theirs[p], law[p] / theirs[p], None, lost)
 
 
 def _lockstep_rows(result: dict[str, Any], composed: bool) -> Iterator[Row]:
@@ -152,7 +152,7 @@ def _lockstep_rows(result: dict[str, Any], composed: bool) -> Iterator[Row]:
         f"lockstep, {_kind(composed)}",
         speed["project"],
         "simulated s/s",
-        "the exchange without plant and law",
+        "same messages without plant and law",
         speed["floor"],
         result["time_ratio"],
         "<= 1.5",
@@ -163,7 +163,7 @@ def _lockstep_rows(result: dict[str, Any], composed: bool) -> Iterator[Row]:
 def _realtime_rows(result: dict[str, Any], composed: bool) -> Iterator[Row]:
     where = f"recorded realtime, {_kind(composed)}"
     yield Row(
-        f"{where}: off 1000 Hz",
+        f"{where}: deviation from 1000 Hz",
         abs(result["rate"] - 1000.0),
         "Hz",
         "allowed",
@@ -175,7 +175,7 @@ def _realtime_rows(result: dict[str, Any], composed: bool) -> Iterator[Row]:
         f"{where}: controller samples lost", result["lost_from_bag"], "", "allowed", 0, result["lost_from_bag"], "<= 0"
     )
     worst = max(abs(ratio - 1.0) for ratio in result["rmse_over_lockstep"])
-    yield Row(f"{where}: RMSE off lockstep's", 100 * worst, "%", "allowed", 2.0, worst / 0.02, "<= 1")
+    yield Row(f"{where}: RMSE, deviation from lockstep", 100 * worst, "%", "allowed", 2.0, worst / 0.02, "<= 1")
     yield Row(f"{where}: missed deadlines", 100 * result["missed_deadlines"], "%")
     yield Row(f"{where}: period jitter", result["period_jitter_us"], "us")
     for p in _PERCENTILES:
@@ -189,7 +189,7 @@ def _rate_rows(result: dict[str, Any]) -> Iterator[Row]:
         cpu = ", ".join(f"{name} {percent:.0f}" for name, percent in row["cpu_percent"].items())
         share = row["achieved_rate"] / int(rate)
         note = f"{100 * row['answered']:.1f} % answered; CPU in % of a core: {cpu}"
-        yield Row(f"rate {rate} Hz", row["achieved_rate"], "Hz", "asked for", int(rate), share, None, note)
+        yield Row(f"rate {rate} Hz", row["achieved_rate"], "Hz", "requested", int(rate), share, None, note)
     yield Row("highest rate sustained", result["highest_sustained"] or 0, "Hz")
 
 
@@ -198,7 +198,7 @@ _RELIABLE = [
     for node, topic in (("controller", "joint_states"), ("controller", "reference"), ("trajectory", "joint_states"))
     for word in ("-p", f"{node}:qos_overrides./reliable/{topic}.subscription.reliability:=reliable")
 ]
-# Who answers, by namespace: nodes, the alternative they run with, and words of their command lines.
+# Nodes by namespace, with their alternative and further arguments.
 _ANSWERERS: dict[str, tuple[tuple[str, str], str, list[str]]] = {
     "law": (("controller", "trajectory"), "", []),
     "echo": (("echo_controller", "echo_trajectory"), "", []),
@@ -215,13 +215,13 @@ def round_trips(
     rate: int = 1000,
     names: Sequence[str] = ("law", "echo", "plain"),
 ) -> dict[str, Any]:
-    """State to command, seen by who sends the state: project, echo floor, and echo with message objects.
+    """Time from state to command at the sender of the state: project, echo, and echo with message objects.
 
     Args:
-        seconds: of samples for each.
-        composed: all in one process.
+        seconds: duration of the samples for each, s.
+        composed: run everything in one process.
         rate: Hz.
-        names: of `_ANSWERERS`.
+        names: keys of `_ANSWERERS`.
     """
     turn = rate // 4
     with _place() as (folder, environment):
@@ -249,7 +249,7 @@ def round_trips(
 
 
 def lockstep(seconds: float = 10.0, repeats: int = 3, composed: bool = False) -> dict[str, Any]:
-    """Simulated seconds a second, without a recorder; floor: the same exchange without plant and law."""
+    """Simulated seconds per second, without a recorder; lower bound: the same messages without plant and law."""
     project = {
         "simulator": ["clock:=lockstep", f"duration:={seconds}"],
         "trajectory": ["clock:=lockstep"],
@@ -274,7 +274,7 @@ def lockstep(seconds: float = 10.0, repeats: int = 3, composed: bool = False) ->
 
 
 def _timed_run(parts: dict[str, list[str]], composed: bool, within: float) -> dict[str, Any]:
-    """Run nodes until the first of them has done its samples; returns what it says, and CPU of each process in %."""
+    """Run nodes until the first has finished its samples; returns its counts and the CPU load of each process in %."""
     words = {node: [w for p in parameters for w in ("-p", f"{node}:{p}")] for node, parameters in parts.items()}
     if composed:
         groups = [[",".join(parts), "--ros-args", *(w for some in words.values() for w in some)]]
@@ -282,21 +282,21 @@ def _timed_run(parts: dict[str, list[str]], composed: bool, within: float) -> di
         groups = [[node, "--ros-args", *some] for node, some in words.items()]
     with _place() as (folder, environment), _started(folder, environment, groups) as processes, _cpu() as cpu:
         _wait(processes[0], within + _START_WITHIN, folder)
-        said = _DONE.search(next(folder.glob("0-*.log")).read_text())
-    if said is None:
-        raise RuntimeError("the simulator did not say that it is done")
+        done = _DONE.search(next(folder.glob("0-*.log")).read_text())
+    if done is None:
+        raise RuntimeError("the simulator did not log that it is done")
     return {
-        "samples": int(said[1]),
-        "seconds": float(said[2]),
-        "skipped": int(said[3] or 0),
-        "answered": int(said[4] or 0),
+        "samples": int(done[1]),
+        "seconds": float(done[2]),
+        "skipped": int(done[3] or 0),
+        "answered": int(done[4] or 0),
         "cpu_percent": dict(cpu),
     }
 
 
 @contextmanager
 def _cpu() -> Iterator[dict[str, float]]:
-    """CPU time of node processes in % of one core, over the second half of the block: by then all have started."""
+    """CPU time of node processes in % of one core, over the second half of the block, when all have started."""
     result: dict[str, float] = {}
     with watched(lambda process: float(sum(process.cpu_times()[:2])), every=0.5) as used:
         yield result
@@ -307,7 +307,7 @@ def _cpu() -> Iterator[dict[str, float]]:
 
 
 def realtime(seconds: float = 60.0, composed: bool = False) -> dict[str, Any]:
-    """A recorded run at the wall clock's pace, and the same in lockstep."""
+    """A recorded run in real time, and the same run in lockstep."""
     experiment = make_experiment("case1", duration=seconds)
     with tempfile.TemporaryDirectory(prefix="pidtsm-bench-") as name:
         folders = {clock: Path(name, clock) for clock in ("realtime", "lockstep")}
@@ -346,7 +346,7 @@ def realtime(seconds: float = 60.0, composed: bool = False) -> dict[str, Any]:
 
 
 def rates(choices: Sequence[int], seconds: float = 5.0) -> dict[str, Any]:
-    """What the loop costs at each rate, and whether it is sustained: at least 99 % of the samples, all answered."""
+    """Cost of the loop at each rate, and whether it is sustained: at least 99 % of the samples in time and answered."""
     result = {}
     for rate in choices:
         run_ = _timed_run(
@@ -372,7 +372,7 @@ def rates(choices: Sequence[int], seconds: float = 5.0) -> dict[str, Any]:
 
 
 def start(repeats: int = 3) -> dict[str, Any]:
-    """Seconds from the start of a node's process until it can be active, with compiled code cached."""
+    """Time from the start of a node's process until it is configured, with compiled code cached, s."""
     times: dict[str, list[float]] = {name: [] for name in ("simulator", "controller", "trajectory")}
     for attempt in range(repeats + 1):
         for name, values in times.items():
@@ -382,9 +382,9 @@ def start(repeats: int = 3) -> dict[str, Any]:
                 while "configured" not in log.read_text():
                     processes.check()
                     if time.monotonic() - began > _START_WITHIN:
-                        raise RuntimeError(f"{name} does not get ready")
+                        raise RuntimeError(f"{name} was not configured in time")
                     time.sleep(0.005)
                 took = time.monotonic() - began
-            if attempt:  # The first fills the cache.
+            if attempt:  # the first one fills the cache
                 values.append(took)
     return {name: statistics.median(values) for name, values in times.items()}

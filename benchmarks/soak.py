@@ -1,4 +1,4 @@
-"""Half an hour at 1 kHz with the recorder: does memory grow, does anything drift, is anything lost?"""
+"""Half an hour at 1 kHz with the recorder: growth of memory, drift of errors, lost messages."""
 
 import tempfile
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from pidtsm_experiments.runs.runner import run as run_experiment
 
 DURATION = 1800.0
 """s."""
-_EVERY = 1.0  # s between two looks at the memory
+_EVERY = 1.0  # s between two samples of the memory
 _MINUTE = 60.0
 _MEGABYTE = 1e6
 
@@ -26,13 +26,13 @@ def _own_memory(process: psutil.Process) -> float:
 
 
 def _growth(looks: Looks, minute: float) -> float:
-    """MB an hour: the slope of the line through all looks after a process's first minute."""
+    """Growth in MB/h: slope of a line fitted to all samples after the first minute of a process."""
     when, size = np.array([look for look in looks if look[0] >= looks[0][0] + minute]).T
     return float(np.polynomial.Polynomial.fit(when, size, 1).convert().coef[1]) * 3600.0 / _MEGABYTE
 
 
 def run(quick: bool) -> Iterator[Row]:
-    """Sines, with encoders of 14 bits, delay and losses, and the practical parameters."""
+    """Sinusoidal motion with 14-bit encoders, delay, losses and the practical parameters."""
     duration = 12.0 if quick else DURATION
     minute = min(_MINUTE, duration / 4.0)
     motion = ("trajectory.reference.name=sines",)
@@ -48,9 +48,9 @@ def run(quick: bool) -> Iterator[Row]:
 
     found = summarize(recording)
     rate = found["timing"]["rate"]
-    yield Row("off 1000 Hz", abs(rate - 1000.0), "Hz", "allowed", 1.0, abs(rate - 1000.0), "<= 1")
+    yield Row("deviation from 1000 Hz", abs(rate - 1000.0), "Hz", "allowed", 1.0, abs(rate - 1000.0), "<= 1")
     for topic, count in found["lost"].items():
-        yield Row(f"{topic}: samples that are not in the bag", count, "", note=f"of {found['samples']}")
+        yield Row(f"{topic}: samples missing in the bag", count, "", note=f"of {found['samples']}")
     end = recording.time[-1]
     second = (recording.time >= minute) & (recording.time < 2 * minute)
     last = recording.time >= end - minute

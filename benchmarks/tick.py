@@ -1,4 +1,4 @@
-"""One step of the controller and one of the plant: called from Python as the nodes do, and in a compiled loop."""
+"""One step of the controller and one of the plant: called from Python, like in the nodes, and in a compiled loop."""
 
 from collections.abc import Iterator
 from itertools import count as count_from
@@ -16,7 +16,7 @@ DT = 1e-3
 PERIOD = 1_000_000
 """ns."""
 
-# Not cached: Numba finds no module of this file when it loads what it has cached.
+# Not cached: Numba cannot load cached functions of this file, since it is not an importable module.
 _njit = numba.njit(nogil=True, error_model="numpy", _nrt=False)
 
 
@@ -30,7 +30,7 @@ def _ticks(config: ControllerConfig, state: ControllerState, truth: Array, count
 @_njit
 def _steps(config: PlantConfig, state: PlantState, effort: Array, count: int) -> None:
     for k in range(count):
-        # From the same state each time: the arm must not fly off.
+        # The same state each time, so that the arm does not diverge.
         for j in range(effort.size):
             state.position[j] = -0.1
             state.derivatives[0, j] = 0.1
@@ -38,7 +38,7 @@ def _steps(config: PlantConfig, state: PlantState, effort: Array, count: int) ->
 
 
 def run(quick: bool) -> Iterator[Row]:
-    """Nanoseconds of each; the floor from Python is the cheapest call of a compiled function with an array."""
+    """Nanoseconds per step; the lower bound from Python is the cheapest call of a compiled function with arrays."""
     count, repetitions = (1000, 3) if quick else (20_000, 15)
     controller = Controller(resolve(controller_schema, {}, 2))
     plant = Plant(resolve(plant_schema, {}, 2))

@@ -1,4 +1,4 @@
-"""Looks at node processes while they run."""
+"""Samples properties of running node processes."""
 
 import threading
 import time
@@ -13,14 +13,14 @@ from pidtsm_experiments.runs.runner import EXECUTABLES
 FLOOR_NODES = Path(__file__).with_name("floor_nodes.py")
 
 Looks = list[tuple[float, float]]
-"""When (s), and what was seen."""
+"""Time (s) and value of each sample."""
 
 
 @contextmanager
 def watched(look: Callable[[psutil.Process], float], every: float) -> Iterator[dict[str, Looks]]:
-    """Look at the node processes that this process starts, every so many seconds until the end of the block.
+    """Sample the node processes started by this process, every `every` s until the end of the block.
 
-    Yields what is seen, by the name of the node.
+    Yields the samples by node name.
     """
     seen: dict[str, Looks] = {}
     stop = threading.Event()
