@@ -1,4 +1,4 @@
-"""Which stamped messages are to be used."""
+"""Decisions about which stamped messages to use."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ RATES = [100, 250, 500, 1000]
 
 
 class Source:
-    """Somebody who publishes at a rate, with a clock of its own; `now` is the receiver's."""
+    """A source that publishes at a rate with its own clock; `now` is the receiver's clock."""
 
     def __init__(self, rate: int = 1000, lockstep: bool = False) -> None:
         self.arrivals = Arrivals()
@@ -64,7 +64,7 @@ def test_one_stamp_ahead_of_its_sources_clock_changes_nothing(rate: int, ahead: 
 
 
 @EACH_CLOCK
-def test_a_stamp_that_comes_twice_is_told(lockstep: bool) -> None:
+def test_a_repeated_stamp_is_detected(lockstep: bool) -> None:
     source = Source(lockstep=lockstep)
     source.go_on()
     source.stamp -= source.period
@@ -79,11 +79,11 @@ def test_a_clock_that_has_been_set_is_recognised_from_more_than_one_message(rate
     source.go_on()
     source.stamp += set_by
     judged = [source.send() for _ in range(9)]
-    told = judged.index(Stamp.RESTARTED)
-    assert 4 <= told <= 6
-    assert set(judged[:told]) == {Stamp.LATE if set_by < 0 else Stamp.AHEAD}
-    assert set(judged[told + 1 :]) == {Stamp.NEW}
-    assert source.arrivals.elapsed == (told + 1) * source.period
+    detected = judged.index(Stamp.RESTARTED)
+    assert 4 <= detected <= 6
+    assert set(judged[:detected]) == {Stamp.LATE if set_by < 0 else Stamp.AHEAD}
+    assert set(judged[detected + 1 :]) == {Stamp.NEW}
+    assert source.arrivals.elapsed == (detected + 1) * source.period
     source.go_on()
 
 
@@ -144,7 +144,7 @@ def test_a_clock_that_runs_differently_is_no_reason_to_refuse_anything(drift: fl
         assert source.send(took=round(source.period / (1.0 + drift))) is Stamp.NEW
 
 
-def test_one_stamp_ahead_is_told_also_where_simulated_time_is_slow() -> None:
+def test_one_stamp_ahead_is_detected_even_if_simulated_time_is_slow() -> None:
     source = Source(rate=250)
     for _ in range(2000):
         assert source.send(took=5 * source.period) is Stamp.NEW

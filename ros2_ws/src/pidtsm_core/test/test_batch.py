@@ -122,11 +122,11 @@ def test_a_negative_decimation_is_refused() -> None:
         batch([{}], DURATION, keep_every=-1)
 
 
-def test_settings_are_taken_a_few_at_a_time_and_progress_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_are_taken_a_few_at_a_time_and_progress_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_SHARE", 2)
     taken = 0
     ahead: list[int] = []
-    told: list[int] = []
+    reported: list[int] = []
 
     def settings() -> Iterator[Any]:
         nonlocal taken
@@ -135,11 +135,11 @@ def test_settings_are_taken_a_few_at_a_time_and_progress_is_told(monkeypatch: py
             yield each
 
     def progress(done: int) -> None:
-        told.append(done)
+        reported.append(done)
         ahead.append(taken - done)
 
     batch(settings(), DURATION, workers=2, progress=progress)
-    assert told == [4, 8, 9]
+    assert reported == [4, 8, 9]
     assert ahead == [0, 0, 0]
 
 

@@ -73,7 +73,7 @@ def test_a_named_set_is_that_of_the_law_of_the_scenario(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("schemas", [SCHEMAS, NODE_SCHEMAS], ids=["rollout", "nodes"])
 @pytest.mark.parametrize(
-    ("node", "settings", "said"),
+    ("node", "settings", "cause"),
     [
         ("controller", {"estimator.bandwidth": 30}, "bandwidth belongs to estimator.name extended_state_observer"),
         ("controller", {"law.gain": 1}, "gain belongs to law.name super_twisting"),
@@ -89,7 +89,7 @@ def test_a_named_set_is_that_of_the_law_of_the_scenario(tmp_path: Path) -> None:
     ],
 )
 def test_a_parameter_of_another_choice_says_where_it_belongs(
-    schemas: Any, node: str, settings: dict[str, Any], said: str
+    schemas: Any, node: str, settings: dict[str, Any], cause: str
 ) -> None:
-    with pytest.raises(ParameterError, match=said):
+    with pytest.raises(ParameterError, match=cause):
         resolve(schemas[node], settings, 2)

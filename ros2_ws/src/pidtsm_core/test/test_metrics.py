@@ -106,7 +106,7 @@ def test_one_sample_has_no_variation() -> None:
 
 
 @pytest.mark.parametrize(
-    ("time", "error", "effort", "saturated", "said"),
+    ("time", "error", "effort", "saturated", "cause"),
     [
         ([], np.empty((0, 1)), np.empty((0, 1)), np.empty((0, 1)), "at least one sample"),
         ([0.0, 1.0], [1.0, 2.0], [[1.0], [2.0]], [[0.0], [0.0]], "must have shape"),
@@ -116,8 +116,8 @@ def test_one_sample_has_no_variation() -> None:
         ([0.0, 0.0], [[1.0], [2.0]], [[1.0], [2.0]], [[0.0], [0.0]], "must increase"),
     ],
 )
-def test_what_is_no_run_is_refused(time: Any, error: Any, effort: Any, saturated: Any, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
+def test_what_is_no_run_is_refused(time: Any, error: Any, effort: Any, saturated: Any, cause: str) -> None:
+    with pytest.raises(ValueError, match=cause):
         metrics(time, error, effort, saturated)
 
 

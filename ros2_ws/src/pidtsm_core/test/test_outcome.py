@@ -1,4 +1,4 @@
-"""What happened in a run is told as it was: in numbers for programs, in words for people."""
+"""Events of a run are reported correctly, as numbers for programs and as text for people."""
 
 from dataclasses import replace
 from typing import Any
@@ -16,15 +16,15 @@ STOPPED = (Mode.STOPPED, Fault.TRACKING_LIMIT, 2, Violation.TRACKING)
 HOLDING = (Mode.HOLDING, 0, 0, 0)
 
 
-def recording(run: Rollout, *said: tuple[slice, tuple[int, ...]], **changed: Any) -> Recording:
-    """Two seconds at 1 kHz in which the controller said these things of itself."""
+def recording(run: Rollout, *statuses: tuple[slice, tuple[int, ...]], **changed: Any) -> Recording:
+    """Two seconds at 1 kHz in which the controller has these statuses."""
     status = np.zeros((len(run.time), len(Status)), dtype=np.uint8)
-    for where, codes in said:
+    for where, codes in statuses:
         status[where] = codes
     return replace(Recording.of_rollout(run, "case1", "piddtsm", None), status=status, **changed)
 
 
-def test_a_run_that_follows_has_nothing_to_tell(run: Rollout) -> None:
+def test_a_run_that_follows_has_no_events(run: Rollout) -> None:
     values = summarize(recording(run))
     assert values["outcome"] == "followed"
     assert (values["faults"], values["violations"]) == ([], [])
@@ -34,7 +34,7 @@ def test_a_run_that_follows_has_nothing_to_tell(run: Rollout) -> None:
     assert why_not_followed(values) == ""
 
 
-def test_a_fault_is_told_with_joint_and_time(run: Rollout) -> None:
+def test_a_fault_is_reported_with_joint_and_time(run: Rollout) -> None:
     values = summarize(recording(run, (slice(123, None), STOPPED)))
     assert values["outcome"] == "stopped"
     assert values["faults"] == [{"fault": "tracking_limit", "time": 0.123, "joint": "joint2", "reset": None}]
@@ -43,7 +43,7 @@ def test_a_fault_is_told_with_joint_and_time(run: Rollout) -> None:
     assert why_not_followed(values) in what_happened(values)
 
 
-def test_faults_that_were_reset_are_told_and_forgiven(run: Rollout) -> None:
+def test_faults_that_were_reset_are_reported_and_forgiven(run: Rollout) -> None:
     lost = (Mode.STOPPED, Fault.STATE_STALE, 0, 0)
     values = summarize(recording(run, (slice(100, 200), lost), (slice(300, 350), STOPPED)))
     assert values["outcome"] == "followed"
@@ -52,12 +52,12 @@ def test_faults_that_were_reset_are_told_and_forgiven(run: Rollout) -> None:
         {"fault": "tracking_limit", "time": 0.3, "joint": "joint2", "reset": 0.35},
     ]
     assert why_not_followed(values) == ""
-    told = what_happened(values)
-    assert "stopped at 0.1 s: no joint state; reset at 0.2 s" in told
-    assert "stopped for 0.15 s of 2 s" in told
+    events = what_happened(values)
+    assert "stopped at 0.1 s: no joint state; reset at 0.2 s" in events
+    assert "stopped for 0.15 s of 2 s" in events
 
 
-def test_a_fault_that_takes_the_place_of_another_is_told_too(run: Rollout) -> None:
+def test_a_fault_that_replaces_another_is_reported_too(run: Rollout) -> None:
     too_tight = (Mode.STOPPED, Fault.EFFORT_RATE_LIMIT, 0, 0)
     values = summarize(recording(run, (slice(100, 110), STOPPED), (slice(110, None), too_tight)))
     assert [(fault["fault"], fault["time"]) for fault in values["faults"]] == [
@@ -73,7 +73,7 @@ def test_a_fault_counts_from_its_sample_although_the_mode_follows_later(run: Rol
     assert values["time_stopped"] == 0.001
 
 
-def test_a_fault_of_another_version_is_told_by_its_number(run: Rollout) -> None:
+def test_a_fault_of_another_version_is_reported_by_its_number(run: Rollout) -> None:
     values = summarize(recording(run, (slice(5, None), (Mode.STOPPED, 77, 9, 0))))
     assert values["faults"] == [{"fault": "fault_77", "time": 0.005, "joint": None, "reset": None}]
     assert "stopped at 0.005 s: fault_77" in what_happened(values)
@@ -87,7 +87,7 @@ def test_holding_at_the_end_is_no_success(run: Rollout) -> None:
     assert "holding for 0.2 s of 2 s" in what_happened(values)
 
 
-def test_violations_are_told_with_their_time(run: Rollout) -> None:
+def test_violations_are_reported_with_their_time(run: Rollout) -> None:
     both = (0, 0, 0, Violation.POSITION | Violation.VELOCITY)
     values = summarize(recording(run, (slice(100, 150), both), (slice(200, 210), (0, 0, 0, Violation.VELOCITY))))
     assert values["violations"] == [
@@ -98,7 +98,7 @@ def test_violations_are_told_with_their_time(run: Rollout) -> None:
     assert values["outcome"] == "followed"
 
 
-def test_an_error_beyond_half_a_turn_is_running_away_whatever_comes_of_it(run: Rollout) -> None:
+def test_an_error_beyond_half_a_turn_always_counts_as_running_away(run: Rollout) -> None:
     position = run.position.copy()
     position[700, 1] += 3.2
     values = summarize(recording(run, (slice(800, None), STOPPED), position=position))
@@ -108,7 +108,7 @@ def test_an_error_beyond_half_a_turn_is_running_away_whatever_comes_of_it(run: R
     assert max(values["rmse"]) > 0.0
 
 
-def test_limits_of_effort_and_rate_are_told_apart(run: Rollout) -> None:
+def test_limits_of_effort_and_rate_are_distinguished(run: Rollout) -> None:
     signals = run.signals.copy()
     signals[:, Signal.SATURATED] = 0.0
     signals[100:150, Signal.SATURATED, 0] = Limited.EFFORT
@@ -120,7 +120,7 @@ def test_limits_of_effort_and_rate_are_told_apart(run: Rollout) -> None:
     assert values["saturation"] == [0.03, 0.005]
 
 
-def test_torque_variation_a_second_compares_across_rates() -> None:
+def test_torque_variation_per_second_is_comparable_across_rates() -> None:
     slow, fast = (
         summarize(Recording.of_rollout(rollout({"simulator": {"rate": rate}}, 2.0), "case1", "piddtsm", None))
         for rate in (500, 1000)
@@ -131,14 +131,14 @@ def test_torque_variation_a_second_compares_across_rates() -> None:
     assert fast["torque_variation_rate"] == pytest.approx([v / period for v in fast["torque_variation"]])
 
 
-def test_rejected_messages_are_told_by_node(run: Rollout) -> None:
+def test_rejected_messages_are_reported_by_node(run: Rollout) -> None:
     values = summarize(recording(run, rejected={"controller": 3, "simulator": 0}))
     assert values["rejected"] == {"controller": 3, "simulator": 0}
     assert what_happened(values) == ["messages rejected: controller 3"]
 
 
-def test_a_rollout_tells_the_same_as_its_nodes_would() -> None:
-    """Also where nobody has made anything up."""
+def test_a_rollout_reports_the_same_events_as_its_nodes() -> None:
+    """With the status of a real run."""
     run = rollout(
         {
             "controller": {"limits.tracking_error": 0.45, "rehearsal.reset_fault": 0.4, "activation.blend": 0.5},

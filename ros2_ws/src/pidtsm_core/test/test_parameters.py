@@ -98,7 +98,7 @@ def test_check_returns_the_value_in_the_type_of_the_parameter(
         (POSITIVE, 5.0, r"> 0 and < 5"),
         (POSITIVE, [1.0], "single"),
         (COUNT, 0, r">= 1 and <= 5000"),
-        (COUNT, 1.5, "whole"),
+        (COUNT, 1.5, "integer"),
         (COUNT, float("nan"), "finite|whole"),
         (COUNT, float("inf"), "finite|whole"),
         (COUNT, True, "number"),

@@ -1,4 +1,4 @@
-"""What the controller says of itself, and the message that carries it, have the same columns and the same numbers."""
+"""Signals and status of the controller and its message have the same fields in the same order."""
 
 import re
 from enum import IntEnum

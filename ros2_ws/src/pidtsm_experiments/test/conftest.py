@@ -1,4 +1,4 @@
-"""A run, and bags of it: good ones and broken ones."""
+"""A run, and functions that write its bags, intact or damaged."""
 
 import json
 import signal
@@ -40,10 +40,10 @@ class Sent:
     """A message of a run.
 
     Attributes:
-        topic: without namespace.
+        topic: name without namespace.
         k: index of the sample.
-        message: as rosbags has it; shared between tests, so nobody may change it.
-        payload: the same serialized.
+        message: message object of rosbags; shared between tests, do not modify.
+        payload: the serialized message.
     """
 
     topic: str
@@ -53,7 +53,7 @@ class Sent:
 
 
 def sent(run: Rollout) -> list[Sent]:
-    """What the nodes send in a run, in the order of sending."""
+    """Messages that the nodes publish in a run, in order."""
     store = typestore()
     types = store.types
     joint_state = types["sensor_msgs/msg/JointState"]
@@ -77,15 +77,15 @@ def sent(run: Rollout) -> list[Sent]:
 
 
 def serialized(message: Any) -> bytes:
-    """A message of rosbags as it is sent."""
+    """Serialize a message of rosbags."""
     return bytes(typestore().serialize_cdr(message, message.__msgtype__))
 
 
 def report(rejected: Mapping[str, str]) -> Any:
-    """What comes on /diagnostics.
+    """A message on /diagnostics.
 
     Args:
-        rejected: by the name of the node, how many messages it has rejected.
+        rejected: number of rejected messages by node name.
     """
     types = typestore().types
     pair, status = types["diagnostic_msgs/msg/KeyValue"], types["diagnostic_msgs/msg/DiagnosticStatus"]
@@ -98,7 +98,7 @@ def report(rejected: Mapping[str, str]) -> Any:
 
 
 def write_reports(writer: Writer, time: int, reports: Sequence[Mapping[str, str]]) -> None:
-    """Write what comes on /diagnostics, all at the same time (ns), see `report`."""
+    """Write messages on /diagnostics, all with the same time (ns), see `report`."""
     for k, message in enumerate(map(report, reports)):
         if k == 0:
             connection = writer.add_connection("/diagnostics", message.__msgtype__, typestore=typestore())
@@ -107,8 +107,8 @@ def write_reports(writer: Writer, time: int, reports: Sequence[Mapping[str, str]
 
 @pytest.fixture(scope="session")
 def write_bag() -> WriteBag:
-    """A function that writes a bag as the recorder would; see `write` for its arguments."""
-    # The messages of the latest runs; nearly all tests share one.
+    """A function that writes a bag like the recorder; see `write` for its arguments."""
+    # Cache of the messages of the latest runs; nearly all tests use the same run.
     latest: deque[tuple[Rollout, list[Sent]]] = deque(maxlen=4)
 
     def messages_of(run: Rollout) -> list[Sent]:
@@ -131,15 +131,15 @@ def write_bag() -> WriteBag:
         """Write a bag.
 
         Args:
-            path: the bag.
-            run: what happened.
-            edit: gets topic (without namespace), index of the sample and message; gives the message to write instead,
-                or None to lose it.
-            metadata: what the recorder says of the run.
-            namespace: before every topic.
-            lacking: topics that are not in the bag.
-            plugin: storage.
-            reports: what comes on /diagnostics in the end, see `report`.
+            path: folder of the bag.
+            run: the run.
+            edit: called with topic (without namespace), index of the sample and message; returns the message to write
+                instead, or None to omit it.
+            metadata: the recorder's metadata of the run.
+            namespace: prefix of every topic.
+            lacking: topics that are omitted.
+            plugin: storage plugin.
+            reports: messages on /diagnostics at the end, see `report`.
         """
         with Writer(path, version=9, storage_plugin=plugin) as writer:
             if metadata is not None:

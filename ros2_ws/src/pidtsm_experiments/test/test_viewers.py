@@ -1,4 +1,4 @@
-"""Layouts of RViz, Foxglove and PlotJuggler can be read, and what they name exists."""
+"""Layouts of RViz, Foxglove and PlotJuggler are readable, and their topics and fields exist."""
 
 import json
 import re
@@ -43,7 +43,7 @@ def plotted() -> Iterator[tuple[str, str]]:
 
 
 def shown() -> Iterator[str]:
-    """Topics of the views in space."""
+    """Topics of the 3D views."""
     for display in rviz()["Displays"]:
         for key in ("Topic", "Description Topic"):
             if key in display:
@@ -64,7 +64,7 @@ def test_a_curve_is_a_field_of_a_topic(topic: str, field: str) -> None:
     assert kind == ("sequence<double>" if index else "double")
 
 
-def test_views_in_space_show_topics_that_exist() -> None:
+def test_3d_views_show_existing_topics() -> None:
     assert set(shown()) <= set(KNOWN)
     assert {d.get("TF Prefix") for d in rviz()["Displays"]} >= {"", GHOST}
     layers = foxglove()["configById"]["3D!arm"]["layers"].values()

@@ -8,6 +8,6 @@ from devtools import Page, browser
 
 @pytest.fixture(scope="session")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    """The one page of a headless Chromium; for tests that are skipped where there is none."""
+    """The page of a headless Chromium; tests that use it are skipped without Chromium."""
     with browser(tmp_path_factory.mktemp("browser") / "profile") as page:
         yield page

@@ -1,4 +1,4 @@
-"""The studies need no ROS and no nodes: they are computed from arrays, with pidtsm_core and libraries alone."""
+"""The studies need neither ROS nor nodes: they import only pidtsm_core and libraries."""
 
 import ast
 import sys

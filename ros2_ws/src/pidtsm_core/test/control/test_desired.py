@@ -126,12 +126,12 @@ def test_with_a_limited_rate_the_way_is_so_long_that_the_torque_can_follow(rate:
 
 
 def test_the_law_knows_when_it_is_led_to_a_reference() -> None:
-    follower, said = Follower(activation__blend=0.1), []
+    follower, seen = Follower(activation__blend=0.1), []
     for sample in range(600):
         if not 200 <= sample < 400:
             follower.refer()
         follower.step()
-        said.append(follower.controller.clock(Clock.ADAPTATION))
+        seen.append(follower.controller.clock(Clock.ADAPTATION))
     approaching = [*range(100), *range(400, 500)]
-    assert [k for k, adaptation in enumerate(said) if adaptation == Adaptation.APPROACHING] == approaching
-    assert set(said) == {Adaptation.NORMAL, Adaptation.APPROACHING}
+    assert [k for k, adaptation in enumerate(seen) if adaptation == Adaptation.APPROACHING] == approaching
+    assert set(seen) == {Adaptation.NORMAL, Adaptation.APPROACHING}

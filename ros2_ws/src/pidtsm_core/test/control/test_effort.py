@@ -65,7 +65,7 @@ def test_the_torque_may_change_by_the_rate_times_the_time_that_has_passed(gap: i
 
 
 @pytest.mark.parametrize(
-    ("rate", "moved", "said"),
+    ("rate", "moved", "limited"),
     [
         (0.0, 0.0, 0),
         (50.0, 0.0, 0),
@@ -75,19 +75,19 @@ def test_the_torque_may_change_by_the_rate_times_the_time_that_has_passed(gap: i
         (1e6, -1.0, Limited.EFFORT),
     ],
 )
-def test_what_holds_the_torque_back_is_told_and_counted(rate: float, moved: float, said: int) -> None:
+def test_active_limits_are_reported_and_counted(rate: float, moved: float, limited: int) -> None:
     controller = controller_of(limits__effort_rate=[rate, 0.0], law__name="computed_torque")
     controller.step(START, -1)
     before = controller.effort[0]
     controller.position[0] = moved
     controller.step(START + MS, -1)
-    assert controller.signals[Signal.SATURATED, 0] == said
-    if said & Limited.RATE:
+    assert controller.signals[Signal.SATURATED, 0] == limited
+    if limited & Limited.RATE:
         assert controller.effort[0] == before + rate * 0.001
-    elif said:
+    elif limited:
         assert controller.effort[0] == LIMITS[0]
-    assert controller.clock(Clock.AT_EFFORT_LIMIT) == (said & Limited.EFFORT != 0)
-    assert controller.clock(Clock.AT_RATE_LIMIT) == (said & Limited.RATE != 0)
+    assert controller.clock(Clock.AT_EFFORT_LIMIT) == (limited & Limited.EFFORT != 0)
+    assert controller.clock(Clock.AT_RATE_LIMIT) == (limited & Limited.RATE != 0)
 
 
 @pytest.mark.parametrize("stop", ["hold", "gravity_damping"])

@@ -50,7 +50,7 @@ class Rig:
         stamp: of the last joint state, ns.
         tick: joint states since the motion began.
         referred: joint states come with a reference of the same stamp.
-        said: causes of rejected messages, what has changed, and stamps out of the ordinary, by their names.
+        logged: causes of rejected messages, changes of the status, and names of unusual stamps.
         lockstep: as the node's.
     """
 
@@ -61,7 +61,7 @@ class Rig:
         self.stamp = 1_000_000 * SECOND
         self.tick = 0
         self.referred = True
-        self.said: list[str] = []
+        self.logged: list[str] = []
         self._arrivals, self._references = Arrivals(), Arrivals()
         self._now = 5 * SECOND
         self._order = JointOrder(NAMES)
@@ -96,11 +96,11 @@ class Rig:
             if judged.usable:
                 self._order.read(names, array("d", position), "position", self.controller.position)
         except MessageError as error:
-            self.said.append(str(error))
+            self.logged.append(str(error))
             return False
         self._arrivals.take(judged, stamp, None if self.lockstep else self._now)
         if judged is not Stamp.NEW:
-            self.said.append(judged.name)
+            self.logged.append(judged.name)
         if judged is Stamp.REPEATED:
             return False
         if judged is Stamp.RESTARTED:
@@ -124,7 +124,7 @@ class Rig:
             for row, values, fieldname in zip(motion, rows, ("position", "velocity", "acceleration"), strict=True):
                 self._order.read(names, array("d", values), fieldname, row)
         except MessageError as error:
-            self.said.append(str(error))
+            self.logged.append(str(error))
             return
         self.controller.reference[:] = motion
         self._references.take(judged, self.stamp + dt, None if self.lockstep else self._now)
@@ -148,7 +148,7 @@ class Rig:
     def look(self) -> Array:
         """The torque of the controller, which is sound, and what it has to say."""
         controller = self.controller
-        self.said += [change.text for change in controller.changes(self._before)]
+        self.logged += [change.text for change in controller.changes(self._before)]
         self._before = controller.status
         assert np.isfinite(controller.signals).all()
         assert (np.abs(controller.effort) <= LIMITS).all()
@@ -501,7 +501,7 @@ def test_a_fault_has_the_reaction_that_the_page_tells(name: str) -> None:
     rig.set(row.settings if any(n.startswith("rehearsal") for n in row.settings) else {})
     np.testing.assert_array_equal(rig.drive(SETTLED), undisturbed()[:SETTLED])
     rig.set(row.settings)
-    assert not rig.said
+    assert not rig.logged
     row.inject(rig)
     expected = [row.mode, row.fault, row.joint]
     assert list(controller.status[: Status.VIOLATIONS]) == expected
@@ -526,8 +526,8 @@ def test_a_fault_has_the_reaction_that_the_page_tells(name: str) -> None:
     else:
         assert controller.status[Status.MODE] == Mode.FOLLOWING
     log = (*row.log, RESET) if row.fault else row.log
-    assert len(rig.said) == len(log), rig.said
-    for text, begin in zip(rig.said, log, strict=True):
+    assert len(rig.logged) == len(log), rig.logged
+    for text, begin in zip(rig.logged, log, strict=True):
         assert text.startswith(begin)
     rig.set({})
     if not row.fault:

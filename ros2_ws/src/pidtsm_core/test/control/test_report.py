@@ -44,7 +44,7 @@ def test_the_causes_are_those_of_all_faults() -> None:
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "said"),
+    ("before", "after", "expected"),
     [
         (None, FOLLOWS, []),
         (None, HOLDS, []),
@@ -69,11 +69,11 @@ def test_the_causes_are_those_of_all_faults() -> None:
         ),
     ],
 )
-def test_what_has_changed_is_told_once(before: list[int] | None, after: list[int], said: list[tuple[str, str]]) -> None:
+def test_a_change_is_reported_once(before: list[int] | None, after: list[int], expected: list[tuple[str, str]]) -> None:
     found = changes(before, after, clock(REFERENCE_AGE=250_000_000), JOINTS)
-    assert [(change.level, change.text) for change in found] == said
+    assert [(change.level, change.text) for change in found] == expected
 
 
-def test_a_reference_ahead_is_told_as_such() -> None:
+def test_a_reference_ahead_is_reported_as_such() -> None:
     (change,) = changes(FOLLOWS, HOLDS, clock(REFERENCE_AGE=-3_600_000_000_000), JOINTS)
     assert change.text == "holding position: the reference is 3.6e+03 s ahead"

@@ -27,7 +27,7 @@ def measurements(q: Array, dq: Array | None = None, **changes: object) -> Array:
 SWEEP = np.linspace([-4.0, 3.0], [5.0, -2.0], 20_000)
 
 
-def test_an_ideal_encoder_tells_the_truth() -> None:
+def test_an_ideal_encoder_measures_the_true_position() -> None:
     assert measurements(SWEEP, dq=SWEEP).tobytes() == SWEEP.tobytes()
 
 

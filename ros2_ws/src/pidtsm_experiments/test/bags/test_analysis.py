@@ -1,4 +1,4 @@
-"""metrics.json says what DESIGN says it does, and the numbers are those of the run."""
+"""metrics.json has the documented content and the numbers of the run."""
 
 import json
 from dataclasses import replace
@@ -60,7 +60,7 @@ def test_a_bag_has_the_metrics_of_its_run(tmp_path: Path, run: Rollout, write_ba
     }
 
 
-def test_recovery_time_stands_after_settling_time(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_recovery_time_follows_settling_time(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
     values = analyze(write_bag(tmp_path / "bag", run, metadata={"scenario": "case2", "event_time": 1.0}))
     order = list(values)
     assert order.index("recovery_time") == order.index("settling_time") + 1
@@ -100,7 +100,7 @@ def test_metrics_are_written_whole_or_not_at_all(tmp_path: Path, run: Rollout, w
 
 
 def test_error_and_effort_are_those_of_the_ground_truth(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
-    """The controller may think otherwise."""
+    """Even if the controller's state differs."""
 
     def edit(topic: str, k: int, message: Any) -> Any:
         wrong = np.array([7.0, 7.0])

@@ -1,4 +1,4 @@
-"""Files that anybody may hand over (scenarios, parameters, bags): a result, or the one error that names the file."""
+"""Arbitrary input files (scenarios, parameters, bags) give a result or a single error that names the file."""
 
 import resource
 import tempfile
@@ -35,7 +35,7 @@ def fuzzed(examples: int) -> settings:
     )
 
 
-# What a value may be: all that YAML knows, and what looks like it.
+# Possible values: everything that YAML supports, and text that looks like it.
 
 VALUES: st.SearchStrategy[Any] = st.recursive(
     st.none()
@@ -87,7 +87,7 @@ WITH_PLACES = [
 
 @st.composite
 def changed_scenarios(draw: st.DrawFn) -> str:
-    """A good scenario with one value changed, or one more parameter, or one more key."""
+    """A valid scenario with one value changed, or one more parameter or key."""
     content = {key: dict(value) if isinstance(value, dict) else value for key, value in GOOD.items()}
     node = draw(st.sampled_from(NODES))
     group = draw(st.sampled_from([content, content[node]]))
@@ -98,13 +98,13 @@ def changed_scenarios(draw: st.DrawFn) -> str:
 
 @st.composite
 def tagged_scenarios(draw: st.DrawFn) -> str:
-    """A good scenario, and in one place text that YAML knows too well."""
+    """A valid scenario with text that has a special meaning in YAML in one place."""
     return draw(st.sampled_from(WITH_PLACES)).replace("PLACE", draw(st.sampled_from(TAGS)))
 
 
 @st.composite
 def damaged_scenarios(draw: st.DrawFn) -> bytes:
-    """A good scenario with some bytes changed."""
+    """A valid scenario with some bytes changed."""
     text = bytearray(GOOD_TEXT)
     for place, byte in draw(st.lists(st.tuples(st.integers(0, len(text) - 1), st.integers(0, 255)), max_size=3)):
         text[place] = byte
@@ -117,7 +117,7 @@ CONTENTS: st.SearchStrategy[str | bytes] = (
 
 
 def as_parameters(content: str | bytes) -> str | bytes:
-    """The content one level deeper, where the parameters of a ROS file stand."""
+    """The content one level deeper, like the parameters in a ROS file."""
     text = content.decode("latin-1") if isinstance(content, bytes) else content
     lines = "\n".join(f"    {line}" for line in text.splitlines())
     return f"controller:\n  ros__parameters:\n{lines}\n"
@@ -186,7 +186,7 @@ def bag(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture
 def little_memory() -> Iterator[None]:
-    """At most 1 GB more than now."""
+    """Limit the memory to 1 GB more than now."""
     before = resource.getrlimit(resource.RLIMIT_AS)
     now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (now + 2**30, before[1]))
@@ -196,7 +196,7 @@ def little_memory() -> Iterator[None]:
 
 @st.composite
 def changed(draw: st.DrawFn, tree: dict[str, Any]) -> dict[str, Any]:
-    """The same with another value somewhere, or one value more."""
+    """The same content with one value changed or added."""
     branch = tree
     while inner := [value for value in branch.values() if isinstance(value, dict) and value]:
         if branch is not tree and draw(st.booleans()):
@@ -208,7 +208,7 @@ def changed(draw: st.DrawFn, tree: dict[str, Any]) -> dict[str, Any]:
 
 @st.composite
 def damages(draw: st.DrawFn, bag: Bag) -> Bag:
-    """The files of a bag after an accident: some lost, cut, or with other bytes in some places."""
+    """The files of a damaged bag: some are missing, truncated, or have changed bytes."""
     files = dict(bag)
     name = draw(st.sampled_from(sorted(files)))
     content = bytearray(files[name])

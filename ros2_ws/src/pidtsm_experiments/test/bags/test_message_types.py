@@ -1,4 +1,4 @@
-"""The types of pidtsm_msgs are known wherever its .msg files are."""
+"""The types of pidtsm_msgs are found wherever its .msg files are."""
 
 import pytest
 

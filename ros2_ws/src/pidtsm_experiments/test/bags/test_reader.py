@@ -1,4 +1,4 @@
-"""Bags are read whole, by stamp and joint name, and a bag that cannot be read says why."""
+"""Bags are read completely, by stamp and joint name; an unreadable bag gives an error with the reason."""
 
 import json
 import re
@@ -38,7 +38,7 @@ TOPICS = (*REQUIRED, "joint_states", "joint_commands")
 
 @pytest.fixture(scope="session")
 def run() -> Rollout:
-    """0.6 s of Case 1: more would be written and read in vain in nearly all of these tests."""
+    """0.6 s of Case 1, enough for nearly all of these tests."""
     return rollout({}, 0.6)
 
 
@@ -49,7 +49,7 @@ def first(run: Rollout, samples: int) -> Rollout:
 
 
 def permuted(message: Any) -> Any:
-    """The same message with its joints the other way round."""
+    """The same message with its joints in reverse order."""
     arrays = {name: value[::-1].copy() for name, value in vars(message).items() if isinstance(value, np.ndarray)}
     return replace(message, name=message.name[::-1], **arrays)
 
@@ -105,7 +105,7 @@ def test_time_counts_from_the_first_ground_truth(tmp_path: Path, run: Rollout, w
 
 
 def test_what_comes_before_the_first_ground_truth_is_no_sample(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
-    """In realtime the first joint state comes again until the controller answers, which time does not wait for."""
+    """In realtime the first joint state is repeated until the controller publishes a command, while time goes on."""
     waited = 20
 
     def edit(topic: str, k: int, message: Any) -> Any:
@@ -136,7 +136,7 @@ def test_joints_are_matched_by_name(
 
 
 def test_messages_may_be_built_differently(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
-    """Frames of other lengths move the numbers, others joints add some."""
+    """Frame names of another length shift the numbers; other joints add numbers."""
 
     def edit(topic: str, k: int, message: Any) -> Any:
         message = replace(message, header=replace(message.header, frame_id="x" * (k % 11)))
@@ -176,7 +176,7 @@ def test_only_what_is_needed_must_be_there(tmp_path: Path, run: Rollout, write_b
     assert set(recording.lost) == {"reference", "controller/state"}
 
 
-def test_foreign_bags_say_nothing_of_the_run(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_foreign_bags_have_no_metadata_of_the_run(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
     recording = read_recording(write_bag(tmp_path / "bag", run, metadata=None))
     assert (recording.scenario, recording.law, recording.clock, recording.event_time) == (None,) * 4
 
@@ -188,7 +188,7 @@ def test_the_event_comes_from_the_recorder(tmp_path: Path, run: Rollout, write_b
 
 
 def test_bags_without_message_definitions_are_read(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
-    """As ROS 2 Humble writes them."""
+    """As written by ROS 2 Humble."""
     path = write_bag(tmp_path / "bag", run, plugin=StoragePlugin.SQLITE3)
     (file,) = path.glob("*.db3")
     database = sqlite3.connect(file)
@@ -208,7 +208,7 @@ def test_samples_are_the_stamps_of_controller_states_and_of_ground_truth_alone(
     truth = kept["simulator/ground_truth"]
     complete = set.intersection(*(kept[topic] for topic in REQUIRED))
     alone = truth - set[int]().union(*(kept[topic] for topic in TOPICS[1:]))
-    # A single reference says nothing of others.
+    # Nothing can be interpolated from a single reference.
     unsent, unreferred = set(), set()
     if len(kept["reference"]) > 1:
         unsent, unreferred = alone, truth & kept["controller/state"] - kept["reference"]
@@ -225,12 +225,12 @@ def test_samples_are_the_stamps_of_controller_states_and_of_ground_truth_alone(
 
 
 def lose(samples: set[int]) -> Callable[[str, int, Any], Any]:
-    """The sensor is silent at these samples, and so is everybody who would answer."""
+    """At these samples there is no measurement, hence no reference and no command."""
     return lambda topic, k, message: message if topic == "simulator/ground_truth" or k not in samples else None
 
 
-def test_measurements_that_never_left_their_sensor_are_not_lost(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
-    """The reference is interpolated well within the accuracy of any metric, and the controller's signals are held."""
+def test_measurements_lost_at_the_sensor_are_not_counted_as_lost(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    """The reference is interpolated within the accuracy of all metrics, and the controller's signals are held."""
     unsent = {0, 7, *range(100, 120), 500, len(run.time) - 2, len(run.time) - 1}
     recording = read_recording(write_bag(tmp_path / "bag", run, edit=lose(unsent)))
     assert set(recording.lost.values()) == {0}
@@ -255,7 +255,7 @@ def test_a_silence_too_long_to_interpolate_is_lost(tmp_path: Path, run: Rollout,
     np.testing.assert_array_equal(recording.time, run.time[:-50])
 
 
-# References that lack, where the bag has the trajectory's parameters.
+# Missing references in bags with the trajectory's parameters.
 
 
 def motion(**settings: Any) -> dict[str, Any]:
@@ -269,7 +269,7 @@ def knowing(parameters: dict[str, Any]) -> dict[str, Any]:
 
 
 def referred(run: Rollout, parameters: dict[str, Any], begun: int = 0) -> Rollout:
-    """The run with another reference, which begins at a sample."""
+    """The run with another reference that begins at the given sample."""
     reference, built = np.empty_like(run.reference), ReferenceMotion(parameters)
     for k in range(len(run.time)):
         built.evaluate(seconds((k - begun) * 1_000_000), reference[k])
@@ -277,7 +277,7 @@ def referred(run: Rollout, parameters: dict[str, Any], begun: int = 0) -> Rollou
 
 
 def silent(samples: set[int]) -> Callable[[str, int, Any], Any]:
-    """The trajectory says that there is no reference at these samples, as it does in lockstep."""
+    """At these samples the trajectory publishes messages without a reference, as in lockstep."""
 
     def edit(topic: str, k: int, message: Any) -> Any:
         if topic != "reference" or k not in samples:
@@ -290,8 +290,10 @@ def silent(samples: set[int]) -> Callable[[str, int, Any], Any]:
 LATE = {0, 1, 2, 7, *range(100, 300), 500, 598, 599}
 
 
-def test_the_reference_of_what_never_left_its_sensor_is_exact(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
-    """It begins at the first measurement that did."""
+def test_the_reference_of_measurements_lost_at_the_sensor_is_exact(
+    tmp_path: Path, run: Rollout, write_bag: Any
+) -> None:
+    """It begins at the first measurement that was published."""
     parameters = motion(jump__position=0.1, jump__time=0.2)
     expected = referred(run, parameters, begun=3)
     recording = read_recording(write_bag(tmp_path / "bag", expected, edit=lose(LATE), metadata=knowing(parameters)))
@@ -317,8 +319,8 @@ def test_samples_without_a_reference_are_kept_and_nothing_is_lost(tmp_path: Path
     assert set(recording.lost.values()) == {0}
 
 
-def test_messages_without_values_may_have_anything_behind_them(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
-    """As Fast CDR writes them."""
+def test_messages_without_values_may_be_followed_by_any_bytes(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    """As written by Fast CDR."""
     parameters = motion()
     with (
         AnyReader([write_bag(tmp_path / "exact", run, silent(LATE), knowing(parameters))]) as reader,
@@ -344,8 +346,8 @@ def test_the_motion_begins_with_the_first_reference_even_without_values(
     assert_is(recording, run)
 
 
-def test_references_that_were_to_stay_out_are_not_lost(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
-    """In realtime the trajectory then says nothing at all."""
+def test_references_in_a_simulated_loss_are_not_counted_as_lost(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    """In realtime the trajectory then publishes nothing."""
 
     def edit(topic: str, k: int, message: Any) -> Any:
         return None if topic == "reference" and (k == 10 or 100 <= k < 400) else message
@@ -366,7 +368,7 @@ def test_references_that_were_to_stay_out_are_not_lost(tmp_path: Path, run: Roll
         pytest.param([], id="no parameters"),
     ],
 )
-def test_a_motion_that_is_not_the_recorded_one_is_not_believed(
+def test_a_motion_that_differs_from_the_recorded_one_is_not_used(
     tmp_path: Path, run: Rollout, write_bag: Any, parameters: Any
 ) -> None:
     lost = {7, *range(200, 450)}
@@ -377,8 +379,8 @@ def test_a_motion_that_is_not_the_recorded_one_is_not_believed(
     assert 0.0 < difference.max() < 1e-3
 
 
-def test_a_motion_that_was_replaced_under_way_is_not_believed(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
-    """By a trajectory of somebody's, around a gap."""
+def test_a_motion_that_was_replaced_during_the_run_is_not_used(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    """By a commanded trajectory, around a gap."""
     reference = run.reference.copy()
     reference[490:510] += 0.5
     edited = replace(run, reference=reference)
@@ -386,12 +388,12 @@ def test_a_motion_that_was_replaced_under_way_is_not_believed(tmp_path: Path, ru
     np.testing.assert_allclose(read_recording(path).reference[500, 0], reference[500, 0], atol=1e-9)
 
 
-# What the controller says of itself.
+# Status of the controller.
 
 
 @pytest.fixture(scope="module")
 def stopped() -> Rollout:
-    """The second joint's reference jumps too far."""
+    """The reference of the second joint jumps too far."""
     run = rollout(
         {
             "controller": {"limits.tracking_error": [0.0, 0.3]},
@@ -420,9 +422,7 @@ def test_the_status_is_held_while_no_measurement_comes(tmp_path: Path, stopped: 
     np.testing.assert_array_equal(recording.status, stopped.status)
 
 
-def test_messages_from_before_there_were_joints_of_faults_are_read(
-    tmp_path: Path, stopped: Rollout, write_bag: Any
-) -> None:
+def test_messages_without_the_joint_of_a_fault_are_read(tmp_path: Path, stopped: Rollout, write_bag: Any) -> None:
     kind = "pidtsm_msgs/msg/ControllerState"
     definition = typestore().generate_msgdef(kind)[0]
     old = get_typestore(Stores.ROS2_JAZZY)
@@ -462,17 +462,17 @@ def test_rejected_messages_are_the_last_count_of_the_own_nodes(tmp_path: Path, r
 
 
 @pytest.mark.parametrize("reports", [(), [{"other/controller": "3"}]])
-def test_without_own_diagnostics_nobody_knows_what_was_rejected(
+def test_without_diagnostics_of_the_nodes_rejections_are_unknown(
     tmp_path: Path, run: Rollout, write_bag: Any, reports: Any
 ) -> None:
     assert read_recording(write_bag(tmp_path / "bag", first(run, 3), reports=reports)).rejected is None
 
 
-# Bags that cannot be read: how each is made from a good one, and what the message must say.
+# Unreadable bags: how each is made from an intact one, and the expected error text.
 
 
 def killed(bag: Path) -> Path:
-    """No metadata.yaml, and the MCAP file ends where the recorder was."""
+    """No metadata.yaml, and the MCAP file ends where the recorder was killed."""
     (bag / "metadata.yaml").unlink()
     cut_file(bag)
     return bag
@@ -541,7 +541,7 @@ def only_a_text(bag: Path) -> Path:
         (bad_yaml, "YAML"),
     ],
 )
-def test_broken_files_say_what_is_wrong(
+def test_errors_of_damaged_files_contain_the_reason(
     tmp_path: Path, run: Rollout, write_bag: Any, breaking: Callable[[Path], Path], reason: str
 ) -> None:
     path = breaking(write_bag(tmp_path / "bag", run))
@@ -557,7 +557,7 @@ def long_run() -> Rollout:
 
 
 @pytest.mark.parametrize("breaking", [killed, cut, cut_file])
-def test_an_unfinished_bag_gives_what_it_has_and_says_what_is_missing(
+def test_an_unfinished_bag_is_read_with_a_warning_about_what_is_missing(
     tmp_path: Path, long_run: Rollout, write_bag: Any, breaking: Callable[[Path], Path]
 ) -> None:
     path = breaking(write_bag(tmp_path / "bag", long_run))
@@ -584,7 +584,7 @@ def test_topics_that_end_earlier_are_named(tmp_path: Path, run: Rollout, write_b
 
 @pytest.fixture(scope="module")
 def small_bag(tmp_path_factory: pytest.TempPathFactory, run: Rollout, write_bag: Any) -> bytes:
-    """The one file of a bag of many chunks that was never finished."""
+    """The only file of an unfinished bag with many chunks."""
     folder = tmp_path_factory.mktemp("small")
     writer = BagWriter(folder / "bag", json.dumps({"scenario": "case1"}), max_size=0, max_duration=0.0)
     with AnyReader([write_bag(folder / "whole", first(run, 100))]) as reader:
@@ -604,7 +604,7 @@ def test_a_bag_may_be_cut_anywhere(tmp_path: Path, run: Rollout, small_bag: byte
     (folder / "bag_0.mcap").write_bytes(small_bag[:end])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnfinishedBag)
-        # Before the end of the first chunk there is nothing to read, which is an error.
+        # Before the end of the first chunk nothing is readable, which is an error.
         with suppress(RecordingError) if end < 30_000 else nullcontext():
             recording = read_recording(folder)
             assert recording.scenario == "case1"
@@ -619,7 +619,7 @@ def test_a_bag_without_messages_says_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("topic", REQUIRED)
-def test_a_topic_that_lacks_is_named_with_those_that_are_there(
+def test_a_missing_topic_is_named_with_the_existing_ones(
     tmp_path: Path, run: Rollout, write_bag: Any, topic: str
 ) -> None:
     path = write_bag(tmp_path / "bag", run, lacking=(topic,))
@@ -679,7 +679,7 @@ def test_a_payload_that_is_no_message_is_named(tmp_path: Path, run: Rollout, wri
         read_recording(tmp_path / "bag")
 
 
-def test_stamps_that_never_meet_are_reported(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_topics_without_common_stamps_are_reported(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
     def edit(topic: str, k: int, message: Any) -> Any:
         stamp = message.header.stamp
         late = replace(message.header, stamp=replace(stamp, nanosec=stamp.nanosec + 1))

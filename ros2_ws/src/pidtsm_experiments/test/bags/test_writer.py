@@ -1,4 +1,4 @@
-"""Bags are what rosbag2 writes, and what was flushed can be read whatever happens to the writer."""
+"""Bags match those of rosbag2, and flushed messages are readable even if the writer is killed."""
 
 import json
 import shutil
@@ -121,7 +121,7 @@ def test_a_bag_may_have_many_files(tmp_path: Path, limits: Any) -> None:
     assert counts == [sum(topic == i for topic, _, _ in sent) for i in range(len(TOPICS))]
 
 
-def test_a_single_file_says_of_itself_what_rosbag2_asks_for(tmp_path: Path) -> None:
+def test_a_single_file_contains_the_metadata_that_rosbag2_needs(tmp_path: Path) -> None:
     writer = begin(tmp_path / "bag", max_size=20_000)
     write(writer, 950)
     writer.close()
@@ -140,7 +140,7 @@ def test_what_was_flushed_can_be_read_while_the_bag_is_written(tmp_path: Path) -
     sent = write(writer, 950, flush_every=50)
     for k in range(7):
         writer.write(0, sent[-1][1] + k, payload(k))
-    shutil.copytree(bag, copy)  # As a bag is whose recorder was killed now.
+    shutil.copytree(bag, copy)  # the same as the bag of a recorder that is killed now
     with readable(copy) as rest:
         assert read(rest.files) == sent
         assert all(stored_metadata(file, METADATA_KEY) == {METADATA_KEY: METADATA} for file in rest.files)
@@ -162,7 +162,7 @@ def test_a_topic_may_be_added_later(tmp_path: Path) -> None:
 
 
 def test_chunks_are_small(tmp_path: Path) -> None:
-    """However rarely somebody flushes: what a process takes it keeps."""
+    """Even if flushes are rare, because a process never releases its memory."""
     writer = begin(tmp_path / "bag")
     for k in range(500):
         writer.write(0, START + k, payload(k, 4000))

@@ -1,4 +1,4 @@
-"""The benchmark command: rows with their fields, names that are checked. What is measured is not judged here."""
+"""The benchmark command: fields of the rows, and checked names. The measured values are not judged here."""
 
 import json
 import subprocess
@@ -24,10 +24,10 @@ def test_a_benchmark_that_compiles_runs_again_in_the_next_process() -> None:
 @pytest.mark.parametrize("name", OWN)
 def test_a_quick_run_yields_rows(tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str) -> None:
     assert main(["bench", "--quick", "--json", "--out", str(tmp_path), "--only", name]) == 0
-    said = json.loads(capfd.readouterr().out)
-    assert json.loads((tmp_path / "bench.json").read_text()) == said
-    assert said["rows"]
-    for row in said["rows"]:
+    result = json.loads(capfd.readouterr().out)
+    assert json.loads((tmp_path / "bench.json").read_text()) == result
+    assert result["rows"]
+    for row in result["rows"]:
         assert set(row) == FIELDS
         assert row["benchmark"] == name
         assert row["figure"] > 0.0
@@ -43,7 +43,7 @@ def test_the_table_names_figure_floor_and_target(capfd: pytest.CaptureFixture[st
     assert "ratio" in out
 
 
-def test_an_unknown_benchmark_is_refused_with_those_there_are(capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_benchmark_is_rejected_with_a_list_of_the_known_ones(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "--only", "rolout"]) == 2
     error = capfd.readouterr().err
     assert "rolout" in error

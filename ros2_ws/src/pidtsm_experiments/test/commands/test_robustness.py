@@ -1,4 +1,4 @@
-"""The robustness command: it leaves the study's results behind, shows them, and ends cleanly when interrupted."""
+"""The robustness command writes and prints the results of the study, and ends cleanly when interrupted."""
 
 import json
 import math
@@ -38,7 +38,7 @@ def printed(out: Path) -> dict[str, Any]:
     return json.loads(done.stdout)
 
 
-def test_everything_is_left_behind(out: Path, printed: dict[str, Any]) -> None:
+def test_all_results_are_written(out: Path, printed: dict[str, Any]) -> None:
     assert json.loads((out / "robustness.json").read_text()) == printed
     figures = {f"{imperfection.name}.{kind}" for imperfection in IMPERFECTIONS for kind in ("png", "svg")}
     assert {file.name for file in (out / "figures").iterdir()} == figures

@@ -1,4 +1,4 @@
-"""The table is readable without a terminal and says what does not exist."""
+"""The table is readable without a terminal and marks values that do not exist."""
 
 import io
 from pathlib import Path
@@ -29,7 +29,7 @@ def row(lines: list[str], label: str) -> list[str]:
     return line.strip().removeprefix(label).split()
 
 
-def test_there_is_a_column_a_joint_with_units(values: dict[str, Any]) -> None:
+def test_there_is_one_column_per_joint_with_units(values: dict[str, Any]) -> None:
     lines = printed({**values, "rmse": [0.0379512, 1.234e-5]})
     assert lines[0].strip() == "case1, piddtsm, lockstep: 2 s, 2000 samples"
     assert row(lines, "metric") == ["unit", "joint1", "joint2"]
@@ -41,7 +41,7 @@ def test_saturation_is_in_percent(values: dict[str, Any]) -> None:
     assert row(printed({**values, "saturation": [0.0125, 0.0]}), "saturated") == ["%", "1.25", "0"]
 
 
-def test_what_does_not_exist_is_a_dash(values: dict[str, Any]) -> None:
+def test_values_that_do_not_exist_are_a_dash(values: dict[str, Any]) -> None:
     lines = printed({**values, "settling_time": [None, 2.5], "scenario": None, "law": None, "clock": None})
     assert row(lines, "settling time") == ["s", "-", "2.5"]
     assert lines[0].strip() == "2 s, 2000 samples"
@@ -55,7 +55,7 @@ def test_recovery_time_only_with_an_event(values: dict[str, Any]) -> None:
 FAULT = {"fault": "tracking_limit", "time": 0.123, "joint": "joint1", "reset": None}
 
 
-def test_what_happened_is_said(values: dict[str, Any]) -> None:
+def test_events_are_printed(values: dict[str, Any]) -> None:
     rejected = {"controller": 3, "simulator": 0}
     lines = printed({**values, "outcome": "stopped", "faults": [FAULT], "time_stopped": 1.877, "rejected": rejected})
     assert lines[-4:] == [
@@ -73,7 +73,7 @@ def test_a_run_that_ran_away_has_no_errors_to_compare(values: dict[str, Any]) ->
     assert lines[-1].startswith("ran away: a joint was more than 3.14 rad from its reference")
 
 
-def test_times_at_limits_are_said_where_there_are_any(values: dict[str, Any]) -> None:
+def test_times_at_limits_are_printed_if_there_are_any(values: dict[str, Any]) -> None:
     none = {"time_at_effort_limit": [0.0, 0.0], "time_at_rate_limit": [0.0, 0.0]}
     assert not any("limit" in line for line in printed({**values, **none}))
     lines = printed({**values, **none, "time_at_rate_limit": [0.0, 0.25]})
@@ -89,7 +89,7 @@ def test_two_joints_need_eighty_columns_at_most(values: dict[str, Any]) -> None:
         assert Console(width=200).measure(table).maximum <= 80
 
 
-def test_lost_stamps_are_said(values: dict[str, Any]) -> None:
+def test_lost_stamps_are_printed(values: dict[str, Any]) -> None:
     assert "incomplete" not in "".join(printed(values))
     lost = {**values["lost"], "reference": 3}
     assert printed({**values, "lost": lost})[-1] == "incomplete recording, missing messages: reference 3"

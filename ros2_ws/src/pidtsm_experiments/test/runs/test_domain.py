@@ -1,4 +1,4 @@
-"""A domain is one's own only where nobody else on the machine has a socket of it, or has chosen it."""
+"""`own_domain` returns only domains that no other process on this machine uses or has reserved."""
 
 import random
 import socket
@@ -15,7 +15,7 @@ from pidtsm_experiments.runs.domain import domains_in_use, own_domain
 
 @pytest.fixture
 def chosen(monkeypatch: pytest.MonkeyPatch) -> int:
-    """A free domain, which `own_domain` then tries first."""
+    """A free domain, which `own_domain` tries first."""
     with own_domain() as free:
         pass
 
@@ -48,7 +48,7 @@ def test_a_domain_with_a_participant_is_in_use(chosen: int, address: str, partic
     assert chosen not in domains_in_use()
 
 
-def test_a_domain_in_which_somebody_only_listens_for_others_is_in_use(chosen: int) -> None:
+def test_a_domain_with_only_a_discovery_socket_is_in_use(chosen: int) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
         participant.bind(("", 7400 + 250 * chosen))
         assert chosen in domains_in_use()
@@ -77,7 +77,7 @@ with domain.own_domain() as own:
 """
 
 
-def test_a_domain_is_its_holders_until_that_one_is_killed(chosen: int) -> None:
+def test_a_domain_stays_reserved_until_its_holder_is_killed(chosen: int) -> None:
     words = [sys.executable, "-c", HOLD, str(chosen)]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as holder:
         assert holder.stdout is not None
@@ -89,14 +89,14 @@ def test_a_domain_is_its_holders_until_that_one_is_killed(chosen: int) -> None:
         assert own == chosen
 
 
-def test_without_a_free_domain_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_free_domain_the_error_contains_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(domain, "domains_in_use", lambda: set(range(200)))
     message = "all 101 ROS domains of this machine are in use; end other ROS 2 programs"
     with pytest.raises(RunError, match=message), own_domain():
         pass
 
 
-def test_no_domain_is_beyond_what_ros_knows(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_domains_are_within_the_range_of_ros(monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[int] = []
     monkeypatch.setattr(random, "shuffle", tried.extend)
     with own_domain():

@@ -1,4 +1,4 @@
-"""Result folders belong to one process at a time."""
+"""A result folder is used by one process at a time."""
 
 import multiprocessing
 import os
@@ -37,7 +37,7 @@ class Other:
         assert self.process.exitcode == 0
 
 
-def test_a_folder_that_another_process_writes_is_refused_with_its_number(tmp_path: Path) -> None:
+def test_a_folder_in_use_is_rejected_with_the_id_of_its_process(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "out"
     other = Other(out)
     with (
@@ -79,7 +79,7 @@ def test_a_lock_holds_within_a_process_too(tmp_path: Path) -> None:
         pytest.fail("two at once")
 
 
-def test_a_place_where_nobody_can_write_is_named(tmp_path: Path) -> None:
+def test_an_unwritable_folder_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match=r"cannot write to .*file"), locked(tmp_path / "file" / "out"):
         pytest.fail("in a file")

@@ -1,4 +1,4 @@
-"""What the nodes of a run are given."""
+"""Parameters of the nodes of a run."""
 
 import json
 from pathlib import Path
@@ -11,7 +11,7 @@ from pidtsm_experiments.runs.runner import bag_metadata, node_parameters
 
 
 def test_a_rollout_gets_all_that_changes_a_torque(tmp_path: Path) -> None:
-    """Of all parameters of all nodes only those of nodes are dropped."""
+    """Only parameters that exist in nodes alone are omitted."""
     everything = node_parameters(make_experiment("case1"), "lockstep")
     params = tmp_path / "all.yaml"
     params.write_text("".join(ros_parameters(node, values) for node, values in everything.items()))
@@ -21,7 +21,7 @@ def test_a_rollout_gets_all_that_changes_a_torque(tmp_path: Path) -> None:
     left.resolved(SCHEMAS)
 
 
-def test_a_bag_knows_the_parameters_of_its_trajectory() -> None:
+def test_the_metadata_contains_the_parameters_of_the_trajectory() -> None:
     experiment = make_experiment("case1", overrides=["trajectory.jump.position=[0.1, 0.2]"])
     known = json.loads(bag_metadata(experiment, "lockstep"))["trajectory"]
     expected = node_parameters(experiment, "lockstep")["trajectory"]

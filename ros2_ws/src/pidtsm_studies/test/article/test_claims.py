@@ -1,4 +1,4 @@
-"""The article's numbers beside made-up runs."""
+"""The article's claims compared with artificial runs."""
 
 import json
 import math
@@ -29,7 +29,7 @@ from pidtsm_studies.reports.labels import CASES, LABELS, NOTHING, style_indices
 
 
 def made_up_run(case: str, law: str, scale: float = 1.0) -> Run:
-    """3 s with an error that falls from `scale` times (-0.4, -0.1) rad and a torque of `scale` times (30, 12) N m."""
+    """3 s with an error that decays from `scale` times (-0.4, -0.1) rad and a torque of `scale` times (30, 12) N m."""
     time = np.arange(3000) / 1000
     reference = np.zeros((time.size, 3, 2))
     reference[:, 0] = np.column_stack([np.sin(time), np.cos(time)])
@@ -79,7 +79,7 @@ def test_every_claim_has_a_source_and_a_reason() -> None:
         assert set(claim.laws) <= set(ARTICLE_LAWS)
 
 
-def test_every_reason_is_one_of_a_claim() -> None:
+def test_every_reason_is_used_by_a_claim() -> None:
     assert set(PRINTED["reasons"].values()) == {claim.reason for claim in CLAIMS}
 
 
@@ -112,7 +112,7 @@ def test_an_entry_has_what_its_kind_needs_and_no_more() -> None:
         assert len(entry.get("signs", (0, 0))) == 2
 
 
-def test_a_kind_that_is_none_is_refused() -> None:
+def test_an_unknown_kind_is_rejected() -> None:
     entry = {**PRINTED["claims"][0], "kind": "rumour"}
     with pytest.raises(ValueError, match=r"claims\.yaml: RMSE: unknown kind of claim rumour"):
         claim_of(entry, 0)
@@ -158,7 +158,7 @@ def test_percentages_are_below_the_other_law(
     assert comparison.deviation == f"{project - printed:+.1f} percentage points"
 
 
-def test_a_law_that_is_worse_than_another_is_said_to_be_higher(reproduction: Reproduction) -> None:
+def test_a_worse_law_is_described_as_higher(reproduction: Reproduction) -> None:
     worse = {**reproduction, ("case1", "pidnftsm"): made_up_run("case1", "pidnftsm", 0.5)}
     comparison = one(compare(worse), "case1", 0, quantity="RMSE against PIDNFTSM")
     assert (comparison.project, comparison.deviation) == ("100.0 % higher", "-125.0 percentage points")
@@ -195,7 +195,7 @@ def test_a_time_that_was_not_reached_is_later_than_all_others(reproduction: Repr
     assert (own.project, own.deviation) == ("not within the run", NOTHING)
 
 
-def test_without_runs_every_comparison_says_so() -> None:
+def test_without_runs_every_comparison_is_marked_so() -> None:
     for comparison in compare({("case1", "dtsm"): "not finite after 0.5 s"}):
         assert "not run" in comparison.project or comparison.project == "DTSM: not finite after 0.5 s"
         assert comparison.deviation == NOTHING
@@ -213,7 +213,7 @@ def test_a_run_without_the_event_has_no_recovery(reproduction: Reproduction) -> 
     assert [(each.values, each.project) for each in own] == [((None,), NOTHING)] * 2
 
 
-def test_the_table_has_a_line_a_comparison(reproduction: Reproduction) -> None:
+def test_the_table_has_one_line_per_comparison(reproduction: Reproduction) -> None:
     comparisons = compare(reproduction)
     head, rule, *lines = markdown(comparisons).splitlines()
     assert len(lines) == len(comparisons)
@@ -233,7 +233,7 @@ def test_the_articles_rmse_of_other_laws_follows_from_its_percentages() -> None:
     assert printed_rmse("case2") == {"piddtsm": [0.03827, 0.00903]}
 
 
-def test_a_law_has_the_same_style_whatever_runs_beside_it() -> None:
+def test_a_law_has_the_same_style_regardless_of_the_other_laws() -> None:
     alone = style_indices(["dtsm"])
     assert alone["dtsm"] == style_indices([*LABELS])["dtsm"]
     mixed = style_indices(["mine", "piddtsm", "another"])

@@ -1,4 +1,4 @@
-"""Figures 3 to 12: all there, with the laws, axes and the article's values that belong in them."""
+"""Figures 3 to 12 are complete, with laws, axes and the article's values."""
 
 from pathlib import Path
 
@@ -62,7 +62,7 @@ def test_lines_are_of_all_laws_each_in_its_colour(reproduction: dict[tuple[str, 
         assert [text.get_text() for text in legend.get_texts()] == expected
 
 
-def test_beside_the_whole_run_is_its_start_or_the_event(reproduction: dict[tuple[str, str], Run | str]) -> None:
+def test_the_right_panel_shows_the_start_or_the_event(reproduction: dict[tuple[str, str], Run | str]) -> None:
     start = drawings(reproduction, "case1")["control_inputs"].axes[1].get_xlim()
     event = drawings(reproduction, "case2")["control_inputs"].axes[1].get_xlim()
     assert start[0] == 0.0
@@ -81,7 +81,7 @@ def test_bars_are_the_metrics(reproduction: dict[tuple[str, str], Run | str], ca
             assert names == [LABELS[law] for law in ARTICLE_LAWS]
 
 
-def test_bars_of_the_rmse_carry_what_the_article_prints(reproduction: dict[tuple[str, str], Run | str]) -> None:
+def test_bars_of_the_rmse_are_marked_with_the_articles_values(reproduction: dict[tuple[str, str], Run | str]) -> None:
     first, second = (drawings(reproduction, case)["rmse"].axes[0].lines for case in CASES)
     np.testing.assert_allclose(np.asarray(first[0].get_ydata()), [0.03808, 0.03808 / 0.75, 0.03808 / 0.5])
     np.testing.assert_allclose(np.asarray(second[0].get_ydata()), [0.03827])

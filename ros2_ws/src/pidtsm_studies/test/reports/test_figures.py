@@ -1,4 +1,4 @@
-"""All figures of any run are written, small, and no spike is lost."""
+"""All figures of any run are written as small files without losing spikes."""
 
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -25,7 +25,7 @@ def recording() -> Recording:
 
 
 def noisy(joints: int, samples: int) -> Recording:
-    """The worst for size: noise everywhere, and saturation at every second sample."""
+    """Worst case for the file size: noise everywhere, and saturation at every second sample."""
     random = np.random.default_rng(0)
     signals = random.normal(size=(samples, len(Signal), joints))
     signals[:, Signal.SATURATED] = (np.arange(samples) % 2)[:, None]

@@ -1,4 +1,4 @@
-"""The report: what is in the file."""
+"""Content of the report."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What a browser makes of the report: plots, boxes, animation, keyboard and width."""
+"""The report in a browser: plots, boxes, animation, keyboard and width."""
 
 import math
 import re
@@ -26,7 +26,7 @@ def opened(page: Page, report: Path) -> Page:
 
 
 def show_all_plots(page: Page) -> None:
-    """Scroll through the page as a reader does."""
+    """Scroll through the page like a reader."""
     for index in range(page.evaluate("document.querySelectorAll('.plot').length")):
         plot = f"document.querySelectorAll('.plot')[{index}]"
         page.evaluate(f"{plot}.scrollIntoView()")
@@ -63,7 +63,7 @@ def test_a_browser_draws_everything_without_complaint_or_network(opened: Page, r
     assert not any("hare" in title or "loud" in title for title in buttons)
 
 
-def test_a_box_takes_its_law_out_of_every_plot(opened: Page) -> None:
+def test_a_box_hides_its_law_in_every_plot(opened: Page) -> None:
     opened.evaluate("document.getElementById('case1-tracking').scrollIntoView()")
     opened.wait("document.querySelectorAll('#case1-tracking .scatterlayer .trace').length > 0")
     before = lines(opened, "case1-tracking")
@@ -77,7 +77,7 @@ def test_a_box_takes_its_law_out_of_every_plot(opened: Page) -> None:
     assert traces(opened, "dtsm") == len(CASES) * PLOTS * 2
 
 
-def test_the_legend_and_the_boxes_say_the_same(opened: Page) -> None:
+def test_the_legend_and_the_boxes_agree(opened: Page) -> None:
     show_all_plots(opened)
     toggles = "document.querySelectorAll('#case2-torque .legendtoggle')"
     assert opened.evaluate(f"{toggles}.length") == LAWS

@@ -12,13 +12,13 @@ from pidtsm_studies.robustness.results import FULL, QUICK, Robustness
 
 @pytest.fixture(scope="session")
 def quick() -> Robustness:
-    """What two values and two seeds give."""
+    """Results for two values and two seeds."""
     return study.measure(QUICK)
 
 
 @pytest.fixture(scope="session")
 def with_failures() -> Robustness:
-    """All runs are good but some of the first contender's with ever coarser encoders, which are the first runs."""
+    """All runs succeed except some of the first ones, the first contender's with increasingly coarse encoders."""
 
     def batch(settings: Iterable[Settings], *_: object, **__: object) -> BatchResult:
         runs = len(list(settings))

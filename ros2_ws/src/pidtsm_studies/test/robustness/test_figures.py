@@ -1,4 +1,4 @@
-"""Figures of the robustness study: a panel a metric, at the left the estimators, at the right the laws."""
+"""Figures of the robustness study: one panel per metric, estimators on the left, laws on the right."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The study's numbers are those of its rollouts, and what fails counts as failed."""
+"""The study's numbers match its rollouts, and failed runs count as failed."""
 
 import math
 from typing import Any
@@ -74,7 +74,7 @@ def test_success_has_an_interval_only_where_something_is_random(content: dict[st
                 continue
             for below, rate, above in zip(low, curve["success"], high, strict=True):
                 assert below <= rate <= above
-                assert 0.5 < above - below < 1.0  # two runs tell little
+                assert 0.5 < above - below < 1.0  # two runs are few
 
 
 @pytest.mark.parametrize("imperfection", IMPERFECTIONS, ids=lambda imperfection: imperfection.name)
