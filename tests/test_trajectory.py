@@ -204,7 +204,7 @@ def test_where_the_clock_has_been_set_the_arm_is_held_until_the_motion_is_begun(
     np.testing.assert_allclose(held, [arm[::-1], [0.0, 0.0], [0.0, 0.0]], atol=1e-12)
     np.testing.assert_array_equal(rig.at(9.0), held)
     assert (held == present).all() == (arm == [0.3, -0.2])
-    assert "~/begin begins the built-in motion" in rig.process.log.read_text()
+    assert "call ~/begin to start the built-in motion" in rig.process.log.read_text()
 
     assert rig.bench.call(Trigger, "trajectory/begin", Trigger.Request()).success
     np.testing.assert_allclose(rig.at(9.0), held, atol=1e-12)
