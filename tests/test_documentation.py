@@ -24,8 +24,8 @@ _FENCE = re.compile(r"^```(\w+)[ \t]*([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DO
 _TITLE = re.compile(r'title="([^"]+)"')
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _RECURSIVE = re.compile(r"^\./pidtsm test\b.*$", re.MULTILINE)
-# Take long; test_reproduction.py and test_closed_loop.py run them.
-_LONG = re.compile(r"^\./pidtsm (reproduce --out \S+|demo)$", re.MULTILINE)
+# Take long; test_reproduction.py, test_closed_loop.py and the command's own test run them.
+_LONG = re.compile(r"^\./pidtsm (reproduce --out \S+|demo|robustness --quick --out \S+)$", re.MULTILINE)
 _PLAIN = re.compile(r"(\./pidtsm (run|rollout|analyze|robustness|bench) [^$&|;<>`]*\n)+")
 """Commands that need no shell."""
 
@@ -171,9 +171,6 @@ def test_examples_of_new_members_work(tmp_path: Path, environment: dict[str, str
             else:
                 assert not target.exists(), f"{block.title} exists; the example needs another name"
                 target.write_text(block.content, encoding="utf-8")
-    launcher = tmp_path / "pidtsm"
-    launcher.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m pidtsm_experiments.cli "$@"\n', encoding="utf-8")
-    launcher.chmod(0o755)
     with_copy = {
         **environment,
         "PYTHONPATH": os.pathsep.join(filter(None, (str(copy), environment.get("PYTHONPATH")))),
@@ -182,8 +179,10 @@ def test_examples_of_new_members_work(tmp_path: Path, environment: dict[str, str
     }
     scripts = [b.content for b in example if b.language == "bash" and "example" in b.information]
     assert len(scripts) == 5
-    for script in scripts:
-        run_script(script, tmp_path, with_copy)
+    # All in one process, as a start takes as long as a rollout.
+    words = [shlex.split(line)[1:] for script in scripts for line in script.splitlines()]
+    program = f"import sys; from pidtsm_experiments.cli import main; sys.exit(any([main(each) for each in {words!r}]))"
+    run_script(shlex.join([sys.executable, "-c", program]), tmp_path, with_copy)
 
 
 def patched(text: str, difference: str) -> str:

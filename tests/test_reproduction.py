@@ -13,7 +13,9 @@ import pytest
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollout import rollout
 from pidtsm_experiments.bags.reader import read_recording
-from pidtsm_experiments.runs.reproduction import Planned, make_runs, plan
+from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs.reproduction import Planned, plan
+from pidtsm_experiments.runs.runner import run
 
 DEADLINE = 300.0
 
@@ -25,24 +27,15 @@ def test_the_plan_is_the_articles_evaluation_with_baselines() -> None:
     assert all(p.experiment.duration == 30.0 for p in plan())
 
 
-def test_nodes_and_rollout_agree_to_the_last_bit_for_every_law(tmp_path: Path) -> None:
+@pytest.mark.parametrize("planned", [p for p in plan() if p.scenario == "case2"], ids=lambda p: p.law)
+def test_nodes_and_rollout_agree_to_the_last_bit_for_every_law(planned: Planned, tmp_path: Path) -> None:
     # Case 2 with an early load step, so that both halves of the case are run.
-    early = ["simulator.payload.time=0.3"]
-    planned = [
-        Planned("case2", p.law, make_experiment("case2", p.experiment.law, 0.5, overrides=early))
-        for p in plan()
-        if p.scenario == "case2"
-    ]
-    shown: dict[str, float] = {}
-    failed = make_runs(planned, tmp_path, workers=2, resume=False, progress=shown.__setitem__)
-    assert failed == {}
-    assert shown.keys() == {p.key for p in planned}
-    for p in planned:
-        recording = read_recording(tmp_path / p.key / "bag")
-        offline = rollout(p.experiment.settings, p.experiment.duration)
-        assert recording.time.size == 500
-        for name in ("position", "velocity", "effort", "reference", "signals"):
-            np.testing.assert_array_equal(getattr(recording, name), getattr(offline, name), err_msg=f"{p.key}: {name}")
+    experiment = make_experiment("case2", planned.experiment.law, 0.5, overrides=["simulator.payload.time=0.3"])
+    recording = read_recording(run(experiment, "lockstep", tmp_path, lambda _: None))
+    offline = rollout(experiment.settings, experiment.duration)
+    assert recording.time.size == 500
+    for name in ("position", "velocity", "effort", "reference", "signals"):
+        np.testing.assert_array_equal(getattr(recording, name), getattr(offline, name), err_msg=name)
 
 
 def reproduce(*words: str, cwd: Path) -> "subprocess.Popen[str]":
@@ -102,8 +95,6 @@ def test_an_interrupted_reproduction_is_taken_up(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("law", ["pid", "sliding_mode"])
-def test_a_law_that_the_article_does_not_have_is_refused(law: str, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "pidtsm_experiments.cli", "rollout", "--law", law, "--params", "article"]
-    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert result.returncode == 2
-    assert f"the article has no parameters for {law}" in result.stderr
+def test_a_law_that_the_article_does_not_have_is_refused(law: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rollout", "--law", law, "--params", "article"]) == 2
+    assert f"the article has no parameters for {law}" in capsys.readouterr().err

@@ -32,13 +32,8 @@ from two_link_sim.simulator_node import SimulatorNode
 
 SAMPLES = 600
 MS = 1_000_000
-TOPICS = {
-    "simulator/ground_truth": JointState,
-    "controller/state": ControllerState,
-    "reference": JointReference,
-    "joint_commands": JointState,
-    "joint_states": JointState,
-}
+JUDGED = {"simulator/ground_truth": JointState, "controller/state": ControllerState, "reference": JointReference}
+TOPICS = {**JUDGED, "joint_commands": JointState, "joint_states": JointState}
 """As a run's recorder, whom the nodes wait for."""
 
 
@@ -101,7 +96,7 @@ def over_nodes(settings: dict[str, dict[str, Any]], folder: Path) -> dict[str, d
     heard = witnesses[0].heard
     return {
         topic: {k: deserialize_message(data, kind) for k, data in sorted(heard[topic].items()) if k < SAMPLES}
-        for topic, kind in TOPICS.items()
+        for topic, kind in JUDGED.items()
     }
 
 

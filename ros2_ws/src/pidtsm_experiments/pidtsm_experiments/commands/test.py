@@ -7,21 +7,12 @@ from pathlib import Path
 
 from pidtsm_core.errors import UsageError
 
-_UNHURRIED = ("tests/test_documentation.py", "tests/test_practical.py", "tests/test_reproduction.py")
-"""Tests of whole runs that are not sensitive to the load of the machine."""
-_PARALLEL = ("--numprocesses", "auto", "--dist", "worksteal")
-_AGAIN = ("--reruns", "2", "-rR")
-"""For real processes: a failed test is repeated, in case the machine stalled; the summary lists repeated tests."""
-
 _CHECKS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    # The packages' own tests depend only on the code and are not repeated.
-    ("pytest", *_PARALLEL, "ros2_ws/src"),
-    ("pytest", *_AGAIN, *_PARALLEL, *_UNHURRIED),
-    # The others run real nodes in real time, one test after the other.
-    ("pytest", *_AGAIN, "tests", *(f"--ignore={path}" for path in _UNHURRIED)),
+    # The tests of a file share nodes, so that they stay together. Nodes wait more than they work.
+    ("pytest", "--numprocesses", "3", "--dist", "loadfile"),
 )
 
 
