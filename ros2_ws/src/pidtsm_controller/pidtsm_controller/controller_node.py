@@ -1,6 +1,7 @@
 """Controller node: joint states and references in, effort commands out."""
 
 import time
+from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -8,6 +9,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
+from pidtsm_controller.watchdog import CHECK, Watchdog
 from pidtsm_core.arrivals import Arrivals, Stamp
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.control import Clock, Controller
@@ -16,7 +18,6 @@ from pidtsm_core.node_parameters import controller_node_schema
 from pidtsm_core.parameters import as_float, names
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.signals import Fault, Mode, Signal, Status
-from pidtsm_core.timing import NANOSECONDS
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.diagnostics import Diagnostics, Reading, loop_readings
 from pidtsm_ros.effort_topics import EFFORT_TOPICS
@@ -29,14 +30,20 @@ from pidtsm_ros.wire import IncomingMessages, OutgoingMessage, deserialize
 
 _REFERENCE_FIELDS = ("position", "velocity", "acceleration")
 _LOOP_FIELDS = ("period", "rate", "period_jitter", "state_age", "missed_deadlines", "compute_time")
-_CHECK = 0.005
-"""Time between two watchdog checks, s."""
 _NO_REFERENCE = serialize_message(JointReference())
 """Sent by the trajectory node in lockstep if there is no reference, because the controller waits for a message."""
 
 
 def _is_none(data: bytes) -> bool:
     return len(data) == len(_NO_REFERENCE) and not deserialize(data, JointReference).name
+
+
+@dataclass
+class _Reported:
+    """What the last diagnostics counted."""
+
+    at_limit: int = 0
+    implausible: int = 0
 
 
 class ControllerNode(ManagedNode):
@@ -47,10 +54,10 @@ class ControllerNode(ManagedNode):
     def __init__(self) -> None:
         super().__init__("controller", controller_node_schema, robot_joints)
         self._diagnostics: Diagnostics | None = None
-        self._ticks = self._at_limit = self._doubted = 0
+        self._ticks = 0  # since the last diagnostics
+        self._reported = _Reported()
         self._status: tuple[int, ...] | None = None
         self._braked: bool | None = None
-        self._polled = self._attentive_since = 0
 
     @property
     def lockstep(self) -> bool:
@@ -78,7 +85,7 @@ class ControllerNode(ManagedNode):
         self._decimation = int(as_float(self.values["state.decimation"]))
         self._answered_stamp = self._waiting_stamp = -1
         self._state_arrivals, self._reference_arrivals = Arrivals(), Arrivals()
-        self._arrived = 0
+        self._watchdog = Watchdog()
 
         self._commands = self.advertise(topic.message_type, topic.name)
         self._states = self.advertise(ControllerState, "~/state")
@@ -96,9 +103,9 @@ class ControllerNode(ManagedNode):
     def refusal(self) -> str:
         if self._state_arrivals.last < 0:
             return "no joint state received yet"
-        silence = (time.monotonic_ns() - self._arrived) * 1e-9
-        if not self.lockstep and silence * NANOSECONDS > self._controller.state_stop:
-            return f"the last joint state was received {silence:.3g} s ago (watchdog.state_stop)"
+        age = self._watchdog.age
+        if not self.lockstep and age > self._controller.state_stop:
+            return f"the last joint state was received {age * 1e-9:.3g} s ago (watchdog.state_stop)"
         return self._controller.refusal(self._reference_arrivals.last >= 0)
 
     def activate(self) -> None:
@@ -107,9 +114,8 @@ class ControllerNode(ManagedNode):
         # The first state is always published, regardless of state.decimation.
         self._unpublished = self._decimation - 1
         self._controller.reset()
-        self._at_limit = 0
+        self._reported = _Reported()
         self._status = None
-        self._doubted = 0
         self._waiting_stamp = self._state_arrivals.last
         self._engage_brakes()
 
@@ -134,19 +140,14 @@ class ControllerNode(ManagedNode):
         if self._waiting_stamp >= 0:
             self._answer()
         if self.lockstep:
-            return _CHECK if self._waiting_stamp >= 0 else super().poll()
-        # If this process was suspended, messages that arrived meanwhile are handled only after this check.
-        now = time.monotonic_ns()
-        if now - self._polled > 2 * _CHECK * NANOSECONDS:
-            self._attentive_since = now
-        self._polled = now
-        silence = now - max(self._arrived, self._attentive_since)
+            return CHECK if self._waiting_stamp >= 0 else super().poll()
+        silence = self._watchdog.silence()
         if self._controller.commanded and silence > self._controller.state_stop:
             self._controller.stop(Fault.STATE_STALE, silence)
             self._publish_once_more()
             if self._controller.status != self._status:
                 self._report(self._controller.status)
-        return _CHECK
+        return CHECK
 
     def _now(self) -> int | None:
         """Clock that stamps are compared with, ns; None in lockstep."""
@@ -184,11 +185,11 @@ class ControllerNode(ManagedNode):
             if abs(self._reference_arrivals.last - stamp) > self._controller.state_stop:
                 self._reference_arrivals.forget()
         if not self.active:
-            self._arrived = time.monotonic_ns()
+            self._watchdog.received()
             self.retry_activation()
         if self.active:
             self._answer()
-        self._arrived = time.monotonic_ns()
+        self._watchdog.received()
 
     def _answer(self) -> None:
         """Publish the command for the waiting joint state, once its reference and the subscribers are there."""
@@ -263,7 +264,7 @@ class ControllerNode(ManagedNode):
         ticks, self._ticks = self._ticks, 0
         window, judged = self._statistics.last, not self.lockstep
         at_limit = self._controller.clock(Clock.AT_EFFORT_LIMIT)
-        limited, self._at_limit = (at_limit - self._at_limit) / max(ticks, 1), at_limit
+        limited = (at_limit - self._reported.at_limit) / max(ticks, 1)
         readings = [
             *loop_readings(self._statistics, judged),
             Reading("state age, longest", window.longest_age, "s", "age" if judged else ""),
@@ -274,15 +275,15 @@ class ControllerNode(ManagedNode):
             Reading(f"adaptive gain of {joint}", float(gain))
             for joint, gain in zip(names(self.values["joints"]), gains, strict=True)
         ]
-        doubted, before = self._controller.clock(Clock.IMPLAUSIBLE), self._doubted
+        implausible, before = self._controller.clock(Clock.IMPLAUSIBLE), self._reported.implausible
         readings += [
             Reading("late joint states since activation", self._controller.clock(Clock.LATE)),
             Reading("stamps that were late or ahead", self._state_arrivals.refused),
-            Reading("implausible joint states since activation", doubted),
+            Reading("implausible joint states since activation", implausible),
         ]
-        self._doubted = doubted
-        if doubted > before:
-            self.get_logger().warning(f"{doubted - before} joint states are implausible (plausibility.velocity)")
+        self._reported = _Reported(at_limit, implausible)
+        if implausible > before:
+            self.get_logger().warning(f"{implausible - before} joint states are implausible (plausibility.velocity)")
         idle, level = "", DiagnosticStatus.WARN
         if not self.active:
             idle = f"inactive: {self.refusal() or 'ready to be activated'}"

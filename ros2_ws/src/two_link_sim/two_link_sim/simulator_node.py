@@ -14,7 +14,6 @@ from pidtsm_core.parameters import as_float, names
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.simulation.simulator import SimulatedRobot
 from pidtsm_core.timing import period_nanoseconds, seconds
-from pidtsm_ros.bursts import Bursts
 from pidtsm_ros.diagnostics import Diagnostics, Reading, loop_readings
 from pidtsm_ros.effort_topics import EFFORT_TOPICS
 from pidtsm_ros.loop_statistics import LoopStatistics
@@ -22,17 +21,11 @@ from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run_nodes
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
+from two_link_sim.brake_log import BrakeLog
+from two_link_sim.progress import Commands, Progress, Waiting
 
 _POLL = 0.02
 """Time between two checks of the connections, s."""
-_SETTLE = 0.3
-"""In realtime, time from the last discovered connection to the first sample, s. Other nodes may discover their
-connections later. In lockstep each sample waits for its command; in realtime the reference would run ahead of a
-controller that is not connected yet."""
-_PATIENCE = 3.0
-"""Waiting time before a log line about it, and between two such lines, s."""
-_CALM = 1.0
-"""After this time without a change, the next change of the brakes is logged again, s; frequent changes are not."""
 _LATEST_CATCH_UP = 20
 """Periods that realtime may be late; beyond that, samples are skipped instead of made up for."""
 _REPEAT_AFTER = 1.0
@@ -86,7 +79,7 @@ class SimulatorNode(ManagedNode):
         self._input = EFFORT_TOPICS[str(values["input.type"])]
         self._stamped = self._input.message_type is JointState
         on_command = self._on_command if self._stamped else self._on_array
-        self._commands = self.listen(self._input.message_type, self._input.name, on_command, raw=self._stamped)
+        self._subscription = self.listen(self._input.message_type, self._input.name, on_command, raw=self._stamped)
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset", self._reset)
 
@@ -97,22 +90,8 @@ class SimulatorNode(ManagedNode):
     def activate(self) -> None:
         self._robot = SimulatedRobot(self.values)
         self._effort = np.zeros(self._robot.joints)
-        self._commanded = False
-        self._sample = -1
-        self._acquired = -1
-        self._awaits_command = False
-        self._answered = -1
-        self._last_reminder = time.monotonic()
-        self._connected_since = 0.0
-        self._skipped = 0
-        self._begun = False
-        self._samples_answered = 0
-        self._stale, self._unknown = Bursts(), Bursts()
-        self._braked = self._logged_brakes = False
-        self._brakes_moved = 0.0
-        self._brakings = 0
-        self._reported = -1
-        self._compute_time = 0.0
+        self._progress, self._commands = Progress(), Commands()
+        self._brakes, self._waiting = BrakeLog(), Waiting()
         self._statistics.reset()
 
     def parameters_changed(self) -> None:
@@ -125,13 +104,13 @@ class SimulatorNode(ManagedNode):
             return _POLL
         if self._diagnostics.due:
             self.diagnose()
-        if self._sample < 0:
+        if self._progress.sample < 0:
             if not self._others_ready():
                 return _POLL
             self._start()
         if not self.lockstep:
             return self._keep_time()
-        if not self._awaits_command:
+        if not self._progress.awaits_command:
             self._go_on()
             return 0.0
         self._check_silence()
@@ -142,63 +121,62 @@ class SimulatorNode(ManagedNode):
     def _others_ready(self) -> bool:
         wanted = as_float(self.values["start.subscribers"])
         listening = self._joint_states.get_subscription_count()
-        commanded = self._commands.get_publisher_count()
+        commanded = self._subscription.get_publisher_count()
         # Lockstep cannot continue without a command.
-        if listening >= wanted and (commanded > 0 or (wanted == 0 and not self.lockstep)):
-            self._connected_since = self._connected_since or time.monotonic()
-            return self.lockstep or wanted == 0 or time.monotonic() - self._connected_since > _SETTLE
-        self._connected_since = 0.0
-        self._log_waiting(
-            f"joint_states has {listening} of {wanted:g} subscribers, {self._input.name} {commanded} publishers"
-        )
+        connected = listening >= wanted and (commanded > 0 or (wanted == 0 and not self.lockstep))
+        if self._waiting.settled(connected) or (connected and (self.lockstep or wanted == 0)):
+            return True
+        if not connected:
+            self._log_waiting(
+                f"joint_states has {listening} of {wanted:g} subscribers, {self._input.name} {commanded} publishers"
+            )
         return False
 
     def _log_waiting(self, what: str) -> None:
         """Log at intervals what the simulator is waiting for."""
-        now = time.monotonic()
-        if now - self._last_reminder > _PATIENCE:
-            self._last_reminder = now
+        if self._waiting.reminds():
             self.get_logger().info(f"waiting: {what}")
 
     @property
     def _awaits_first(self) -> bool:
         """Whether the simulator waits for the very first command."""
-        return not self._begun and (self.lockstep or as_float(self.values["start.subscribers"]) > 0)
+        return not self._commands.begun and (self.lockstep or as_float(self.values["start.subscribers"]) > 0)
 
     def _repeat_sample(self, later: int) -> None:
         """Realtime: publish the sample that has received no command again, so many periods later."""
-        self._began += later * self._period
-        self._first_stamp += later * self._period
+        self._progress.began += later * self._period
+        self._progress.first_stamp += later * self._period
         # A command for any of the repetitions is accepted.
-        self._answered -= later
-        self._publish_sample(self._sample)
+        self._commands.answered -= later
+        self._publish_sample(self._progress.sample)
         self._log_waiting(f"no command on {self._input.name} so far; is a controller active?")
 
     def _start(self) -> None:
-        self._first_stamp = 0 if self.lockstep else time.time_ns()
-        self._began = time.monotonic_ns()
-        self._last_reminder = time.monotonic()
+        self._progress.first_stamp = 0 if self.lockstep else time.time_ns()
+        self._progress.began = time.monotonic_ns()
+        self._waiting = Waiting()
         self._publish_sample(0)
 
     # One sample.
 
     def _stamp(self, sample: int) -> int:
-        return self._first_stamp + sample * self._period
+        return self._progress.first_stamp + sample * self._period
 
     def _publish_sample(self, sample: int) -> None:
         """Publish the measurement that becomes available at this sample, if any."""
         acquired, measured = self._robot.sense(sample)
-        self._awaits_command = acquired >= 0
-        self._sample = sample
-        self._sent = time.monotonic_ns()
-        if self._awaits_command:
-            self._acquired = acquired
+        progress = self._progress
+        progress.awaits_command = acquired >= 0
+        progress.sample = sample
+        progress.sent = time.monotonic_ns()
+        if progress.awaits_command:
+            progress.acquired = acquired
             self._measured.arrays[0] = measured
             self._measured.arrays[1] = self._robot.applied
             self._joint_states.publish(self._measured.to_bytes(self._stamp(acquired)))
         if self.lockstep:
             self._clock_topic.publish(self._clock_message.to_bytes(self._stamp(sample)))
-        self._statistics.tick(self._sent, 0.0, self._compute_time)
+        self._statistics.tick(progress.sent, 0.0, progress.compute_time)
 
     def _advance(self) -> None:
         """Integrate to the next sample and publish it, then the ground truth of the completed one."""
@@ -206,20 +184,20 @@ class SimulatorNode(ManagedNode):
         arm, truth = self._robot.state.arm, self._truth.arrays
         truth[0] = arm.position
         truth[1] = arm.derivatives[0]
-        ended = self._stamp(self._sample)
+        ended = self._stamp(self._progress.sample)
         self._act()
         truth[2] = arm.effort
-        self._compute_time = time.perf_counter() - began
+        self._progress.compute_time = time.perf_counter() - began
 
-        done = self._samples and self._sample + 1 >= self._samples
+        done = self._samples and self._progress.sample + 1 >= self._samples
         if not done:
-            self._publish_sample(self._sample + 1)
+            self._publish_sample(self._progress.sample + 1)
         self._ground_truth.publish(self._truth.to_bytes(ended))
         if done:
-            took = (time.monotonic_ns() - self._began) / 1e9
+            took = (time.monotonic_ns() - self._progress.began) / 1e9
             self.get_logger().info(
                 f"done: {self._samples} samples in {took:.4f} s; "
-                f"{self._skipped} skipped, {self._samples_answered} answered"
+                f"{self._progress.skipped} skipped, {self._commands.count} answered"
             )
             self.diagnose()
             self.finished = True
@@ -229,67 +207,58 @@ class SimulatorNode(ManagedNode):
         """Lockstep: advance to the next sample with a measurement."""
         for _ in range(_LONGEST_SILENCE):
             self._advance()
-            if self._awaits_command or self.finished:
+            if self._progress.awaits_command or self.finished:
                 break
 
     def _act(self) -> None:
         """Move the arm over one period."""
-        commanded, self._commanded = self._commanded, False
-        self._robot.act(self._sample, commanded, self._effort)
-        braked = self._robot.braked
+        commanded, self._commands.new = self._commands.new, False
+        self._robot.act(self._progress.sample, commanded, self._effort)
         # Before the first command, the brakes are always engaged.
-        if (braked != self._braked or braked != self._logged_brakes) and self._robot.silence:
-            self._report_brakes(braked)
+        if self._robot.silence and self._brakes.changes(self._robot.braked):
+            self._log_brakes()
 
-    def _report_brakes(self, braked: bool) -> None:
-        """Log that the brakes were engaged for lack of commands, or released, unless they changed a moment ago."""
-        now = time.monotonic()
-        calm = now - self._brakes_moved > _CALM
-        if braked != self._braked:
-            self._braked, self._brakes_moved = braked, now
-            self._brakings += braked
-        if not calm or braked == self._logged_brakes:
-            return
-        self._logged_brakes = braked
-        if braked:
+    def _log_brakes(self) -> None:
+        """Log that the brakes were engaged for lack of commands, or released."""
+        if self._brakes.engaged:
             silence = seconds(self._robot.silence * self._period)
             self.get_logger().warning(f"no command for {silence:.3g} s (command.timeout): the brakes stop the arm")
         else:
             self.get_logger().info("command received: brakes released")
 
     def _on_command(self, data: bytes) -> None:
-        stamp = serialized_nanoseconds(data)
-        answered, remainder = divmod(stamp - self._first_stamp, self._period) if self._sample >= 0 else (0, 1)
-        if remainder or answered > self._acquired:
+        progress, commands, stamp = self._progress, self._commands, serialized_nanoseconds(data)
+        answered, remainder = divmod(stamp - progress.first_stamp, self._period) if progress.sample >= 0 else (0, 1)
+        if remainder or answered > progress.acquired:
             self.rejected += 1
-            if self._unknown.begins():
+            if commands.unknown.begins():
                 self.get_logger().error(f"rejected {self._input.name}: no joint state with this stamp was sent")
-        elif answered > self._answered or (answered == self._answered and self._replaceable):
+        elif answered > commands.answered or (answered == commands.answered and self._replaceable):
             self._incoming.read(data, self._received)
             self._take(answered)
-        elif self._stale.begins():
+        elif commands.stale.begins():
             self.get_logger().warning(f"ignored {self._input.name}: a command for this or a later joint state was used")
 
     @property
     def _replaceable(self) -> bool:
         """Realtime: like real drives, use the newest torque, even without a new joint state."""
-        return not self.lockstep and self._begun
+        return not self.lockstep and self._commands.begun
 
     def _on_array(self, message: Float64MultiArray) -> None:
         """Take a command without a stamp as one for the last joint state; in lockstep only if that waits for one."""
-        if self._sample < 0 or (self.lockstep and self._answered == self._acquired):
+        if self._progress.sample < 0 or (self.lockstep and self._commands.answered == self._progress.acquired):
             return
         self._order.read(self._joints_of_arm, message.data, self._input.field, self._received[0])
-        self._take(self._acquired)
+        self._take(self._progress.acquired)
 
     def _take(self, answered: int) -> None:
         """Use the received torques as the command for this sample."""
         self._effort[:] = self._received[0]
-        self._begun = True
-        self._samples_answered += answered > max(self._answered, -1)
-        self._answered = answered
-        self._commanded = True
-        if self.lockstep and answered == self._acquired:
+        commands = self._commands
+        commands.begun = commands.new = True
+        commands.count += answered > max(commands.answered, -1)
+        commands.answered = answered
+        if self.lockstep and answered == self._progress.acquired:
             self._go_on()
 
     # Clocks.
@@ -301,24 +270,24 @@ class SimulatorNode(ManagedNode):
         sending a burst to the other nodes. Beyond `_LATEST_CATCH_UP` the overdue samples are skipped: like a real arm,
         the simulated one keeps moving under its last torque, and its brakes engage in time.
         """
-        now, due = time.monotonic_ns(), self._due()
-        earliest = self._sent + self._period // 2
+        now, due, progress = time.monotonic_ns(), self._due(), self._progress
+        earliest = progress.sent + self._period // 2
         if now >= due and now >= earliest:
             late = (now - due) // self._period
-            if self._awaits_command and self._awaits_first:
+            if progress.awaits_command and self._awaits_first:
                 self._repeat_sample(_UNANSWERED + late)
             else:
                 if late > _LATEST_CATCH_UP:
                     self._skip(late)
                 self._advance()
             now, due = time.monotonic_ns(), self._due()
-            earliest = self._sent + self._period // 2
+            earliest = progress.sent + self._period // 2
         return max(0, due - now, earliest - now) / 1e9
 
     def _due(self) -> int:
         """When to publish the next sample, or to repeat the first; ns of the monotonic clock."""
-        periods = _UNANSWERED if self._awaits_command and self._awaits_first else 1
-        return self._began + (self._sample + periods) * self._period
+        periods = _UNANSWERED if self._progress.awaits_command and self._awaits_first else 1
+        return self._progress.began + (self._progress.sample + periods) * self._period
 
     def _reset(self) -> str:
         """Put the arm back to its initial position; returns the reason if refused, else an empty text."""
@@ -330,11 +299,11 @@ class SimulatorNode(ManagedNode):
 
     def _skip(self, samples: int) -> None:
         """Simulate samples without publishing them."""
-        for _ in range(min(samples, self._samples - 2 - self._sample) if self._samples else samples):
+        for _ in range(min(samples, self._samples - 2 - self._progress.sample) if self._samples else samples):
             self._act()
-            self._sample += 1
-            self._skipped += 1
-            self._robot.sense(self._sample)
+            self._progress.sample += 1
+            self._progress.skipped += 1
+            self._robot.sense(self._progress.sample)
 
     def _check_silence(self) -> None:
         """Lockstep: end the run if a command is missing, and name its publisher; only the first command may be late."""
@@ -342,42 +311,42 @@ class SimulatorNode(ManagedNode):
         if self._awaits_first:
             self._log_waiting(f"no command on {self._input.name} so far; is a controller active?")
             # Not for arrays: without a stamp, it is unknown which of the repetitions they belong to.
-            if self._stamped and now - self._sent > _REPEAT_AFTER * 1e9:
-                self._sent = now
-                self._joint_states.publish(self._measured.to_bytes(self._stamp(self._acquired)))
+            if self._stamped and now - self._progress.sent > _REPEAT_AFTER * 1e9:
+                self._progress.sent = now
+                self._joint_states.publish(self._measured.to_bytes(self._stamp(self._progress.acquired)))
             return
         timeout = as_float(self.values["lockstep.timeout"])
-        if now - self._sent <= timeout * 1e9:
+        if now - self._progress.sent <= timeout * 1e9:
             return
         writers = [
             f"{i.node_namespace.rstrip('/')}/{i.node_name}"
-            for i in self.get_publishers_info_by_topic(self._commands.topic_name)
+            for i in self.get_publishers_info_by_topic(self._subscription.topic_name)
         ]
         who = f"{', '.join(writers)} did not respond" if writers else f"no node publishes {self._input.name} any more"
         self.get_logger().fatal(
-            f"no command for t = {seconds(self._acquired * self._period):g} s within {timeout:g} s: {who}"
+            f"no command for t = {seconds(self._progress.acquired * self._period):g} s within {timeout:g} s: {who}"
         )
         self.finished = self.failed = True
 
     def diagnose(self) -> None:
         idle = ""
-        if self._sample < 0:
+        if self._progress.sample < 0:
             idle = "waiting for the other nodes"
         elif self._awaits_first:
             idle = "waiting for the first command"
-        elif self._braked:
+        elif self._brakes.engaged:
             idle = "brakes engaged: no command for longer than command.timeout"
-        elif self._sample == self._reported:
+        elif self._progress.sample == self._progress.reported:
             idle = "no sample for a second"
-        self._reported = self._sample
+        self._progress.reported = self._progress.sample
         readings = [
             *loop_readings(self._statistics, judged=not self.lockstep),
-            Reading("samples", self._sample + 1),
-            Reading("samples skipped", self._skipped),
-            Reading("stops by the brakes since activation", self._brakings),
-            Reading("samples since that of the last command", self._sample - self._answered),
-            Reading("commands ignored for a stale stamp since activation", self._stale.count),
-            Reading("commands rejected for an unknown stamp since activation", self._unknown.count),
+            Reading("samples", self._progress.sample + 1),
+            Reading("samples skipped", self._progress.skipped),
+            Reading("stops by the brakes since activation", self._brakes.count),
+            Reading("samples since that of the last command", self._progress.sample - self._commands.answered),
+            Reading("commands ignored for a stale stamp since activation", self._commands.stale.count),
+            Reading("commands rejected for an unknown stamp since activation", self._commands.unknown.count),
         ]
         self._diagnostics.publish(readings, idle, scale=self._statistics.scale)
 

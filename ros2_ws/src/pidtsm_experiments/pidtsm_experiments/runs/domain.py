@@ -1,14 +1,15 @@
 """A separate ROS domain, so that runs disturb neither each other nor other ROS traffic."""
 
 import random
-import socket
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from domain_coordinator import domain_id
+
 from pidtsm_experiments.errors import RunError
 
-_HIGHEST = 101  # Above it, the ports of a domain may overlap with the system's ephemeral ports.
+_HIGHEST = 100  # As domain_coordinator; above 101, ports of a domain may overlap with the system's ephemeral ports.
 _FIRST_PORT, _PORTS_PER_DOMAIN = 7400, 250  # DDSI-RTPS 2.2, 9.6.1.1.
 _SOCKETS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 
@@ -17,22 +18,29 @@ _SOCKETS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 def own_domain() -> Iterator[int]:
     """Reserve a ROS_DOMAIN_ID that is unused on this machine until the end of the block.
 
+    The reservation is that of domain_coordinator, which ROS's own tests use too.
+
     Raises:
         RunError: every domain is in use.
     """
     domains = list(range(1, _HIGHEST + 1))
     random.shuffle(domains)
-    for domain in domains:
-        # An abstract socket name is released however this process ends, and is shared by all users of the machine.
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as lock:
-            try:
-                lock.bind(f"\0pidtsm-domain-{domain}")
-            except OSError:
-                continue
-            if domain not in domains_in_use():
-                yield domain
-                return
-    raise RunError(f"all {_HIGHEST} ROS domains of this machine are in use; end other ROS 2 programs")
+    candidates = iter(domains)
+
+    def free() -> int:
+        in_use = domains_in_use()
+        return next(domain for domain in candidates if domain not in in_use)
+
+    reserved = domain_id(free)
+    try:
+        domain = reserved.__enter__()
+    except RuntimeError:  # No candidate is left.
+        raise RunError(f"all {_HIGHEST} ROS domains of this machine are in use; end other ROS 2 programs") from None
+    try:
+        yield domain
+    finally:
+        # Without the error of the block: domain_coordinator would take an OSError for a domain that is reserved.
+        reserved.__exit__(None, None, None)
 
 
 def domains_in_use() -> set[int]:

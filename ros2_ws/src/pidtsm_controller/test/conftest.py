@@ -1,0 +1,57 @@
+"""The package's nodes in the test's process, in a domain of their own, with a node that stands for the rest."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from domain_coordinator import domain_id
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from pidtsm_ros.managed_node import ManagedNode
+
+DEADLINE = 30.0
+"""s; only a failing test waits that long."""
+
+
+class Graph:
+    """A node under test and a stranger, spun together."""
+
+    def __init__(self, make_node: Callable[[], ManagedNode], *parameters: str) -> None:
+        rclpy.init(args=["--ros-args", *(word for parameter in parameters for word in ("-p", parameter))])
+        self.node = make_node()
+        self.stranger = Node("stranger")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._executor.add_node(self.stranger)
+
+    def until(self, condition: Callable[[], Any], act: Callable[[], object] = lambda: None) -> None:
+        """Spin until the condition holds; act before each look."""
+        end = self.stranger.get_clock().now().nanoseconds + int(DEADLINE * 1e9)
+        while not condition():
+            assert self.stranger.get_clock().now().nanoseconds < end, "the condition never holds"
+            act()
+            self._executor.spin_once(timeout_sec=0.01)
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.stranger.destroy_node()
+        self.node.destroy_node()
+        rclpy.shutdown()
+
+
+@pytest.fixture
+def graph(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Graph]]:
+    graphs: list[Graph] = []
+
+    def make(make_node: Callable[[], ManagedNode], *parameters: str) -> Graph:
+        graphs.append(Graph(make_node, *parameters))
+        return graphs[0]
+
+    with domain_id() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield make
+        for each in graphs:
+            each.close()

@@ -1,0 +1,78 @@
+"""What the controller node wants before it becomes active, and what is left of it afterwards."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from rclpy.lifecycle import TransitionCallbackReturn
+from sensor_msgs.msg import JointState
+
+from pidtsm_controller.controller_node import ControllerNode
+from pidtsm_core.node_parameters import controller_node_schema
+from pidtsm_msgs.msg import JointReference
+
+NAMES = ["joint1", "joint2"]
+LOCKSTEP = "reference.match:=stamp"
+MS = 1_000_000
+
+
+class Arm:
+    """Publishes joint states and references of equal stamps, 1 ms apart."""
+
+    def __init__(self, graph: Any, position: list[float], desired: list[float]) -> None:
+        self.states = graph.stranger.create_publisher(JointState, "joint_states", 10)
+        self.references = graph.stranger.create_publisher(JointReference, "reference", 10)
+        self.position, self.desired = position, desired
+        self.sample = 0
+
+    def send(self) -> None:
+        rest = [0.0] * len(NAMES)
+        state = JointState(name=NAMES, position=self.position)
+        reference = JointReference(name=NAMES, position=self.desired, velocity=rest, acceleration=rest)
+        for publisher, message in ((self.references, reference), (self.states, state)):
+            message.header.stamp.nanosec = self.sample * MS
+            publisher.publish(message)
+        self.sample += 1
+
+
+def test_it_declares_every_parameter_of_its_schema(graph: Callable[..., Any]) -> None:
+    node = graph(ControllerNode, LOCKSTEP).node
+    assert {p.name for p in controller_node_schema({})} == node.values.keys()
+    assert all(node.get_parameter(name).value is not None for name in node.values)
+
+
+def test_without_a_joint_state_it_does_not_become_active(graph: Callable[..., Any]) -> None:
+    node = graph(ControllerNode, LOCKSTEP).node
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert node.refusal() == "no joint state received yet"
+    assert node.trigger_activate() == TransitionCallbackReturn.FAILURE
+    assert not node.active
+
+
+@pytest.mark.parametrize(("desired", "refusal"), [(0.4, "joint1 is 0.2 rad from its reference"), (0.21, "")])
+def test_it_becomes_active_only_near_its_reference(graph: Callable[..., Any], desired: float, refusal: str) -> None:
+    made = graph(ControllerNode, LOCKSTEP, "activation.distance:=0.1")
+    node, arm = made.node, Arm(made, [0.2, -0.1], [desired, -0.1])
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    made.until(lambda: node.refusal().startswith(refusal) and "no " not in node.refusal(), arm.send)
+    expected = TransitionCallbackReturn.FAILURE if refusal else TransitionCallbackReturn.SUCCESS
+    assert node.trigger_activate() == expected
+    assert node.active is not bool(refusal)
+
+
+def test_in_realtime_an_old_joint_state_does_not_activate_it(graph: Callable[..., Any]) -> None:
+    made = graph(ControllerNode, "watchdog.state_stop:=0.01", "realtime.priority:=0")
+    node, arm = made.node, Arm(made, [0.2, -0.1], [0.2, -0.1])
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    made.until(lambda: node.refusal() != "no joint state received yet", arm.send)
+    made.until(lambda: "s ago (watchdog.state_stop)" in node.refusal())
+    assert node.trigger_activate() == TransitionCallbackReturn.FAILURE
+
+
+def test_cleaned_up_it_leaves_no_topics(graph: Callable[..., Any]) -> None:
+    made = graph(ControllerNode, LOCKSTEP)
+    assert made.node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    made.until(lambda: made.stranger.count_publishers("joint_commands") == 1)
+    assert made.node.trigger_cleanup() == TransitionCallbackReturn.SUCCESS
+    made.until(lambda: made.stranger.count_publishers("joint_commands") == 0)
+    assert made.stranger.count_subscribers("joint_states") == 0
