@@ -12,7 +12,6 @@ import hashlib
 import os
 import shutil
 import tempfile
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -21,10 +20,6 @@ import numba
 from numba.extending import register_jitable
 
 _KEPT_CACHES = 6
-
-# The registries iterate over tuples of compiled functions with ``literal_unroll``; Numba resolves that
-# statically but announces the function type it tries first as experimental.
-warnings.simplefilter("ignore", numba.NumbaExperimentalFeatureWarning)
 
 # Loops run over a handful of joints: to check whether they can be vectorised takes longer than that saves, by 4 % of a
 # rollout.

@@ -1,11 +1,12 @@
 """What the members of a family (surfaces, reaching laws, estimators ...) have in common."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter, Value, joint_array
 
 SLOTS = 8
@@ -62,3 +63,35 @@ class Family(Generic[_Member]):
 
     def index(self, name: str) -> int:
         return self.names.index(name)
+
+
+_Result = TypeVar("_Result")
+
+
+def dispatch(functions: Iterable[Callable[..., _Result]]) -> Callable[..., _Result]:
+    """One function for one function of every member, which compiled code calls as ``call(index, *arguments)``.
+
+    Numba finds no function in a table without losing what inlining gives. So this is a chain of comparisons, with the
+    members' functions inlined; it has no place in the cache of its own, but is compiled into its caller and kept with
+    that.
+
+    Args:
+        functions: compiled, at least one, in the order of the members, with the same arguments and results. An index
+            beyond the last counts as the last.
+    """
+    first, *others = functions
+    if not others:
+
+        @inlined
+        def last(_index: int, *arguments: Any) -> _Result:
+            return first(*arguments)
+
+        return last
+
+    rest = dispatch(others)
+
+    @inlined
+    def call(index: int, *arguments: Any) -> _Result:
+        return first(*arguments) if index == 0 else rest(index - 1, *arguments)
+
+    return call

@@ -1,26 +1,20 @@
 """Disturbances: torques beside the motors'. One disturbance a file; what is imported here is in `DISTURBANCES`."""
 
-from numba import literal_unroll
-
 from pidtsm_core.compiled import njit
 from pidtsm_core.disturbances.article import ARTICLE
 from pidtsm_core.disturbances.base import Disturbance
 from pidtsm_core.disturbances.none import NONE
-from pidtsm_core.family import Family
+from pidtsm_core.family import Family, dispatch
 from pidtsm_core.parameters import Array
 
 __all__ = ["DISTURBANCES", "Disturbance", "add_disturbance"]
 
 DISTURBANCES: Family[Disturbance] = Family.of(Disturbance, globals())
 
-_ADD = tuple(disturbance.add for disturbance in DISTURBANCES.members)
+_add = dispatch(disturbance.add for disturbance in DISTURBANCES.members)
 
 
 @njit
 def add_disturbance(index: int, q: Array, dq: Array, effort: Array) -> None:
     """Add F_d to effort: see `Disturbance.add`; `index` is the disturbance's place in `DISTURBANCES`."""
-    i = 0
-    for function in literal_unroll(_ADD):
-        if i == index:
-            function(q, dq, effort)
-        i += 1
+    _add(index, q, dq, effort)

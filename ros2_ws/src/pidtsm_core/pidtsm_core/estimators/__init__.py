@@ -1,28 +1,22 @@
 """Estimators: measured position to q, q', q''. One estimator a file; what is imported here is in `ESTIMATORS`."""
 
-from numba import literal_unroll
-
 from pidtsm_core.compiled import njit
 from pidtsm_core.estimators.base import Estimator, Sample
 from pidtsm_core.estimators.exact import EXACT
 from pidtsm_core.estimators.extended_state import EXTENDED_STATE_OBSERVER
 from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
 from pidtsm_core.estimators.robust_differentiator import ROBUST_DIFFERENTIATOR
-from pidtsm_core.family import Family
+from pidtsm_core.family import Family, dispatch
 from pidtsm_core.parameters import Array
 
 __all__ = ["ESTIMATORS", "Estimator", "Sample", "estimate"]
 
 ESTIMATORS: Family[Estimator] = Family.of(Estimator, globals())
 
-_ESTIMATE = tuple(estimator.estimate for estimator in ESTIMATORS.members)
+_estimate = dispatch(estimator.estimate for estimator in ESTIMATORS.members)
 
 
 @njit
 def estimate(index: int, sample: Sample, p: Array, x: Array, estimates: Array) -> None:
     """Write q, q', q'': see `Estimator.estimate`; `index` is the estimator's place in `ESTIMATORS`."""
-    i = 0
-    for function in literal_unroll(_ESTIMATE):
-        if i == index:
-            function(sample, p, x, estimates)
-        i += 1
+    _estimate(index, sample, p, x, estimates)

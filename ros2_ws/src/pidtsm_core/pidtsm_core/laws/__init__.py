@@ -1,9 +1,7 @@
 """Control laws: errors to acceleration. One law a file; what is imported here is in `LAWS`."""
 
-from numba import literal_unroll
-
 from pidtsm_core.compiled import njit
-from pidtsm_core.family import Family
+from pidtsm_core.family import Family, dispatch
 from pidtsm_core.laws.base import LAW_INTEGERS, STATE_SLOTS, Integers, Law
 from pidtsm_core.laws.computed_torque import COMPUTED_TORQUE
 from pidtsm_core.laws.dtsm import DTSM
@@ -20,8 +18,8 @@ LAWS: Family[Law] = Family.of(Law, globals())
 
 # Laws composed of the same kind of parts share their compiled functions.
 _KERNELS = tuple(dict.fromkeys((law.command, law.advance) for law in LAWS.members))
-_COMMAND = tuple(command for command, _ in _KERNELS)
-_ADVANCE = tuple(advance for _, advance in _KERNELS)
+_command = dispatch(command for command, _ in _KERNELS)
+_advance = dispatch(advance for _, advance in _KERNELS)
 
 
 def kernel_index(law: Law) -> int:
@@ -34,13 +32,7 @@ def command(
     kernel: int, e: float, de: float, dde: float, ddq_d: float, integers: Integers, p: Array, x: Array, dt: float
 ) -> tuple[float, float, float, float, float, float]:
     """(a_cmd, a_eq, s, sigma, gain, tau_sw) of one joint: see `Law.command`."""
-    result = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    i = 0
-    for function in literal_unroll(_COMMAND):
-        if i == kernel:
-            result = function(e, de, dde, ddq_d, integers, p, x, dt)
-        i += 1
-    return result
+    return _command(kernel, e, de, dde, ddq_d, integers, p, x, dt)
 
 
 @njit
@@ -57,8 +49,4 @@ def advance(
     adaptation: int,
 ) -> None:
     """Move the state of one joint over dt: see `Law.advance`."""
-    i = 0
-    for function in literal_unroll(_ADVANCE):
-        if i == kernel:
-            function(e, s, sigma, integers, p, x, dt, frozen, adaptation)
-        i += 1
+    _advance(kernel, e, s, sigma, integers, p, x, dt, frozen, adaptation)

@@ -1,9 +1,7 @@
 """Reaching laws: sigma to the switching term. One reaching law a file; what is imported here is in `REACHING_LAWS`."""
 
-from numba import literal_unroll
-
 from pidtsm_core.compiled import njit
-from pidtsm_core.family import Family
+from pidtsm_core.family import Family, dispatch
 from pidtsm_core.parameters import Array
 from pidtsm_core.reaching.adaptive_continuous import ADAPTIVE_CONTINUOUS
 from pidtsm_core.reaching.base import ReachingLaw
@@ -17,27 +15,17 @@ __all__ = ["REACHING_LAWS", "ReachingLaw", "advance_reaching", "switch"]
 
 REACHING_LAWS: Family[ReachingLaw] = Family.of(ReachingLaw, globals())
 
-_SWITCH = tuple(law.switch for law in REACHING_LAWS.members)
-_ADVANCE = tuple(law.advance for law in REACHING_LAWS.members)
+_switch = dispatch(law.switch for law in REACHING_LAWS.members)
+_advance = dispatch(law.advance for law in REACHING_LAWS.members)
 
 
 @njit
 def switch(index: int, sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
     """(tau_sw, gain): see `ReachingLaw.switch`; `index` is the law's place in `REACHING_LAWS`."""
-    result = (0.0, 0.0)
-    i = 0
-    for function in literal_unroll(_SWITCH):
-        if i == index:
-            result = function(sigma, p, x, dt)
-        i += 1
-    return result
+    return _switch(index, sigma, p, x, dt)
 
 
 @njit
 def advance_reaching(index: int, sigma: float, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
     """Move x over dt: see `ReachingLaw.advance`; `index` is the law's place in `REACHING_LAWS`."""
-    i = 0
-    for function in literal_unroll(_ADVANCE):
-        if i == index:
-            function(sigma, p, x, dt, frozen, adaptation)
-        i += 1
+    _advance(index, sigma, p, x, dt, frozen, adaptation)

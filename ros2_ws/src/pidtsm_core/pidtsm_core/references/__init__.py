@@ -3,10 +3,8 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from numba import literal_unroll
-
 from pidtsm_core.compiled import inlined, njit
-from pidtsm_core.family import Family
+from pidtsm_core.family import Family, dispatch
 from pidtsm_core.parameters import Array, Parameter, Value, as_float, chosen, joint_array, names, prefixed
 from pidtsm_core.references.article import ARTICLE
 from pidtsm_core.references.base import Reference
@@ -67,17 +65,13 @@ def reference_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     )
 
 
-_EVALUATE = tuple(reference.evaluate for reference in REFERENCES.members)
+_evaluate = dispatch(reference.evaluate for reference in REFERENCES.members)
 
 
 @njit
 def evaluate_reference(index: int, t: float, p: Array, desired: Array) -> None:
     """Write q_d, q_d', q_d'': see `Reference.evaluate`; `index` is the reference's place in `REFERENCES`."""
-    i = 0
-    for function in literal_unroll(_EVALUATE):
-        if i == index:
-            function(t, p, desired)
-        i += 1
+    _evaluate(index, t, p, desired)
 
 
 @njit

@@ -2,10 +2,8 @@
 
 from collections.abc import Mapping
 
-from numba import literal_unroll
-
 from pidtsm_core.compiled import njit
-from pidtsm_core.family import Family
+from pidtsm_core.family import Family, dispatch
 from pidtsm_core.parameters import Array, Parameter, chosen, prefixed
 from pidtsm_core.robots.base import Robot
 from pidtsm_core.robots.two_link import TWO_LINK
@@ -47,36 +45,24 @@ def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     )
 
 
-_INVERSE = tuple(robot.inverse_dynamics for robot in ROBOTS.members)
-_FORWARD = tuple(robot.forward_dynamics for robot in ROBOTS.members)
-_ADD_PAYLOAD = tuple(robot.add_payload for robot in ROBOTS.members)
+_inverse = dispatch(robot.inverse_dynamics for robot in ROBOTS.members)
+_forward = dispatch(robot.forward_dynamics for robot in ROBOTS.members)
+_add_payload = dispatch(robot.add_payload for robot in ROBOTS.members)
 
 
 @njit
 def inverse_dynamics(index: int, q: Array, dq: Array, ddq: Array, p: Array, effort: Array) -> None:
     """Efforts (N m) that give each row of ddq: see `Robot.inverse_dynamics`; `index` is its place in `ROBOTS`."""
-    i = 0
-    for function in literal_unroll(_INVERSE):
-        if i == index:
-            function(q, dq, ddq, p, effort)
-        i += 1
+    _inverse(index, q, dq, ddq, p, effort)
 
 
 @njit
 def forward_dynamics(index: int, q: Array, dq: Array, effort: Array, p: Array, ddq: Array) -> None:
     """ddq (rad/s^2) under effort: see `Robot.forward_dynamics`; `index` is the robot's place in `ROBOTS`."""
-    i = 0
-    for function in literal_unroll(_FORWARD):
-        if i == index:
-            function(q, dq, effort, p, ddq)
-        i += 1
+    _forward(index, q, dq, effort, p, ddq)
 
 
 @njit
 def add_payload(index: int, p: Array, mass: float, loaded: Array) -> None:
     """Parameters with a payload: see `Robot.add_payload`; `index` is the robot's place in `ROBOTS`."""
-    i = 0
-    for function in literal_unroll(_ADD_PAYLOAD):
-        if i == index:
-            function(p, mass, loaded)
-        i += 1
+    _add_payload(index, p, mass, loaded)

@@ -1,9 +1,7 @@
 """Sliding surfaces: errors to s, g and h. One surface a file; what is imported here is in `SURFACES`."""
 
-from numba import literal_unroll
-
 from pidtsm_core.compiled import njit
-from pidtsm_core.family import Family
+from pidtsm_core.family import Family, dispatch
 from pidtsm_core.parameters import Array
 from pidtsm_core.surfaces.base import Surface
 from pidtsm_core.surfaces.dual_terminal import DUAL_TERMINAL
@@ -18,16 +16,10 @@ __all__ = ["SURFACES", "Surface", "evaluate_surface"]
 
 SURFACES: Family[Surface] = Family.of(Surface, globals())
 
-_EVALUATE = tuple(surface.evaluate for surface in SURFACES.members)
+_evaluate = dispatch(surface.evaluate for surface in SURFACES.members)
 
 
 @njit
 def evaluate_surface(index: int, e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
     """(s, g, h) of one joint: see `Surface.evaluate`; `index` is the surface's place in `SURFACES`."""
-    result = (0.0, 0.0, 0.0)
-    i = 0
-    for function in literal_unroll(_EVALUATE):
-        if i == index:
-            result = function(e, de, integral, p)
-        i += 1
-    return result
+    return _evaluate(index, e, de, integral, p)
