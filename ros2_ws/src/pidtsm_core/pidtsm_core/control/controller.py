@@ -17,7 +17,7 @@ from pidtsm_core.control.step import (
 )
 from pidtsm_core.control.tick import tick
 from pidtsm_core.estimators import ESTIMATORS
-from pidtsm_core.laws import LAWS, kernel_index
+from pidtsm_core.laws import LAWS, law_integers
 from pidtsm_core.parameters import Array, Value, as_float, joint_array, names
 from pidtsm_core.robots import ROBOTS
 from pidtsm_core.signals import Fault, Signal, Status
@@ -83,7 +83,6 @@ class Controller:
             model.size,
             gains.shape[1],
             ROBOTS.index(robot.name),
-            kernel_index(law),
             ESTIMATORS.index(estimator.name),
             law.uses_model,
             values["law.anti_windup"] == "conditional",
@@ -97,7 +96,7 @@ class Controller:
             kind == "hold",
             bool(values["stop.brakes"]),
             bool(np.any(values["plausibility.velocity"])),
-            *law.integers(values),
+            *law_integers(law, values),
         ]
         self.integers[: len(integers)] = integers
         self.floats[:3] = (

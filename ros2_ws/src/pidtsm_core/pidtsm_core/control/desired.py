@@ -215,7 +215,7 @@ def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int)
     for j in range(state.measured.size):
         start[0, j] = y[Signal.POSITION, j]
         start[1, j] = y[Signal.VELOCITY, j]
-        learnt = command(config.kernel, 0.0, 0.0, 0.0, 0.0, config.law_integers, config.law[j], state.law[j], 0.0)[0]
+        learnt = command(0.0, 0.0, 0.0, 0.0, config.law_integers, config.law[j], state.law[j], 0.0)[0]
         if abs(learnt) < _ABSURD:
             start[2, j] -= learnt
     excess = _begin_way(config, state, start, stamp)

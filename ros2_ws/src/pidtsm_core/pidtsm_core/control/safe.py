@@ -92,7 +92,7 @@ def _learn(config: ControllerConfig, state: ControllerState) -> None:
     """Take over what the law has learnt: the effort that it gives without any error, beyond the model's."""
     y, scratch = state.signals, state.scratch
     for j in range(scratch.shape[1]):
-        learnt = command(config.kernel, 0.0, 0.0, 0.0, 0.0, config.law_integers, config.law[j], state.law[j], 0.0)[0]
+        learnt = command(0.0, 0.0, 0.0, 0.0, config.law_integers, config.law[j], state.law[j], 0.0)[0]
         state.accelerations[0, j] = 0.0
         state.accelerations[1, j] = learnt
         scratch[0, j] = 0.0

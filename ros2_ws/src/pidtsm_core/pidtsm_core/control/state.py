@@ -50,10 +50,9 @@ class Hold(IntEnum):
 
 
 class ControllerConfig(NamedTuple):
-    """What a step reads. Robot, kernel and estimator are places in the registries; a limit of 0 is none."""
+    """What a step reads. Robot and estimator are places in the registries; a limit of 0 is none."""
 
     robot: int
-    kernel: int
     estimator: int
     uses_model: bool
     freezes: bool  # integrals and adaptation of a joint stand still while its effort is limited
@@ -113,7 +112,7 @@ class ControllerState(NamedTuple):
     scratch: Array  # shape (6, joints)
 
 
-_CONFIG_INTEGERS = 21  # lengths, and the integers of `ControllerConfig`
+_CONFIG_INTEGERS = 20  # lengths, and the integers of `ControllerConfig` but for the law's
 _CLOCK = len(Clock)
 _SCALARS = 6
 # Rows of the table that ends the floats, one number a joint: of the configuration, of the state, signals, scratch.
@@ -155,23 +154,22 @@ def unpack(floats: Array, integers: Integers) -> tuple[ControllerConfig, Control
     clock = _CONFIG_INTEGERS + LAW_INTEGERS
     config = ControllerConfig(
         robot=integers[3],
-        kernel=integers[4],
-        estimator=integers[5],
-        uses_model=integers[6] != 0,
-        freezes=integers[7] != 0,
-        stops=integers[8],
-        state_hold=integers[9],
-        state_stop=integers[10],
-        reference_timeout=integers[11],
-        reset_at=integers[12],
-        restart_at=integers[13],
-        rate_limited=integers[14] != 0,
-        feeds_back=integers[15] != 0,
-        watches=integers[16] != 0,
-        rehearses=integers[17] != 0,
-        holds=integers[18] != 0,
-        brakes=integers[19] != 0,
-        doubts=integers[20] != 0,
+        estimator=integers[4],
+        uses_model=integers[5] != 0,
+        freezes=integers[6] != 0,
+        stops=integers[7],
+        state_hold=integers[8],
+        state_stop=integers[9],
+        reference_timeout=integers[10],
+        reset_at=integers[11],
+        restart_at=integers[12],
+        rate_limited=integers[13] != 0,
+        feeds_back=integers[14] != 0,
+        watches=integers[15] != 0,
+        rehearses=integers[16] != 0,
+        holds=integers[17] != 0,
+        brakes=integers[18] != 0,
+        doubts=integers[19] != 0,
         law_integers=integers[_CONFIG_INTEGERS:clock],
         blend=floats[0],
         distance=floats[1],
@@ -207,7 +205,7 @@ def unpack(floats: Array, integers: Integers) -> tuple[ControllerConfig, Control
         hold=motion[21:],
         truth=scratch[:2],
         torque=scratch[2],
-        received=motion[: 1 + integers[15]],
+        received=motion[: 1 + integers[14]],
         accelerations=scratch[3:5],
         scratch=scratch[5:],
     )

@@ -4,7 +4,7 @@ from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.control.effort import limit_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
 from pidtsm_core.estimators import Sample, estimate
-from pidtsm_core.laws import advance, command
+from pidtsm_core.laws import Interval, advance, command
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal, Status
@@ -47,16 +47,13 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
     if dt > 0.0:
         for j in range(joints):
             advance(
-                config.kernel,
                 y[Signal.POSITION_ERROR, j],
                 y[Signal.SLIDING_VARIABLE, j],
                 y[Signal.MANIFOLD_VARIABLE, j],
                 config.law_integers,
                 config.law[j],
                 state.law[j],
-                dt,
-                stopped or (config.freezes and _held_back(config, state, j)),
-                adaptation,
+                Interval(dt, stopped or (config.freezes and _held_back(config, state, j)), adaptation),
             )
 
     effort = state.applied if config.feeds_back else y[Signal.EFFORT]
@@ -68,7 +65,7 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
         de = y[Signal.VELOCITY, j] - desired[1, j]
         dde = y[Signal.ACCELERATION, j] - desired[2, j]
         a_cmd, a_eq, s, sigma, gain, tau_sw = command(
-            config.kernel, e, de, dde, desired[2, j], config.law_integers, config.law[j], state.law[j], dt
+            e, de, dde, desired[2, j], config.law_integers, config.law[j], state.law[j], dt
         )
         y[Signal.POSITION_ERROR, j] = e
         y[Signal.VELOCITY_ERROR, j] = de

@@ -1,8 +1,12 @@
 """Control laws: errors to acceleration. One law a file; what is imported here is in `LAWS`."""
 
+from collections.abc import Mapping
+
+import numpy as np
+
 from pidtsm_core.compiled import njit
 from pidtsm_core.family import Family, dispatch
-from pidtsm_core.laws.base import LAW_INTEGERS, STATE_SLOTS, Integers, Law
+from pidtsm_core.laws.base import LAW_INTEGERS, OWN_INTEGERS, STATE_SLOTS, Integers, Law
 from pidtsm_core.laws.computed_torque import COMPUTED_TORQUE
 from pidtsm_core.laws.dtsm import DTSM
 from pidtsm_core.laws.pid import PID
@@ -10,9 +14,10 @@ from pidtsm_core.laws.piddtsm import PIDDTSM
 from pidtsm_core.laws.pidnftsm import PIDNFTSM
 from pidtsm_core.laws.sliding_mode import SLIDING_MODE
 from pidtsm_core.laws.super_twisting import SUPER_TWISTING
-from pidtsm_core.parameters import Array
+from pidtsm_core.parameters import Array, Value
+from pidtsm_core.reaching import Interval
 
-__all__ = ["LAWS", "LAW_INTEGERS", "STATE_SLOTS", "Integers", "Law", "advance", "command", "kernel_index"]
+__all__ = ["LAWS", "LAW_INTEGERS", "STATE_SLOTS", "Integers", "Interval", "Law", "advance", "command", "law_integers"]
 
 LAWS: Family[Law] = Family.of(Law, globals())
 
@@ -22,31 +27,20 @@ _command = dispatch(command for command, _ in _KERNELS)
 _advance = dispatch(advance for _, advance in _KERNELS)
 
 
-def kernel_index(law: Law) -> int:
-    """Place of the law's compiled functions among the distinct ones."""
-    return _KERNELS.index((law.command, law.advance))
+def law_integers(law: Law, values: Mapping[str, Value]) -> Integers:
+    """What `command` and `advance` read as integers, shape (LAW_INTEGERS,): those of the law, and where it is."""
+    return np.append(law.integers(values), _KERNELS.index((law.command, law.advance)))
 
 
 @njit
 def command(
-    kernel: int, e: float, de: float, dde: float, ddq_d: float, integers: Integers, p: Array, x: Array, dt: float
+    e: float, de: float, dde: float, ddq_d: float, integers: Integers, p: Array, x: Array, dt: float
 ) -> tuple[float, float, float, float, float, float]:
-    """(a_cmd, a_eq, s, sigma, gain, tau_sw) of one joint: see `Law.command`."""
-    return _command(kernel, e, de, dde, ddq_d, integers, p, x, dt)
+    """(a_cmd, a_eq, s, sigma, gain, tau_sw) of one joint: see `Law.command` and `law_integers`."""
+    return _command(integers[OWN_INTEGERS], e, de, dde, ddq_d, integers, p, x, dt)
 
 
 @njit
-def advance(
-    kernel: int,
-    e: float,
-    s: float,
-    sigma: float,
-    integers: Integers,
-    p: Array,
-    x: Array,
-    dt: float,
-    frozen: bool,
-    adaptation: int,
-) -> None:
-    """Move the state of one joint over dt: see `Law.advance`."""
-    _advance(kernel, e, s, sigma, integers, p, x, dt, frozen, adaptation)
+def advance(e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, interval: Interval) -> None:
+    """Move the state of one joint over the interval: see `Law.advance` and `law_integers`."""
+    _advance(integers[OWN_INTEGERS], e, s, sigma, integers, p, x, interval)

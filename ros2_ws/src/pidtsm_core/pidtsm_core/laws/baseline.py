@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pidtsm_core.family import Member
-from pidtsm_core.laws.base import LAW_INTEGERS, Advance, Command, Integers, Law
+from pidtsm_core.laws.base import OWN_INTEGERS, Advance, Command, Integers, Law
 from pidtsm_core.laws.sliding_mode import ANTI_WINDUP
 from pidtsm_core.parameters import Array, Parameter, Value
 
@@ -34,7 +34,7 @@ def baseline(
         return (*parameters, ANTI_WINDUP)
 
     def integers(values: Mapping[str, Value]) -> Integers:
-        return np.zeros(LAW_INTEGERS, dtype=np.int64)
+        return np.zeros(OWN_INTEGERS, dtype=np.int64)
 
     def pack(values: Mapping[str, Value], joints: int) -> Array:
         return member.pack(values, "law", joints)

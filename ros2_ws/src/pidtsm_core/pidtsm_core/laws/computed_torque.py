@@ -4,6 +4,7 @@ from pidtsm_core.compiled import njit
 from pidtsm_core.laws.base import Integers
 from pidtsm_core.laws.baseline import baseline
 from pidtsm_core.parameters import Array, Parameter
+from pidtsm_core.reaching import Interval
 
 
 @njit
@@ -16,9 +17,7 @@ def command(
 
 
 @njit
-def advance(
-    e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
-) -> None:
+def advance(e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, interval: Interval) -> None:
     """No state moves."""
 
 

@@ -6,6 +6,7 @@ from pidtsm_core.compiled import njit
 from pidtsm_core.laws.base import Integers
 from pidtsm_core.laws.baseline import baseline
 from pidtsm_core.parameters import Array, Parameter
+from pidtsm_core.reaching import Interval
 
 # State x: int e, filtered e', 1 once there was a sample.
 
@@ -32,12 +33,10 @@ def command(
 
 
 @njit
-def advance(
-    e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
-) -> None:
+def advance(e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, interval: Interval) -> None:
     """Explicit Euler of int e."""
-    if not frozen:
-        x[0] += dt * e
+    if not interval.frozen:
+        x[0] += interval.dt * e
 
 
 PID = baseline(

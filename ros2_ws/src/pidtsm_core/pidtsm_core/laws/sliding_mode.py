@@ -21,7 +21,7 @@ from pidtsm_core.compiled import njit
 from pidtsm_core.family import SLOTS
 from pidtsm_core.laws.base import Integers, Law
 from pidtsm_core.parameters import Array, Parameter, Value, chosen, joint_array, prefixed
-from pidtsm_core.reaching import REACHING_LAWS, advance_reaching, switch
+from pidtsm_core.reaching import REACHING_LAWS, Interval, advance_reaching, switch
 from pidtsm_core.surfaces import SURFACES, evaluate_surface
 
 MANIFOLDS = ("none", "pid")
@@ -86,16 +86,15 @@ def command(
 
 
 @njit
-def advance(
-    e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, dt: float, frozen: bool, adaptation: int
-) -> None:
+def advance(e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, interval: Interval) -> None:
     """See `Law.advance`; explicit Euler."""
-    if not frozen:
+    dt = interval.dt
+    if not interval.frozen:
         x[0] += dt * s
         x[1] += dt * e
         if integers[3]:
             x[2] += dt * switch(integers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)[0]
-    advance_reaching(integers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt, frozen, adaptation)
+    advance_reaching(integers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], interval)
 
 
 def compose(

@@ -4,14 +4,14 @@ from pidtsm_core.compiled import njit
 from pidtsm_core.family import Family, dispatch
 from pidtsm_core.parameters import Array
 from pidtsm_core.reaching.adaptive_continuous import ADAPTIVE_CONTINUOUS
-from pidtsm_core.reaching.base import ReachingLaw
+from pidtsm_core.reaching.base import Interval, ReachingLaw
 from pidtsm_core.reaching.boundary_layer import BOUNDARY_LAYER
 from pidtsm_core.reaching.constant import CONSTANT
 from pidtsm_core.reaching.exponential import EXPONENTIAL
 from pidtsm_core.reaching.power_rate import POWER_RATE
 from pidtsm_core.reaching.super_twisting import SUPER_TWISTING
 
-__all__ = ["REACHING_LAWS", "ReachingLaw", "advance_reaching", "switch"]
+__all__ = ["REACHING_LAWS", "Interval", "ReachingLaw", "advance_reaching", "switch"]
 
 REACHING_LAWS: Family[ReachingLaw] = Family.of(ReachingLaw, globals())
 
@@ -26,6 +26,6 @@ def switch(index: int, sigma: float, p: Array, x: Array, dt: float) -> tuple[flo
 
 
 @njit
-def advance_reaching(index: int, sigma: float, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
-    """Move x over dt: see `ReachingLaw.advance`; `index` is the law's place in `REACHING_LAWS`."""
-    _advance(index, sigma, p, x, dt, frozen, adaptation)
+def advance_reaching(index: int, sigma: float, p: Array, x: Array, interval: Interval) -> None:
+    """Move x over the interval: see `ReachingLaw.advance`; `index` is the law's place in `REACHING_LAWS`."""
+    _advance(index, sigma, p, x, interval)

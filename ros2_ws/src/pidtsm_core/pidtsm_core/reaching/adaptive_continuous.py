@@ -6,7 +6,7 @@
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array, Parameter
-from pidtsm_core.reaching.base import ReachingLaw
+from pidtsm_core.reaching.base import Interval, ReachingLaw
 from pidtsm_core.reaching.static import sign
 from pidtsm_core.signals import Adaptation
 
@@ -24,7 +24,7 @@ def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
 
 
 @njit
-def advance(sigma: float, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
+def advance(sigma: float, p: Array, x: Array, interval: Interval) -> None:
     """Euler of tau_sw' = -k tau_sw - (Y + xi) sign(sigma), Y' = |sigma| / kappa - leakage Y, and Y <= gain_maximum.
 
     Y grows outside the dead zone only; it leaks everywhere, also while `frozen`, since that winds nothing up. The
@@ -34,6 +34,7 @@ def advance(sigma: float, p: Array, x: Array, dt: float, frozen: bool, adaptatio
     start, and the gain would learn nothing of what disturbs the arm; so there the mean of sigma over _MEAN counts
     within the dead zone.
     """
+    dt, frozen, adaptation = interval.dt, interval.frozen, interval.adaptation
     k, kappa, xi, upsilon, leakage, gain_maximum, layer = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
     if layer > 0.0:
         x[0] += dt * (-k * x[0] - (x[1] + xi) * min(max(sigma / layer, -1.0), 1.0))

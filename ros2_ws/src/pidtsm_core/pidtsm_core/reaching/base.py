@@ -2,9 +2,18 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from pidtsm_core.family import Member
 from pidtsm_core.parameters import Array
+
+
+class Interval(NamedTuple):
+    """The time over which a state moves, with what drives it held."""
+
+    dt: float  # s
+    frozen: bool  # the effort was not the law's (limited, or of a stopped controller): nothing must wind up
+    adaptation: int  # see `Adaptation`
 
 
 @dataclass(frozen=True)
@@ -14,9 +23,7 @@ class ReachingLaw(Member):
     Attributes:
         switch: compiled ``(sigma, p, x, dt) -> (tau_sw, gain)`` at a sample, before its state advances; dt is the
             period (s, 0 at the first sample); `gain` is the switching gain in force (adaptive where there is one).
-        advance: compiled ``(sigma, p, x, dt, frozen, adaptation)``: moves the state x over dt seconds, with sigma
-            held. `frozen` is true while the joint's effort is limited and nothing must wind up; for `adaptation` see
-            `Adaptation`.
+        advance: compiled ``(sigma, p, x, interval)``: moves the state x over the `Interval`, with sigma held.
         prescribes_rate: what `switch` gives is meant as the rate of sigma. The PID manifold, whose sigma holds
             tau_sw itself (eq. (32)), then takes its integral.
 
@@ -24,5 +31,5 @@ class ReachingLaw(Member):
     """
 
     switch: Callable[[float, Array, Array, float], tuple[float, float]]
-    advance: Callable[[float, Array, Array, float, bool, int], None]
+    advance: Callable[[float, Array, Array, Interval], None]
     prescribes_rate: bool = True

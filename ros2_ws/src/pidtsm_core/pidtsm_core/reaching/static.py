@@ -2,6 +2,7 @@
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array
+from pidtsm_core.reaching.base import Interval
 
 
 @njit
@@ -11,5 +12,5 @@ def sign(x: float) -> float:
 
 
 @njit
-def keep(sigma: float, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
+def keep(sigma: float, p: Array, x: Array, interval: Interval) -> None:
     """No state moves; see `ReachingLaw.advance`."""

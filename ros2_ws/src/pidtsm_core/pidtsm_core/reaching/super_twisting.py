@@ -8,7 +8,7 @@ import math
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array, Parameter
-from pidtsm_core.reaching.base import ReachingLaw
+from pidtsm_core.reaching.base import Interval, ReachingLaw
 
 # State x: v.
 
@@ -36,11 +36,11 @@ def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
 
 
 @njit
-def advance(sigma: float, p: Array, x: Array, dt: float, frozen: bool, adaptation: int) -> None:
+def advance(sigma: float, p: Array, x: Array, interval: Interval) -> None:
     """v' = -integral_gain sign z."""
-    if not frozen:
-        _, selection = _implicit(sigma, p, x[0], dt)
-        x[0] -= dt * p[1] * selection
+    if not interval.frozen:
+        _, selection = _implicit(sigma, p, x[0], interval.dt)
+        x[0] -= interval.dt * p[1] * selection
 
 
 SUPER_TWISTING = ReachingLaw(

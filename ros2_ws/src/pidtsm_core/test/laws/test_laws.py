@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pidtsm_core.control import controller_schema
 from pidtsm_core.family import SLOTS
-from pidtsm_core.laws import LAWS, STATE_SLOTS, advance, command, kernel_index
+from pidtsm_core.laws import LAWS, STATE_SLOTS, Interval, advance, command, law_integers
 from pidtsm_core.laws.sliding_mode import ACCELERATION_BOUND, MANIFOLDS
 from pidtsm_core.parameters import Value, resolve
 from pidtsm_core.reaching import REACHING_LAWS
@@ -39,15 +39,15 @@ class OneJoint:
         known = {p.name for p in controller_schema(chosen)}
         self.values: dict[str, Value] = resolve(controller_schema, {k: v for k, v in every.items() if k in known}, 2)
         self.law = LAWS[chosen["law.name"]]
-        self.integers = self.law.integers(self.values)
+        self.integers = law_integers(self.law, self.values)
         self.p = self.law.pack(self.values, 2)[0]
         self.x = np.zeros(STATE_SLOTS)
 
     def command(self, e: float, de: float, dde: float, ddq_d: float) -> tuple[float, ...]:
-        return command(kernel_index(self.law), e, de, dde, ddq_d, self.integers, self.p, self.x, 0.001)
+        return command(e, de, dde, ddq_d, self.integers, self.p, self.x, 0.001)
 
     def advance(self, e: float, s: float, sigma: float, dt: float, frozen: bool) -> None:
-        advance(kernel_index(self.law), e, s, sigma, self.integers, self.p, self.x, dt, frozen, Adaptation.NORMAL)
+        advance(e, s, sigma, self.integers, self.p, self.x, Interval(dt, frozen, Adaptation.NORMAL))
 
 
 @EACH_SLIDING
@@ -102,7 +102,7 @@ def test_sigma_is_made_of_s_as_eq_10_says(
 @pytest.mark.parametrize("name", [c["law.name"] for c in NAMED if c in SLIDING])
 def test_a_named_law_is_bit_for_bit_the_one_composed_of_its_parts(name: str) -> None:
     named = OneJoint({"law.name": name})
-    surface, manifold, reaching, _ = (int(n) for n in named.integers)
+    surface, manifold, reaching = (int(n) for n in named.integers[:3])
     parts = {
         "law.name": "sliding_mode",
         "law.surface": SURFACES.names[surface],
@@ -125,7 +125,7 @@ def test_a_named_law_is_bit_for_bit_the_one_composed_of_its_parts(name: str) -> 
 
 def test_piddtsm_is_made_of_the_articles_parts_and_table_1() -> None:
     joint = OneJoint({"law.name": "piddtsm"})
-    surface, manifold, reaching, _ = (int(n) for n in joint.integers)
+    surface, manifold, reaching = (int(n) for n in joint.integers[:3])
     assert SURFACES.names[surface] == "dual_terminal"
     assert MANIFOLDS[manifold] == "pid"
     assert REACHING_LAWS.names[reaching] == "adaptive_continuous"

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from pidtsm_core.parameters import Array
 from pidtsm_core.reaching.adaptive_continuous import ADAPTIVE_CONTINUOUS
+from pidtsm_core.reaching.base import Interval
 from pidtsm_core.signals import Adaptation
 
 K, KAPPA, XI, UPSILON = 2.0, 0.1, 0.3, 0.2
@@ -26,7 +27,7 @@ def hold(
 ) -> tuple[float, float]:
     x = np.zeros(8) if x is None else x
     for _ in range(steps):
-        ADAPTIVE_CONTINUOUS.advance(sigma, p, x, time / steps, frozen, adaptation)
+        ADAPTIVE_CONTINUOUS.advance(sigma, p, x, Interval(time / steps, frozen, adaptation))
     return ADAPTIVE_CONTINUOUS.switch(sigma, p, x, 0.001)
 
 

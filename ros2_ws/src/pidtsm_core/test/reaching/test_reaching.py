@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pidtsm_core.family import SLOTS
 from pidtsm_core.parameters import Array
-from pidtsm_core.reaching import REACHING_LAWS, ReachingLaw, advance_reaching, switch
+from pidtsm_core.reaching import REACHING_LAWS, Interval, ReachingLaw, advance_reaching, switch
 from pidtsm_core.signals import Adaptation
 
 PROPERTY = settings(deadline=None, max_examples=60)
@@ -26,7 +26,7 @@ def hold(law: ReachingLaw, sigma: float, x: Array, steps: int, frozen: bool = Fa
     """(tau_sw, gain) after sigma was held for some milliseconds."""
     number, p = REACHING_LAWS.index(law.name), packed(law)
     for _ in range(steps):
-        advance_reaching(number, sigma, p, x, DT, frozen, Adaptation.NORMAL)
+        advance_reaching(number, sigma, p, x, Interval(DT, frozen, Adaptation.NORMAL))
     return switch(number, sigma, p, x, DT)
 
 
