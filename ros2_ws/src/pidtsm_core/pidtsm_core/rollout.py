@@ -4,7 +4,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,91 +74,133 @@ class Rollout:
     status: NDArray[np.uint8]
 
 
+class _Samples(NamedTuple):
+    """The arrays of a `Rollout` while it is simulated.
+
+    `signals` and the joint of `status` are in the order of the controller, `reference` is in that of the trajectory.
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    effort: Array
+    reference: Array
+    signals: Array
+    status: NDArray[np.uint8]
+
+
+class _Loop(NamedTuple):
+    """Controller, robot and desired motion, as compiled code reads and changes them."""
+
+    controller: ControllerConfig
+    state: ControllerState
+    hardware: SimulatorConfig
+    robot: SimulatorState
+    motion: MotionConfig
+    places: Places  # of the controller's joints among the simulator's and the trajectory's, shape (2, joints)
+    period: int  # ns
+
+
 @njit
-def _keep(signals: Array, status: NDArray[np.uint8], start: int, stop: int, controller: ControllerState) -> None:
+def _keep(samples: _Samples, start: int, stop: int, controller: ControllerState) -> None:
     """Fill rows with what the controller computed last."""
     y, last = controller.signals, controller.status
     for k in range(start, stop):
         for i in range(y.shape[0]):
             for j in range(y.shape[1]):
-                signals[k, i, j] = y[i, j]
+                samples.signals[k, i, j] = y[i, j]
         for i in range(last.size):
-            status[k, i] = last[i]
+            samples.status[k, i] = last[i]
 
 
 @njit
-def _simulate(
-    controller: ControllerConfig,
-    state: ControllerState,
-    hardware: SimulatorConfig,
-    robot: SimulatorState,
-    draws: Array,
-    motion: MotionConfig,
-    places: Places,
-    period: int,
-    time: Array,
-    position: Array,
-    velocity: Array,
-    effort: Array,
-    desired: Array,
-    signals: Array,
-    status: NDArray[np.uint8],
-) -> int:
+def _observe(loop: _Loop, samples: _Samples, k: int, elapsed: float) -> None:
+    """Note where the arm is at sample k, and what is desired `elapsed` (s) after the reference began."""
+    arm = loop.robot.arm
+    evaluate_motion(loop.motion, elapsed, samples.reference[k])
+    for j in range(arm.position.size):
+        samples.position[k, j] = arm.position[j]
+        samples.velocity[k, j] = arm.derivatives[0, j]
+
+
+@njit
+def _refer(loop: _Loop, desired: Array) -> None:
+    """Hand a reference to the controller; `desired` is in the order of the trajectory, shape (3, joints)."""
+    reference = loop.state.reference
+    for i in range(3):
+        for j in range(reference.shape[1]):
+            reference[i, j] = desired[i, loop.places[1, j]]
+
+
+@njit
+def _answer(loop: _Loop, sample: int, referred: int, measured: Array, derivatives: Array, applied: Array) -> None:
+    """One step of the controller; what it commands is in ``loop.state.torque``, in the order of the simulator.
+
+    Args:
+        loop: what is read and changed.
+        sample: at which the measurement was acquired.
+        referred: stamp of the last reference, ns.
+        measured: see `sense`.
+        derivatives: likewise.
+        applied: likewise.
+    """
+    state, places = loop.state, loop.places
+    for j in range(measured.size):
+        place = places[0, j]
+        state.measured[j] = measured[place]
+        if loop.controller.feeds_back:
+            state.applied[j] = applied[place]
+        state.truth[0, j] = derivatives[0, place]
+        state.truth[1, j] = derivatives[1, place]
+    step(loop.controller, state, sample * loop.period, referred, state.truth)
+    for j in range(measured.size):
+        state.torque[places[0, j]] = state.signals[Signal.EFFORT, j]
+
+
+@njit
+def _simulate(loop: _Loop, draws: Array, samples: _Samples) -> int:
     """Run the loop; returns the number of samples done before a value stopped being finite.
 
-    `places` are those of the controller's joints among the simulator's and the trajectory's, shape (2, joints); signals
-    are written in the order of the controller, `desired` in that of the trajectory.
+    Args:
+        loop: what is read and changed.
+        draws: of `Randomness`, one row a sample.
+        samples: result.
     """
+    period, arm, state = loop.period, loop.robot.arm, loop.state
     dt = seconds(period)
-    arm = robot.arm
-    joints = position.shape[1]
-    torque, truth = state.torque, state.truth
     last = -1  # sample of the last measurement that reached the controller
     begun = 0  # sample at which the reference begins: that of the first measurement that is not lost
     referred = -1  # stamp of the last reference
-    for k in range(position.shape[0]):
-        for j in range(joints):
+    for k in range(samples.time.size):
+        for j in range(arm.position.size):
             if not math.isfinite(arm.position[j]):
                 return k
         t = seconds(k * period)
-        time[k] = t
+        samples.time[k] = t
         # Divisions are what costs most here.
         elapsed = t if begun == 0 else seconds((k - begun) * period)
-        evaluate_motion(motion, elapsed, desired[k])
-        for j in range(joints):
-            position[k, j] = arm.position[j]
-            velocity[k, j] = arm.derivatives[0, j]
-        sample, measured, derivatives, applied = sense(hardware, robot, draws[k], k)
+        _observe(loop, samples, k, elapsed)
+        sample, measured, derivatives, applied = sense(loop.hardware, loop.robot, draws[k], k)
         if sample >= 0:
             if last < 0 and sample > 0:
                 begun = sample
                 for i in range(k + 1):
-                    evaluate_motion(motion, seconds((i - begun) * period), desired[i])
+                    evaluate_motion(loop.motion, seconds((i - begun) * period), samples.reference[i])
             if sample > last + 1:
-                _keep(signals, status, last + 1, sample, state)
+                _keep(samples, last + 1, sample, state)
             if sample < k:
                 elapsed = seconds((sample - begun) * period)
-            if not drops_out(motion, elapsed):
+            if not drops_out(loop.motion, elapsed):
                 referred = sample * period
-                for i in range(3):
-                    for j in range(joints):
-                        state.reference[i, j] = desired[sample, i, places[1, j]]
-            for j in range(joints):
-                state.measured[j] = measured[places[0, j]]
-                if controller.feeds_back:
-                    state.applied[j] = applied[places[0, j]]
-                truth[0, j] = derivatives[0, places[0, j]]
-                truth[1, j] = derivatives[1, places[0, j]]
-            step(controller, state, sample * period, referred, truth)
-            for j in range(joints):
-                torque[places[0, j]] = state.signals[Signal.EFFORT, j]
-            _keep(signals, status, sample, sample + 1, state)
+                _refer(loop, samples.reference[sample])
+            _answer(loop, sample, referred, measured, derivatives, applied)
+            _keep(samples, sample, sample + 1, state)
             last = sample
-        act(hardware, robot, draws[k], k, sample >= 0, torque, t, dt)
-        for j in range(joints):
-            effort[k, j] = arm.effort[j]
-    _keep(signals, status, last + 1, position.shape[0], state)
-    return position.shape[0]
+        act(loop.hardware, loop.robot, draws[k], k, sample >= 0, state.torque, t, dt)
+        for j in range(arm.position.size):
+            samples.effort[k, j] = arm.effort[j]
+    _keep(samples, last + 1, samples.time.size, state)
+    return samples.time.size
 
 
 def resolve_nodes(
@@ -228,27 +270,13 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
     period = period_nanoseconds(int(as_float(values["simulator"]["rate"])))
     if not duration * 1e9 / period >= 0.5 or duration == math.inf:
         raise ParameterError(f"duration: {duration} s is not a time of at least one sample")
-    samples = round(duration * 1e9 / period)
-    result = _blank(joints["simulator"], samples)
-    done = _simulate(
-        controller.config,
-        controller.state,
-        robot.config,
-        robot.state,
-        robot.randomness.draw(samples),
-        motion.config,
-        places,
-        period,
-        result.time,
-        result.position,
-        result.velocity,
-        result.effort,
-        result.reference,
-        result.signals,
-        result.status,
-    )
-    if done < samples:
+    count = round(duration * 1e9 / period)
+    samples = _blank(len(joints["simulator"]), count)
+    loop = _Loop(controller.config, controller.state, robot.config, robot.state, motion.config, places, period)
+    done = _simulate(loop, robot.randomness.draw(count), samples)
+    if done < count:
         raise DivergedError(f"the loop is not finite any more after {seconds(done * period):g} s")
+    result = Rollout(joints["simulator"], *samples)
     for node, table in (("controller", result.signals), ("trajectory", result.reference)):
         if joints[node] != result.joints:
             table[:] = table[..., JointOrder(result.joints).match(joints[node])]
@@ -272,28 +300,26 @@ def _check_start(controller: Controller, robot: SimulatedRobot, motion: Referenc
         raise ParameterError(f"simulator: initial_position: {refusal}", "simulator.initial_position")
 
 
-def _blank(joints: tuple[str, ...], samples: int) -> Rollout:
-    """Room for a result.
+def _blank(joints: int, count: int) -> _Samples:
+    """Room for the samples.
 
     Raises:
         ParameterError: there is none.
     """
-    count = len(joints)
     # With the random numbers.
-    size = samples * (8 * (1 + count * (3 + 3 + len(Signal)) + 5 + count) + len(Status))
+    size = count * (8 * (1 + joints * (3 + 3 + len(Signal)) + 5 + joints) + len(Status))
     memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if size > memory:
         raise ParameterError(
-            f"duration: a rollout of {samples} samples takes {size / 1e9:.3g} GB of memory; this machine has "
+            f"duration: a rollout of {count} samples takes {size / 1e9:.3g} GB of memory; this machine has "
             f"{memory / 1e9:.3g} GB"
         )
-    return Rollout(
-        joints=joints,
-        time=np.empty(samples),
-        position=np.empty((samples, count)),
-        velocity=np.empty((samples, count)),
-        effort=np.empty((samples, count)),
-        reference=np.empty((samples, 3, count)),
-        signals=np.empty((samples, len(Signal), count)),
-        status=np.empty((samples, len(Status)), dtype=np.uint8),
+    return _Samples(
+        time=np.empty(count),
+        position=np.empty((count, joints)),
+        velocity=np.empty((count, joints)),
+        effort=np.empty((count, joints)),
+        reference=np.empty((count, 3, joints)),
+        signals=np.empty((count, len(Signal), joints)),
+        status=np.empty((count, len(Status)), dtype=np.uint8),
     )
