@@ -113,6 +113,7 @@ class ControllerState(NamedTuple):
 
 
 _CONFIG_INTEGERS = 20  # lengths, and the integers of `ControllerConfig` but for the law's
+_FEEDS_BACK = 14
 _CLOCK = len(Clock)
 _SCALARS = 6
 # Rows of the table that ends the floats, one number a joint: of the configuration, of the state, signals, scratch.
@@ -131,28 +132,12 @@ def integers_size() -> int:
 
 
 @inlined
-def unpack(floats: Array, integers: Integers) -> tuple[ControllerConfig, ControllerState]:
-    """A controller's configuration and state as views of its two arrays.
-
-    A node calls compiled code a thousand times a second with the processor's caches cold; each array among the
-    arguments then costs about a microsecond. So all of a controller stands in two arrays.
-
-    Args:
-        floats: shape (floats_size,).
-        integers: shape (integers_size,): joints, lengths of model and law, the integers of `ControllerConfig` in their
-            order, clock, status.
-    """
+def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
+    """The configuration in the arrays of `unpack`; `rows` is the table that ends the floats, shape (_ROWS, joints)."""
     joints, model, law = integers[0], integers[1], integers[2]
     a = _SCALARS + model
     b = a + joints * law
-    c = b + joints * SLOTS
-    d = c + joints * SLOTS
-    e = d + joints * STATE_SLOTS
-    rows = floats[e : e + joints * _ROWS].reshape((_ROWS, joints))
-    motion = rows[_CONFIG : _CONFIG + _MOTION]
-    scratch = rows[_ROWS - _SCRATCH :]
-    clock = _CONFIG_INTEGERS + LAW_INTEGERS
-    config = ControllerConfig(
+    return ControllerConfig(
         robot=integers[3],
         estimator=integers[4],
         uses_model=integers[5] != 0,
@@ -164,13 +149,13 @@ def unpack(floats: Array, integers: Integers) -> tuple[ControllerConfig, Control
         reset_at=integers[11],
         restart_at=integers[12],
         rate_limited=integers[13] != 0,
-        feeds_back=integers[14] != 0,
+        feeds_back=integers[_FEEDS_BACK] != 0,
         watches=integers[15] != 0,
         rehearses=integers[16] != 0,
         holds=integers[17] != 0,
         brakes=integers[18] != 0,
         doubts=integers[19] != 0,
-        law_integers=integers[_CONFIG_INTEGERS:clock],
+        law_integers=integers[_CONFIG_INTEGERS : _CONFIG_INTEGERS + LAW_INTEGERS],
         blend=floats[0],
         distance=floats[1],
         gravity=floats[2],
@@ -178,7 +163,7 @@ def unpack(floats: Array, integers: Integers) -> tuple[ControllerConfig, Control
         fade=floats[5],
         model=floats[_SCALARS:a],
         law=floats[a:b].reshape((joints, law)),
-        estimator_parameters=floats[b:c].reshape((joints, SLOTS)),
+        estimator_parameters=floats[b : b + joints * SLOTS].reshape((joints, SLOTS)),
         effort_limit=rows[0],
         effort_rate=rows[1],
         position_limit=rows[2],
@@ -187,7 +172,18 @@ def unpack(floats: Array, integers: Integers) -> tuple[ControllerConfig, Control
         damping=rows[5],
         plausible_velocity=rows[6],
     )
-    state = ControllerState(
+
+
+@inlined
+def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
+    """The state in the same."""
+    joints = integers[0]
+    c = _SCALARS + integers[1] + joints * (integers[2] + SLOTS)
+    d = c + joints * SLOTS
+    clock = _CONFIG_INTEGERS + LAW_INTEGERS
+    motion = rows[_CONFIG : _CONFIG + _MOTION]
+    scratch = rows[_ROWS - _SCRATCH :]
+    return ControllerState(
         clock=integers[clock : clock + _CLOCK],
         status=integers[clock + _CLOCK :],
         measured=motion[0],
@@ -199,14 +195,31 @@ def unpack(floats: Array, integers: Integers) -> tuple[ControllerConfig, Control
         way=motion[14:20],
         way_duration=floats[3:4],
         estimator=floats[c:d].reshape((joints, SLOTS)),
-        law=floats[d:e].reshape((joints, STATE_SLOTS)),
+        law=floats[d : d + joints * STATE_SLOTS].reshape((joints, STATE_SLOTS)),
         signals=rows[_CONFIG + _MOTION : _ROWS - _SCRATCH],
         sent=motion[20],
         hold=motion[21:],
         truth=scratch[:2],
         torque=scratch[2],
-        received=motion[: 1 + integers[14]],
+        received=motion[: 1 + integers[_FEEDS_BACK]],
         accelerations=scratch[3:5],
         scratch=scratch[5:],
     )
-    return config, state
+
+
+@inlined
+def unpack(floats: Array, integers: Integers) -> tuple[ControllerConfig, ControllerState]:
+    """A controller's configuration and state as views of its two arrays.
+
+    A node calls compiled code a thousand times a second with the processor's caches cold; each array among the
+    arguments then costs about a microsecond. So all of a controller stands in two arrays.
+
+    Args:
+        floats: shape (floats_size,): scalars, model, law, the estimator's parameters, the states of estimator and law,
+            and a table of what is one number a joint.
+        integers: shape (integers_size,): joints, lengths of model and law, the integers of `ControllerConfig` in their
+            order, clock, status.
+    """
+    joints = integers[0]
+    rows = floats[floats.size - joints * _ROWS :].reshape((_ROWS, joints))
+    return _config(floats, rows, integers), _state(floats, rows, integers)

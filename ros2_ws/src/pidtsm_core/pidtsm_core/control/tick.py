@@ -24,43 +24,29 @@ def _held_back(config: ControllerConfig, state: ControllerState, joint: int) -> 
 
 
 @njit
-def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Array, desired: Array, dt: float) -> None:
-    """Write every signal of this sample, the law's effort within its limit among them, to ``state.signals``.
-
-    Args:
-        config: what the tick reads.
-        state: what it changes.
-        q: measured positions, shape (joints,), rad.
-        truth: true q', q'' for an estimator that `needs_truth`, shape (2, joints), else ignored.
-        desired: q_d, q_d', q_d'', shape (3, joints), rad, rad/s, rad/s^2.
-        dt: time since the last tick, s; 0 at the first.
-
-    Absurd positions that overflow give no torque, never one that is not finite.
-    The states of the law first move over dt with the values of the last tick, eqs. (10), (25), (27); so an
-    irregular period integrates what was really held over it. What winds up stands still where the effort was not the
-    law's: at a limit (``law.anti_windup``), and while the controller has stopped.
-    """
-    joints = q.size
+def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Move the states of the law over dt (s) with the values of the last tick, eqs. (10), (25), (27)."""
     y = state.signals
     stopped = state.status[Status.FAULT] != 0
     adaptation = state.clock[Clock.ADAPTATION]
-    if dt > 0.0:
-        for j in range(joints):
-            advance(
-                y[Signal.POSITION_ERROR, j],
-                y[Signal.SLIDING_VARIABLE, j],
-                y[Signal.MANIFOLD_VARIABLE, j],
-                config.law_integers,
-                config.law[j],
-                state.law[j],
-                Interval(dt, stopped or (config.freezes and _held_back(config, state, j)), adaptation),
-            )
+    for j in range(y.shape[1]):
+        frozen = stopped or (config.freezes and _held_back(config, state, j))
+        advance(
+            y[Signal.POSITION_ERROR, j],
+            y[Signal.SLIDING_VARIABLE, j],
+            y[Signal.MANIFOLD_VARIABLE, j],
+            config.law_integers,
+            config.law[j],
+            state.law[j],
+            Interval(dt, frozen, adaptation),
+        )
 
-    effort = state.applied if config.feeds_back else y[Signal.EFFORT]
-    sample = Sample(q, truth, dt, effort, config.robot, config.model)
-    estimate(config.estimator, sample, config.estimator_parameters, state.estimator, y[: Signal.POSITION_ERROR])
 
-    for j in range(joints):
+@njit
+def _command(config: ControllerConfig, state: ControllerState, desired: Array, dt: float) -> None:
+    """Write the law's signals and accelerations, from the estimates."""
+    y = state.signals
+    for j in range(y.shape[1]):
         e = y[Signal.POSITION, j] - desired[0, j]
         de = y[Signal.VELOCITY, j] - desired[1, j]
         dde = y[Signal.ACCELERATION, j] - desired[2, j]
@@ -76,14 +62,46 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
         state.accelerations[0, j] = a_eq
         state.accelerations[1, j] = a_cmd
 
+
+@njit
+def _actuate(config: ControllerConfig, state: ControllerState) -> None:
+    """Write the efforts of the law's accelerations, by the model; of a law without model they are efforts."""
+    y = state.signals
     efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
     if config.uses_model:
         q_hat, dq_hat = y[Signal.POSITION], y[Signal.VELOCITY]
         inverse_dynamics(config.robot, q_hat, dq_hat, state.accelerations, config.model, efforts)
-    for j in range(joints):
+    for j in range(y.shape[1]):
         if config.uses_model:
             y[Signal.ACCELERATION_COMMAND, j] = state.accelerations[1, j]
         else:
             efforts[0, j] = state.accelerations[0, j]
             efforts[1, j] = state.accelerations[1, j]
+
+
+@njit
+def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Array, desired: Array, dt: float) -> None:
+    """Write every signal of this sample, the law's effort within its limit among them, to ``state.signals``.
+
+    Args:
+        config: what the tick reads.
+        state: what it changes.
+        q: measured positions, shape (joints,), rad.
+        truth: true q', q'' for an estimator that `needs_truth`, shape (2, joints), else ignored.
+        desired: q_d, q_d', q_d'', shape (3, joints), rad, rad/s, rad/s^2.
+        dt: time since the last tick, s; 0 at the first.
+
+    Absurd positions that overflow give no torque, never one that is not finite.
+    The states of the law first move over dt with the values of the last tick; so an irregular period integrates what
+    was really held over it. What winds up stands still where the effort was not the law's: at a limit
+    (``law.anti_windup``), and while the controller has stopped.
+    """
+    y = state.signals
+    if dt > 0.0:
+        _advance(config, state, dt)
+    effort = state.applied if config.feeds_back else y[Signal.EFFORT]
+    sample = Sample(q, truth, dt, effort, config.robot, config.model)
+    estimate(config.estimator, sample, config.estimator_parameters, state.estimator, y[: Signal.POSITION_ERROR])
+    _command(config, state, desired, dt)
+    _actuate(config, state)
     limit_effort(config, state)
