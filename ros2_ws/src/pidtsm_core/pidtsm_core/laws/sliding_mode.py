@@ -12,8 +12,9 @@ The formulas are eqs. (10), (15), (16), (20), (21) of the article solved for q''
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,6 +98,46 @@ def advance(e: float, s: float, sigma: float, integers: Integers, p: Array, x: A
     advance_reaching(integers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], interval)
 
 
+class _Parts(NamedTuple):
+    """The parts of a law by name."""
+
+    surface: str
+    manifold: str
+    reaching: str
+
+
+def _parameters(parts: _Parts, defaults: Mapping[str, Value]) -> Iterator[Parameter]:
+    """Parameters of the parts, with other defaults where they are given."""
+    members = SURFACES[parts.surface].parameters
+    members += _MANIFOLD_PARAMETERS if parts.manifold == "pid" else ()
+    members += REACHING_LAWS[parts.reaching].parameters
+    return (replace(p, default=defaults[p.name]) if p.name in defaults else p for p in members)
+
+
+def _integers(parts: _Parts) -> Integers:
+    """Places of surface, manifold and reaching law, and whether a prescribed rate of sigma is to be integrated."""
+    return np.array(
+        [
+            SURFACES.index(parts.surface),
+            MANIFOLDS.index(parts.manifold),
+            REACHING_LAWS.index(parts.reaching),
+            parts.manifold == "pid" and REACHING_LAWS[parts.reaching].prescribes_rate,
+        ],
+        dtype=np.int64,
+    )
+
+
+def _pack(parts: _Parts, values: Mapping[str, Value], joints: int) -> Array:
+    """See `Law.pack`."""
+    packed = np.zeros((joints, _REACHING + SLOTS))
+    packed[:, :SLOTS] = SURFACES[parts.surface].pack(values, "law", joints)
+    if parts.manifold == "pid":
+        for column, parameter in enumerate(_MANIFOLD_PARAMETERS, start=_MANIFOLD):
+            packed[:, column] = joint_array(values[f"law.{parameter.name}"], joints)
+    packed[:, _REACHING:] = REACHING_LAWS[parts.reaching].pack(values, "law", joints)
+    return packed
+
+
 def compose(
     name: str,
     summary: str,
@@ -115,49 +156,22 @@ def compose(
         reaching: name in `REACHING_LAWS`.
         defaults: values that differ from the parts' own defaults.
     """
-    fixed = {"law.surface": surface, "law.manifold": manifold, "law.reaching": reaching}
-    choices = tuple(
-        choice
-        for choice, part in zip((_SURFACE, _MANIFOLD_CHOICE, _REACHING_CHOICE), fixed.values(), strict=True)
-        if part is None
-    )
+    fixed = (surface, manifold, reaching)
+    choices = (_SURFACE, _MANIFOLD_CHOICE, _REACHING_CHOICE)
+    left_out = [choice for choice, part in zip(choices, fixed, strict=True) if part is None]
 
-    def parts(settings: Mapping[str, object]) -> tuple[str, str, str]:
-        return (
-            surface or chosen(settings, *prefixed("law", [_SURFACE])),
-            manifold or chosen(settings, *prefixed("law", [_MANIFOLD_CHOICE])),
-            reaching or chosen(settings, *prefixed("law", [_REACHING_CHOICE])),
-        )
+    def parts(settings: Mapping[str, object]) -> _Parts:
+        named = zip(prefixed("law", choices), fixed, strict=True)
+        return _Parts(*(part or chosen(settings, choice) for choice, part in named))
 
     def parameters(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-        surface_name, manifold_name, reaching_name = parts(settings)
-        members = SURFACES[surface_name].parameters
-        members += _MANIFOLD_PARAMETERS if manifold_name == "pid" else ()
-        members += REACHING_LAWS[reaching_name].parameters
-        own = defaults or {}
-        return (*choices, *(replace(p, default=own[p.name]) if p.name in own else p for p in members), ANTI_WINDUP)
+        return (*left_out, *_parameters(parts(settings), defaults or {}), ANTI_WINDUP)
 
     def integers(values: Mapping[str, Value]) -> Integers:
-        surface_name, manifold_name, reaching_name = parts(values)
-        integrates = manifold_name == "pid" and REACHING_LAWS[reaching_name].prescribes_rate
-        return np.array(
-            [
-                SURFACES.index(surface_name),
-                MANIFOLDS.index(manifold_name),
-                REACHING_LAWS.index(reaching_name),
-                int(integrates),
-            ]
-        )
+        return _integers(parts(values))
 
     def pack(values: Mapping[str, Value], joints: int) -> Array:
-        surface_name, manifold_name, reaching_name = parts(values)
-        packed = np.zeros((joints, _REACHING + SLOTS))
-        packed[:, :SLOTS] = SURFACES[surface_name].pack(values, "law", joints)
-        if manifold_name == "pid":
-            for column, parameter in enumerate(_MANIFOLD_PARAMETERS, start=_MANIFOLD):
-                packed[:, column] = joint_array(values[f"law.{parameter.name}"], joints)
-        packed[:, _REACHING:] = REACHING_LAWS[reaching_name].pack(values, "law", joints)
-        return packed
+        return _pack(parts(values), values, joints)
 
     return Law(name, summary, parameters, integers, pack, command, advance)
 
