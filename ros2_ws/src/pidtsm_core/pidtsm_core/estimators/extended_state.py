@@ -55,7 +55,7 @@ def _predict(sample: Sample, x: Array, q: Array, dq: Array, acceleration: Array)
 
 @njit
 def _correct(innovation: float, dt: float, bandwidth: float) -> tuple[float, float, float]:
-    """What the difference of measured and predicted q (rad) adds to q, q' and d."""
+    """What the difference of measured and predicted q (rad) adds to q, q' and d: Miklosovic, Radke and Gao (2006)."""
     gone = -math.expm1(-bandwidth * dt)
     pole = 1.0 - gone
     return (

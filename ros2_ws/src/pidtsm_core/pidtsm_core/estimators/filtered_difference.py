@@ -43,6 +43,7 @@ def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
 FILTERED_DIFFERENCE = Estimator(
     name="filtered_difference",
     summary="low-pass filtered differences of the measured position, Remark 4",
+    # The article gives no cutoffs; docs/article.md says what these do.
     parameters=(
         Parameter(
             "velocity_cutoff", 5000.0, "cutoff of the q' filter", "rad/s", minimum=0.0, exclusive=True, per_joint=True

@@ -59,6 +59,7 @@ def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
             between_slopes = 0.5 * (dt + last)
             between_curvatures = (dt + last + before) / 3.0
             root_l = p[j, 0] ** (1.0 / 3.0)
+            # Gains of Levant and Livne (2020).
             k1, k2, k3 = 2.0 * root_l, 2.12 * root_l * root_l, 1.1 * p[j, 0]
 
             free = q[j] - x[j, 0] - dt * (x[j, 1] + between_slopes * x[j, 2])

@@ -37,6 +37,7 @@ _REACHING_STATE = 3
 ACCELERATION_BOUND = 1e9
 """rad/s^2; keeps a singular law (1/g unbounded) finite, far above what any torque limit lets through."""
 
+# The article's Table 1.
 _MANIFOLD_PARAMETERS = (
     Parameter("kp", 2.0, "gain Kp of s in sigma, eq. (10)", "1/s", minimum=0.0, per_joint=True),
     Parameter("ki", 1.0, "gain Ki of the integral of s in sigma, eq. (10)", "1/s^2", minimum=0.0, per_joint=True),

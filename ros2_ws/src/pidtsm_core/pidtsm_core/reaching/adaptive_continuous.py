@@ -55,6 +55,7 @@ def advance(sigma: float, p: Array, x: Array, interval: Interval) -> None:
 ADAPTIVE_CONTINUOUS = ReachingLaw(
     name="adaptive_continuous",
     summary="low-pass filtered switching with adaptive gain, eqs. (25)-(27), (30)",
+    # k and kappa are those of the article's Table 1; it gives no value of xi and upsilon, and has not the others.
     parameters=(
         Parameter("k", 1.0, "pole of the reaching law, eq. (25)", "1/s", minimum=0.0, per_joint=True),
         Parameter(

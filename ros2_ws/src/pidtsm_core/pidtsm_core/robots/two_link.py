@@ -80,6 +80,7 @@ def add_payload(p: Array, mass: float, loaded: Array) -> None:
 TWO_LINK = Robot(
     name="two_link",
     summary="planar two-link arm of the article, eqs. (48)-(50)",
+    # The article's values, section 4.
     parameters=(
         Parameter("m1", 0.5, "mass of the first link", "kg", minimum=0.0),
         Parameter("m2", 1.5, "mass of the second link", "kg", minimum=0.0),
@@ -96,7 +97,7 @@ TWO_LINK = Robot(
         ),
     ),
     joints=("joint1", "joint2"),
-    effort_limit=(100.0, 50.0),
+    effort_limit=(100.0, 50.0),  # Remark 8
     initial_position=(0.0, -0.1),
     quantities={"mass": ("m1", "m2"), "inertia": ("j1", "j2"), "length": ("r1", "r2")},
     inverse_dynamics=inverse_dynamics,
