@@ -3,6 +3,7 @@
 The nodes are real, and talk over DDS, but share this process with a witness of what they publish: many short runs.
 """
 
+import gc
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -67,7 +68,8 @@ class Unsignalled(Stop):
         """Nothing is to be put off."""
 
     def finish(self) -> None:
-        """The process goes on."""
+        """The process goes on, and what its nodes froze is collected again."""
+        gc.unfreeze()
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -11,8 +11,8 @@ _CHECKS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    # The tests of a file share nodes, so that they stay together. Nodes wait more than they work.
-    ("pytest", "--numprocesses", "3", "--dist", "loadfile"),
+    # The tests of a file share nodes, so they stay together. Nodes wait more than they work.
+    ("pytest", "--numprocesses", "3", "--dist", "loadfile", "--no-loadscope-reorder"),
 )
 
 
