@@ -34,8 +34,8 @@ class NurseryProcess(Process):
         reader, writer = _FORKED.Pipe(duplex=False) if name == "recorder" else (None, None)
         process = _FORKED.Process(target=_become, args=(words, dict(environment), log, writer))
         self.process = _Popen(process, reader)  # type: ignore[assignment]
-        if writer is not None:
-            writer.close()
+        for end in filter(None, (reader, writer)):
+            end.close()
 
 
 class _Popen:
@@ -43,7 +43,7 @@ class _Popen:
 
     def __init__(self, process: Any, stdout: Connection | None) -> None:
         self._process = process
-        self.stdout = stdout
+        self.stdout = os.fdopen(os.dup(stdout.fileno()), "rb") if stdout else None
         # So that the process that forks, which the first call starts, finds the modules beside this one.
         with patch.dict(os.environ, PYTHONPATH=os.pathsep.join([_FOLDER, os.environ.get("PYTHONPATH", "")])):
             process.start()
