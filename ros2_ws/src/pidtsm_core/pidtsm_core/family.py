@@ -1,4 +1,4 @@
-"""What the members of a family (surfaces, reaching laws, estimators ...) have in common."""
+"""Common parts of the members of a family (surfaces, reaching laws, estimators ...)."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter, Value, joint_array
 
 SLOTS = 8
-"""Numbers a joint that a member may have as parameters, and again as state."""
+"""Largest number of parameters of a member per joint, and of its state variables."""
 
 
 @dataclass(frozen=True)
 class Member:
-    """One member of a family: its name, what it is, its parameters and the compiled function that does it.
+    """One member of a family: name, summary, parameters and compiled function.
 
     Attributes:
         name: how users choose it.
@@ -44,7 +44,7 @@ _Member = TypeVar("_Member", bound=_Named)
 
 
 class Family(Generic[_Member]):
-    """Members by name, and by the index under which compiled code knows them (their place in the registry)."""
+    """Members by name and by index; compiled code uses the index."""
 
     def __init__(self, *members: _Member) -> None:
         """Args: members: in order. Raises: ValueError: two share a name."""

@@ -1,4 +1,4 @@
-"""What a run is judged by: errors, effort, settling and chattering, each per joint."""
+"""Metrics of a run: errors, effort, settling and chattering, each per joint."""
 
 from typing import TypeAlias
 
@@ -78,7 +78,7 @@ def metrics(
 
 
 def _stays_below(time: Array, magnitude: Array, threshold: float) -> float | None:
-    """First time from which `magnitude` is below `threshold` to the end; None where there is none."""
+    """First time from which `magnitude` is below `threshold` to the end; None if there is no such time."""
     above = np.flatnonzero(magnitude >= threshold)
     first = above[-1] + 1 if above.size else 0
     return float(time[first]) if first < time.size else None

@@ -1,4 +1,4 @@
-"""The rows of a controller's signal table, shape (len(Signal), joints): what it computed at one sample.
+"""Rows of a controller's table of signals, shape (len(Signal), joints): its values at one sample.
 
 The names are those of the fields of pidtsm_msgs/ControllerState.
 """
@@ -21,18 +21,18 @@ class Signal(IntEnum):
     ACCELERATION_COMMAND = 9  # a_cmd, rad/s^2
     EQUIVALENT_EFFORT = 10  # a_cmd without the switching term, as torque, N m: -phi^-1 tau_eq of eq. (20)
     EFFORT = 11  # commanded effort within the limits, N m
-    SATURATED = 12  # what holds the effort back: 0 nothing, 1 its limit, 2 the limit of its rate, 3 both
+    SATURATED = 12  # what limits the effort: 0 nothing, 1 its limit, 2 the limit of its rate, 3 both
 
 
 class Status(IntEnum):
-    """Places of what the controller says of itself at one sample, shape (len(Status),), whole numbers.
+    """Places of the integers of a controller's status at one sample, shape (len(Status),).
 
     The names are those of the fields of pidtsm_msgs/ControllerState, and so are the values.
     """
 
     MODE = 0  # see `Mode`
     FAULT = 1  # see `Fault`
-    FAULT_JOINT = 2  # the joint that caused the fault, counted from 1; 0: none in particular
+    FAULT_JOINT = 2  # the joint that caused the fault, counted from 1; 0: no single joint
     VIOLATIONS = 3  # limits that are exceeded, see `Violation`
 
 
@@ -40,12 +40,12 @@ class Mode(IntEnum):
     """What the controller does."""
 
     FOLLOWING = 0  # the reference
-    HOLDING = 1  # a position, as there is no reference, or only an old one
-    STOPPED = 2  # by a fault: the safe effort
+    HOLDING = 1  # its position: the reference is missing or too old
+    STOPPED = 2  # applies the safe effort after a fault
 
 
 class Fault(IntEnum):
-    """Why the controller has stopped."""
+    """Reason why the controller stopped."""
 
     NO_FAULT = 0
     STATE_STALE = 1
@@ -57,7 +57,7 @@ class Fault(IntEnum):
 
 
 class Violation(IntEnum):
-    """Limits that a joint exceeds: powers of two, to be added."""
+    """Limits that a joint exceeds, as powers of two; combinations are sums."""
 
     POSITION = 1
     VELOCITY = 2
@@ -65,15 +65,15 @@ class Violation(IntEnum):
 
 
 class Limited(IntEnum):
-    """What held a joint's effort back, the values of `Signal.SATURATED`: to be added."""
+    """What limits a joint's effort, in `Signal.SATURATED`; combinations are sums."""
 
     EFFORT = 1
     RATE = 2
 
 
 class Adaptation(IntEnum):
-    """What a law may learn of the disturbances."""
+    """What the law may adapt."""
 
     NORMAL = 0
-    APPROACHING = 1  # on its way to a reference: the sliding variables are small from the start
-    FROZEN = 2  # on its way since the effort could not follow: what the law did not cause it does not learn
+    APPROACHING = 1  # during the approach to a reference, where the sliding variables are small from the start
+    FROZEN = 2  # during an approach because the effort was limited: the errors are not due to disturbances

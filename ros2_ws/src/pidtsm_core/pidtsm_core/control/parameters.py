@@ -1,4 +1,4 @@
-"""Every parameter of the controller that changes its effort; nodes and rollouts read them alike."""
+"""Every parameter of the controller that changes its effort, in nodes and rollouts."""
 
 from collections.abc import Mapping
 
@@ -19,7 +19,7 @@ def _limit(name: str, description: str, unit: str) -> tuple[Parameter, Parameter
         Parameter(
             f"limits.{name}_action",
             "stop",
-            f"what the controller does when a joint exceeds limits.{name}: stop, which is a fault, or warn",
+            f"what the controller does if a joint exceeds limits.{name}: stop (a fault) or warn",
             choices=("stop", "warn"),
         ),
     )
@@ -29,8 +29,8 @@ _LIMITS = (
     Parameter(
         "limits.effort_rate",
         0.0,
-        "largest change of the torque; 0: none. Where the law wants more than the limit lets through, the arm takes a "
-        "slower way to its reference",
+        "largest rate of change of the torque; 0: none. If the law demands more, the arm approaches its reference more "
+        "slowly",
         "N m/s",
         minimum=0.0,
         per_joint=True,
@@ -43,7 +43,7 @@ _SAFETY = (
     Parameter(
         "activation.distance",
         1.0,
-        "activation is refused while a joint is farther from its reference",
+        "the node does not become active while a joint is farther than this from its reference",
         "rad",
         minimum=0.0,
         exclusive=True,
@@ -51,14 +51,16 @@ _SAFETY = (
     Parameter(
         "activation.blend",
         0.8,
-        "how long the arm takes from where it is to a reference that it begins to follow; 0: no time",
+        "duration of the approach from the current position to a reference that the controller starts to follow; 0: no "
+        "approach",
         "s",
         minimum=0.0,
     ),
     Parameter(
         "watchdog.state_hold",
         0.002,
-        "joint states later than this, and than two nominal periods, are counted as late; the last torque stays",
+        "a joint state counts as late if the gap before it is longer than both this and two nominal periods; the last "
+        "torque stays applied",
         "s",
         minimum=0.0,
         exclusive=True,
@@ -66,7 +68,8 @@ _SAFETY = (
     Parameter(
         "watchdog.state_stop",
         0.02,
-        "a gap between joint states that is longer than this, and than five nominal periods, stops the arm: a fault",
+        "a gap between joint states is a fault, which stops the arm, if it is longer than both this and five nominal "
+        "periods",
         "s",
         minimum=0.0,
         exclusive=True,
@@ -74,7 +77,7 @@ _SAFETY = (
     Parameter(
         "watchdog.reference",
         0.1,
-        "the controller does not follow a reference that is older than this, or further ahead: it holds its position "
+        "largest age of a reference, or time ahead of the joint states. Beyond it the controller holds its position "
         "until a reference arrives that is at most half as old",
         "s",
         minimum=0.0,
@@ -83,8 +86,8 @@ _SAFETY = (
     Parameter(
         "plausibility.velocity",
         20.0,
-        "a measurement that is farther from where the estimates put the joint than this velocity brings it is not "
-        "believed: five in a row are replaced by what the estimates say, more are a fault; 0: every one is believed",
+        "velocity that limits plausible measurements: one that is farther from the estimate than this velocity allows "
+        "is implausible. Up to five in a row are replaced with the estimate, more are a fault; 0: no check",
         "rad/s",
         minimum=0.0,
         per_joint=True,
@@ -92,14 +95,14 @@ _SAFETY = (
     Parameter(
         "stop.effort",
         "hold",
-        "safe torque after a fault: hold, which keeps the arm where it stopped, whatever the model lacks; gravity "
-        "compensation, damping, both or nothing",
+        "safe torque after a fault. hold: keeps the arm where it stopped, even if the model is wrong; the others: "
+        "gravity compensation and damping, one of them, or no torque",
         choices=("hold", "gravity_damping", "gravity", "damping", "zero"),
     ),
     Parameter(
         "stop.bandwidth",
         8.0,
-        "of the position control that holds the arm (stop.effort: hold)",
+        "bandwidth of the position control that holds the arm (stop.effort: hold)",
         "rad/s",
         minimum=0.0,
         exclusive=True,
@@ -107,8 +110,7 @@ _SAFETY = (
     Parameter(
         "stop.fade",
         5.0,
-        "time in which the holding torque fades to nothing while no joint state arrives (stop.effort: hold); 0: it "
-        "stays",
+        "time in which the holding torque fades to zero while no joint state arrives (stop.effort: hold); 0: no fading",
         "s",
         minimum=0.0,
     ),
@@ -116,16 +118,16 @@ _SAFETY = (
     Parameter(
         "stop.brakes",
         False,
-        "the arm has brakes: ~/brakes (std_msgs/Bool) engages them when the arm has come to rest after a fault, or "
-        "when no joint state arrives",
+        "whether the arm has brakes: ~/brakes (std_msgs/Bool) engages them when the arm has come to rest after a "
+        "fault, or when joint states stop arriving",
         read_only=True,
     ),
 )
 _FEEDBACK = Parameter(
     "feedback.effort",
     "commanded",
-    "torque that the estimator and the integrals count on: commanded, the controller's own; measured, the effort of "
-    "the joint states, as drives report it, which shows lost commands and closed brakes",
+    "torque that the estimator and the integrals use. commanded: the controller's own; measured: the effort in the "
+    "joint states, as the drives report it, which reveals lost commands and closed brakes",
     choices=("commanded", "measured"),
     read_only=True,
 )
@@ -133,16 +135,15 @@ _REHEARSAL = (
     Parameter(
         "rehearsal.reset_fault",
         0.0,
-        "to rehearse faults: resets a fault at this time after the first joint state, or as soon after it as "
-        "~/reset_fault would; once; 0: never",
+        "rehearsal: reset a fault once, at this time after the first joint state or as soon afterwards as ~/reset_fault "
+        "would succeed; 0: never",
         "s",
         minimum=0.0,
     ),
     Parameter(
         "rehearsal.restart",
         0.0,
-        "to rehearse faults: the controller forgets everything at this time after the first joint state, as after a "
-        "restart; once; 0: never",
+        "rehearsal: discard all state once, at this time after the first joint state, as a restart does; 0: never",
         "s",
         minimum=0.0,
     ),

@@ -1,4 +1,4 @@
-"""What happens to a controller, in words: for logs, tables and reports."""
+"""Changes of a controller's status as text: for logs, tables and reports."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,7 @@ LIMITS = {
     Violation.VELOCITY: "velocity",
     Violation.TRACKING: "tracking_error",
 }
-"""Parameters ``limits.NAME`` by what exceeding them is."""
+"""NAME of the parameter ``limits.NAME``, by violation."""
 _OF_FAULTS = {
     Fault.POSITION_LIMIT: Violation.POSITION,
     Fault.VELOCITY_LIMIT: Violation.VELOCITY,
@@ -29,7 +29,7 @@ _CONFIGURATIONS = 500
 
 @dataclass(frozen=True)
 class Change:
-    """Something that has happened.
+    """A change of the status.
 
     Attributes:
         level: of a log: info, warning or error.
@@ -45,22 +45,22 @@ def cause(fault: int, joint: int, joints: Sequence[str]) -> str:
 
     Args:
         fault: see `Fault`.
-        joint: the joint that caused it, counted from 1; 0: none in particular.
+        joint: the joint that caused it, counted from 1; 0: no single joint.
         joints: their names.
     """
     if fault == Fault.STATE_STALE:
         return "no joint state"
     if fault == Fault.MEASUREMENT:
-        return f"{joints[joint - 1]} was measured where it cannot be (plausibility.velocity)"
+        return f"{joints[joint - 1]} has implausible measurements (plausibility.velocity)"
     if fault == Fault.EFFORT_RATE_LIMIT:
-        return "limits.effort_rate is too tight for what the arm does"
+        return "limits.effort_rate is too tight for the motion of the arm"
     return f"{joints[joint - 1]} is beyond limits.{LIMITS[_OF_FAULTS[Fault(fault)]]}"
 
 
 def changes(
     before: Sequence[int] | None, after: Sequence[int], clock: NDArray[np.int64], joints: Sequence[str]
 ) -> list[Change]:
-    """What has happened between two statuses.
+    """The changes between two statuses.
 
     Args:
         before: shape (len(Status),), order of `Status`; None at the start.
@@ -97,9 +97,9 @@ def _changes(
 
 
 def tight_rates(config: ControllerConfig, joints: Sequence[str]) -> list[str]:
-    """Which joints a rate limit lets fall: their gravity moves them by a radian before the effort is there.
+    """Warnings about rate limits that are too low: gravity moves the joint by a radian before the effort can hold it.
 
-    Judged from rest, where gravity's torque is largest among configurations drawn at random, but always the same.
+    Computed from rest, in the worst of many configurations, which are drawn at random with a constant seed.
     """
     random, still, found = np.random.default_rng(0), np.zeros(len(joints)), []
     accelerations, efforts = np.zeros((2, len(joints))), np.zeros((2, len(joints)))

@@ -66,11 +66,11 @@ ADAPTIVE_CONTINUOUS = ReachingLaw(
         Parameter(
             "leakage", 0.0, "rate at which the adaptive gain fades (sigma modification)", "1/s", 0.0, per_joint=True
         ),
-        Parameter("gain_maximum", 0.0, "bound of the adaptive gain, 0 is none", minimum=0.0, per_joint=True),
+        Parameter("gain_maximum", 0.0, "upper bound of the adaptive gain; 0: no bound", minimum=0.0, per_joint=True),
         Parameter(
             "layer",
             0.0,
-            "half width of a layer in which sign(sigma) is sigma / layer instead; 0: the sign, as in eq. (25)",
+            "half width of the layer in which sigma / layer replaces sign(sigma); 0: no layer, eq. (25)",
             minimum=0.0,
             per_joint=True,
         ),

@@ -16,7 +16,7 @@ def evaluate(e: float, de: float, integral: float, p: Array) -> tuple[float, flo
 
 FAST_TERMINAL = Surface(
     name="fast_terminal",
-    summary="e' + K1 e^[alpha] + K2 e; finite time, and fast far away",
+    summary="e' + K1 e^[alpha] + K2 e; finite-time convergence, fast also far from zero",
     parameters=(
         Parameter("k1", 3.0, "gain K1 of the terminal term", minimum=0.0, exclusive=True, per_joint=True),
         Parameter("k2", 2.0, "gain K2 of the linear term", "1/s", minimum=0.0, per_joint=True),

@@ -13,7 +13,7 @@ def evaluate(e: float, de: float, integral: float, p: Array) -> tuple[float, flo
 
 INTEGRAL = Surface(
     name="integral",
-    summary="e' + K1 e + K2 int e; no steady-state error under a constant offset",
+    summary="e' + K1 e + K2 int e; no steady-state error under a constant disturbance",
     parameters=(
         Parameter("k1", 10.0, "gain K1 of the error", "1/s", minimum=0.0, exclusive=True, per_joint=True),
         Parameter("k2", 25.0, "gain K2 of the integral of the error", "1/s^2", minimum=0.0, per_joint=True),

@@ -407,8 +407,10 @@ def cannot_keep_up(rig: Rig) -> None:
 JUDGED = {"plausibility.velocity": 20.0}
 LOST = "stopped: no joint state for {} s; safe torque until ~/reset_fault is called"
 BEYOND = "stopped: joint{} is beyond limits.{}; safe torque until ~/reset_fault is called"
-TOO_TIGHT = "stopped: limits.effort_rate is too tight for what the arm does; safe torque until ~/reset_fault is called"
-FAR_OFF = "stopped: joint2 was measured where it cannot be (plausibility.velocity); safe torque until ~/reset_fault"
+TOO_TIGHT = (
+    "stopped: limits.effort_rate is too tight for the motion of the arm; safe torque until ~/reset_fault is called"
+)
+FAR_OFF = "stopped: joint2 has implausible measurements (plausibility.velocity); safe torque until ~/reset_fault"
 RESET = "fault reset"
 FOLLOWS_AGAIN = ("holding position: there is no reference", "following the reference")
 

@@ -41,7 +41,7 @@ def test_a_sensor_that_stays_far_off_is_a_fault_that_names_the_joint(loop_of: An
     loop.go_on(2000)
     loop.measure(TOLERATED + 1, 1.0)
     assert loop.controller.status[:3] == (Mode.STOPPED, Fault.MEASUREMENT, 2)
-    assert "joint2 was measured where it cannot be" in loop.controller.changes([0, 0, 0, 0])[0].text
+    assert "joint2 has implausible measurements" in loop.controller.changes([0, 0, 0, 0])[0].text
     # It is held by what is measured now, and a sample far off that is as before.
     loop.measure(20, 1.0)
     loop.measure(1, 3.0)

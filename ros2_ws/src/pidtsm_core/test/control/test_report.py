@@ -27,7 +27,7 @@ def clock(**times: int) -> NDArray[np.int64]:
         (Fault.POSITION_LIMIT, "elbow is beyond limits.position"),
         (Fault.VELOCITY_LIMIT, "elbow is beyond limits.velocity"),
         (Fault.TRACKING_LIMIT, "elbow is beyond limits.tracking_error"),
-        (Fault.EFFORT_RATE_LIMIT, "limits.effort_rate is too tight for what the arm does"),
+        (Fault.EFFORT_RATE_LIMIT, "limits.effort_rate is too tight for the motion of the arm"),
     ],
 )
 def test_every_fault_has_a_cause(fault: Fault, text: str) -> None:
