@@ -135,8 +135,8 @@ _REHEARSAL = (
     Parameter(
         "rehearsal.reset_fault",
         0.0,
-        "rehearsal: reset a fault once, at this time after the first joint state or as soon afterwards as ~/reset_fault "
-        "would succeed; 0: never",
+        "rehearsal: reset a fault once, at this time after the first joint state or as soon afterwards as "
+        "~/reset_fault would succeed; 0: never",
         "s",
         minimum=0.0,
     ),
