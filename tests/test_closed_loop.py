@@ -56,6 +56,8 @@ def assert_same_bits(recording: Recording, other: Recording | Rollout) -> None:
 
 def test_tracks_as_well_as_the_article(demo: Recording) -> None:
     metrics = summarize(demo)
+    # Around the article's RMSE, within its steady-state errors, and the ECI of the independent program of
+    # pidtsm_core/test/test_rollout.py.
     assert 0.0376 <= metrics["rmse"][0] <= 0.0385
     assert 0.0083 <= metrics["rmse"][1] <= 0.0093
     assert metrics["steady_state_error"][0] <= 7e-4

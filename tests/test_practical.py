@@ -1,5 +1,6 @@
 """The `practical` parameter set on hardware as it is: one set for all scenarios, over the nodes and without them."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,15 @@ from pidtsm_experiments.runs.runner import run
 from pidtsm_studies.robustness.requirements import REQUIREMENTS, Requirement
 from pidtsm_studies.robustness.results import FULL, LATE
 
+LIMITS = {
+    # RMSE and ECI relative to ideal hardware, error after 10 s (rad), torque variation (N m).
+    "encoder_17": (1.01, 1.005, 4e-4, 0.05),
+    "encoder_14_delay": (1.01, 1.005, 6e-4, 0.12),
+    "encoder_12_delay": (1.02, 1.005, 1.5e-3, 0.30),
+    "noise": (1.02, 1.005, 2e-3, 0.50),
+    "loss": (1.01, 1.005, 1e-3, 0.12),
+    "hard": (1.10, math.inf, 1e-3, 0.25),
+}
 EACH = pytest.mark.parametrize(
     ("requirement", "scenario", "overrides"),
     [
@@ -45,6 +55,7 @@ def ideal() -> dict[str, Array]:
 
 
 def test_with_ideal_sensors_it_tracks_as_the_article_does(ideal: dict[str, Array]) -> None:
+    # The article's RMSE, and the ECI of the independent program of test_rollout.py.
     assert (ideal["rmse"] <= [0.0382, 0.0089]).all()
     np.testing.assert_allclose(ideal["eci"], [31.19, 12.03], rtol=1e-3)
 
@@ -60,10 +71,16 @@ def test_with_real_sensors_and_drives_it_stays_within_its_limits(
         worst = max(worst, np.abs(error(result)[result.time >= LATE]).max())
         assert not result.signals[1000:, Signal.SATURATED].any()
     mean = {name: np.mean([each[name] for each in found], axis=0) for name in ideal}
-    assert (mean["rmse"] <= requirement.limits["rmse"] * ideal["rmse"]).all()
-    assert (mean["eci"] <= requirement.limits["eci"] * ideal["eci"]).all()
-    assert (mean["torque_variation"] <= requirement.limits["torque_variation"]).all()
-    assert worst <= requirement.limits["late_error"]
+    rmse, eci, late_error, variation = LIMITS[scenario]
+    assert (mean["rmse"] <= rmse * ideal["rmse"]).all()
+    assert (mean["eci"] <= eci * ideal["eci"]).all()
+    assert (mean["torque_variation"] <= variation).all()
+    assert worst <= late_error
+
+
+def test_the_robustness_command_judges_by_the_same_limits() -> None:
+    judged_by = {scenario: tuple(each.limits.values()) for each in REQUIREMENTS for scenario, _ in each.runs}
+    assert judged_by == LIMITS
 
 
 @EACH
@@ -75,7 +92,7 @@ def test_the_adaptive_gain_stays_bounded_for_ten_minutes(
     # And what is bounded does no harm.
     late = slice(-30_000, None)
     variation = np.abs(np.diff(result.effort[late], axis=0)).mean(axis=0)
-    assert (variation <= requirement.limits["torque_variation"]).all()
+    assert (variation <= LIMITS[scenario][3]).all()
 
 
 @pytest.mark.parametrize("scenario", ["loss", "hard"])

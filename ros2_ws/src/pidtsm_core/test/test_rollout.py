@@ -23,6 +23,10 @@ ARTICLE = {
     "law.xi": 0.01,
     "law.anti_windup": "none",
 }
+# RMSE (rad) and ECI (N m) of a program of its own, written from the article's equations without this package: ideal q'
+# and q'', the torque over RK4 steps of 1 ms, explicit Euler for the states of the law after the torque.
+INDEPENDENT_RMSE = {"case1": (0.037988, 0.008597), "case2": (0.037989, 0.008598), "conditional": (0.038091, 0.008602)}
+INDEPENDENT_ECI = (31.189, 12.025)
 CASE_2 = {"payload.mass": 0.5, "payload.time": 15.0}
 
 
@@ -35,9 +39,9 @@ def measured(run: Rollout) -> dict[str, list[Any]]:
 @pytest.mark.parametrize(
     ("controller", "simulator", "rmse"),
     [
-        (ARTICLE, {}, (0.037988, 0.008597)),
-        (ARTICLE, CASE_2, (0.037989, 0.008598)),
-        ({**ARTICLE, "law.anti_windup": "conditional"}, {}, (0.038091, 0.008602)),
+        (ARTICLE, {}, INDEPENDENT_RMSE["case1"]),
+        (ARTICLE, CASE_2, INDEPENDENT_RMSE["case2"]),
+        ({**ARTICLE, "law.anti_windup": "conditional"}, {}, INDEPENDENT_RMSE["conditional"]),
     ],
     ids=["case1", "case2", "case1-conditional"],
 )
@@ -55,11 +59,12 @@ def default_run() -> Rollout:
 
 def test_defaults_do_as_well_without_measured_derivatives(default_run: Rollout) -> None:
     found = measured(default_run)
+    # Around the article's RMSE, 0.03808 and 0.00889 rad, and within its steady-state errors.
     assert 0.0376 <= found["rmse"][0] <= 0.0385
     assert 0.0083 <= found["rmse"][1] <= 0.0093
     assert found["steady_state_error"][0] <= 7e-4
     assert found["steady_state_error"][1] <= 2e-5
-    assert found["eci"] == pytest.approx([31.19, 12.03], rel=0.01)
+    assert found["eci"] == pytest.approx(INDEPENDENT_ECI, rel=0.01)
     assert default_run.signals[-1, Signal.ADAPTIVE_GAIN].max() <= 20.0
 
 
