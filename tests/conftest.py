@@ -1,12 +1,12 @@
-"""The test bench, fresh for every test; nodes are forked, also those that commands start in the test's process."""
+"""A fresh testbed for every test; nodes are forked, also those that commands start in the test process."""
 
 import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from bench import Bench, open_bench
 from nursery import NurseryProcess
+from testbed import Testbed, open_testbed
 
 from pidtsm_experiments.runs import runner
 
@@ -22,6 +22,6 @@ def _forked_nodes() -> Iterator[None]:
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Bench]:
-    with open_bench(tmp_path) as bench:
-        yield bench
+def testbed(tmp_path: Path) -> Iterator[Testbed]:
+    with open_testbed(tmp_path) as testbed:
+        yield testbed

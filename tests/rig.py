@@ -1,4 +1,4 @@
-"""Rigs: a real node on the bench, and the test in the place of everything around it, its time included."""
+"""Rigs: a real node on the testbed, and the test in the place of everything around it, its time included."""
 
 import math
 import time
@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench import Bench, open_bench
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from testbed import Testbed, open_testbed
 
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.node_parameters import simulator_node_schema
@@ -120,7 +120,7 @@ def _numbers(message: Any) -> Iterator[float]:
 
 
 class Rig:
-    """A node on the bench for many tests in turn.
+    """A node on the testbed for many tests in turn.
 
     Attributes:
         watch: what the node publishes.
@@ -130,12 +130,12 @@ class Rig:
 
     node: str
 
-    def __init__(self, bench: Bench, topics: Mapping[str, type], *parameters: str) -> None:
-        self.bench = bench
+    def __init__(self, testbed: Testbed, topics: Mapping[str, type], *parameters: str) -> None:
+        self.testbed = testbed
         self.sound = True
         self.rejected = 0
-        self.watch = Watch(bench.node, {**topics, "/diagnostics": DiagnosticArray})
-        self.process = bench.start(self.node, *parameters)
+        self.watch = Watch(testbed.node, {**topics, "/diagnostics": DiagnosticArray})
+        self.process = testbed.start(self.node, *parameters)
         self._said = 0
 
     def step(self) -> Any:
@@ -187,14 +187,14 @@ class ControllerRig(Rig):
     # An arm that may jump, and a safe torque that can be told.
     settings = ("plausibility.velocity:=0.0", "stop.effort:=gravity_damping")
 
-    def __init__(self, bench: Bench, *parameters: str) -> None:
+    def __init__(self, testbed: Testbed, *parameters: str) -> None:
         # Every message counts, also where the controller, by its parameters, runs in realtime.
         asked_for = [f"qos_overrides./{t}.subscription.reliability:=reliable" for t in ("joint_states", "reference")]
         topics = {"controller/state": ControllerState, "joint_commands": JointState}
-        super().__init__(bench, topics, *self.settings, *parameters, *asked_for)
-        self.joint_states = bench.node.create_publisher(JointState, "joint_states", 10)
-        self.references = bench.node.create_publisher(JointReference, "reference", 10)
-        bench.spin_until(
+        super().__init__(testbed, topics, *self.settings, *parameters, *asked_for)
+        self.joint_states = testbed.node.create_publisher(JointState, "joint_states", 10)
+        self.references = testbed.node.create_publisher(JointReference, "reference", 10)
+        testbed.spin_until(
             lambda: self.joint_states.get_subscription_count() and self.references.get_subscription_count(),
             "the controller",
         )
@@ -243,7 +243,7 @@ class ControllerRig(Rig):
         def answered() -> bool:
             return all(h and serialized_nanoseconds(h[-1]) == self.stamp for h in heard)
 
-        self.bench.spin_until(answered, f"an answer to {self.stamp}")
+        self.testbed.spin_until(answered, f"an answer to {self.stamp}")
         return self.watch.last("controller/state")
 
     def drive(self, ticks: int) -> Array:
@@ -260,15 +260,15 @@ class ControllerRig(Rig):
 
     def begin(self) -> None:
         """The controller forgets what was: a fault is caused, and reset."""
-        self.bench.set("controller", {"limits.position": 1e-3})
+        self.testbed.set("controller", {"limits.position": 1e-3})
         self.step()
-        self.bench.set("controller", {"limits.position": 0.0})
+        self.testbed.set("controller", {"limits.position": 0.0})
         assert self.reset().success
 
     def reset(self) -> Trigger.Response:
         """Call ~/reset_fault."""
         self.tick = 0
-        return self.bench.call(Trigger, "controller/reset_fault", Trigger.Request())
+        return self.testbed.call(Trigger, "controller/reset_fault", Trigger.Request())
 
 
 class SimulatorRig(Rig):
@@ -277,10 +277,10 @@ class SimulatorRig(Rig):
     node = "simulator"
     effort = (30.0, -5.0)
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, testbed: Testbed) -> None:
         topics = {"simulator/ground_truth": JointState, "joint_states": JointState}
-        super().__init__(bench, topics, "clock:=lockstep", "start.subscribers:=1", "lockstep.timeout:=60.0")
-        self.commands = bench.node.create_publisher(JointState, "joint_commands", 10)
+        super().__init__(testbed, topics, "clock:=lockstep", "start.subscribers:=1", "lockstep.timeout:=60.0")
+        self.commands = testbed.node.create_publisher(JointState, "joint_commands", 10)
         self.twin = SimulatedRobot(resolve(simulator_node_schema, {}, 2))
         self.sample = 0
         self._wait()
@@ -295,7 +295,7 @@ class SimulatorRig(Rig):
 
     def _wait(self) -> None:
         heard = self.watch.heard["joint_states"]
-        self.bench.spin_until(
+        self.testbed.spin_until(
             lambda: heard and serialized_nanoseconds(heard[-1]) == self.sample * MS, f"sample {self.sample}"
         )
         _, expected = self.twin.sense(self.sample)
@@ -327,7 +327,7 @@ class Rigs:
             folder = self._folder / str(self._made)
             folder.mkdir()
             self._made += 1
-            rig = kind(stack.enter_context(open_bench(folder)), *parameters)
+            rig = kind(stack.enter_context(open_testbed(folder)), *parameters)
             self._rigs[key] = rig, stack
         return rig
 

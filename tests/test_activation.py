@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from bench import Bench
 from rig import ControllerRig, gravity, safe_effort
+from testbed import Testbed
 
 from pidtsm_msgs.msg import ControllerState
 
@@ -13,8 +13,8 @@ FAR = (0.6, -0.5)
 
 
 @pytest.fixture
-def rig(bench: Bench) -> ControllerRig:
-    return ControllerRig(bench, PATIENT)
+def rig(testbed: Testbed) -> ControllerRig:
+    return ControllerRig(testbed, PATIENT)
 
 
 def test_it_begins_by_holding_the_arm_where_it_is(rig: ControllerRig) -> None:
@@ -33,7 +33,7 @@ def test_a_reference_far_away_is_approached_without_a_step_of_torque(rig: Contro
 
 
 def test_the_rate_of_the_torque_can_be_limited(rig: ControllerRig) -> None:
-    rig.bench.set("controller", {"limits.effort_rate": 1000.0, "activation.blend": 0.0})
+    rig.testbed.set("controller", {"limits.effort_rate": 1000.0, "activation.blend": 0.0})
     rig.begin()
     efforts = [rig.step(rig.start, desired=FAR).effort for _ in range(30)]
     assert np.abs(np.diff(efforts, axis=0)).max() <= 1.0 + 1e-9
@@ -45,6 +45,6 @@ def test_its_last_torque_carries_the_arm(rig: ControllerRig) -> None:
     heard = rig.watch.heard["joint_commands"]
     count = len(heard)
     rig.process.interrupt()
-    rig.bench.spin_until(lambda: len(heard) > count, "the last command")
+    rig.testbed.spin_until(lambda: len(heard) > count, "the last command")
     np.testing.assert_allclose(rig.watch.last("joint_commands").effort, safe_effort(state), rtol=1e-9)
     assert rig.process.wait() == 0

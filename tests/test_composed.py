@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench import Bench
 from lifecycle_msgs.srv import GetState
+from testbed import Testbed
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollout import rollout
@@ -34,23 +34,23 @@ def test_composed_realtime_completes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_all_of_them_cleanly(bench: Bench, number: signal.Signals) -> None:
-    process = bench.start("composed")
+def test_a_signal_ends_all_of_them_cleanly(testbed: Testbed, number: signal.Signals) -> None:
+    process = testbed.start("composed")
 
     def active(node: str) -> bool:
-        return bool(bench.call(GetState, f"{node}/get_state", GetState.Request()).current_state.label == "active")
+        return bool(testbed.call(GetState, f"{node}/get_state", GetState.Request()).current_state.label == "active")
 
-    bench.spin_until(lambda: all(active(node) for node in NODES), "all nodes are active")
+    testbed.spin_until(lambda: all(active(node) for node in NODES), "all nodes are active")
     process.process.send_signal(number)
     assert process.wait() == 0
     assert "Traceback" not in process.log.read_text()
 
 
-def test_a_bad_parameter_is_one_line(bench: Bench) -> None:
-    file = bench.folder / "params.yaml"
+def test_a_bad_parameter_is_one_line(testbed: Testbed) -> None:
+    file = testbed.folder / "params.yaml"
     file.write_text("controller:\n  ros__parameters:\n    law:\n      k1: -3.0\n")
-    process = bench.processes.start(
-        "composed", ["--params-file", str(file)], bench.environment, bench.folder / "composed.log"
+    process = testbed.processes.start(
+        "composed", ["--params-file", str(file)], testbed.environment, testbed.folder / "composed.log"
     )
     assert process.wait() == 2
     lines = process.log.read_text().splitlines()

@@ -138,7 +138,7 @@ def ask_again(rig: ControllerRig) -> ControllerState:
     commands = rig.watch.heard["joint_commands"]
     count = len(commands)
     rig.joint_states.publish(rig.joint_state(rig.measured(), dt=0))
-    rig.bench.spin_until(lambda: len(commands) > count, "the answer once more")
+    rig.testbed.spin_until(lambda: len(commands) > count, "the answer once more")
     assert commands[-1] == commands[-2]
     return rig.step()
 
@@ -168,7 +168,7 @@ def fall_silent(rig: ControllerRig) -> ControllerState:
     """No joint state: the watchdog needs none to act."""
     heard = rig.watch.heard["joint_commands"]
     count = len(heard)
-    rig.bench.spin_until(lambda: len(heard) > count, "the safe torque")
+    rig.testbed.spin_until(lambda: len(heard) > count, "the safe torque")
     np.testing.assert_allclose(rig.watch.last("joint_commands").effort, safe_effort(rig.watch.last("controller/state")))
     return rig.step()
 
@@ -239,7 +239,7 @@ def test_the_controller(rigs: Rigs, name: str) -> None:
         rig.begin()
         np.testing.assert_array_equal(rig.drive(SETTLED), undisturbed[:SETTLED])
         rig.check_log(("stopped: joint1 is beyond limits.position", RESET))
-        rig.bench.set("controller", row.settings)
+        rig.testbed.set("controller", row.settings)
         state = row.inject(rig)
         assert (state.mode, state.fault, state.fault_joint) == (row.mode, row.fault, row.joint)
         for _ in range(5):
@@ -265,7 +265,7 @@ def test_the_controller(rigs: Rigs, name: str) -> None:
         else:
             assert rig.follow().fault == ControllerState.NO_FAULT
         rig.check_log(row.log)
-        rig.bench.set("controller", {name: {**DEFAULTS, **row.node}[name] for name in row.settings})
+        rig.testbed.set("controller", {name: {**DEFAULTS, **row.node}[name] for name in row.settings})
         if not row.fault:
             assert not rig.reset().success, "there was no fault"
             rig.begin()

@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench import Bench
 from diagnostic_msgs.msg import DiagnosticArray
 from rig import SECOND, Rigs, Watch, document_rows, gravity
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from testbed import Testbed
 
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_msgs.msg import ControllerState, JointReference
@@ -52,8 +52,8 @@ class System:
         sound: no test has failed on it.
     """
 
-    def __init__(self, bench: Bench) -> None:
-        self.bench = bench
+    def __init__(self, testbed: Testbed) -> None:
+        self.testbed = testbed
         self.sound = True
         topics = {
             "joint_states": JointState,
@@ -63,7 +63,7 @@ class System:
             "simulator/ground_truth": JointState,
             "/diagnostics": DiagnosticArray,
         }
-        self.watch = Watch(bench.listener(), topics)
+        self.watch = Watch(testbed.listener(), topics)
         self._bags = 0
         self._logged: dict[str, int] = {}
         for node in ("simulator", "trajectory", "controller", "recorder"):
@@ -78,16 +78,16 @@ class System:
             parameters = [f"rate:={RATE}"]
         elif node == "recorder":
             self._bags += 1
-            parameters = [f"output:={self.bench.folder / f'bag{self._bags}'}"]
-        self.bench.start(node, *parameters)
+            parameters = [f"output:={self.testbed.folder / f'bag{self._bags}'}"]
+        self.testbed.start(node, *parameters)
 
     def kill(self, node: str) -> None:
-        process = self.bench.processes.running.pop(node)
+        process = self.testbed.processes.running.pop(node)
         process.process.kill()
         process.wait()
 
     def send(self, node: str, number: signal.Signals) -> None:
-        self.bench.processes.running[node].process.send_signal(number)
+        self.testbed.processes.running[node].process.send_signal(number)
 
     def until(self, condition: Callable[[], Any], what: str) -> None:
         """Wait for a condition on what is heard."""
@@ -96,11 +96,11 @@ class System:
             self.watch.take()
             return condition()
 
-        self.bench.spin_until(holds, what)
+        self.testbed.spin_until(holds, what)
 
     def says(self, node: str, text: str) -> None:
         """Wait for a text in the log of a node since the row began."""
-        log = self.bench.processes.running[node].log
+        log = self.testbed.processes.running[node].log
         self.until(lambda: text in log.read_text()[self._logged[node] :], f"{text!r} in the log of {node}")
 
     def state(self, condition: Callable[[ControllerState], bool], what: str) -> ControllerState:
@@ -123,7 +123,7 @@ class System:
             lambda: len(heard) > count and not any(self.watch.last("simulator/ground_truth").effort), "the brakes"
         )
         # Of brakes that move again within a second the log gets one line.
-        log = self.bench.processes.running["simulator"].log
+        log = self.testbed.processes.running["simulator"].log
         self.until(lambda: _brake_lines(log)[-1:] == ["the brakes stop the arm"], "the brakes in the log")
 
     def follows(self) -> None:
@@ -153,18 +153,18 @@ class System:
         )
 
     def reset(self) -> None:
-        assert self.bench.call(Trigger, "controller/reset_fault", Trigger.Request()).success
+        assert self.testbed.call(Trigger, "controller/reset_fault", Trigger.Request()).success
 
     @contextmanager
     def row(self) -> Iterator[None]:
         """A row of the table: it begins and ends with a system that runs, and nothing bad was ever published."""
         self.sound = False
         self.follows()
-        self._logged = {name: len(process.log.read_text()) for name, process in self.bench.processes.running.items()}
+        self._logged = {name: len(process.log.read_text()) for name, process in self.testbed.processes.running.items()}
         yield
         self.follows()
-        self.bench.processes.check()
-        for process in self.bench.processes.running.values():
+        self.testbed.processes.check()
+        for process in self.testbed.processes.running.values():
             assert "Traceback" not in process.log.read_text()
         self.until(lambda: self.watch.heard["/diagnostics"], "diagnostics")
         self.watch.check()
@@ -285,7 +285,7 @@ def stay_calm(system: System, act: Callable[[], None]) -> Judged:
 def kill_recorder(system: System) -> Judged:
     def act() -> None:
         # It is connected, and has something to lose.
-        bag = system.bench.folder / f"bag{system._bags}" / f"bag{system._bags}_0.mcap"
+        bag = system.testbed.folder / f"bag{system._bags}" / f"bag{system._bags}_0.mcap"
         system.until(lambda: bag.exists() and bag.stat().st_size > 10_000, "a recording")
         system.kill("recorder")
 
@@ -321,13 +321,13 @@ def starve_trajectory(system: System) -> Judged:
 
 
 def stop_controller(system: System) -> None:
-    system.bench.set("controller", {"watchdog.state_stop": 0.02})
+    system.testbed.set("controller", {"watchdog.state_stop": 0.02})
     system.send("controller", signal.SIGSTOP)
     system.pass_time(0.5)
     system.brakes()
     system.send("controller", signal.SIGCONT)
     system.state(lambda state: state.fault == ControllerState.STATE_STALE, "the gap is a fault")
-    system.bench.set("controller", {"watchdog.state_stop": PATIENCE})
+    system.testbed.set("controller", {"watchdog.state_stop": PATIENCE})
     system.reset()
 
 
@@ -343,7 +343,7 @@ def hog(system: System) -> None:
 
 
 def interrupt_controller(system: System) -> None:
-    process = system.bench.processes.running.pop("controller")
+    process = system.testbed.processes.running.pop("controller")
     process.interrupt()
     assert process.wait() == 0
     ends_safely(system)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench import DEADLINE, Bench
 from diagnostic_msgs.msg import DiagnosticArray
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
@@ -22,6 +21,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
+from testbed import DEADLINE, Testbed
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_core.experiment import load_ros_parameters, practical_parameters
@@ -144,15 +144,15 @@ KINDS: dict[str, list[Kind]] = {
 class Loop:
     """Simulator, controller and trajectory in realtime, and a node that sends them things and judges what they say."""
 
-    def __init__(self, bench: Bench, form: str) -> None:
-        self.bench = bench
+    def __init__(self, testbed: Testbed, form: str) -> None:
+        self.testbed = testbed
         self.sent: set[int] = set()
         self.now = 0
         self.states: list[ControllerState] = []
         self.references: dict[int, Any] = {}
         self.errors: deque[float] = deque(maxlen=50)
         self.absurd: list[str] = []
-        node = bench.node
+        node = testbed.node
         parameters = {
             # A busy machine is no fault.
             "simulator": ["rate:=250", "realtime.priority:=0", "command.timeout:=1.0", f"input.type:={form}"],
@@ -170,7 +170,7 @@ class Loop:
                 parameters[name] += [f"{override}.depth:={QUEUE}", f"{override}.reliability:=reliable"]
         for name, values in PRACTICAL.items():
             parameters[name] += [f"{key}:={value}" for key, value in values.items()]
-        self.processes = {name: bench.start(name, *parameters[name]) for name in NODES}
+        self.processes = {name: testbed.start(name, *parameters[name]) for name in NODES}
         listened = {
             "joint_states": (JointState, self._on_joint_state),
             "joint_commands": (JointState, lambda message: self._check_efforts(message.effort)),
@@ -184,7 +184,7 @@ class Loop:
         for topic, (message_type, callback) in listened.items():
             node.create_subscription(message_type, topic, self._judge(topic, message_type, callback), 1000, raw=True)
         self.asking = {name: node.create_client(GetState, f"{name}/get_state") for name in NODES}
-        bench.spin_until(lambda: all(c.service_is_ready() for c in self.asking.values()), "the nodes")
+        testbed.spin_until(lambda: all(c.service_is_ready() for c in self.asking.values()), "the nodes")
 
     # What they say.
 
@@ -230,14 +230,14 @@ class Loop:
         """Until these nodes have taken what was sent before: it has arrived, and they do one thing after the other."""
         assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE)), f"{publisher.topic} does not arrive"
         futures = [self.asking[name].call_async(GetState.Request()) for name in nodes]
-        self.bench.spin_until(lambda: all(future.done() for future in futures), f"{', '.join(nodes)} answer")
+        self.testbed.spin_until(lambda: all(future.done() for future in futures), f"{', '.join(nodes)} answer")
 
     def fuzz(self, kind: Kind) -> None:
         """Send it."""
         topic, message_type, make, parts, readers = kind
-        publisher = self.bench.node.create_publisher(message_type, topic, QUEUE)
+        publisher = self.testbed.node.create_publisher(message_type, topic, QUEUE)
         wanted = len(readers) + (topic in self.heard)
-        self.bench.spin_until(lambda: publisher.get_subscription_count() == wanted, f"readers of {topic}")
+        self.testbed.spin_until(lambda: publisher.get_subscription_count() == wanted, f"readers of {topic}")
         count = 0
 
         @fuzzed(MESSAGES // VARIANTS)
@@ -259,7 +259,7 @@ class Loop:
         send()
         assert count == MESSAGES
         self._sync(publisher, readers)
-        self.bench.node.destroy_publisher(publisher)
+        self.testbed.node.destroy_publisher(publisher)
 
     # What follows.
 
@@ -272,12 +272,12 @@ class Loop:
         """What a user does where a stranger has moved things: begin again, with the arm at its start."""
         for name in ("controller", "trajectory"):
             assert self._change(name, Transition.TRANSITION_DEACTIVATE)
-        assert self.bench.call(Trigger, "simulator/reset", Trigger.Request()).success
+        assert self.testbed.call(Trigger, "simulator/reset", Trigger.Request()).success
         for name in ("trajectory", "controller"):
             # The controller wants to have heard of the arm and of a reference near it.
-            self.bench.spin_until(partial(self._change, name, Transition.TRANSITION_ACTIVATE), f"active {name}")
+            self.testbed.spin_until(partial(self._change, name, Transition.TRANSITION_ACTIVATE), f"active {name}")
         self.errors.clear()
-        self.bench.spin_until(self.tracks, "a loop that tracks")
+        self.testbed.spin_until(self.tracks, "a loop that tracks")
 
     def end(self) -> None:
         """The nodes are all there, and end as asked."""
@@ -291,13 +291,13 @@ class Loop:
 
     def _change(self, name: str, transition: int) -> bool:
         request = ChangeState.Request(transition=Transition(id=transition))
-        return bool(self.bench.call(ChangeState, f"{name}/change_state", request).success)
+        return bool(self.testbed.call(ChangeState, f"{name}/change_state", request).success)
 
 
 @pytest.mark.parametrize("form", KINDS)
-def test_any_message_leaves_the_loop_running(bench: Bench, form: str) -> None:
-    loop = Loop(bench, form)
-    bench.spin_until(loop.tracks, "a loop that tracks")
+def test_any_message_leaves_the_loop_running(testbed: Testbed, form: str) -> None:
+    loop = Loop(testbed, form)
+    testbed.spin_until(loop.tracks, "a loop that tracks")
     for kind in KINDS[form]:
         loop.fuzz(kind)
         loop.recover()
@@ -328,18 +328,18 @@ values = st.one_of(
 SETS = {"controller": 2000, "simulator": 300, "trajectory": 100}
 
 
-def fuzz_parameters(bench: Bench, name: str) -> None:
+def fuzz_parameters(testbed: Testbed, name: str) -> None:
     """Set those of a node, see that each set is taken whole or refused whole, and set them back."""
     own = [p.name for p in NODE_SCHEMAS[name](PRACTICAL.get(name, {}))]
     services = {
-        kind: bench.node.create_client(kind, f"{name}/{topic}")
+        kind: testbed.node.create_client(kind, f"{name}/{topic}")
         for kind, topic in ((SetParametersAtomically, "set_parameters_atomically"), (GetParameters, "get_parameters"))
     }
-    bench.spin_until(lambda: all(client.service_is_ready() for client in services.values()), "the services")
+    testbed.spin_until(lambda: all(client.service_is_ready() for client in services.values()), "the services")
 
     def call(kind: Any, **request: Any) -> Any:
         future = services[kind].call_async(kind.Request(**request))
-        bench.spin_until(future.done, f"{name} answers")
+        testbed.spin_until(future.done, f"{name} answers")
         return future.result()
 
     def get() -> dict[str, Any]:
@@ -368,11 +368,11 @@ def fuzz_parameters(bench: Bench, name: str) -> None:
     assert get() == start
 
 
-def test_any_parameter_set_is_taken_whole_or_refused_whole_and_the_loop_runs_on(bench: Bench) -> None:
-    loop = Loop(bench, "joint_state")
-    bench.spin_until(loop.tracks, "a loop that tracks")
+def test_any_parameter_set_is_taken_whole_or_refused_whole_and_the_loop_runs_on(testbed: Testbed) -> None:
+    loop = Loop(testbed, "joint_state")
+    testbed.spin_until(loop.tracks, "a loop that tracks")
     for name in SETS:
-        fuzz_parameters(bench, name)
+        fuzz_parameters(testbed, name)
         # Who changes the arm's masses and the torque limits gets what was asked for.
         loop.absurd.clear()
         loop.recover()

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench import Bench
 from rig import Watch
 from sensor_msgs.msg import JointState
+from testbed import Testbed
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollout import rollout
@@ -43,28 +43,28 @@ def udp_sockets(process: int) -> set[tuple[str, int]]:
 
 
 @pytest.mark.parametrize("bound", [False, True], ids=["as started by hand", "as in a run"])
-def test_nodes_that_stay_on_this_machine_take_their_domain(bench: Bench, bound: bool) -> None:
-    bench.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    bench.close()  # The test's own participant would be seen, too.
-    domain = int(bench.environment["ROS_DOMAIN_ID"])
+def test_nodes_that_stay_on_this_machine_take_their_domain(testbed: Testbed, bound: bool) -> None:
+    testbed.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    testbed.close()  # The test's own participant would be seen, too.
+    domain = int(testbed.environment["ROS_DOMAIN_ID"])
     assert domain not in domains_in_use()
     if bound:
-        bench.environment = on_this_machine(bench.environment)
-    process = bench.start("simulator")
+        testbed.environment = on_this_machine(testbed.environment)
+    process = testbed.start("simulator")
     while domain not in domains_in_use():
         assert process.process.poll() is None, process.tail()
 
 
-def test_every_socket_of_a_run_is_bound_to_loopback(bench: Bench) -> None:
+def test_every_socket_of_a_run_is_bound_to_loopback(testbed: Testbed) -> None:
     """And its nodes find each other, and the test's node, which listens everywhere."""
-    given = dict(bench.environment)
+    given = dict(testbed.environment)
     processes = []
     for name in (*LOOP, "recorder"):
-        bench.environment = on_this_machine(given, "fastdds_recorder.xml" if name == "recorder" else "fastdds.xml")
-        processes.append(bench.start(name, *([f"output:={bench.folder / 'bag'}"] if name == "recorder" else [])))
-    watch = Watch(bench.node, {"joint_commands": JointState})
-    bench.spin_until(lambda: watch.heard["joint_commands"], "commands")
-    bench.spin_until(lambda: bench.node.count_subscribers("joint_states") == 3, "the recorder")
+        testbed.environment = on_this_machine(given, "fastdds_recorder.xml" if name == "recorder" else "fastdds.xml")
+        processes.append(testbed.start(name, *([f"output:={testbed.folder / 'bag'}"] if name == "recorder" else [])))
+    watch = Watch(testbed.node, {"joint_commands": JointState})
+    testbed.spin_until(lambda: watch.heard["joint_commands"], "commands")
+    testbed.spin_until(lambda: testbed.node.count_subscribers("joint_states") == 3, "the recorder")
     for process in processes:
         sockets = udp_sockets(process.process.pid)
         assert len(sockets) >= 3, "for discovery, for messages, to send"
@@ -73,33 +73,33 @@ def test_every_socket_of_a_run_is_bound_to_loopback(bench: Bench) -> None:
 
 @pytest.mark.parametrize("words", [[], ["--composed"]], ids=["processes", "composed"])
 def test_a_run_in_the_domain_of_another_system_leaves_it_alone(
-    bench: Bench,
+    testbed: Testbed,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     words: list[str],
 ) -> None:
-    domain = bench.environment["ROS_DOMAIN_ID"]
+    domain = testbed.environment["ROS_DOMAIN_ID"]
 
     @contextmanager
     def the_same() -> Iterator[int]:
         yield int(domain)
 
     monkeypatch.setattr(runner, "own_domain", the_same)
-    bench.start("simulator", "rate:=100", "realtime.priority:=0")  # The run must get its share of a busy machine.
-    bench.start("controller", "realtime.priority:=0")
-    bench.start("trajectory")
-    watch = Watch(bench.listener(), {"joint_commands": JointState, "joint_states": JointState})
+    testbed.start("simulator", "rate:=100", "realtime.priority:=0")  # The run must get its share of a busy machine.
+    testbed.start("controller", "realtime.priority:=0")
+    testbed.start("trajectory")
+    watch = Watch(testbed.listener(), {"joint_commands": JointState, "joint_states": JointState})
 
     def commanded() -> bool:
         watch.take()
         return len(watch.heard["joint_commands"]) > 0
 
-    bench.spin_until(commanded, "the other system's commands")
+    testbed.spin_until(commanded, "the other system's commands")
     out = tmp_path / "out"
     assert main(["run", "--duration", "0.2", "--out", str(out), *words]) == 0
     heard = len(watch.heard["joint_commands"])
-    bench.spin_until(lambda: commanded() and len(watch.heard["joint_commands"]) > heard, "more of them")
+    testbed.spin_until(lambda: commanded() and len(watch.heard["joint_commands"]) > heard, "more of them")
 
     first = capsys.readouterr().err.splitlines()[0]
     place = re.search(rf"ROS_DOMAIN_ID={domain}, namespace (/run_[0-9a-f]{{8}})$", first)
@@ -107,28 +107,28 @@ def test_a_run_in_the_domain_of_another_system_leaves_it_alone(
     assert (out / "log" / "place.txt").read_text().splitlines() == [place[0]]
 
     for topic in watch.heard:
-        assert bench.node.count_publishers(topic) == 1
+        assert testbed.node.count_publishers(topic) == 1
         assert all(nanoseconds(message.header.stamp) > YEAR_2001 for message in watch.messages(topic)), topic
     recording = read_recording(out / "bag")
     np.testing.assert_array_equal(recording.effort, rollout(make_experiment("case1").settings, 0.2).effort)
     assert recording.rejected == dict.fromkeys(LOOP, 0), "others share /diagnostics"
 
 
-def test_a_bag_of_a_run_has_plain_names_and_one_by_hand_has_full_ones(bench: Bench, tmp_path: Path) -> None:
+def test_a_bag_of_a_run_has_plain_names_and_one_by_hand_has_full_ones(testbed: Testbed, tmp_path: Path) -> None:
     from rosbags.highlevel import AnyReader
 
     names = []
     for parameters in ([], ["plain_names:=true"]):
         bag = tmp_path / str(len(parameters))
         words = [word for p in (f"output:={bag}", *parameters) for word in ("-p", p)]
-        recorder = bench.processes.start(
-            "recorder", [*words, "-r", "__ns:=/left/arm"], bench.environment, tmp_path / f"{bag.name}.log"
+        recorder = testbed.processes.start(
+            "recorder", [*words, "-r", "__ns:=/left/arm"], testbed.environment, tmp_path / f"{bag.name}.log"
         )
-        publisher = bench.node.create_publisher(JointState, "/left/arm/reference", 10)
-        bench.spin_until(lambda: bench.node.count_subscribers("/left/arm/joint_commands") == 1, "the recorder")
+        publisher = testbed.node.create_publisher(JointState, "/left/arm/reference", 10)
+        testbed.spin_until(lambda: testbed.node.count_subscribers("/left/arm/joint_commands") == 1, "the recorder")
         recorder.interrupt()
         assert recorder.wait() == 0, recorder.tail()
-        bench.node.destroy_publisher(publisher)
+        testbed.node.destroy_publisher(publisher)
         with AnyReader([bag], default_typestore=typestore()) as reader:
             names.append({connection.topic for connection in reader.connections})
     plain = {"/joint_commands", "/reference", "/controller/state", "/simulator/ground_truth"}

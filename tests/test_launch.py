@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ament_index_python.packages import get_package_share_directory
-from bench import DEADLINE, Bench
+from testbed import DEADLINE, Testbed
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollout import rollout
@@ -42,16 +42,16 @@ def generate_launch_description():
 """
 
 
-def launch(bench: Bench, *arguments: str, file: Path = LAUNCH_FILE) -> "subprocess.CompletedProcess[str]":
+def launch(testbed: Testbed, *arguments: str, file: Path = LAUNCH_FILE) -> "subprocess.CompletedProcess[str]":
     command = [sys.executable, "-c", PROGRAM, str(file), *arguments]
     return subprocess.run(
-        command, env=bench.environment, cwd=bench.folder, capture_output=True, text=True, timeout=DEADLINE
+        command, env=testbed.environment, cwd=testbed.folder, capture_output=True, text=True, timeout=DEADLINE
     )
 
 
-def test_arguments_mean_what_options_mean(bench: Bench) -> None:
+def test_arguments_mean_what_options_mean(testbed: Testbed) -> None:
     done = launch(
-        bench,
+        testbed,
         "namespace:=left",
         "clock:=lockstep",
         "duration:=0.5",
@@ -61,15 +61,15 @@ def test_arguments_mean_what_options_mean(bench: Bench) -> None:
         "set:=simulator.payload.mass=1.0 controller.law.k1='[2.0, 3.0]'",
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    recording = read_recording(bench.folder / "bag")
+    recording = read_recording(testbed.folder / "bag")
     overrides = ["simulator.payload.mass=1.0", "controller.law.k1=[2.0, 3.0]"]
     experiment = make_experiment("case1", "pidnftsm", 0.5, ["article"], overrides)
     np.testing.assert_array_equal(recording.effort, rollout(experiment.settings, 0.5).effort)
 
 
 @pytest.mark.parametrize("clock", ["realtime", "lockstep"])
-def test_an_ordinary_end_shows_no_error(bench: Bench, clock: str) -> None:
-    done = launch(bench, f"clock:={clock}", "duration:=1.0", "record:=bag")
+def test_an_ordinary_end_shows_no_error(testbed: Testbed, clock: str) -> None:
+    done = launch(testbed, f"clock:={clock}", "duration:=1.0", "record:=bag")
     said = done.stdout + done.stderr
     assert done.returncode == 0, said
     assert said.count("process has finished cleanly") == 4, said
@@ -77,17 +77,17 @@ def test_an_ordinary_end_shows_no_error(bench: Bench, clock: str) -> None:
     assert said.index("[controller-2]: process has finished") < said.index("SIGINT' to process[recorder-4]"), said
 
 
-def test_a_launch_ends_with_its_recorder(bench: Bench) -> None:
+def test_a_launch_ends_with_its_recorder(testbed: Testbed) -> None:
     """Else the simulator would wait for it for ever."""
-    done = launch(bench, "record:=/proc/bag", "set:=simulator.duration=0.0")
+    done = launch(testbed, "record:=/proc/bag", "set:=simulator.duration=0.0")
     said = done.stdout + done.stderr
     assert "cannot record: /proc/bag" in said
     assert said.count("process has finished cleanly") == 3, said
 
 
-def refused(bench: Bench, argument: str) -> str:
+def refused(testbed: Testbed, argument: str) -> str:
     """What a launch says that starts nothing."""
-    done = launch(bench, argument)
+    done = launch(testbed, argument)
     assert done.returncode == 1
     assert "process started" not in done.stdout + done.stderr
     return done.stdout + done.stderr
@@ -112,20 +112,20 @@ def refused(bench: Bench, argument: str) -> str:
         ("record:=/tmp", "record: /tmp exists; specify a new folder"),
     ],
 )
-def test_a_bad_argument_starts_nothing_and_is_one_line(bench: Bench, argument: str, cause: str) -> None:
-    errors = [line for line in refused(bench, argument).splitlines() if "INFO" not in line]
+def test_a_bad_argument_starts_nothing_and_is_one_line(testbed: Testbed, argument: str, cause: str) -> None:
+    errors = [line for line in refused(testbed, argument).splitlines() if "INFO" not in line]
     assert len(errors) == 1, errors
     assert cause in errors[0]
 
 
-def test_a_launch_file_that_includes_ours_has_arguments_of_its_own(bench: Bench) -> None:
-    parent = bench.folder / "parent.launch.py"
+def test_a_launch_file_that_includes_ours_has_arguments_of_its_own(testbed: Testbed) -> None:
+    parent = testbed.folder / "parent.launch.py"
     parent.write_text(PARENT.format(ours=str(LAUNCH_FILE)))
-    done = launch(bench, "camera:=left", file=parent)
+    done = launch(testbed, "camera:=left", file=parent)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "done: 100 samples" in done.stdout + done.stderr
 
 
 @pytest.mark.skipif(shutil.which("rviz2") is not None, reason="RViz is installed")
-def test_without_rviz_nothing_starts_either(bench: Bench) -> None:
-    assert "package 'rviz2' not found" in refused(bench, "viewer:=rviz")
+def test_without_rviz_nothing_starts_either(testbed: Testbed) -> None:
+    assert "package 'rviz2' not found" in refused(testbed, "viewer:=rviz")

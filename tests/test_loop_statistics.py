@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench import Bench
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosbags.highlevel import AnyReader
+from testbed import Testbed
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_experiments.bags.message_types import typestore
@@ -43,10 +43,10 @@ def test_controller_state_tells_of_its_loop(tmp_path: Path) -> None:
 class Watcher:
     """Keeps what is said on /diagnostics, by the name of the node."""
 
-    def __init__(self, bench: Bench) -> None:
-        self.bench = bench
+    def __init__(self, testbed: Testbed) -> None:
+        self.testbed = testbed
         self.heard: dict[str, list[DiagnosticStatus]] = {}
-        bench.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_array, 10)
+        testbed.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_array, 10)
 
     def _on_array(self, array: DiagnosticArray) -> None:
         assert array.header.stamp.sec > 0
@@ -54,7 +54,7 @@ class Watcher:
             self.heard.setdefault(status.name.split(":")[0], []).append(status)
 
     def until(self, node: str, condition: Any, what: str) -> DiagnosticStatus:
-        self.bench.spin_until(lambda: any(map(condition, self.heard.get(node, []))), f"{node}: {what}")
+        self.testbed.spin_until(lambda: any(map(condition, self.heard.get(node, []))), f"{node}: {what}")
         return next(filter(condition, self.heard[node]))
 
 
@@ -62,17 +62,17 @@ def values(status: DiagnosticStatus) -> dict[str, float]:
     return {pair.key: float(pair.value) for pair in status.values}
 
 
-def test_nodes_report_once_a_second(bench: Bench) -> None:
-    watcher = Watcher(bench)
-    bench.start("controller", "diagnostics.missed.warn:=2.0", "diagnostics.missed.error:=2.0")
+def test_nodes_report_once_a_second(testbed: Testbed) -> None:
+    watcher = Watcher(testbed)
+    testbed.start("controller", "diagnostics.missed.warn:=2.0", "diagnostics.missed.error:=2.0")
     status = watcher.until("controller", lambda s: True, "speaks before anything arrives")
     assert status.level == DiagnosticStatus.WARN
     assert status.message == "inactive: no joint state received yet"
     status = watcher.until("controller", lambda s: len(watcher.heard["controller"]) > 1, "speaks again")
-    bench.start("simulator")
+    testbed.start("simulator")
     status = watcher.until("simulator", lambda s: True, "speaks")
     assert status.message == "waiting for the other nodes"
-    bench.start("trajectory")
+    testbed.start("trajectory")
     for node in ("simulator", "controller"):
         status = watcher.until(node, lambda s: values(s)["rate (1/s)"] > 0.0, "runs")
         assert values(status)["longest period (s)"] > 0.0
@@ -81,13 +81,13 @@ def test_nodes_report_once_a_second(bench: Bench) -> None:
     assert "state age, longest (s)" in values(watcher.heard["controller"][-1])
 
 
-def test_thresholds_are_parameters(bench: Bench) -> None:
-    watcher = Watcher(bench)
-    bench.start(
+def test_thresholds_are_parameters(testbed: Testbed) -> None:
+    watcher = Watcher(testbed)
+    testbed.start(
         "simulator", "diagnostics.deadline:=1.0e-9", "diagnostics.missed.warn:=0.5", "diagnostics.missed.error:=2.0"
     )
-    bench.start("controller", "diagnostics.age.warn:=0.0", "diagnostics.age.error:=1.0e-9")
-    bench.start("trajectory")
+    testbed.start("controller", "diagnostics.age.warn:=0.0", "diagnostics.age.error:=1.0e-9")
+    testbed.start("trajectory")
     status = watcher.until("simulator", lambda s: "missed deadlines" in s.message, "warns")
     assert status.level >= DiagnosticStatus.WARN
     assert "missed deadlines 1 of the periods >= 0.5" in status.message

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from bench import Bench
+from testbed import Testbed
 
 from pidtsm_core.experiment import make_experiment, ros_parameters
 from pidtsm_core.rollout import rollout
@@ -16,9 +16,9 @@ from pidtsm_experiments.runs.runner import Process, Processes, bag_metadata, nod
 DURATION = 1.5
 
 
-def start(name: str, namespace: str, law: str, bench: Bench, processes: Processes) -> tuple[Process, Path]:
+def start(name: str, namespace: str, law: str, testbed: Testbed, processes: Processes) -> tuple[Process, Path]:
     """The three nodes in one process, and a recorder: the process that ends by itself, and the bag."""
-    folder = bench.folder / name
+    folder = testbed.folder / name
     folder.mkdir()
     experiment = make_experiment("case1", law, DURATION)
     arguments = ["-r", f"__ns:={namespace}"]
@@ -26,10 +26,10 @@ def start(name: str, namespace: str, law: str, bench: Bench, processes: Processe
         file = folder / f"{node}.yaml"
         file.write_text(ros_parameters(f"{namespace}/{node}", values), encoding="utf-8")
         arguments += ["--params-file", str(file)]
-    loop = processes.start("composed", arguments, bench.environment, folder / "composed.log")
+    loop = processes.start("composed", arguments, testbed.environment, folder / "composed.log")
     bag = folder / "bag"
     recording = [*arguments[:2], "-p", f"output:={bag}", "-p", f"metadata:='{bag_metadata(experiment, 'lockstep')}'"]
-    processes.start("recorder", recording, bench.environment, folder / "recorder.log")
+    processes.start("recorder", recording, testbed.environment, folder / "recorder.log")
     return loop, bag
 
 
@@ -37,14 +37,15 @@ def ended(process: Process) -> bool:
     return process.process.poll() is not None
 
 
-def test_two_systems_on_one_graph_track_undisturbed(bench: Bench) -> None:
+def test_two_systems_on_one_graph_track_undisturbed(testbed: Testbed) -> None:
     systems = {"left": "piddtsm", "right": "computed_torque"}
     with ExitStack() as stack:
         started = {
-            name: start(name, f"/{name}", law, bench, stack.enter_context(Processes())) for name, law in systems.items()
+            name: start(name, f"/{name}", law, testbed, stack.enter_context(Processes()))
+            for name, law in systems.items()
         }
         for loop, _ in started.values():
-            bench.spin_until(partial(ended, loop), "the end of the run")
+            testbed.spin_until(partial(ended, loop), "the end of the run")
     for name, law in systems.items():
         loop, bag = started[name]
         assert loop.process.returncode == 0, loop.tail()

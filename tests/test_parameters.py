@@ -1,9 +1,9 @@
 """Bad parameters: at the start one line and exit code 2; while running refused, the old value kept."""
 
 import pytest
-from bench import Bench
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters, SetParametersAtomically
+from testbed import Testbed
 
 BAD_AT_START = [
     ("controller", "law.k1:=-3.0", "law.k1: -3.0 must be >= 0"),
@@ -24,8 +24,8 @@ BAD_AT_START = [
 
 
 @pytest.mark.parametrize(("node", "parameter", "cause"), BAD_AT_START)
-def test_bad_parameter_at_the_start_is_one_line(bench: Bench, node: str, parameter: str, cause: str) -> None:
-    process = bench.start(node, parameter)
+def test_bad_parameter_at_the_start_is_one_line(testbed: Testbed, node: str, parameter: str, cause: str) -> None:
+    process = testbed.start(node, parameter)
     assert process.wait() == 2
     lines = process.log.read_text().splitlines()
     assert len(lines) == 1
@@ -33,8 +33,8 @@ def test_bad_parameter_at_the_start_is_one_line(bench: Bench, node: str, paramet
     assert cause in lines[0]
 
 
-def test_arguments_that_ros_cannot_read_are_one_line(bench: Bench) -> None:
-    process = bench.start("visualization", "no_value")
+def test_arguments_that_ros_cannot_read_are_one_line(testbed: Testbed) -> None:
+    process = testbed.start("visualization", "no_value")
     assert process.wait() == 2
     lines = [line for line in process.log.read_text().splitlines() if "[rcl]" not in line]
     assert len(lines) == 1
@@ -50,16 +50,18 @@ def text(name: str, value: str) -> Parameter:
     return Parameter(name=name, value=ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value))
 
 
-def test_running_controller_keeps_its_gains_when_one_is_bad(bench: Bench) -> None:
-    bench.start("controller")
+def test_running_controller_keeps_its_gains_when_one_is_bad(testbed: Testbed) -> None:
+    testbed.start("controller")
 
     def set_parameters(*parameters: Parameter) -> tuple[bool, str]:
         request = SetParametersAtomically.Request(parameters=list(parameters))
-        result = bench.call(SetParametersAtomically, "controller/set_parameters_atomically", request).result
+        result = testbed.call(SetParametersAtomically, "controller/set_parameters_atomically", request).result
         return result.successful, result.reason
 
     def get(*names: str) -> list[float]:
-        values = bench.call(GetParameters, "controller/get_parameters", GetParameters.Request(names=list(names))).values
+        values = testbed.call(
+            GetParameters, "controller/get_parameters", GetParameters.Request(names=list(names))
+        ).values
         return [value.double_value for value in values]
 
     assert set_parameters(double("law.k1", 4.0), double("law.k2", 0.6)) == (True, "")
@@ -79,12 +81,12 @@ def test_running_controller_keeps_its_gains_when_one_is_bad(bench: Bench) -> Non
         assert get("law.k1", "law.k2") == [4.0, 0.6], "a set is taken whole or not at all"
 
 
-def test_setting_a_parameter_that_does_not_exist_names_it(bench: Bench) -> None:
-    bench.start("controller")
+def test_setting_a_parameter_that_does_not_exist_names_it(testbed: Testbed) -> None:
+    testbed.start("controller")
 
     def set_parameters(*parameters: Parameter) -> list[tuple[bool, str]]:
         request = SetParameters.Request(parameters=list(parameters))
-        results = bench.call(SetParameters, "controller/set_parameters", request).results
+        results = testbed.call(SetParameters, "controller/set_parameters", request).results
         return [(result.successful, result.reason) for result in results]
 
     known, typo = double("law.k1", 4.0), double("law.kk", 1.0)
@@ -93,18 +95,18 @@ def test_setting_a_parameter_that_does_not_exist_names_it(bench: Bench) -> None:
     assert set_parameters(double("law.gain", 1.0))[0][1].startswith("unknown parameter law.gain: ")
     assert set_parameters(unset)[0][1].startswith("unknown parameter nonsense; known: ")
     request = SetParametersAtomically.Request(parameters=[known, typo])
-    result = bench.call(SetParametersAtomically, "controller/set_parameters_atomically", request).result
+    result = testbed.call(SetParametersAtomically, "controller/set_parameters_atomically", request).result
     assert (result.successful, result.reason) == (False, "unknown parameter law.kk; did you mean law.k?")
 
 
 @pytest.mark.parametrize("node", ["simulator", "controller", "trajectory"])
-def test_every_parameter_describes_itself(bench: Bench, node: str) -> None:
+def test_every_parameter_describes_itself(testbed: Testbed, node: str) -> None:
     from pidtsm_core.node_parameters import NODE_SCHEMAS
 
-    bench.start(node)
+    testbed.start(node)
     schema = NODE_SCHEMAS[node]({})
     request = DescribeParameters.Request(names=[p.name for p in schema])
-    descriptors = bench.call(DescribeParameters, f"{node}/describe_parameters", request).descriptors
+    descriptors = testbed.call(DescribeParameters, f"{node}/describe_parameters", request).descriptors
     for parameter, descriptor in zip(schema, descriptors, strict=True):
         assert descriptor.description.startswith(parameter.description)
         assert parameter.unit in descriptor.description

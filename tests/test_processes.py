@@ -5,23 +5,23 @@ import time
 from pathlib import Path
 
 import pytest
-from bench import Bench
 from lifecycle_msgs.srv import GetState
+from testbed import Testbed
 
 from pidtsm_experiments.runs.runner import Process
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("node", ["simulator", "controller", "trajectory"])
-def test_a_signal_ends_a_started_node_cleanly(bench: Bench, node: str, number: signal.Signals) -> None:
-    process = bench.start(node)
+def test_a_signal_ends_a_started_node_cleanly(testbed: Testbed, node: str, number: signal.Signals) -> None:
+    process = testbed.start(node)
 
     def is_started() -> bool:
-        label = bench.call(GetState, f"{node}/get_state", GetState.Request()).current_state.label
+        label = testbed.call(GetState, f"{node}/get_state", GetState.Request()).current_state.label
         # A controller becomes active with the first joint state.
         return bool(label == ("inactive" if node == "controller" else "active"))
 
-    bench.spin_until(is_started, f"{node} has started")
+    testbed.spin_until(is_started, f"{node} has started")
     process.process.send_signal(number)
     assert process.wait() == 0
     assert "Traceback" not in process.log.read_text()
@@ -36,9 +36,9 @@ def takes_signals(process: Process) -> bool:
 
 @pytest.mark.parametrize("node", ["simulator", "controller", "trajectory", "recorder", "visualization", "composed"])
 @pytest.mark.parametrize("after", [0.0, 0.3, 0.8])
-def test_a_signal_at_any_moment_of_the_start_ends_a_node_cleanly(bench: Bench, node: str, after: float) -> None:
-    process = bench.start_executable(node, *([f"output:={bench.folder / 'bag'}"] if node == "recorder" else []))
-    bench.spin_until(lambda: takes_signals(process), f"{node} takes signals")
+def test_a_signal_at_any_moment_of_the_start_ends_a_node_cleanly(testbed: Testbed, node: str, after: float) -> None:
+    process = testbed.start_executable(node, *([f"output:={testbed.folder / 'bag'}"] if node == "recorder" else []))
+    testbed.spin_until(lambda: takes_signals(process), f"{node} takes signals")
     time.sleep(after)  # What happens at this moment is left to chance.
     process.interrupt()
     assert process.wait() == 0
@@ -46,21 +46,21 @@ def test_a_signal_at_any_moment_of_the_start_ends_a_node_cleanly(bench: Bench, n
 
 
 @pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
-def test_messages_come_in_by_udp_alone(bench: Bench, discovery: str) -> None:
+def test_messages_come_in_by_udp_alone(testbed: Testbed, discovery: str) -> None:
     """Shared memory has locks, which a reader that is killed leaves closed, and to open it stops all for 0.3 s."""
-    bench.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = discovery
-    process = bench.start("simulator")
-    bench.spin_until(lambda: "active" in process.log.read_text(), "the simulator is active")
+    testbed.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = discovery
+    process = testbed.start("simulator")
+    testbed.spin_until(lambda: "active" in process.log.read_text(), "the simulator is active")
     threads = Path(f"/proc/{process.process.pid}/task").glob("*/comm")
     kinds = {name.split(".")[1] for file in threads if (name := file.read_text()).startswith("dds.")}
     assert "udp" in kinds
     assert "shm" not in kinds
 
 
-def test_recorder_says_why_it_cannot_write(bench: Bench) -> None:
-    occupied = bench.folder / "bag"
+def test_recorder_says_why_it_cannot_write(testbed: Testbed) -> None:
+    occupied = testbed.folder / "bag"
     occupied.mkdir()
-    process = bench.start("recorder", f"output:={occupied}")
+    process = testbed.start("recorder", f"output:={occupied}")
     assert process.wait() == 1
     lines = process.log.read_text().splitlines()
     assert len(lines) == 1

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from bench import Bench
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
+from testbed import Testbed
 
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_experiments.bags.recorder_node import TOPICS
@@ -37,13 +37,13 @@ PROMISE = 1_000_000_000  # ns; what is older than that is readable
 class Loop:
     """Publishes what recorders subscribe to, as fast as a loop does."""
 
-    def __init__(self, bench: Bench, namespace: str = "") -> None:
-        self.bench = bench
+    def __init__(self, testbed: Testbed, namespace: str = "") -> None:
+        self.testbed = testbed
         self.namespace = namespace
         self.sent: dict[str, list[int]] = {topic: [] for topic in PUBLISHED}
         self.out: dict[str, list[int]] = {topic: [] for topic in PUBLISHED}
         self._publishers = {
-            topic: bench.node.create_publisher(kind, f"{namespace}/{topic}", PUBLISHER)
+            topic: testbed.node.create_publisher(kind, f"{namespace}/{topic}", PUBLISHER)
             for topic, kind in TOPICS.items()
         }
         self._message = JointState(name=["joint1", "joint2"], position=[0.0, 0.0], velocity=[0.0, 0.0])
@@ -53,10 +53,10 @@ class Loop:
         words = [word for parameter in (f"output:={bag}", *parameters) for word in ("-p", parameter)]
         if self.namespace:
             words += ["-r", f"__ns:={self.namespace}"]
-        log = self.bench.folder / f"{bag.name}.log"
-        process = self.bench.processes.start("recorder", words, self.bench.environment, log)
+        log = self.testbed.folder / f"{bag.name}.log"
+        process = self.testbed.processes.start("recorder", words, self.testbed.environment, log)
         # There may be several; processes are known by their names.
-        self.bench.processes.running[bag.name] = self.bench.processes.running.pop("recorder")
+        self.testbed.processes.running[bag.name] = self.testbed.processes.running.pop("recorder")
         return process
 
     def wait_for(self, recorders: int) -> None:
@@ -65,7 +65,7 @@ class Loop:
         def all_listen() -> bool:
             return all(p.get_subscription_count() >= recorders for p in self._publishers.values())
 
-        self.bench.spin_until(all_listen, f"{recorders} recorders listen")
+        self.testbed.spin_until(all_listen, f"{recorders} recorders listen")
 
     def publish(self) -> None:
         """Publish one sample; `sent` gets its stamp, `out` the time when publishing was done.
@@ -91,8 +91,8 @@ class Loop:
 
 
 @pytest.fixture
-def loop(bench: Bench) -> Loop:
-    return Loop(bench)
+def loop(testbed: Testbed) -> Loop:
+    return Loop(testbed)
 
 
 def recorded(bag: Path, namespace: str = "") -> dict[str, set[int]]:
@@ -107,9 +107,9 @@ def recorded(bag: Path, namespace: str = "") -> dict[str, set[int]]:
     return stamps
 
 
-def test_an_interrupt_ends_it_although_the_system_goes_on(bench: Bench) -> None:
-    loop = Loop(bench)
-    bag = bench.folder / "bag"
+def test_an_interrupt_ends_it_although_the_system_goes_on(testbed: Testbed) -> None:
+    loop = Loop(testbed)
+    bag = testbed.folder / "bag"
     process = loop.start(bag)
     loop.wait_for(1)
     interrupted = False
@@ -123,12 +123,12 @@ def test_an_interrupt_ends_it_although_the_system_goes_on(bench: Bench) -> None:
     assert (bag / "metadata.yaml").exists()
 
 
-def test_killed_at_any_moment_leaves_all_that_is_older_than_a_second(bench: Bench) -> None:
+def test_killed_at_any_moment_leaves_all_that_is_older_than_a_second(testbed: Testbed) -> None:
     moments = random.Random(35)
     checked = 0
     for group in range(KILLED // AT_ONCE):
-        bags = [bench.folder / f"bag{group}{i}" for i in range(AT_ONCE)]
-        loop = Loop(bench, f"/group{group}")
+        bags = [testbed.folder / f"bag{group}{i}" for i in range(AT_ONCE)]
+        loop = Loop(testbed, f"/group{group}")
         alive = {bag: loop.start(bag) for bag in bags}
         loop.wait_for(AT_ONCE)
         due = {bag: moments.uniform(0.1, LATEST_KILL) for bag in bags}
@@ -140,7 +140,7 @@ def test_killed_at_any_moment_leaves_all_that_is_older_than_a_second(bench: Benc
             if not alive:
                 break
         for bag in bags:
-            bench.processes.running.pop(bag.name).process.wait()
+            testbed.processes.running.pop(bag.name).process.wait()
             assert not (bag / "metadata.yaml").exists()
             got = recorded(bag, loop.namespace)
             for topic in PUBLISHED:
@@ -152,8 +152,8 @@ def test_killed_at_any_moment_leaves_all_that_is_older_than_a_second(bench: Benc
     assert checked > 5000
 
 
-def test_what_a_recorder_missed_while_it_was_stopped_it_gets_afterwards(bench: Bench, loop: Loop) -> None:
-    bag = bench.folder / "bag"
+def test_what_a_recorder_missed_while_it_was_stopped_it_gets_afterwards(testbed: Testbed, loop: Loop) -> None:
+    bag = testbed.folder / "bag"
     process = loop.start(bag)
     loop.wait_for(1)
     acts = [(1.0, signal.SIGSTOP), (2.0, signal.SIGCONT)]
@@ -167,10 +167,10 @@ def test_what_a_recorder_missed_while_it_was_stopped_it_gets_afterwards(bench: B
         assert set(loop.sent[topic]) == got[topic]
 
 
-def test_threads_that_receive_go_before_other_work(bench: Bench) -> None:
+def test_threads_that_receive_go_before_other_work(testbed: Testbed) -> None:
     """Otherwise messages are missed on a busy machine, and the loop must send them again."""
-    process = bench.start("recorder", f"output:={bench.folder / 'bag'}")
-    bench.spin_until((bench.folder / "bag").exists, "a recorder")
+    process = testbed.start("recorder", f"output:={testbed.folder / 'bag'}")
+    testbed.spin_until((testbed.folder / "bag").exists, "a recorder")
     if "SCHED_FIFO is not permitted" in process.log.read_text():
         pytest.skip("needs the right to real-time scheduling")
 
@@ -179,7 +179,7 @@ def test_threads_that_receive_go_before_other_work(bench: Bench) -> None:
         receivers = [thread for thread in threads if (thread / "comm").read_text().startswith(RECEIVERS)]
         return bool(receivers) and all(os.sched_getscheduler(int(t.name)) == os.SCHED_FIFO for t in receivers)
 
-    bench.spin_until(first_in_first_out, "threads that receive messages")
+    testbed.spin_until(first_in_first_out, "threads that receive messages")
 
 
 # Full disks.
@@ -247,8 +247,8 @@ def test_a_disk_that_is_full_ends_the_bag_and_nothing_else(loop: Loop, small_dis
     check_ended_early(loop, small_disk / "bag", process, "cannot write: No space left on device")
 
 
-def test_a_write_error_ends_the_bag_and_nothing_else(bench: Bench, loop: Loop) -> None:
-    bag = bench.folder / "bag"
+def test_a_write_error_ends_the_bag_and_nothing_else(testbed: Testbed, loop: Loop) -> None:
+    bag = testbed.folder / "bag"
     process = loop.start(bag)
     loop.wait_for(1)
     resource.prlimit(process.process.pid, resource.RLIMIT_FSIZE, (400_000, 400_000))
@@ -256,33 +256,33 @@ def test_a_write_error_ends_the_bag_and_nothing_else(bench: Bench, loop: Loop) -
     check_ended_early(loop, bag, process, "cannot write: File too large")
 
 
-def test_a_disk_without_space_is_refused(bench: Bench) -> None:
-    process = bench.start("recorder", f"output:={bench.folder / 'bag'}", f"min_free_space:={2**60}")
+def test_a_disk_without_space_is_refused(testbed: Testbed) -> None:
+    process = testbed.start("recorder", f"output:={testbed.folder / 'bag'}", f"min_free_space:={2**60}")
     assert process.wait() == 1
     (line,) = process.log.read_text().splitlines()
-    assert line.startswith(f"cannot record: {bench.folder}/bag is on a disk with ")
+    assert line.startswith(f"cannot record: {testbed.folder}/bag is on a disk with ")
     assert line.endswith("free some space, record elsewhere, or lower min_free_space")
-    assert not (bench.folder / "bag").exists()
+    assert not (testbed.folder / "bag").exists()
 
 
 # What is missing is reported, and a bag may have many files.
 
 
-def test_lost_messages_are_counted(bench: Bench, loop: Loop) -> None:
-    process = loop.start(bench.folder / "bag")
+def test_lost_messages_are_counted(testbed: Testbed, loop: Loop) -> None:
+    process = loop.start(testbed.folder / "bag")
     loop.wait_for(1)
     for _ in loop.run(0.2):
         pass
-    bench.spin_until(lambda: (bench.folder / "bag" / "bag_0.mcap").stat().st_size > 10_000, "something is recorded")
+    testbed.spin_until(lambda: (testbed.folder / "bag" / "bag_0.mcap").stat().st_size > 10_000, "something is recorded")
     process.process.send_signal(signal.SIGSTOP)
     # More than the publishers keep for a reader that does not answer.
     for _ in range(PUBLISHER.depth + 3000):
         loop.publish()
     process.process.send_signal(signal.SIGCONT)
-    bench.spin_until(lambda: "lost so far" in process.log.read_text(), "a warning of the recorder")
+    testbed.spin_until(lambda: "lost so far" in process.log.read_text(), "a warning of the recorder")
     code, log, _ = end(process)
     assert code == 0
-    got = recorded(bench.folder / "bag")
+    got = recorded(testbed.folder / "bag")
     for topic in PUBLISHED:
         lost = len(loop.sent[topic]) - len(got[topic])
         assert lost > 0
@@ -293,14 +293,14 @@ def test_lost_messages_are_counted(bench: Bench, loop: Loop) -> None:
     ("limit", "killed"),
     [("max_bag_size:=100000", False), ("max_bag_size:=100000", True), ("max_bag_duration:=0.5", False)],
 )
-def test_a_long_recording_is_split(bench: Bench, loop: Loop, limit: str, killed: bool) -> None:
-    bag = bench.folder / "bag"
+def test_a_long_recording_is_split(testbed: Testbed, loop: Loop, limit: str, killed: bool) -> None:
+    bag = testbed.folder / "bag"
     process = loop.start(bag, limit)
     loop.wait_for(1)
     for _ in loop.run(2.0):
         pass
     if killed:
-        bench.spin_until((bag / "bag_2.mcap").exists, "a third file")
+        testbed.spin_until((bag / "bag_2.mcap").exists, "a third file")
         process.process.kill()
         process.process.wait()
     else:

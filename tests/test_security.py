@@ -9,9 +9,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from bench import Bench
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from testbed import Testbed
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import load_ros_parameters, make_experiment
@@ -50,34 +50,34 @@ def policy() -> dict[str, dict[str, Rules]]:
     return enclaves
 
 
-def graph(bench: Bench, node: str) -> Rules:
+def graph(testbed: Testbed, node: str) -> Rules:
     """What a node has on the graph: names by kind."""
-    if node not in bench.node.get_node_names():
+    if node not in testbed.node.get_node_names():
         return {}
     asked = {
-        "publish": bench.node.get_publisher_names_and_types_by_node,
-        "subscribe": bench.node.get_subscriber_names_and_types_by_node,
-        "reply": bench.node.get_service_names_and_types_by_node,
-        "request": bench.node.get_client_names_and_types_by_node,
+        "publish": testbed.node.get_publisher_names_and_types_by_node,
+        "subscribe": testbed.node.get_subscriber_names_and_types_by_node,
+        "reply": testbed.node.get_service_names_and_types_by_node,
+        "request": testbed.node.get_client_names_and_types_by_node,
     }
     return {kind: {name for name, _ in ask(node, "/")} for kind, ask in asked.items()}
 
 
-def test_policy_is_exactly_what_the_nodes_use(bench: Bench) -> None:
+def test_policy_is_exactly_what_the_nodes_use(testbed: Testbed) -> None:
     allowed = {node: rules for profiles in policy().values() for node, rules in profiles.items()}
-    bench.start("simulator", "autostart:=false", "clock:=lockstep")
-    bench.start("controller", "autostart:=false", "stop.brakes:=true")
-    bench.start("trajectory", "autostart:=false")
-    bench.start("visualization")
-    bench.start("recorder", f"output:={bench.folder / 'bag'}")
+    testbed.start("simulator", "autostart:=false", "clock:=lockstep")
+    testbed.start("controller", "autostart:=false", "stop.brakes:=true")
+    testbed.start("trajectory", "autostart:=false")
+    testbed.start("visualization")
+    testbed.start("recorder", f"output:={testbed.folder / 'bag'}")
     configure = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
     for node in MANAGED:
-        assert bench.call(ChangeState, f"{node}/change_state", configure).success
+        assert testbed.call(ChangeState, f"{node}/change_state", configure).success
 
     def differences() -> list[str]:
         found = []
         for node, rules in allowed.items():
-            has = graph(bench, node)
+            has = graph(testbed, node)
             for kind in KINDS:
                 used = has.get(kind, set())
                 found += [f"{node} may not {kind} {name}" for name in used - rules[kind]]
@@ -85,7 +85,7 @@ def test_policy_is_exactly_what_the_nodes_use(bench: Bench) -> None:
         return found
 
     try:
-        bench.spin_until(lambda: not differences(), "the graph is that of the policy")
+        testbed.spin_until(lambda: not differences(), "the graph is that of the policy")
     except pytest.fail.Exception:
         assert differences() == []
         raise
@@ -108,11 +108,11 @@ def keystore(tmp_path: Path) -> Path:
     return tmp_path / "keystore"
 
 
-def test_no_node_starts_insecure(bench: Bench, keystore: Path) -> None:
+def test_no_node_starts_insecure(testbed: Testbed, keystore: Path) -> None:
     # In these enclaves no middleware makes a secure node, and one without security never does.
-    bench.environment |= {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_KEYSTORE": str(keystore)}
-    output = bench.folder / "bag"
-    started = [bench.start(name, *([f"output:={output}"] if name == "recorder" else [])) for name in EXECUTABLES]
+    testbed.environment |= {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_KEYSTORE": str(keystore)}
+    output = testbed.folder / "bag"
+    started = [testbed.start(name, *([f"output:={output}"] if name == "recorder" else [])) for name in EXECUTABLES]
     for process in started:
         assert process.wait() == 2, process.name
         said = process.log.read_text()
@@ -155,7 +155,7 @@ def test_a_run_that_cannot_be_secure_does_not_start(
     assert not (tmp_path / "out").exists()
 
 
-def test_the_graph_runs_under_its_policy(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_graph_runs_under_its_policy(testbed: Testbed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keystore = tmp_path / "keystore"
     if not shutil.which("ros2"):
         (keystore / "enclaves" / "any").mkdir(parents=True)
@@ -167,11 +167,11 @@ def test_the_graph_runs_under_its_policy(bench: Bench, tmp_path: Path, monkeypat
         pytest.skip(f"needs sros2 (ros2 security) to make keys, and a middleware with security; here: {refused.value}")
     subprocess.run(["ros2", "security", "create_keystore", str(keystore)], check=True)
     subprocess.run(["ros2", "security", "generate_artifacts", "-k", str(keystore), "-p", str(POLICY)], check=True)
-    bench.environment |= {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_KEYSTORE": str(keystore)}
-    bench.start("simulator", "clock:=lockstep", "duration:=0.1")
-    bench.start("controller", "reference.match:=stamp")
-    bench.start("trajectory", "clock:=lockstep")
-    assert bench.processes.running["simulator"].wait() == 0
+    testbed.environment |= {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_KEYSTORE": str(keystore)}
+    testbed.start("simulator", "clock:=lockstep", "duration:=0.1")
+    testbed.start("controller", "reference.match:=stamp")
+    testbed.start("trajectory", "clock:=lockstep")
+    assert testbed.processes.running["simulator"].wait() == 0
 
 
 # Files name no code.

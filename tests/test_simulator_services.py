@@ -7,12 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from bench import Bench
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from testbed import Testbed
 
 from pidtsm_core.node_parameters import simulator_node_schema
 from pidtsm_core.parameters import resolve
@@ -26,15 +26,15 @@ EFFORT = [40.0, 5.0]
 class Arm:
     """The simulator process, with this torque commanded where the test says so."""
 
-    def __init__(self, bench: Bench, *parameters: str) -> None:
-        self.bench = bench
+    def __init__(self, testbed: Testbed, *parameters: str) -> None:
+        self.testbed = testbed
         self.obedient = False
         self.effort = EFFORT
         self.answers: Callable[[list[JointState]], JointState] = lambda states: states[-1]
         self.states: list[JointState] = []
-        self.commands = bench.node.create_publisher(JointState, "joint_commands", 10)
-        bench.node.create_subscription(JointState, "joint_states", self._on_state, 10)
-        self.process = bench.start("simulator", "start.subscribers:=1", *parameters)
+        self.commands = testbed.node.create_publisher(JointState, "joint_commands", 10)
+        testbed.node.create_subscription(JointState, "joint_states", self._on_state, 10)
+        self.process = testbed.start("simulator", "start.subscribers:=1", *parameters)
 
     def _on_state(self, message: JointState) -> None:
         if self.states and message.header.stamp == self.states[-1].header.stamp:
@@ -51,22 +51,22 @@ class Arm:
 
     def position(self, sample: int) -> list[float]:
         """In lockstep: of this sample, once it is there."""
-        self.bench.spin_until(
+        self.testbed.spin_until(
             lambda: len(self.states) > sample and self.commands.get_subscription_count(), f"joint state {sample}"
         )
         return list(self.states[sample].position)
 
     def reset(self) -> Trigger.Response:
-        return self.bench.call(Trigger, "simulator/reset", Trigger.Request())
+        return self.testbed.call(Trigger, "simulator/reset", Trigger.Request())
 
     def says(self, text: str) -> None:
-        self.bench.spin_until(lambda: text in self.process.log.read_text(), f"{text!r} in the log")
+        self.testbed.spin_until(lambda: text in self.process.log.read_text(), f"{text!r} in the log")
 
 
-def change(bench: Bench, node: str, *transitions: int) -> None:
+def change(testbed: Testbed, node: str, *transitions: int) -> None:
     for transition in transitions:
         request = ChangeState.Request(transition=Transition(id=transition))
-        assert bench.call(ChangeState, f"{node}/change_state", request).success
+        assert testbed.call(ChangeState, f"{node}/change_state", request).success
 
 
 CHANGES: dict[str, dict[str, float | list[float]]] = {
@@ -76,8 +76,8 @@ CHANGES: dict[str, dict[str, float | list[float]]] = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_payload_and_push_come_and_go_as_parameters_while_it_runs(bench: Bench, change: str) -> None:
-    arm = Arm(bench, "clock:=lockstep")
+def test_payload_and_push_come_and_go_as_parameters_while_it_runs(testbed: Testbed, change: str) -> None:
+    arm = Arm(testbed, "clock:=lockstep")
     robot = SimulatedRobot(resolve(simulator_node_schema, {}, 2))
     on = CHANGES[change]
     off = {name: [0.0, 0.0] if isinstance(value, list) else 0.0 for name, value in on.items()}
@@ -85,15 +85,15 @@ def test_payload_and_push_come_and_go_as_parameters_while_it_runs(bench: Bench, 
         assert arm.position(k) == robot.state.arm.position.tolist()
         if k in (10, 20):
             values = on if k == 10 else off
-            bench.set("simulator", values)
+            testbed.set("simulator", values)
             robot.set_parameters(resolve(simulator_node_schema, values, 2))
         robot.sense(k)
         robot.act(k, True, np.array(EFFORT))
         arm.command()
 
 
-def test_a_reset_brings_the_arm_back_while_time_goes_on(bench: Bench) -> None:
-    arm = Arm(bench, "clock:=lockstep")
+def test_a_reset_brings_the_arm_back_while_time_goes_on(testbed: Testbed) -> None:
+    arm = Arm(testbed, "clock:=lockstep")
     first = []
     for k in range(10):
         first.append(arm.position(k))
@@ -106,7 +106,7 @@ def test_a_reset_brings_the_arm_back_while_time_goes_on(bench: Bench) -> None:
         assert arm.position(10 + k) == first[k]
         arm.command()
     assert nanoseconds(arm.states[19].header.stamp) == 19_000_000
-    bench.set("simulator", {"initial_position": [0.5, 0.25]})
+    testbed.set("simulator", {"initial_position": [0.5, 0.25]})
     assert arm.reset().success
     arm.position(20)
     robot = SimulatedRobot(resolve(simulator_node_schema, {"initial_position": [0.5, 0.25]}, 2))
@@ -115,33 +115,33 @@ def test_a_reset_brings_the_arm_back_while_time_goes_on(bench: Bench) -> None:
     assert arm.position(21) == robot.state.arm.position.tolist()
 
 
-def test_brakes_stop_the_arm_when_commands_stay_out_and_open_with_the_next(bench: Bench) -> None:
+def test_brakes_stop_the_arm_when_commands_stay_out_and_open_with_the_next(testbed: Testbed) -> None:
     truth: list[JointState] = []
     summaries: list[str] = []
-    bench.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 100)
-    bench.node.create_subscription(
+    testbed.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 100)
+    testbed.node.create_subscription(
         DiagnosticArray, "/diagnostics", lambda message: summaries.append(message.status[0].message), 10
     )
-    arm = Arm(bench, "command.timeout:=0.05")
+    arm = Arm(testbed, "command.timeout:=0.05")
     arm.obedient = True
-    bench.spin_until(lambda: truth and min(map(abs, truth[-1].velocity)) > 0.05, "an arm in motion")
+    testbed.spin_until(lambda: truth and min(map(abs, truth[-1].velocity)) > 0.05, "an arm in motion")
 
     arm.obedient = False
     arm.says("(command.timeout): the brakes stop the arm")
-    bench.spin_until(lambda: not any(truth[-1].effort) and max(map(abs, truth[-1].velocity)) < 1e-6, "an arm at rest")
-    bench.spin_until(lambda: any("brakes engaged" in s for s in summaries), "word of it on /diagnostics")
+    testbed.spin_until(lambda: not any(truth[-1].effort) and max(map(abs, truth[-1].velocity)) < 1e-6, "an arm at rest")
+    testbed.spin_until(lambda: any("brakes engaged" in s for s in summaries), "word of it on /diagnostics")
 
     arm.obedient = True
     arm.says("command received: brakes released")
-    bench.spin_until(lambda: min(map(abs, truth[-1].velocity)) > 0.05, "an arm in motion again")
+    testbed.spin_until(lambda: min(map(abs, truth[-1].velocity)) > 0.05, "an arm in motion again")
     for before, after in pairwise(truth):
         dt = (nanoseconds(after.header.stamp) - nanoseconds(before.header.stamp)) * 1e-9
         speed = np.abs([before.velocity, after.velocity]).max(axis=0)
         assert (np.abs(np.subtract(after.position, before.position)) <= 1.01 * speed * dt + 1e-5).all(), "a jump"
 
 
-def test_in_lockstep_silence_ends_the_run_with_the_name_of_who_is_silent(bench: Bench) -> None:
-    arm = Arm(bench, "clock:=lockstep", "lockstep.timeout:=0.5")
+def test_in_lockstep_silence_ends_the_run_with_the_name_of_who_is_silent(testbed: Testbed) -> None:
+    arm = Arm(testbed, "clock:=lockstep", "lockstep.timeout:=0.5")
     arm.position(0)
     arm.command()
     arm.position(1)
@@ -149,10 +149,10 @@ def test_in_lockstep_silence_ends_the_run_with_the_name_of_who_is_silent(bench: 
     assert "no command for t = 0.001 s within 0.5 s: /stranger did not respond" in arm.process.log.read_text()
 
 
-def test_in_realtime_no_sample_passes_before_somebody_answers(bench: Bench) -> None:
+def test_in_realtime_no_sample_passes_before_somebody_answers(testbed: Testbed) -> None:
     truth: list[JointState] = []
-    bench.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 1000)
-    arm = Arm(bench, "duration:=0.3")
+    testbed.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 1000)
+    arm = Arm(testbed, "duration:=0.3")
     arm.says("waiting: no command on joint_commands so far; is a controller active?")
     assert not truth
     stamps = [nanoseconds(state.header.stamp) for state in arm.states]
@@ -160,8 +160,8 @@ def test_in_realtime_no_sample_passes_before_somebody_answers(bench: Bench) -> N
     assert all(state.position == arm.states[0].position for state in arm.states)
     arm.obedient = True
     arm.command()
-    bench.spin_until(lambda: arm.process.process.poll() is not None, "the end")
-    bench.spin_until(
+    testbed.spin_until(lambda: arm.process.process.poll() is not None, "the end")
+    testbed.spin_until(
         lambda: truth and nanoseconds(truth[-1].header.stamp) - nanoseconds(truth[0].header.stamp) >= 299_000_000,
         "all of the truth",
     )
@@ -170,21 +170,23 @@ def test_in_realtime_no_sample_passes_before_somebody_answers(bench: Bench) -> N
 
 
 @pytest.mark.parametrize("clock", ["realtime", "lockstep"])
-def test_it_waits_for_an_active_controller_in_whatever_order_a_manager_starts_them(bench: Bench, clock: str) -> None:
+def test_it_waits_for_an_active_controller_in_whatever_order_a_manager_starts_them(
+    testbed: Testbed, clock: str
+) -> None:
     match = {"realtime": "latest", "lockstep": "stamp"}[clock]
-    simulator = bench.start("simulator", "autostart:=false", f"clock:={clock}", "rate:=200", "duration:=1.0")
-    bench.start("trajectory", "autostart:=false", f"clock:={clock}")
-    bench.start("controller", "autostart:=false", f"reference.match:={match}")
+    simulator = testbed.start("simulator", "autostart:=false", f"clock:={clock}", "rate:=200", "duration:=1.0")
+    testbed.start("trajectory", "autostart:=false", f"clock:={clock}")
+    testbed.start("controller", "autostart:=false", f"reference.match:={match}")
 
     def says(text: str) -> None:
-        bench.spin_until(lambda: text in simulator.log.read_text(), f"{text!r} in the log")
+        testbed.spin_until(lambda: text in simulator.log.read_text(), f"{text!r} in the log")
 
-    change(bench, "simulator", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+    change(testbed, "simulator", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
     says("waiting: joint_states has 0 of 2 subscribers, joint_commands 0 publishers")
-    change(bench, "controller", Transition.TRANSITION_CONFIGURE)
-    change(bench, "trajectory", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+    change(testbed, "controller", Transition.TRANSITION_CONFIGURE)
+    change(testbed, "trajectory", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
     says("waiting: no command on joint_commands so far; is a controller active?")
-    change(bench, "controller", Transition.TRANSITION_ACTIVATE)
+    change(testbed, "controller", Transition.TRANSITION_ACTIVATE)
     assert simulator.wait() == 0
     done = re.search(r"done: 200 samples in .*; (\d+) skipped, (\d+) answered", simulator.log.read_text())
     assert done
@@ -192,11 +194,11 @@ def test_it_waits_for_an_active_controller_in_whatever_order_a_manager_starts_th
     assert int(skipped) + int(answered) >= 198
 
 
-def test_stale_commands_are_counted_and_logged_once_and_so_are_the_stops_they_lead_to(bench: Bench) -> None:
+def test_stale_commands_are_counted_and_logged_once_and_so_are_the_stops_they_lead_to(testbed: Testbed) -> None:
     """Of a stranger whose stamps are late every now and then."""
     summaries: list[DiagnosticArray] = []
-    bench.node.create_subscription(DiagnosticArray, "/diagnostics", summaries.append, 10)
-    arm = Arm(bench, "command.timeout:=0.02")
+    testbed.node.create_subscription(DiagnosticArray, "/diagnostics", summaries.append, 10)
+    arm = Arm(testbed, "command.timeout:=0.02")
     arm.answers = lambda states: states[0] if len(states) % 100 < 50 else states[-1]
     arm.obedient = True
 
@@ -204,7 +206,7 @@ def test_stale_commands_are_counted_and_logged_once_and_so_are_the_stops_they_le
         values = {pair.key: pair.value for pair in summaries[-1].status[0].values} if summaries else {}
         return float(values.get(name, 0.0))
 
-    bench.spin_until(lambda: counted("stops by the brakes since activation") > 10, "the brakes stop the arm")
+    testbed.spin_until(lambda: counted("stops by the brakes since activation") > 10, "the brakes stop the arm")
     assert counted("commands ignored for a stale stamp since activation") > 100
     log = arm.process.log.read_text()
     assert log.count("the brakes stop the arm") == 1
@@ -212,11 +214,11 @@ def test_stale_commands_are_counted_and_logged_once_and_so_are_the_stops_they_le
     assert "rejected" not in log
 
 
-def test_in_realtime_a_further_command_for_a_joint_state_takes_the_place_of_the_one_before(bench: Bench) -> None:
+def test_in_realtime_a_further_command_for_a_joint_state_takes_the_place_of_the_one_before(testbed: Testbed) -> None:
     truth: list[JointState] = []
-    bench.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 100)
-    arm = Arm(bench, "command.timeout:=1.0")
-    bench.spin_until(lambda: arm.states and arm.commands.get_subscription_count(), "a joint state")
+    testbed.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 100)
+    arm = Arm(testbed, "command.timeout:=1.0")
+    testbed.spin_until(lambda: arm.states and arm.commands.get_subscription_count(), "a joint state")
     answered = arm.states[-1:]
 
     def went_on(since: int) -> bool:
@@ -229,18 +231,18 @@ def test_in_realtime_a_further_command_for_a_joint_state_takes_the_place_of_the_
         for _ in range(8):
             arm.command()
             count = len(truth)
-            bench.spin_until(partial(went_on, count), "a tenth of a second")
+            testbed.spin_until(partial(went_on, count), "a tenth of a second")
         assert list(truth[-1].effort) == effort
     assert "brakes" not in arm.process.log.read_text()
 
 
-def test_a_first_joint_state_that_nobody_answers_is_sent_again(bench: Bench) -> None:
+def test_a_first_joint_state_that_nobody_answers_is_sent_again(testbed: Testbed) -> None:
     heard: list[JointState] = []
-    bench.node.create_subscription(JointState, "joint_states", heard.append, 10)
-    commands = bench.node.create_publisher(JointState, "joint_commands", 10)
-    bench.start("simulator", "start.subscribers:=1", "clock:=lockstep", "lockstep.timeout:=60.0")
-    bench.spin_until(lambda: len(heard) == 3, "the same three times")
+    testbed.node.create_subscription(JointState, "joint_states", heard.append, 10)
+    commands = testbed.node.create_publisher(JointState, "joint_commands", 10)
+    testbed.start("simulator", "start.subscribers:=1", "clock:=lockstep", "lockstep.timeout:=60.0")
+    testbed.spin_until(lambda: len(heard) == 3, "the same three times")
     assert all(state == heard[0] for state in heard)
     commands.publish(JointState(header=heard[0].header, name=NAMES, effort=EFFORT))
-    bench.spin_until(lambda: heard[-1].header.stamp != heard[0].header.stamp, "the next")
+    testbed.spin_until(lambda: heard[-1].header.stamp != heard[0].header.stamp, "the next")
     assert nanoseconds(heard[-1].header.stamp) == 1_000_000

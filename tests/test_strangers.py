@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench import Bench
 from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
+from testbed import Testbed
 
 from pidtsm_experiments.runs.runner import Process
 from pidtsm_msgs.msg import JointReference
@@ -55,13 +55,13 @@ def seconds(message: Any) -> float:
 class StrangersController:
     """Computed torque, with velocities by difference, along a cosine from where the arm stands."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, testbed: Testbed) -> None:
         self.times: list[float] = []
         self.errors: list[Vector] = []
         self.start: Vector = np.zeros(2)
         self.last: Vector = np.zeros(2)
-        self.commands = bench.node.create_publisher(JointState, "joint_commands", 10)
-        bench.node.create_subscription(JointState, "joint_states", self.on_state, 10)
+        self.commands = testbed.node.create_publisher(JointState, "joint_commands", 10)
+        testbed.node.create_subscription(JointState, "joint_states", self.on_state, 10)
 
     def on_state(self, message: JointState) -> None:
         t, q = seconds(message), in_order(message, message.position)
@@ -81,11 +81,11 @@ class StrangersController:
         self.commands.publish(command)
 
 
-def test_a_strangers_controller_tracks_on_our_simulator(bench: Bench) -> None:
-    stranger = StrangersController(bench)
-    simulator = bench.start("simulator", "clock:=lockstep", "start.subscribers:=1", "duration:=1.5")
+def test_a_strangers_controller_tracks_on_our_simulator(testbed: Testbed) -> None:
+    stranger = StrangersController(testbed)
+    simulator = testbed.start("simulator", "clock:=lockstep", "start.subscribers:=1", "duration:=1.5")
 
-    bench.spin_until(lambda: simulator.process.poll() is not None, "the end of the run")
+    testbed.spin_until(lambda: simulator.process.poll() is not None, "the end of the run")
 
     assert simulator.process.returncode == 0, simulator.tail()
     np.testing.assert_allclose(stranger.times, np.arange(1500) * PERIOD, atol=1e-12)
@@ -107,8 +107,8 @@ class StrangersPlant:
         times, positions, efforts: s, rad and N m, of every state that was answered.
     """
 
-    def __init__(self, bench: Bench, rate: int = 1000, heavier: float = 0.0, jitter: float = 0.0) -> None:
-        self.bench = bench
+    def __init__(self, testbed: Testbed, rate: int = 1000, heavier: float = 0.0, jitter: float = 0.0) -> None:
+        self.testbed = testbed
         self.period, self.jitter, self.heavier = 1.0 / rate, jitter, 1.0 + heavier
         self.random = np.random.default_rng(rate)
         self.now, self.epoch = 0, EPOCH
@@ -118,10 +118,10 @@ class StrangersPlant:
         self.positions: list[Vector] = []
         self.efforts: list[Vector] = []
         self.answers: list[JointState] = []
-        self.states = bench.node.create_publisher(JointState, "joint_states", 10)
+        self.states = testbed.node.create_publisher(JointState, "joint_states", 10)
         self.references: list[JointReference] = []
-        bench.node.create_subscription(JointState, "joint_commands", self.answers.append, 10)
-        bench.node.create_subscription(JointReference, "reference", self.references.append, 10)
+        testbed.node.create_subscription(JointState, "joint_commands", self.answers.append, 10)
+        testbed.node.create_subscription(JointReference, "reference", self.references.append, 10)
 
     def publish(self, stamp: int, q: Vector) -> None:
         message = JointState(name=STRANGERS_ORDER, position=[q[1], q[0]])
@@ -142,7 +142,7 @@ class StrangersPlant:
             newest = [heard[-1] if heard else None for heard in (self.answers, self.references)]
             return all(m and nanoseconds(m.header.stamp) == self.last for m in newest)
 
-        self.bench.spin_until(answered, f"a command at {self.now / SECOND} s")
+        self.testbed.spin_until(answered, f"a command at {self.now / SECOND} s")
         self.times.append(self.now / SECOND)
         self.positions.append(self.q)
         self.efforts.append(in_order(self.answers[-1], self.answers[-1].effort))
@@ -189,21 +189,21 @@ def article(t: Vector) -> NDArray[np.float64]:
     return np.stack([first + second, second - first], axis=1)
 
 
-def start(bench: Bench, plant: StrangersPlant, **parameters: object) -> dict[str, Process]:
+def start(testbed: Testbed, plant: StrangersPlant, **parameters: object) -> dict[str, Process]:
     """Our controller and trajectory in realtime, which the plant's time has nothing to do with."""
     given = {"watchdog.state_stop": 5.0, **{name.replace("__", "."): value for name, value in parameters.items()}}
     # The test needs every answer.
     reliable = "qos_overrides./{}.subscription.reliability:=reliable"
     nodes = {
-        "controller": bench.start(
+        "controller": testbed.start(
             "controller",
             *(f"{name}:={value}" for name, value in given.items()),
             *(reliable.format(topic) for topic in ("joint_states", "reference")),
         ),
-        "trajectory": bench.start("trajectory", reliable.format("joint_states")),
+        "trajectory": testbed.start("trajectory", reliable.format("joint_states")),
     }
-    bench.spin_until(
-        lambda: plant.states.get_subscription_count() == 2 and bench.node.count_subscribers("reference") == 2,
+    testbed.spin_until(
+        lambda: plant.states.get_subscription_count() == 2 and testbed.node.count_subscribers("reference") == 2,
         "controller and trajectory",
     )
     return nodes
@@ -213,11 +213,11 @@ def start(bench: Bench, plant: StrangersPlant, **parameters: object) -> dict[str
     ("rate", "jitter"), [(100, 0.0), (250, 0.0), (500, 0.0), (700, 0.4), (1000, 0.0)], ids=lambda value: f"{value:g}"
 )
 def test_our_nodes_track_on_a_strangers_plant_whatever_its_rate_and_its_stamps(
-    bench: Bench, rate: int, jitter: float
+    testbed: Testbed, rate: int, jitter: float
 ) -> None:
     """A fifth heavier than the model; stamps come late, ahead and twice, and are of another clock than ours."""
-    plant = StrangersPlant(bench, rate, 0.2, jitter)
-    nodes = start(bench, plant, plausibility__velocity=20.0)
+    plant = StrangersPlant(testbed, rate, 0.2, jitter)
+    nodes = start(testbed, plant, plausibility__velocity=20.0)
     plant.go_on(3.0)
     settled = len(plant.times)
     for milliseconds in (0, -1, -3, -20, -100, -500, -900, 5000, 3_600_000):
@@ -243,9 +243,9 @@ def test_our_nodes_track_on_a_strangers_plant_whatever_its_rate_and_its_stamps(
         assert "holding" not in said
 
 
-def test_where_a_strangers_clock_is_set_the_arm_stays_until_it_is_told_to_go_on(bench: Bench) -> None:
-    plant = StrangersPlant(bench, 500, 0.2)
-    nodes = start(bench, plant)
+def test_where_a_strangers_clock_is_set_the_arm_stays_until_it_is_told_to_go_on(testbed: Testbed) -> None:
+    plant = StrangersPlant(testbed, 500, 0.2)
+    nodes = start(testbed, plant)
     plant.go_on(2.0)
     for epoch in (EPOCH - 3600 * SECOND, EPOCH + 5 * SECOND):
         before, plant.epoch = len(plant.times), epoch
@@ -261,36 +261,36 @@ def test_where_a_strangers_clock_is_set_the_arm_stays_until_it_is_told_to_go_on(
     assert "holding the arm where it is" in nodes["trajectory"].log.read_text()
 
     began, before = plant.now / SECOND, len(plant.times)
-    assert bench.call(Trigger, "trajectory/begin", Trigger.Request()).success
+    assert testbed.call(Trigger, "trajectory/begin", Trigger.Request()).success
     plant.go_on(5.0)
     assert plant.largest_step(before) < 10.0
     assert np.abs(plant.q - article(np.array([plant.now / SECOND - began]))[0]).max() < 3e-3
 
 
 @pytest.mark.parametrize("heavier", [-0.3, 0.3])
-def test_a_strangers_arm_that_is_stopped_stays_also_while_nobody_measures_it(bench: Bench, heavier: float) -> None:
-    plant = StrangersPlant(bench, 250, heavier)
-    start(bench, plant, stop__brakes="true", watchdog__state_stop=0.5)
+def test_a_strangers_arm_that_is_stopped_stays_also_while_nobody_measures_it(testbed: Testbed, heavier: float) -> None:
+    plant = StrangersPlant(testbed, 250, heavier)
+    start(testbed, plant, stop__brakes="true", watchdog__state_stop=0.5)
     brakes: list[Bool] = []
     kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    bench.node.create_subscription(Bool, "controller/brakes", brakes.append, kept)
+    testbed.node.create_subscription(Bool, "controller/brakes", brakes.append, kept)
     plant.go_on(2.0)
     before = len(plant.times)
-    bench.set("controller", {"limits.position": 0.01})
+    testbed.set("controller", {"limits.position": 0.01})
     plant.go_on(1.5)
     stopped = plant.q
     plant.go_on(4.0)
     assert np.abs(np.array(plant.positions[-4 * 250 :]) - stopped).max() < 2e-3
-    bench.spin_until(lambda: brakes and brakes[-1].data, "the brakes")
+    testbed.spin_until(lambda: brakes and brakes[-1].data, "the brakes")
 
     # The watchdog publishes on, and joint states come back.
     answers = len(plant.answers)
-    bench.spin_until(lambda: len(plant.answers) > answers + 20, "torques without joint states")
+    testbed.spin_until(lambda: len(plant.answers) > answers + 20, "torques without joint states")
     plant.efforts += [in_order(command, command.effort) for command in plant.answers[answers:]]
     plant.now += 600 * MS
     plant.go_on(0.5)
     assert plant.largest_step(before) < 10.0
-    bench.set("controller", {"limits.position": 0.0})
-    assert bench.call(Trigger, "controller/reset_fault", Trigger.Request()).success
+    testbed.set("controller", {"limits.position": 0.0})
+    assert testbed.call(Trigger, "controller/reset_fault", Trigger.Request()).success
     plant.go_on(0.1)
-    bench.spin_until(lambda: not brakes[-1].data, "the brakes' release")
+    testbed.spin_until(lambda: not brakes[-1].data, "the brakes' release")

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench import Bench
 from builtin_interfaces.msg import Duration
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from testbed import Testbed
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_msgs.msg import JointReference
@@ -42,26 +42,26 @@ def by_time(messages: list[Any]) -> NDArray[np.float64]:
     return np.array([[nanoseconds(m.header.stamp) / 1e9, *m.position] for m in messages])
 
 
-def test_a_quintic_from_point_to_point_is_followed(bench: Bench) -> None:
-    node, every = bench.node, QoSProfile(depth=10_000)
+def test_a_quintic_from_point_to_point_is_followed(testbed: Testbed) -> None:
+    node, every = testbed.node, QoSProfile(depth=10_000)
     truth: list[JointState] = []
     references: list[JointReference] = []
     node.create_subscription(JointState, "simulator/ground_truth", truth.append, every)
     node.create_subscription(JointReference, "reference", references.append, every)
     publisher = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
-    simulator = bench.start("simulator", "clock:=lockstep", "duration:=5.0", "start.subscribers:=3")
+    simulator = testbed.start("simulator", "clock:=lockstep", "duration:=5.0", "start.subscribers:=3")
     # The article's disturbance acts. With the article's own gains joint2 is worse, see docs/trajectories.md.
     arguments = ["--params-file", str(PRACTICAL), "-p", "reference.match:=stamp"]
-    bench.processes.start("controller", arguments, bench.environment, bench.folder / "controller.log")
-    process = bench.start("trajectory", "clock:=lockstep", "start.subscribers:=2")
-    bench.spin_until(publisher.get_subscription_count, "the trajectory node")
+    testbed.processes.start("controller", arguments, testbed.environment, testbed.folder / "controller.log")
+    process = testbed.start("trajectory", "clock:=lockstep", "start.subscribers:=2")
+    testbed.spin_until(publisher.get_subscription_count, "the trajectory node")
     # The third subscriber: the run begins.
     node.create_subscription(JointState, "joint_states", lambda message: None, 10)
-    bench.spin_until(lambda: references, "the first reference")
+    testbed.spin_until(lambda: references, "the first reference")
 
     publisher.publish(trajectory(point(3.0, [-0.5, 0.6], [0.0, 0.0], [0.0, 0.0]), names=PERMUTED, start=1.0))
-    bench.spin_until(lambda: simulator.process.poll() is not None, "the end of the run")
-    bench.spin_until(lambda: len(truth) == 5000 and len(references) == 5000, "all samples")
+    testbed.spin_until(lambda: simulator.process.poll() is not None, "the end of the run")
+    testbed.spin_until(lambda: len(truth) == 5000 and len(references) == 5000, "all samples")
 
     assert simulator.process.returncode == 0, simulator.tail()
     assert "following a trajectory of 1 points" in process.log.read_text()
@@ -81,17 +81,17 @@ class Rig:
         arm: where it is measured, rad, in the order of `PERMUTED`.
     """
 
-    bench: Bench
+    testbed: Testbed
     references: list[JointReference] = field(default_factory=list)
     arm: list[float] = field(default_factory=lambda: [0.0, 0.0])
 
     def __post_init__(self) -> None:
-        node = self.bench.node
+        node = self.testbed.node
         self.joint_states = node.create_publisher(JointState, "joint_states", 10)
         self.trajectories = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
         node.create_subscription(JointReference, "reference", self.references.append, 10)
-        self.process = self.bench.start("trajectory", "reference.name:=sines", "clock:=lockstep")
-        self.bench.spin_until(
+        self.process = self.testbed.start("trajectory", "reference.name:=sines", "clock:=lockstep")
+        self.testbed.spin_until(
             lambda: (
                 self.joint_states.get_subscription_count()
                 and self.trajectories.get_subscription_count()
@@ -111,7 +111,7 @@ class Rig:
         """The reference that answers a joint state of this time, shape (3, joints)."""
         before = len(self.references)
         message = self.publish(t)
-        self.bench.spin_until(lambda: len(self.references) > before, f"the reference at {t} s")
+        self.testbed.spin_until(lambda: len(self.references) > before, f"the reference at {t} s")
         answer = self.references[-1]
         assert answer.header.stamp == message.header.stamp
         return np.array([answer.position, answer.velocity, answer.acceleration])
@@ -120,12 +120,12 @@ class Rig:
         """Send a trajectory, and wait for one more line in the log that holds the answer."""
         before = self.process.log.read_text().count(answer)
         self.trajectories.publish(message)
-        self.bench.spin_until(lambda: self.process.log.read_text().count(answer) > before, f"{answer!r} in the log")
+        self.testbed.spin_until(lambda: self.process.log.read_text().count(answer) > before, f"{answer!r} in the log")
 
 
 @pytest.fixture
-def rig(bench: Bench) -> Rig:
-    return Rig(bench)
+def rig(testbed: Testbed) -> Rig:
+    return Rig(testbed)
 
 
 def sine(t: float) -> NDArray[np.float64]:
@@ -206,7 +206,7 @@ def test_where_the_clock_has_been_set_the_arm_is_held_until_the_motion_is_begun(
     assert (held == present).all() == (arm == [0.3, -0.2])
     assert "call ~/begin to start the built-in motion" in rig.process.log.read_text()
 
-    assert rig.bench.call(Trigger, "trajectory/begin", Trigger.Request()).success
+    assert rig.testbed.call(Trigger, "trajectory/begin", Trigger.Request()).success
     np.testing.assert_allclose(rig.at(9.0), held, atol=1e-12)
     path = np.array([rig.at(9.0 + 0.05 * k)[0] for k in range(1, 80)])
     assert np.abs(np.diff(path, axis=0)).max() < 0.1
@@ -214,6 +214,6 @@ def test_where_the_clock_has_been_set_the_arm_is_held_until_the_motion_is_begun(
 
 
 def test_nothing_is_begun_before_there_is_a_joint_state(rig: Rig) -> None:
-    response = rig.bench.call(Trigger, "trajectory/begin", Trigger.Request())
+    response = rig.testbed.call(Trigger, "trajectory/begin", Trigger.Request())
     assert not response.success
     assert "no joint state" in response.message

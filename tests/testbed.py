@@ -1,4 +1,4 @@
-"""A test bench: real nodes in processes of their own, and a ROS node inside the test that talks to them."""
+"""A testbed: real nodes in processes of their own, and a ROS node inside the test that talks to them."""
 
 import os
 import time
@@ -29,7 +29,7 @@ REPEATABLE = (GetState, SetParametersAtomically)
 """Services that do the same when they are called twice."""
 
 
-class Bench:
+class Testbed:
     """A ROS domain of its own with real node processes, and a node of the test's.
 
     Attributes:
@@ -118,10 +118,10 @@ def _arguments(parameters: Iterable[str]) -> list[str]:
 
 
 @contextmanager
-def open_bench(folder: Path) -> Iterator[Bench]:
-    """A bench that keeps its logs in this folder; its processes end with the block."""
+def open_testbed(folder: Path) -> Iterator[Testbed]:
+    """A testbed that keeps its logs in this folder; its processes end with the block."""
     with pytest.MonkeyPatch.context() as patch, own_domain() as domain, Processes() as processes:
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        bench = Bench(folder, domain, processes)
-        yield bench
-        bench.close()
+        testbed = Testbed(folder, domain, processes)
+        yield testbed
+        testbed.close()
