@@ -21,9 +21,7 @@ def main(arguments: list[str]) -> None:
         case ["shell", "-c", line]:
             command = [shell, "-c", line]
         case ["shell", *others]:
-            environment.say(
-                'usage: pidtsm shell [-c "COMMAND"]: start a shell in the environment, or run COMMAND in it'
-            )
+            environment.say('usage: pidtsm shell [-c "COMMAND"]: a shell, or one COMMAND, in the environment')
             sys.exit(0 if others in (["-h"], ["--help"]) else 2)
         case _:
             command = [str(layout.python), "-m", "pidtsm_experiments.cli", *arguments]

@@ -37,6 +37,8 @@ class Testbed:
         node: of the test's, spun in `spin_until`.
     """
 
+    __test__ = False  # Its name begins like that of a test.
+
     def __init__(self, folder: Path, domain: int, processes: Processes) -> None:
         set_defaults()  # Acknowledgements come as soon as for our nodes.
         self.folder = folder
