@@ -7,7 +7,7 @@ import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from multiprocessing.context import SpawnProcess
+from multiprocessing.context import ForkServerProcess
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import Any
@@ -88,8 +88,9 @@ def make_runs(
     for done in planned:
         if done not in waiting:
             progress(done.key, done.experiment.duration)
-    context = multiprocessing.get_context("spawn")
-    running: dict[str, tuple[SpawnProcess, Synchronized[float], Any]] = {}
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])  # Imported once, not for every run.
+    running: dict[str, tuple[ForkServerProcess, Synchronized[float], Any]] = {}
     failed: dict[str, str] = {}
     try:
         while waiting or running:
