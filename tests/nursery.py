@@ -20,6 +20,8 @@ from pidtsm_experiments.runs.runner import Process
 
 _FORKED = multiprocessing.get_context("forkserver")
 _FORKED.set_forkserver_preload(["nursery_preload"])
+if multiprocessing.parent_process() is not None:  # It has imported everything itself, see `forked_runs`.
+    _FORKED = multiprocessing.get_context("fork")  # type: ignore[assignment]
 _PR_SET_PDEATHSIG = 1
 _FOLDER = str(Path(__file__).parent)
 

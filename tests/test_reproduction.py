@@ -1,6 +1,7 @@
 """The article's evaluation over real nodes: every law agrees with its rollout, and an interrupted call is taken up."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -38,9 +39,23 @@ def test_nodes_and_rollout_agree_to_the_last_bit_for_every_law(planned: Planned,
         np.testing.assert_array_equal(getattr(recording, name), getattr(offline, name), err_msg=name)
 
 
+PROGRAM = """
+import sys
+from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs.reproduction import PRELOADED
+PRELOADED.append("forked_runs")
+sys.exit(main(["reproduce", "--out", "all", "--duration", "0.2", *sys.argv[1:]]))
+"""
+
+
 def reproduce(*words: str, cwd: Path) -> "subprocess.Popen[str]":
-    command = [sys.executable, "-m", "pidtsm_experiments.cli", "reproduce", "--out", "all", "--duration", "0.2", *words]
-    return subprocess.Popen(command, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    """The command, whose runs fork their nodes."""
+    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, "-c", PROGRAM, *words]
+    environment = {**os.environ, "PYTHONPATH": path}
+    return subprocess.Popen(
+        command, cwd=cwd, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
 
 
 def finished(folder: Path) -> dict[str, float]:

@@ -27,6 +27,8 @@ BASELINES = ("pid", "computed_torque", "super_twisting")
 PRINTED_DTSM = "dtsm_printed"
 """DTSM with kappa as printed in Table 1, only in Case 1, to show why another value is used."""
 
+PRELOADED = [__name__]
+"""Modules that are imported once, not for every run."""
 _POLL = 0.1  # s
 
 Progress = Callable[[str, float], None]
@@ -89,7 +91,7 @@ def make_runs(
         if done not in waiting:
             progress(done.key, done.experiment.duration)
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])  # Imported once, not for every run.
+    context.set_forkserver_preload(PRELOADED)
     running: dict[str, tuple[ForkServerProcess, Synchronized[float], Any]] = {}
     failed: dict[str, str] = {}
     try:
