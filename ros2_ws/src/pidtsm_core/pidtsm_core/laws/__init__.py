@@ -1,4 +1,4 @@
-"""Control laws: errors to acceleration. One law a file; what is imported here is in `LAWS`."""
+"""Control laws: from errors to acceleration. One law per file; `LAWS` contains the laws imported here."""
 
 from collections.abc import Mapping
 
@@ -28,7 +28,7 @@ _advance = dispatch(advance for _, advance in _KERNELS)
 
 
 def law_integers(law: Law, values: Mapping[str, Value]) -> Integers:
-    """What `command` and `advance` read as integers, shape (LAW_INTEGERS,): those of the law, and where it is."""
+    """Integers that `command` and `advance` read, shape (LAW_INTEGERS,): those of the law, then its kernel's index."""
     return np.append(law.integers(values), _KERNELS.index((law.command, law.advance)))
 
 
@@ -42,5 +42,5 @@ def command(
 
 @njit
 def advance(e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, interval: Interval) -> None:
-    """Move the state of one joint over the interval: see `Law.advance` and `law_integers`."""
+    """Advance the state of one joint over the interval: see `Law.advance` and `law_integers`."""
     _advance(integers[OWN_INTEGERS], e, s, sigma, integers, p, x, interval)

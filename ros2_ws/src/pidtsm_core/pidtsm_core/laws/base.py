@@ -1,4 +1,4 @@
-"""What a control law provides."""
+"""Interface of a control law."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from pidtsm_core.parameters import Array, Parameter, Value
 from pidtsm_core.reaching import Interval
 
 STATE_SLOTS = 3 + SLOTS
-"""Numbers a joint that a law may have as state."""
+"""Largest number of state variables of a law per joint."""
 
 OWN_INTEGERS = 4
-"""Integers that a law's compiled functions may read."""
+"""Number of integers that a law's compiled functions may read."""
 
 LAW_INTEGERS = OWN_INTEGERS + 1
-"""The same, and last the place of these functions, by which compiled code finds them."""
+"""The same plus one: the last integer is the index by which compiled code finds these functions."""
 
 Integers = NDArray[np.int64]
 Command = Callable[
@@ -28,20 +28,20 @@ Advance = Callable[[float, float, float, Integers, Array, Array, Interval], None
 
 @dataclass(frozen=True)
 class Law:
-    """A control law of one joint: errors to a commanded acceleration (the robot model turns that into torque).
+    """A control law of one joint: from errors to a commanded acceleration, which the robot model converts to torque.
 
     Attributes:
-        name: how users choose it.
+        name: the name by which users choose it.
         summary: one sentence with its source.
-        parameters: of the group ``law``, given the settings (some laws let the user choose their parts).
-        integers: what its compiled functions read as integers, shape (OWN_INTEGERS,).
-        pack: parameter values as the compiled functions read them, shape (joints, parameters).
+        parameters: the parameters of the group ``law`` for given settings (in some laws, users choose the parts).
+        integers: the integers that its compiled functions read, shape (OWN_INTEGERS,).
+        pack: the parameter values as the compiled functions read them, shape (joints, parameters).
         command: compiled ``(e, de, dde, ddq_d, integers, p, x, dt) -> (a_cmd, a_eq, s, sigma, gain, tau_sw)``;
-            errors in rad, rad/s, rad/s^2, x of shape (STATE_SLOTS,), zero at the start, dt the period in s (0 at
-            the first sample); a_eq is a_cmd without the switching term.
-        advance: compiled ``(e, s, sigma, integers, p, x, interval)``: moves x over the `Interval` with these values
-            held.
-        uses_model: False where a_cmd and a_eq are not accelerations but torques (N m), for no robot model to change.
+            the errors are in rad, rad/s, rad/s^2; x has shape (STATE_SLOTS,) and starts at zero; dt is the period in s
+            (0 at the first sample); a_eq is a_cmd without the switching term.
+        advance: compiled ``(e, s, sigma, integers, p, x, interval)``: advances x over the `Interval` while these
+            values are held.
+        uses_model: False if a_cmd and a_eq are torques (N m), not accelerations; then the robot model is not used.
     """
 
     name: str

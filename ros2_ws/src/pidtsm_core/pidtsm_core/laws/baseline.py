@@ -1,4 +1,4 @@
-"""What the laws without sliding mode share."""
+"""Common parts of the laws without sliding mode."""
 
 from collections.abc import Mapping
 
@@ -18,12 +18,12 @@ def baseline(
     advance: Advance,
     uses_model: bool = True,
 ) -> Law:
-    """A law of one piece.
+    """A law with functions of its own, not composed of parts.
 
     Args:
-        name: how users choose it.
+        name: the name by which users choose it.
         summary: one sentence with its source.
-        parameters: at most SLOTS; their order is that in which the compiled functions read them.
+        parameters: at most SLOTS, in the order in which the compiled functions read them.
         command: see `Law.command`.
         advance: see `Law.advance`.
         uses_model: see `Law.uses_model`.

@@ -18,7 +18,7 @@ def command(
 
 @njit
 def advance(e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, interval: Interval) -> None:
-    """No state moves."""
+    """This law has no state."""
 
 
 COMPUTED_TORQUE = baseline(

@@ -8,6 +8,6 @@ DTSM = compose(
     surface="dual_terminal",
     manifold="none",
     reaching="adaptive_continuous",
-    # Table 1 prints kappa = 0.01, with which the loop diverges.
+    # With kappa = 0.01, the value in Table 1, the loop diverges.
     defaults={"kappa": 0.3},
 )

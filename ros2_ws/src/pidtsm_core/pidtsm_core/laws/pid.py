@@ -8,12 +8,12 @@ from pidtsm_core.laws.baseline import baseline
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.reaching import Interval
 
-# State x: int e, filtered e', 1 once there was a sample.
+# State x: int e, filtered e', 1 after the first sample.
 
 
 @njit
 def _filtered(de: float, p: Array, x: Array, dt: float) -> float:
-    """First-order low-pass of e', discretised exactly; starts at the first e'."""
+    """First-order low-pass filter of e', discretised exactly; its initial value is the first e'."""
     if x[2] == 0.0:
         return de
     forget = math.exp(-p[3] * dt)
@@ -24,7 +24,7 @@ def _filtered(de: float, p: Array, x: Array, dt: float) -> float:
 def command(
     e: float, de: float, dde: float, ddq_d: float, integers: Integers, p: Array, x: Array, dt: float
 ) -> tuple[float, float, float, float, float, float]:
-    """-(Kp e + Ki int e + Kd e'_filtered), a torque: no model of the robot."""
+    """-(Kp e + Ki int e + Kd e'_filtered), a torque; no robot model is used."""
     rate = _filtered(de, p, x, dt)
     x[1] = rate
     x[2] = 1.0

@@ -1,12 +1,12 @@
 """Sliding-mode laws as surface x manifold x reaching law.
 
-With s' = g e'' + h (see `surfaces`) and a reaching law that gives tau_sw, the commanded acceleration is
+With s' = g e'' + h (see `surfaces`) and tau_sw from the reaching law, the commanded acceleration is
 
     manifold none:   sigma = s                             a_cmd = q_d'' + (-h + tau_sw) / g
     manifold pid:    sigma = Kp s + Ki int s + Kd s'       a_cmd = q_d'' + (-h - (Kp s + Ki int s - tau_sw) / Kd) / g
 
-A reaching law may prescribe the rate of sigma instead (the usual ones do). With manifold none that rate is
-tau_sw; with manifold pid, where sigma holds tau_sw itself, tau_sw is its integral.
+Most reaching laws prescribe the rate of sigma. With manifold none, sigma' = tau_sw, so tau_sw is that rate. With
+manifold pid, sigma = tau_sw (eq. (32)), so tau_sw is the integral of that rate.
 
 The formulas are eqs. (10), (15), (16), (20), (21) of the article solved for q''.
 """
@@ -31,13 +31,13 @@ _PID = MANIFOLDS.index("pid")
 # Columns of the packed parameters: surface, then manifold, then reaching law.
 _MANIFOLD = SLOTS
 _REACHING = SLOTS + 3
-# State x: int s, int e, integral of a prescribed rate of sigma, then the reaching law's.
+# State x: int s, int e, integral of a prescribed rate of sigma, then the state of the reaching law.
 _REACHING_STATE = 3
 
 ACCELERATION_BOUND = 1e9
-"""rad/s^2; keeps a singular law (1/g unbounded) finite, far above what any torque limit lets through."""
+"""rad/s^2; keeps the command of a singular law (1/g unbounded) finite; far above what any torque limit allows."""
 
-# The article's Table 1.
+# Defaults from the article's Table 1.
 _MANIFOLD_PARAMETERS = (
     Parameter("kp", 2.0, "gain Kp of s in sigma, eq. (10)", "1/s", minimum=0.0, per_joint=True),
     Parameter("ki", 1.0, "gain Ki of the integral of s in sigma, eq. (10)", "1/s^2", minimum=0.0, per_joint=True),
@@ -59,7 +59,7 @@ _REACHING_CHOICE = Parameter(
 
 @njit
 def _finite(acceleration: float) -> float:
-    """The acceleration within its bound; 0 for nan (0 times infinity, at a singularity)."""
+    """Limit the acceleration to its bound; nan (0 times infinity at a singularity) becomes 0."""
     if math.isnan(acceleration):
         return 0.0
     return min(max(acceleration, -ACCELERATION_BOUND), ACCELERATION_BOUND)
@@ -101,7 +101,7 @@ def advance(e: float, s: float, sigma: float, integers: Integers, p: Array, x: A
 
 
 class _Parts(NamedTuple):
-    """The parts of a law by name."""
+    """Names of the parts of a law."""
 
     surface: str
     manifold: str
@@ -109,7 +109,7 @@ class _Parts(NamedTuple):
 
 
 def _parameters(parts: _Parts, defaults: Mapping[str, Value]) -> Iterator[Parameter]:
-    """Parameters of the parts, with other defaults where they are given."""
+    """Parameters of the parts, with the given defaults."""
     members = SURFACES[parts.surface].parameters
     members += _MANIFOLD_PARAMETERS if parts.manifold == "pid" else ()
     members += REACHING_LAWS[parts.reaching].parameters
@@ -117,7 +117,7 @@ def _parameters(parts: _Parts, defaults: Mapping[str, Value]) -> Iterator[Parame
 
 
 def _integers(parts: _Parts) -> Integers:
-    """Places of surface, manifold and reaching law, and whether a prescribed rate of sigma is to be integrated."""
+    """Indices of surface, manifold and reaching law, and whether a prescribed rate of sigma is integrated."""
     return np.array(
         [
             SURFACES.index(parts.surface),
@@ -148,10 +148,10 @@ def compose(
     reaching: str | None = None,
     defaults: Mapping[str, Value] | None = None,
 ) -> Law:
-    """A law from parts by name; a part left out becomes a parameter of the law.
+    """Compose a law from named parts; a part that is left out becomes a parameter of the law.
 
     Args:
-        name: how users choose the law.
+        name: the name by which users choose the law.
         summary: one sentence with its source.
         surface: name in `SURFACES`.
         manifold: name in `MANIFOLDS`.
