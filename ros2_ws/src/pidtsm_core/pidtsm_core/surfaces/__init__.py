@@ -1,4 +1,4 @@
-"""Sliding surfaces: errors to s, g and h. One surface a file; what is imported here is in `SURFACES`."""
+"""Sliding surfaces: from errors to s, g and h. One surface per file; `SURFACES` contains the ones imported here."""
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.family import Family, dispatch

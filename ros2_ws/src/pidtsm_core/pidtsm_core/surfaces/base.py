@@ -1,4 +1,4 @@
-"""What a sliding surface provides."""
+"""Interface of a sliding surface."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ class Surface(Member):
     """A sliding surface s(e, e', integral of e) of one joint whose derivative is affine in e'': s' = g e'' + h.
 
     Attributes:
-        evaluate: compiled ``(e, de, integral, p) -> (s, g, h)``: e in rad, de in rad/s, integral in rad s,
-            p of shape (SLOTS,) in the order of `parameters`.
+        evaluate: compiled ``(e, de, integral, p) -> (s, g, h)``: e in rad, de in rad/s, integral in rad s;
+            p has shape (SLOTS,) and the order of `parameters`.
     """
 
     evaluate: Callable[[float, float, float, Array], tuple[float, float, float]]

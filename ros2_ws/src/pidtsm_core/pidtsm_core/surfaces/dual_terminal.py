@@ -17,7 +17,7 @@ def evaluate(e: float, de: float, integral: float, p: Array) -> tuple[float, flo
 DUAL_TERMINAL = Surface(
     name="dual_terminal",
     summary="e' + K1 (e^[alpha] + e^3) + K2 e, eq. (11)",
-    # The article's Table 1; of u_s it gives no value.
+    # Defaults from the article's Table 1; it gives no value for u_s.
     parameters=(
         Parameter("k1", 3.0, "gain K1 of the terminal and cubic terms, eq. (11)", minimum=0.0, per_joint=True),
         Parameter("k2", 0.5, "gain K2 of the linear term, eq. (11)", "1/s", minimum=0.0, per_joint=True),

@@ -19,7 +19,7 @@ def evaluate(e: float, de: float, integral: float, p: Array) -> tuple[float, flo
 FAST_NONSINGULAR = Surface(
     name="fast_nonsingular",
     summary="e + K1 e^[lambda] + K2 (e')^[p/q]",
-    # The article's Table 1 for its comparator [23].
+    # Defaults from the article's Table 1 for its comparator [23].
     parameters=(
         Parameter("k1", 3.0, "gain K1 of the power of the error", minimum=0.0, per_joint=True),
         Parameter("k2", 0.5, "gain K2 of the velocity term", minimum=0.0, exclusive=True, per_joint=True),

@@ -13,7 +13,7 @@ def evaluate(e: float, de: float, integral: float, p: Array) -> tuple[float, flo
     return e + k2 * signed_power(de, p_over_q), k2 * p_over_q * abs(de) ** (p_over_q - 1.0), de
 
 
-# The article's Table 1 for its comparator [23].
+# Default from the article's Table 1 for its comparator [23].
 P_OVER_Q = Parameter("p_over_q", 9 / 7, "exponent p/q of the velocity error", minimum=1.0, maximum=2.0, exclusive=True)
 
 NONSINGULAR_TERMINAL = Surface(

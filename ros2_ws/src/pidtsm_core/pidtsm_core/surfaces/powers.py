@@ -1,4 +1,4 @@
-"""Fractional powers that the surfaces share."""
+"""Fractional powers that several surfaces use."""
 
 import math
 
@@ -13,9 +13,9 @@ def signed_power(x: float, exponent: float) -> float:
 
 @njit
 def limited_rate(e: float, de: float, exponent: float, limit: float) -> float:
-    """sat(|e|^(a-1) e', limit), eqs. (13), (29): the rate of e^[a] is a times this, where it is not limited.
+    """sat(|e|^(a-1) e', limit), eqs. (13), (29); if it is not limited, the rate of e^[a] is a times this value.
 
-    For a < 1 it is singular at e = 0, where it takes its limit sign(e') limit (0 where e' is 0 too).
+    For a < 1 the expression is singular at e = 0. There the value is sign(e') limit, or 0 if e' is 0 too.
     """
     if de == 0.0:
         return 0.0

@@ -8,7 +8,7 @@ from pidtsm_core.surfaces.powers import limited_rate, signed_power
 
 @njit
 def evaluate(e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
-    """s = e' + K1 e^[alpha]; its derivative is singular at e = 0, and limited there as in eq. (29)."""
+    """s = e' + K1 e^[alpha]; its derivative is singular at e = 0 and is limited there as in eq. (29)."""
     k1, alpha, u_s = p[0], p[1], p[2]
     return de + k1 * signed_power(e, alpha), 1.0, k1 * alpha * limited_rate(e, de, alpha, u_s)
 
