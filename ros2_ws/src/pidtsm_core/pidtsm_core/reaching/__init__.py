@@ -1,4 +1,4 @@
-"""Reaching laws: sigma to the switching term. One reaching law a file; what is imported here is in `REACHING_LAWS`."""
+"""Reaching laws: from sigma to the switching term. One law per file; `REACHING_LAWS` contains those imported here."""
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.family import Family, dispatch
@@ -27,5 +27,5 @@ def switch(index: int, sigma: float, p: Array, x: Array, dt: float) -> tuple[flo
 
 @njit
 def advance_reaching(index: int, sigma: float, p: Array, x: Array, interval: Interval) -> None:
-    """Move x over the interval: see `ReachingLaw.advance`; `index` is the law's place in `REACHING_LAWS`."""
+    """Advance x over the interval: see `ReachingLaw.advance`; `index` is the law's place in `REACHING_LAWS`."""
     _advance(index, sigma, p, x, interval)

@@ -1,7 +1,7 @@
-"""Adaptive continuous reaching law of the article, eqs. (25)-(27), (30), with an adaptation that can be bounded.
+"""Adaptive continuous reaching law of the article, eqs. (25)-(27), (30), with optional bounds of the adaptation.
 
-(27) integrates |sigma|, so all noise of sigma beyond the dead zone adds to the gain for ever. Against that: leakage
-(Ioannou and Kokotovic 1984, sigma modification) and projection to a bound.
+Eq. (27) integrates |sigma|, so any noise of sigma beyond the dead zone increases the gain permanently. Two options
+counteract this: leakage (Ioannou and Kokotovic 1984, sigma modification) and projection to a bound.
 """
 
 from pidtsm_core.compiled import njit
@@ -10,29 +10,30 @@ from pidtsm_core.reaching.base import Interval, ReachingLaw
 from pidtsm_core.reaching.static import sign
 from pidtsm_core.signals import Adaptation
 
-# State x: tau_sw, adaptive gain Y, mean of sigma on the way to a reference.
+# State x: tau_sw, adaptive gain Y, mean of sigma during the approach to a reference.
 
 _APPROACHING, _FROZEN = int(Adaptation.APPROACHING), int(Adaptation.FROZEN)
 _MEAN = 0.05
-"""s; noise has no mean over that time."""
+"""s; averaging time of sigma, in which noise averages out."""
 
 
 @njit
 def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
-    """tau_sw is a state: sigma acts on it through its derivative only, so it is continuous."""
+    """tau_sw is a state; sigma affects only its derivative, so tau_sw is continuous."""
     return x[0], x[1]
 
 
 @njit
 def advance(sigma: float, p: Array, x: Array, interval: Interval) -> None:
-    """Euler of tau_sw' = -k tau_sw - (Y + xi) sign(sigma), Y' = |sigma| / kappa - leakage Y, and Y <= gain_maximum.
+    """Euler step: tau_sw' = -k tau_sw - (Y + xi) sign(sigma), Y' = |sigma| / kappa - leakage Y; Y <= gain_maximum.
 
-    Y grows outside the dead zone only; it leaks everywhere, also while `frozen`, since that winds nothing up. The
-    leakage is taken implicitly, so that Y never changes its sign. Leakage, bound and layer 0 are the article's law.
+    Y grows only outside the dead zone. It leaks everywhere, also while `frozen`, because leakage causes no windup. The
+    leakage is integrated implicitly, so Y never changes its sign. If leakage, gain_maximum and layer are 0, this is the
+    article's law.
 
-    The dead zone is there for the noise of sigma (30). While approaching (see `Adaptation`), sigma is small from the
-    start, and the gain would learn nothing of what disturbs the arm; so there the mean of sigma over _MEAN counts
-    within the dead zone.
+    The dead zone (30) keeps the noise of sigma out of the gain. During an approach (see `Adaptation`), sigma is small
+    from the start, and the gain would not adapt to the disturbances. Therefore, during an approach, the gain also grows
+    within the dead zone: with the mean of sigma over _MEAN.
     """
     dt, frozen, adaptation = interval.dt, interval.frozen, interval.adaptation
     k, kappa, xi, upsilon, leakage, gain_maximum, layer = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
@@ -55,7 +56,8 @@ def advance(sigma: float, p: Array, x: Array, interval: Interval) -> None:
 ADAPTIVE_CONTINUOUS = ReachingLaw(
     name="adaptive_continuous",
     summary="low-pass filtered switching with adaptive gain, eqs. (25)-(27), (30)",
-    # k and kappa are those of the article's Table 1; it gives no value of xi and upsilon, and has not the others.
+    # k and kappa are from the article's Table 1. The article gives no values for xi and upsilon, and does not have the
+    # other parameters.
     parameters=(
         Parameter("k", 1.0, "pole of the reaching law, eq. (25)", "1/s", minimum=0.0, per_joint=True),
         Parameter(

@@ -1,4 +1,4 @@
-"""What a reaching law provides."""
+"""Interface of a reaching law."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,23 +9,23 @@ from pidtsm_core.parameters import Array
 
 
 class Interval(NamedTuple):
-    """The time over which a state moves, with what drives it held."""
+    """A time step in which a state advances while its inputs are held."""
 
     dt: float  # s
-    frozen: bool  # the effort was not the law's (limited, or of a stopped controller): nothing must wind up
+    frozen: bool  # the effort was not the law's (limited, or the controller has stopped): nothing may wind up
     adaptation: int  # see `Adaptation`
 
 
 @dataclass(frozen=True)
 class ReachingLaw(Member):
-    """A reaching law of one joint: the manifold variable sigma to the switching term tau_sw.
+    """A reaching law of one joint: from the manifold variable sigma to the switching term tau_sw.
 
     Attributes:
-        switch: compiled ``(sigma, p, x, dt) -> (tau_sw, gain)`` at a sample, before its state advances; dt is the
-            period (s, 0 at the first sample); `gain` is the switching gain in force (adaptive where there is one).
-        advance: compiled ``(sigma, p, x, interval)``: moves the state x over the `Interval`, with sigma held.
-        prescribes_rate: what `switch` gives is meant as the rate of sigma. The PID manifold, whose sigma holds
-            tau_sw itself (eq. (32)), then takes its integral.
+        switch: compiled ``(sigma, p, x, dt) -> (tau_sw, gain)``, called at a sample before the state advances; dt is
+            the period (s, 0 at the first sample); `gain` is the present switching gain (the adaptive gain, if any).
+        advance: compiled ``(sigma, p, x, interval)``: advances the state x over the `Interval` while sigma is held.
+        prescribes_rate: whether the result of `switch` is the rate of sigma. The PID manifold then uses its integral,
+            because there sigma equals tau_sw (eq. (32)).
 
     `p` and `x` have shape (SLOTS,); x starts at zero.
     """

@@ -1,4 +1,4 @@
-"""What reaching laws without memory share: sign(sigma) as in eq. (25), and a state that stays."""
+"""Common functions of reaching laws without state: sign(sigma) as in eq. (25), and an `advance` that does nothing."""
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array
@@ -13,4 +13,4 @@ def sign(x: float) -> float:
 
 @njit
 def keep(sigma: float, p: Array, x: Array, interval: Interval) -> None:
-    """No state moves; see `ReachingLaw.advance`."""
+    """Leave the state unchanged; see `ReachingLaw.advance`."""

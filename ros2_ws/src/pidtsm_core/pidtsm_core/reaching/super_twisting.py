@@ -15,7 +15,7 @@ from pidtsm_core.reaching.base import Interval, ReachingLaw
 
 @njit
 def _implicit(sigma: float, p: Array, v: float, dt: float) -> tuple[float, float]:
-    """(|z|^(1/2) sign z, selection of sign z), where z is the undisturbed sigma one period on.
+    """(|z|^(1/2) sign z, selection of sign z), where z is the undisturbed sigma one period later.
 
     z solves z + dt gain |z|^(1/2) sign z + dt^2 integral_gain sign z = sigma + dt v.
     """
