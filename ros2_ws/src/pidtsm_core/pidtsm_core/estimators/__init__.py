@@ -1,4 +1,4 @@
-"""Estimators: measured position to q, q', q''. One estimator a file; what is imported here is in `ESTIMATORS`."""
+"""Estimators: from measured position to q, q', q''. One per file; `ESTIMATORS` contains the ones imported here."""
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.estimators.base import Estimator, Sample

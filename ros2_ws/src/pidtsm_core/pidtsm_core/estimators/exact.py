@@ -1,4 +1,4 @@
-"""The simulation's own derivatives: what the article assumes, and no sensor delivers."""
+"""True derivatives from the simulation, as the article assumes; no sensor delivers them."""
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.estimators.base import Estimator, Sample
@@ -7,7 +7,7 @@ from pidtsm_core.parameters import Array
 
 @njit
 def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
-    """The true q'' at a sample is the one under the torque held before it, 0 at the start."""
+    """Copy the true values; q'' is the acceleration under the torque held before the sample, 0 at the start."""
     for j in range(sample.q.size):
         estimates[0, j] = sample.q[j]
         estimates[1, j] = sample.truth[0, j]

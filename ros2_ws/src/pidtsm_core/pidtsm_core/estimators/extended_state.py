@@ -1,21 +1,22 @@
-"""Extended state observer with the robot's model: the commanded torque tells most of what the arm will do.
+"""Extended state observer with the robot model: the commanded torque determines most of the motion.
 
-States of a joint are q, q' and the disturbance d, an acceleration that holds all that the model does not know:
+States of a joint are q, q' and the disturbance d, an acceleration that represents everything the model lacks:
 
     q'' = H(q)^-1 (effort - C(q, q') q' - G(q)) + d,   d' = 0
 
-Over the time since the last sample the states follow the model under the torque held over it; then the measurement
-corrects them, with gains that put all poles of the sampled error at exp(-bandwidth dt). A lost sample is a longer
-prediction. Since the measurement need not tell the acceleration, the bandwidth can be far below that of a
-differentiator, and hence the noise.
+From the last sample to the present one, the states follow the model under the torque held in between. Then the
+measurement corrects them, with gains that place all poles of the sampled error at exp(-bandwidth dt). A lost sample
+only makes the prediction longer. The acceleration comes from the model, not from the measurement alone, so the
+bandwidth, and with it the noise, can be far below that of a differentiator.
 
-Assumptions: the robot model of the controller is roughly right; the motors give the torque that was commanded at the
-last sample (a delay or lag of some milliseconds is taken for a disturbance, which does no harm); d changes slowly.
+Assumptions: the robot model of the controller is roughly right; the motors deliver the torque commanded at the last
+sample (a delay or lag of some milliseconds appears as a disturbance, which does no harm); d changes slowly.
 
-The bandwidth w is all there is to choose. Where d changes at the rate r (rad/s^3), the errors settle at r / w^3 in q,
-3 r / w^2 in q' and 3 r / w in q''. White noise of standard deviation n on q at period T gives
-n sqrt(w T) times 1.4 in q, 1.3 w in q' and 0.43 w^2 in d, plus what the model makes of q and q'. So raise w until the
-torque's noise, which grows with the inertia, is what the motors can bear: heavier joints get a lower one.
+The bandwidth w is the only parameter. If d changes at the rate r (rad/s^3), the errors settle at r / w^3 in q,
+3 r / w^2 in q' and 3 r / w in q''. White noise of standard deviation n on q at period T causes noise of
+n sqrt(w T) times 1.4 in q, 1.3 w in q' and 0.43 w^2 in d; q'' has the noise of d plus the model's response to the
+noise of q and q'. So increase w until the noise of the torque, which grows with the inertia, reaches what the motors
+tolerate: heavier joints need a lower w.
 
 Han, "From PID to active disturbance rejection control", IEEE Transactions on Industrial Electronics 56(3), 2009; one
 bandwidth: Gao, "Scaling and bandwidth-parameterization based controller tuning", American Control Conference 2003;
@@ -30,16 +31,16 @@ from pidtsm_core.estimators.base import Estimator, Sample
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.robots import forward_dynamics
 
-# State x: q, q', d, 1 once there was a first sample.
+# State x: q, q', d, 1 after the first sample.
 
-_ABSURD = 1e9  # rad, rad/s or rad/s^2; far above any arm, far below what overflows
-_STEP = 1e-3  # s; a longer time between samples is predicted in steps of at most this
-_SILENCE = 1.0  # s; after a longer one nothing is known of where the arm is going
+_ABSURD = 1e9  # rad, rad/s or rad/s^2; far above the values of any arm, far below overflow
+_STEP = 1e-3  # s; longest step of the prediction between two samples
+_SILENCE = 1.0  # s; after a longer gap between samples the motion of the arm is unknown
 
 
 @njit
 def _predict(sample: Sample, x: Array, q: Array, dq: Array, acceleration: Array) -> None:
-    """q and q' at the sample under the held effort; `acceleration` is scratch."""
+    """Predict q and q' at the sample under the held effort; `acceleration` is scratch."""
     steps = math.ceil(sample.dt / _STEP)
     h = sample.dt / steps
     for j in range(q.size):
@@ -55,7 +56,7 @@ def _predict(sample: Sample, x: Array, q: Array, dq: Array, acceleration: Array)
 
 @njit
 def _correct(innovation: float, dt: float, bandwidth: float) -> tuple[float, float, float]:
-    """What the difference of measured and predicted q (rad) adds to q, q' and d: Miklosovic, Radke and Gao (2006)."""
+    """Corrections of q, q' and d for the measured minus the predicted q (rad): Miklosovic, Radke and Gao (2006)."""
     gone = -math.expm1(-bandwidth * dt)
     pole = 1.0 - gone
     return (
@@ -67,10 +68,10 @@ def _correct(innovation: float, dt: float, bandwidth: float) -> tuple[float, flo
 
 @njit
 def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
-    """The estimated q'' is the one under the torque held before the sample.
+    """The estimated q'' is the acceleration under the torque held before the sample.
 
-    The arm counts as at rest at the first sample, after a silence of more than a second, and after a measurement so
-    absurd that the states run away.
+    The arm is assumed to be at rest at the first sample, after a gap of more than one second, and after an absurd
+    measurement that makes the states diverge.
     """
     q, dt = sample.q, sample.dt
     position, velocity, acceleration = estimates[0], estimates[1], estimates[2]

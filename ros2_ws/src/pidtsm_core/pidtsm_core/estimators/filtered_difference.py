@@ -6,13 +6,13 @@ from pidtsm_core.compiled import njit
 from pidtsm_core.estimators.base import Estimator, Sample
 from pidtsm_core.parameters import Array, Parameter
 
-# State x: last q, last q' estimate, last q'' estimate, 1 once there was a first sample; then of both filters
-# -cutoff * dt and its exponential, which changes only with the period.
+# State x: last q, last estimate of q', last estimate of q'', 1 after the first sample; then for each filter
+# -cutoff * dt and its exponential, which change only with the period.
 
 
 @njit
 def _forget(exponent: float, x: Array, slot: int) -> float:
-    """exp(exponent), remembered in x[slot] and x[slot + 1]."""
+    """exp(exponent), cached: the exponent in x[slot], the result in x[slot + 1]."""
     if exponent != x[slot]:
         x[slot] = exponent
         x[slot + 1] = math.exp(exponent)
@@ -21,9 +21,9 @@ def _forget(exponent: float, x: Array, slot: int) -> float:
 
 @njit
 def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
-    """First-order low-pass filters, discretised exactly, of the differences of q and of the q' so found.
+    """First-order low-pass filters, discretised exactly, of the differences of q and of the resulting q'.
 
-    The estimates start from rest: q' and q'' are 0 at the first sample.
+    The estimates start at rest: q' and q'' are 0 at the first sample.
     """
     q, dt = sample.q, sample.dt
     for j in range(q.size):
@@ -43,7 +43,7 @@ def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
 FILTERED_DIFFERENCE = Estimator(
     name="filtered_difference",
     summary="low-pass filtered differences of the measured position, Remark 4",
-    # The article gives no cutoffs; docs/article.md says what these do.
+    # The article gives no cutoffs; docs/article.md describes the effect of these values.
     parameters=(
         Parameter(
             "velocity_cutoff", 5000.0, "cutoff of the q' filter", "rad/s", minimum=0.0, exclusive=True, per_joint=True

@@ -1,19 +1,19 @@
-"""Levant's robust exact differentiator of second order, by implicit Euler, without the chattering of the explicit one.
+"""Levant's robust exact differentiator of second order, by implicit Euler, which avoids chattering.
 
     y1' = y2 + k1 |f - y1|^(2/3) sign(f - y1)          k1 = 2    L^(1/3)
     y2' = y3 + k2 |f - y1|^(1/3) sign(f - y1)          k2 = 2.12 L^(2/3)
     y3' =      k3 sign(f - y1)                         k3 = 1.1  L
 
-Assumption: |q'''| <= L; then the derivatives of an undisturbed signal are found exactly, in finite time. No robot
-model and no torque is needed. L is all there is to choose: the largest jerk to be followed, the start included;
-noise of size n then makes errors of the order L^(1/3) n^(2/3) in q' and L^(2/3) n^(1/3) in q''. With too small an L
-the signal is lost: rather too large.
+Assumption: |q'''| <= L. Then the estimated derivatives of a signal without noise are exact after a finite time. The
+differentiator needs no robot model and no torque. L is the only parameter: the largest jerk to be followed, including
+that of the start. Noise of size n causes errors of the order L^(1/3) n^(2/3) in q' and L^(2/3) n^(1/3) in q''. If L is
+too small, the estimates lose the signal, so choose L rather too large.
 
-At a sample, the new error z^3 = |f - y1| is the positive root of a cubic, or 0, where the sign may be anything in
-[-1, 1]; there y2 and y3 are divided differences of the signal. These lag: y2 is the slope in the middle of the last
-period, so that q' is y2 + T y3 / 2 (Seeber). The period may vary: y2 lives in the middles of the periods and y3 between
-those, hence each integrator has a period of its own, the distance of its neighbours. A lost sample is one such
-longer period.
+At each sample, let z^3 = |f - y1| be the new error. z is the positive root of a cubic, or 0. If z is 0, the sign may be
+any value in [-1, 1], and y2 and y3 are divided differences of the signal. These lag: y2 is the slope in the middle of
+the last period, so q' is y2 + T y3 / 2 (Seeber). The period may vary: y2 belongs to the middles of the periods, y3 to
+the points between these middles. So each integrator has its own period: the distance between its neighbours. A lost
+sample is such a longer period.
 
 Levant, "Higher-order sliding modes, differentiation and output-feedback control", International Journal of Control
 76(9/10), 2003; gains: Levant and Livne, "Robust exact filtering differentiators", European Journal of Control, 2020;
@@ -28,16 +28,16 @@ from pidtsm_core.compiled import njit
 from pidtsm_core.estimators.base import Estimator, Sample
 from pidtsm_core.parameters import Array, Parameter
 
-# State x: y1, y2, y3, the last two periods (newest first), 1 once there was a first sample.
+# State x: y1, y2, y3, the last two periods (newest first), 1 after the first sample.
 
-_ROUNDS = 60  # of Newton's method; each cuts the distance to the root to two thirds or less, and soon quadratically
+_ROUNDS = 60  # of Newton's method; each reduces the distance to the root by a third or more, soon quadratically
 
 
 @njit
 def _root(a: float, b: float, c: float, free: float) -> float:
     """The positive root z of z^3 + a z^2 + b z + c = free, for a, b, c >= 0 and free > c.
 
-    Newton's method from above, where the cubic is convex and rising: it comes down without ever passing the root.
+    Newton's method starts above the root, where the cubic is convex and increasing, so it never passes the root.
     """
     z = (free - c) ** (1.0 / 3.0)
     for _ in range(_ROUNDS):
@@ -50,7 +50,7 @@ def _root(a: float, b: float, c: float, free: float) -> float:
 
 @njit
 def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
-    """The estimates start from rest: q' and q'' are 0 at the first sample."""
+    """The estimates start at rest: q' and q'' are 0 at the first sample."""
     q, dt = sample.q, sample.dt
     for j in range(q.size):
         if x[j, 5] == 1.0 and dt > 0.0:
