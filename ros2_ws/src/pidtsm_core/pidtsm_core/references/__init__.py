@@ -1,4 +1,4 @@
-"""References: time to q_d, q_d', q_d''. One reference a file; what is imported here is in `REFERENCES`."""
+"""References: from time to q_d, q_d', q_d''. One per file; `REFERENCES` contains the ones imported here."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -40,7 +40,7 @@ _JOINTS = Parameter(
 
 
 def reference_joints(settings: Mapping[str, object]) -> int:
-    """Number of joints of the reference that ``reference.name`` chooses; where it takes any, that of ``joints``."""
+    """Number of joints of the reference ``reference.name``; if it accepts any number, the length of ``joints``."""
     given = settings.get(_JOINTS.name, _JOINTS.default)
     named = len(given) if isinstance(given, (list, tuple)) else 0
     return REFERENCES[chosen(settings, _NAME)].joints or named
@@ -55,7 +55,7 @@ _EVENTS = (
 
 
 def reference_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Parameters of the trajectory; ``reference.name`` decides which there are."""
+    """Parameters of the trajectory; they depend on ``reference.name``."""
     reference = REFERENCES[chosen(settings, _NAME)]
     return (
         _JOINTS,
@@ -76,7 +76,7 @@ def evaluate_reference(index: int, t: float, p: Array, desired: Array) -> None:
 
 @njit
 def extrapolate(desired: Array, dt: float, later: Array) -> None:
-    """Continue q_d, q_d', q_d'' (shape (3, joints)) over dt seconds with constant q_d'', into `later`."""
+    """Write to `later` q_d, q_d', q_d'' (shape (3, joints)) extrapolated by dt seconds with constant q_d''."""
     for j in range(desired.shape[1]):
         later[0, j] = desired[0, j] + dt * (desired[1, j] + 0.5 * dt * desired[2, j])
         later[1, j] = desired[1, j] + dt * desired[2, j]
@@ -84,9 +84,9 @@ def extrapolate(desired: Array, dt: float, later: Array) -> None:
 
 
 class MotionConfig(NamedTuple):
-    """A desired motion, as compiled code reads it."""
+    """A desired motion in the form that compiled code reads."""
 
-    reference: int  # its place in `REFERENCES`
+    reference: int  # its index in `REFERENCES`
     parameters: Array  # as `Reference.pack` returns them
     jump: Array  # shape (joints,), rad
     jump_time: float  # s
@@ -105,7 +105,7 @@ def evaluate_motion(config: MotionConfig, t: float, desired: Array) -> None:
 
 @inlined
 def drops_out(config: MotionConfig, t: float) -> bool:
-    """Whether the reference at t (s from the start) stays out."""
+    """Whether the reference at t (s from the start) is missing."""
     return config.dropout_begin <= t < config.dropout_end
 
 
@@ -114,7 +114,7 @@ class ReferenceMotion:
 
     Attributes:
         joints: number of joints.
-        config: what `evaluate_motion` takes.
+        config: the argument of `evaluate_motion`.
     """
 
     def __init__(self, values: Mapping[str, Value]) -> None:
@@ -124,7 +124,7 @@ class ReferenceMotion:
             values: every parameter of `reference_schema`, as `resolve` returns them.
 
         Raises:
-            ParameterError: a file that cannot be used.
+            ParameterError: a file cannot be used.
         """
         reference = REFERENCES[str(values["reference.name"])]
         self.joints = len(names(values["joints"]))

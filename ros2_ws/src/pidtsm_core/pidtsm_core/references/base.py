@@ -1,4 +1,4 @@
-"""What a reference provides."""
+"""Interface of a reference."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ class Reference(Member):
     """A desired motion with its exact derivatives.
 
     Attributes:
-        joints: number of joints it is made for, 0 for any.
-        evaluate: compiled ``(t, p, desired)``: t in s from the start, p as `pack` returns it, shape (joints, SLOTS)
+        joints: required number of joints; 0: any number.
+        evaluate: compiled ``(t, p, desired)``: t in s from the start; p as `pack` returns it, shape (joints, SLOTS)
             unless the reference packs more; writes q_d (rad), q_d' (rad/s), q_d'' (rad/s^2) to desired,
             shape (3, joints).
     """

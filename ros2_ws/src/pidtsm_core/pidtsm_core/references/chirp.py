@@ -1,4 +1,4 @@
-"""A sine whose frequency sweeps, which excites a joint over a band of frequencies."""
+"""A sine with a frequency sweep, which excites a joint over a frequency band."""
 
 import math
 
@@ -9,7 +9,7 @@ from pidtsm_core.references.base import Reference
 
 @njit
 def evaluate(t: float, p: Array, desired: Array) -> None:
-    """q_d = amplitude sin(angle); angle' moves linearly from start to end frequency, and then stays."""
+    """q_d = amplitude sin(angle); angle' changes linearly from the start to the end frequency, then stays constant."""
     for j in range(desired.shape[1]):
         amplitude, start, end, duration = p[j, 0], 2.0 * math.pi * p[j, 1], 2.0 * math.pi * p[j, 2], p[j, 3]
         rate = (end - start) / duration if t < duration else 0.0

@@ -34,11 +34,11 @@ class _FromFile(Reference):
 
 
 def _read(file: str, joints: tuple[str, ...]) -> tuple[Array, Array]:
-    """Times, shape (rows,), and q, and q' and q'' where the file has them, shape (rows, 1 to 3, joints).
+    """Times, shape (rows,), and q, with q' and q'' if the file has them, shape (rows, 1 to 3, joints).
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: its text cannot be used.
+        ValueError: the content of the file cannot be used.
     """
     if not file:
         raise ValueError("name a file with the columns time, " + ", ".join(f"q_{joint}" for joint in joints))
@@ -68,10 +68,10 @@ def _read(file: str, joints: tuple[str, ...]) -> tuple[Array, Array]:
 
 
 def _kinds(header: list[str], joints: tuple[str, ...], where: str) -> tuple[str, ...]:
-    """What the columns hold: q, or q and dq, or all three.
+    """Quantities in the columns: q, or q and dq, or all three.
 
     Raises:
-        ValueError: a column is missing, unknown or there twice.
+        ValueError: a column is missing, unknown or duplicated.
     """
     for count in (1, 2, 3):
         kinds = _KINDS[:count]
@@ -85,11 +85,11 @@ def _kinds(header: list[str], joints: tuple[str, ...], where: str) -> tuple[str,
 
 
 def _complete(times: Array, samples: Array) -> Array:
-    """q, q', q'' at every time, shape (rows, 3, joints); what is missing is taken from a cubic spline.
+    """q, q', q'' at every time, shape (rows, 3, joints); missing derivatives are those of a cubic spline.
 
-    A quintic between two samples of a cubic spline is that spline.
+    The quintic between two samples of a cubic spline equals that spline.
     """
-    from scipy.interpolate import CubicSpline  # Its import takes longer than that of the rest of the core.
+    from scipy.interpolate import CubicSpline  # This import takes longer than that of the rest of the core.
 
     known = samples.shape[1]
     if known == 3:

@@ -1,4 +1,4 @@
-"""From point to point with the least jerk."""
+"""Point-to-point motion with minimum jerk."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""Motions of polynomials, one after the other: what planned, recorded and commanded motions have in common.
+"""Piecewise polynomial motions, the common form of planned, recorded and commanded motions.
 
 A motion of n segments is an array of shape (joints, 7 n + 1). Each row begins with the n + 1 times at which segments
-begin and end; the coefficients follow, six a segment, as `pidtsm_core.polynomials.quintic` returns them.
+begin and end; the coefficients follow, six per segment, as `pidtsm_core.polynomials.quintic` returns them.
 """
 
 import numpy as np
@@ -12,12 +12,12 @@ from pidtsm_core.polynomials import add_quintic, quintic
 
 
 def piecewise(times: Array, starts: Array, ends: Array) -> Array:
-    """A motion from what it is at both ends of every segment.
+    """Compute a motion from its states at both ends of every segment.
 
     Args:
         times: s, increasing, shape (n + 1,).
-        starts: q, q', q'' where each segment begins, shape (n, 3, joints), rad, rad/s, rad/s^2.
-        ends: the same where it ends.
+        starts: q, q', q'' at the start of each segment, shape (n, 3, joints), rad, rad/s, rad/s^2.
+        ends: the same at its end.
 
     Returns:
         The motion, shape (joints, 7 n + 1), for `evaluate`.

@@ -1,4 +1,4 @@
-"""Motions that are commanded point by point while another is under way."""
+"""Motions that are commanded as points while another motion is in progress."""
 
 from typing import Protocol
 
@@ -14,11 +14,11 @@ STOP = 0.5
 
 _AT_REST = 1e-6  # rad/s
 _SHORTEST_APPROACH = 1.0  # s
-_APPROACH_VELOCITY = 0.5  # rad/s, mean of the joint that goes farthest
+_APPROACH_VELOCITY = 0.5  # rad/s, mean velocity of the joint that moves farthest
 
 
 class TrajectoryError(ValueError):
-    """A trajectory cannot be followed; the message says why."""
+    """A trajectory cannot be followed; the message gives the reason."""
 
 
 class Motion(Protocol):
@@ -29,7 +29,7 @@ class Motion(Protocol):
 
 
 class PiecewiseMotion:
-    """A motion of polynomials, see `piecewise`."""
+    """A piecewise polynomial motion, see `piecewise`."""
 
     def __init__(self, parameters: Array) -> None:
         """Args: parameters: as `piecewise` returns them."""
@@ -41,7 +41,7 @@ class PiecewiseMotion:
 
 
 class Rest:
-    """A position that is held."""
+    """A constant position."""
 
     def __init__(self, position: Array) -> None:
         """Args: position: shape (joints,), rad."""
@@ -54,10 +54,10 @@ class Rest:
 
 
 class Approach:
-    """A motion, and the way to it from where one is: the difference dies out in a quintic."""
+    """A motion and the approach to it: a quintic reduces the difference from the present state to zero."""
 
     def __init__(self, motion: Motion, present: Array) -> None:
-        """Args: motion: to be approached from its beginning on; present: q, q', q'' at 0, shape (3, joints)."""
+        """Args: motion: the motion, approached from its start; present: q, q', q'' at time 0, shape (3, joints)."""
         self._motion = motion
         difference = np.zeros_like(present)
         motion.evaluate(0.0, difference)
@@ -74,20 +74,20 @@ class Approach:
 
 
 def plan(times: Array, points: Array, elapsed: float, present: Array, tolerance: float) -> PiecewiseMotion:
-    """The motion through points: linear between positions, cubic with velocities, quintic with accelerations as well.
+    """Plan a motion through points: linear between positions, cubic with velocities, quintic with accelerations.
 
-    It leaves the present motion with its position and velocity, and a quintic with its acceleration too; the way from
-    there to the first point is therefore at least a cubic.
+    It starts with the position and velocity of the present motion, and a quintic also with its acceleration. The
+    segment to the first point is therefore at least a cubic.
 
     Args:
         times: of the points, s from the start of the trajectory, shape (n,).
         points: positions, and velocities and accelerations where given, shape (n, 1 to 3, joints), rad, rad/s, rad/s^2.
-        elapsed: s since the start; points up to here are passed over.
+        elapsed: s since the start; points up to this time are skipped.
         present: q, q', q'' at that time, shape (3, joints).
-        tolerance: farthest that the last point passed over may be from the present position, rad.
+        tolerance: largest distance of the last skipped point from the present position, rad.
 
     Raises:
-        TrajectoryError: times that do not increase, a motion that is over, does not end at rest, or begins elsewhere.
+        TrajectoryError: the times do not increase, or the motion is over, does not end at rest, or starts too far away.
     """
     if times[0] < 0.0 or np.any(np.diff(times) <= 0.0):
         raise TrajectoryError("time_from_start must begin at 0 or later, and increase from point to point")
@@ -118,22 +118,22 @@ def plan(times: Array, points: Array, elapsed: float, present: Array, tolerance:
         starts[1:, 1] = ends[1:, 1] = slopes[1:]
         if len(slopes) > 1:
             ends[0, 1] = slopes[1]
-    curved = {1: 1, 2: len(ends), 3: 0}[given]  # segments from the first on that are cubics
+    curved = {1: 1, 2: len(ends), 3: 0}[given]  # number of cubic segments, counted from the first
     _make_cubic(starts[:curved], ends[:curved], durations[:curved])
     return PiecewiseMotion(piecewise(times, starts, ends))
 
 
 def _make_cubic(starts: Array, ends: Array, durations: Array) -> None:
-    """Write the accelerations with which the quintics between these states, shape (n, 3, joints), are cubics."""
+    """Write accelerations that make the quintics between these states, shape (n, 3, joints), cubics."""
     chords = (ends[:, 0] - starts[:, 0]) / durations
     starts[:, 2] = (6.0 * chords - 4.0 * starts[:, 1] - 2.0 * ends[:, 1]) / durations
     ends[:, 2] = (-6.0 * chords + 2.0 * starts[:, 1] + 4.0 * ends[:, 1]) / durations
 
 
 def stop(present: Array) -> PiecewiseMotion:
-    """The motion to rest within `STOP`, from q, q', q'' at 0, shape (3, joints); its acceleration is continuous.
+    """The motion from q, q', q'' at time 0, shape (3, joints), to rest within `STOP`; its acceleration is continuous.
 
-    Where it ends is where a quartic does, which has neither to turn back nor to hurry.
+    The end position is that of a quartic with the same other conditions, so the motion need not turn back or speed up.
     """
     end = np.zeros_like(present)
     end[0] = present[0] + STOP * (present[1] / 2.0 + STOP * present[2] / 12.0)
@@ -141,10 +141,10 @@ def stop(present: Array) -> PiecewiseMotion:
 
 
 class MotionUnderWay:
-    """A motion, and the one that replaces it when its time has come."""
+    """A motion, and the next motion, which replaces it at its start time."""
 
     def __init__(self, motion: Motion, start: int, joints: int) -> None:
-        """Args: motion: the first; start: when it begins, ns; joints: their number."""
+        """Args: motion: the first motion; start: its start time, ns; joints: number of joints."""
         self._motion, self._start = motion, start
         self._next: tuple[Motion, int] | None = None
         self._present = np.zeros((3, joints))
@@ -156,9 +156,9 @@ class MotionUnderWay:
         self._motion.evaluate(seconds(now - self._start), desired)
 
     def follow(self, now: int, start: int, times: Array, points: Array, tolerance: float) -> None:
-        """Follow the points, see `plan`, from `start` (ns) on, or from `now` where that is past.
+        """Follow the points (see `plan`) from `start` (ns) on, or from `now` if `start` is in the past.
 
-        The motion under way goes on until then; one that was waiting for its time is dropped.
+        The current motion continues until then; a motion that was waiting for its start is dropped.
 
         Raises:
             TrajectoryError: see `plan`; nothing changes.
@@ -169,17 +169,17 @@ class MotionUnderWay:
         self._next = plan(times, points, seconds(begin - start), self._present, tolerance), start
 
     def cancel(self, now: int) -> None:
-        """Come to rest, see `stop`, and stay there."""
+        """Come to rest (see `stop`) and stay there."""
         self.evaluate(now, self._present)
         self._motion, self._start, self._next = stop(self._present), now, None
 
     def approach(self, now: int, motion: Motion) -> None:
-        """Go over to this motion, which begins now, see `Approach`."""
+        """Change to this motion, which starts now; see `Approach`."""
         self.evaluate(now, self._present)
         self._motion, self._start, self._next = Approach(motion, self._present), now, None
 
     def move(self, later: int) -> None:
-        """Go on so much later, ns: the clock has been set."""
+        """Shift the motions by `later` (ns), because the clock was set."""
         self._start += later
         if self._next:
             self._next = self._next[0], self._next[1] + later
