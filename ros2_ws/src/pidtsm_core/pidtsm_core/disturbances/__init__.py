@@ -1,4 +1,4 @@
-"""Disturbances: torques beside the motors'. One disturbance a file; what is imported here is in `DISTURBANCES`."""
+"""Disturbances: torques other than the motors'. One per file; `DISTURBANCES` contains the ones imported here."""
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.disturbances.article import ARTICLE

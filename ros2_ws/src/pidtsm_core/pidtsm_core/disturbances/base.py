@@ -1,4 +1,4 @@
-"""What a disturbance provides."""
+"""Interface of a disturbance."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,10 +9,10 @@ from pidtsm_core.parameters import Array
 
 @dataclass(frozen=True)
 class Disturbance(Member):
-    """A torque F_d that acts on the joints beside the motors, eq. (5).
+    """A torque F_d that acts on the joints in addition to the motors, eq. (5).
 
     Attributes:
-        joints: number of joints it is made for, 0 for any.
+        joints: required number of joints; 0: any number.
         add: compiled ``(q, dq, effort)``; adds F_d to effort, N m, shape (joints,).
     """
 

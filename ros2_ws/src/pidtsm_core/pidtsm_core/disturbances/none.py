@@ -7,7 +7,7 @@ from pidtsm_core.parameters import Array
 
 @njit
 def add(q: Array, dq: Array, effort: Array) -> None:
-    """Nothing is added."""
+    """Add nothing."""
 
 
 NONE = Disturbance(name="none", summary="no disturbance", parameters=(), joints=0, add=add)
