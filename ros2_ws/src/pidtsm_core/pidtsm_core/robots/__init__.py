@@ -1,4 +1,4 @@
-"""Robot models: acceleration to torque and back. One robot a file; what is imported here is in `ROBOTS`."""
+"""Robot models: from acceleration to torque and back. One per file; `ROBOTS` contains the ones imported here."""
 
 from collections.abc import Mapping
 
@@ -16,12 +16,12 @@ ROBOT_NAME = Parameter("robot.name", "two_link", "robot model", choices=ROBOTS.n
 
 
 def robot_joints(settings: Mapping[str, object]) -> int:
-    """Number of joints of the robot that ``robot.name`` chooses."""
+    """Number of joints of the robot ``robot.name``."""
     return len(ROBOTS[chosen(settings, ROBOT_NAME)].joints)
 
 
 def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Parameters of the group ``robot``, and what depends on the robot: ``joints`` and ``limits.effort``."""
+    """Parameters of the group ``robot``, and those that depend on the robot: ``joints`` and ``limits.effort``."""
     robot = ROBOTS[chosen(settings, ROBOT_NAME)]
     return (
         Parameter(
@@ -52,7 +52,7 @@ _add_payload = dispatch(robot.add_payload for robot in ROBOTS.members)
 
 @njit
 def inverse_dynamics(index: int, q: Array, dq: Array, ddq: Array, p: Array, effort: Array) -> None:
-    """Efforts (N m) that give each row of ddq: see `Robot.inverse_dynamics`; `index` is its place in `ROBOTS`."""
+    """Efforts (N m) for each row of ddq: see `Robot.inverse_dynamics`; `index` is the robot's place in `ROBOTS`."""
     _inverse(index, q, dq, ddq, p, effort)
 
 

@@ -1,4 +1,4 @@
-"""What a robot model provides."""
+"""Interface of a robot model."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,15 +16,16 @@ class Robot(Member):
     """A rigid manipulator, eq. (1): H(q) q'' + C(q, q') q' + G(q) = effort.
 
     Attributes:
-        joints: default names of its joints; their number is the number of joints.
-        effort_limit: default torque limits, N m, one a joint.
-        initial_position: default start, rad, one a joint.
-        quantities: the parameters that are a ``mass``, an ``inertia`` or a ``length``, by these words.
-        inverse_dynamics: compiled ``(q, dq, ddq, p, effort)``; ddq has shape (n, joints), one motion from q, dq a row,
-            and row i of effort, N m, becomes that of row i.
+        joints: default names of its joints; they also define the number of joints.
+        effort_limit: default torque limits, N m, one per joint.
+        initial_position: default start position, rad, one value per joint.
+        quantities: names of the parameters that are masses, inertias or lengths; the keys are ``mass``, ``inertia``
+            and ``length``.
+        inverse_dynamics: compiled ``(q, dq, ddq, p, effort)``; ddq has shape (n, joints), one acceleration per row;
+            writes the effort (N m) that causes row i at q, dq to row i of effort.
         forward_dynamics: compiled ``(q, dq, effort, p, ddq)``; writes ddq in rad/s^2, shape (joints,).
         energy: compiled ``(q, dq, p)``; kinetic plus potential energy in J.
-        add_payload: compiled ``(p, mass, loaded)``; writes the parameters with `mass` kg more at the last link's end.
+        add_payload: compiled ``(p, mass, loaded)``; writes the parameters with `mass` kg added at the last link's end.
     """
 
     joints: tuple[str, ...]
@@ -41,12 +42,12 @@ class Robot(Member):
     ) -> Array:
         """Model parameters as the compiled functions read them, shape (parameters,), in their order.
 
-        A parameter with choices is packed as the place of the choice.
+        A parameter with choices is packed as the index of the choice.
 
         Args:
-            values: by full name.
-            group: of the parameters.
-            factors: by quantity (see `quantities`); its parameters are multiplied by it.
+            values: parameter values by full name.
+            group: group of the parameters.
+            factors: by quantity (see `quantities`); the parameters of the quantity are multiplied by its factor.
         """
         factor = {name: f for quantity, f in (factors or {}).items() for name in self.quantities[quantity]}
         packed = []

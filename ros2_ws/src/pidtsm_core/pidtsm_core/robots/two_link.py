@@ -15,8 +15,8 @@ _LAGRANGE = 1.0
 def _terms(q: Array, dq: Array, p: Array) -> tuple[float, float, float, float, float]:
     """H11, H12, H22 (kg m^2) of (48), and both elements of C q' + G (N m) of (49), (50).
 
-    (49) swaps q1' and q2' in the velocity-squared terms against Lagrange's equations of this arm; `lagrange`
-    is the form for which H' - 2C is skew-symmetric.
+    Compared with Lagrange's equations of this arm, (49) swaps q1' and q2' in the velocity-squared terms. With the
+    choice `lagrange`, H' - 2C is skew-symmetric.
     """
     m1, m2, r1, r2, j1, j2, g, coriolis = p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]
     p1 = (m1 + m2) * r1 * r1 + m2 * r2 * r2 + j1
@@ -71,7 +71,7 @@ def energy(q: Array, dq: Array, p: Array) -> float:
 
 @njit
 def add_payload(p: Array, mass: float, loaded: Array) -> None:
-    """The payload adds to m2, as in the article's Case 2."""
+    """Add the payload to m2, as in the article's Case 2."""
     for i in range(p.size):
         loaded[i] = p[i]
     loaded[_M2] += mass
