@@ -24,32 +24,32 @@ from pidtsm_core.signals import Fault, Signal, Status
 from pidtsm_core.timing import NANOSECONDS
 
 _NEAR = 0.05
-"""rad; an arm that is farther from where the estimates put it is not the same any more."""
+"""rad; if the arm is farther from its last estimated position, its motion cannot be continued."""
 
 
 class Controller:
     """A controller of one robot, built from checked parameters.
 
-    Whoever runs it writes a measurement to `position` and the newest reference to `reference`, and calls `step`.
+    For each sample, write the measurement to `position` and the newest reference to `reference`, then call `step`.
 
     Attributes:
         joints: number of joints.
         position: measured q, shape (joints,), rad.
-        measured: `position`, and the effort that the drives report (N m) where ``feedback.effort`` wants it, shape
-            (1 or 2, joints).
+        measured: `position`, and the effort that the drives report (N m) if ``feedback.effort`` is ``measured``,
+            shape (1 or 2, joints).
         reference: q_d, q_d', q_d'', shape (3, joints), rad, rad/s, rad/s^2.
         effort: the result of the last step, shape (joints,), N m.
         signals: likewise, shape (len(Signal), joints), order of `Signal`.
-        floats, integers: what `respond` takes.
-        config, state: the same as what `step` takes.
+        floats, integers: arguments of `respond`.
+        config, state: the same, as arguments of `step`.
     """
 
     def __init__(self, values: Mapping[str, Value], effort: Array | None = None, signals: Array | None = None) -> None:
-        """Build it.
+        """Build the controller.
 
         Args:
             values: every parameter of `controller_schema`, as `resolve` returns them.
-            effort: where the result is to be written, instead of to an array of its own.
+            effort: array to which results are written; None: an array of its own.
             signals: likewise.
         """
         self._names = names(values["joints"])
@@ -64,10 +64,10 @@ class Controller:
         self.measured = self.state.received
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
-        """Use other gains from the next step on; the state stays.
+        """Use other parameters from the next step on; the state is kept.
 
         Args:
-            values: as for the controller, with the same law, estimator and robot.
+            values: as for the constructor, with the same law, estimator and robot.
         """
         self._fill(values, *_packed(values, self.joints))
 
@@ -120,14 +120,14 @@ class Controller:
         config.damping[:] = joint_array(values["stop.damping"] if damps else 0.0, self.joints)
 
     def reset(self) -> None:
-        """Back to the state of the start; what was measured, and the reference, stay."""
+        """Return to the initial state; measurements and reference are kept."""
         kept = (self.state.measured, self.state.applied, self.state.received, self.state.reference)
         for array in self.state:
             if not any(array is each for each in kept):
                 array[:] = 0
 
     def compile(self) -> None:
-        """Compile all that a step may call, before the loop; the state is that of the start afterwards."""
+        """Compile everything that a step may call, before the loop; afterwards the state is the initial one."""
         respond(self.floats, self.integers, 0, -1, self.effort, self.signals)
         stop_now(self.floats, self.integers, int(Fault.STATE_STALE), 0, self.effort, self.signals)
         leave_now(self.floats, self.integers, self.effort, self.signals)
@@ -136,11 +136,11 @@ class Controller:
         self.reset()
 
     def step(self, stamp: int, reference_stamp: int) -> tuple[int, int, int, int]:
-        """Answer the measurement in `position`: writes `effort` and `signals`.
+        """Respond to the measurement in `position`: write `effort` and `signals`.
 
         Args:
-            stamp: of the measurement, ns, later than the last.
-            reference_stamp: of the reference in `reference`, ns; negative where there is none.
+            stamp: stamp of the measurement, ns, later than the last one.
+            reference_stamp: stamp of the reference in `reference`, ns; negative: there is none.
 
         Returns:
             The status, in the order of `Status`.
@@ -152,23 +152,24 @@ class Controller:
         stop_now(self.floats, self.integers, int(fault), elapsed, self.effort, self.signals)
 
     def leave(self) -> None:
-        """Write the effort to be left behind where the controller ends: for good, it carries the arm."""
+        """Write the last effort, which remains applied after the controller ends; see `leave_now`."""
         leave_now(self.floats, self.integers, self.effort, self.signals)
 
     @property
     def state_stop(self) -> int:
-        """How long joint states may stay out, ns."""
+        """Longest gap between joint states that is no fault, ns."""
         return stop_after(self.config.state_stop, int(self.state.clock[Clock.PERIOD]))
 
     def set_clock(self, stamp: int, elapsed: int) -> None:
-        """Go on in another time: the clock of the joint states has been set, or their source been started anew.
+        """Continue in a new time: the clock of the joint states was set, or their source was restarted.
 
-        Where the arm is as before, nothing is forgotten; what was desired comes to rest, as there is no reference in
-        this time so far. Else what follows begins where the arm is. A fault stays.
+        If the arm is where it was and `elapsed` is known, the state is kept, and the desired motion comes to rest
+        because there is no reference of the new time yet. Otherwise the controller starts afresh from where the arm
+        is. A fault stays.
 
         Args:
-            stamp: of the joint state in `position`, ns.
-            elapsed: since the last one that was answered, ns; 0: not known.
+            stamp: stamp of the joint state in `position`, ns.
+            elapsed: time since the last joint state that was answered, ns; 0: unknown.
         """
         moved = np.abs(self.position - self.state.signals[Signal.POSITION]).max()
         set_clock(self.state, stamp - (elapsed or 1))
@@ -176,7 +177,7 @@ class Controller:
             begin_afresh(self.state)
 
     def refusal(self, referred: bool) -> str:
-        """Why the arm must not be moved now; empty where it may be. `referred`: there is a reference."""
+        """Why the arm must not be moved now; empty if it may be moved. `referred`: there is a reference."""
         if not referred:
             return ""
         distances = np.abs(self.reference[0] - self.position)
@@ -187,17 +188,17 @@ class Controller:
         return f"{name} is {distance:.3g} rad from its reference (activation.distance {self.config.distance:g})"
 
     def reset_fault(self) -> None:
-        """Follow again after a fault."""
+        """Reset the fault, so that the controller can follow again."""
         reset_fault(self.state)
 
     @property
     def status(self) -> tuple[int, ...]:
-        """What the controller says of itself, in the order of `Status`."""
+        """The status of the controller, in the order of `Status`."""
         return tuple(self.state.status.tolist())
 
     @property
     def fault(self) -> int:
-        """The fault that is latched, see `Fault`."""
+        """The latched fault, see `Fault`."""
         return int(self.state.status[Status.FAULT])
 
     @property
@@ -206,19 +207,19 @@ class Controller:
         return bool(self.state.clock[Clock.COMMANDED])
 
     def clock(self, place: Clock) -> int:
-        """One of the integers that a step keeps."""
+        """One of the integers in the state, see `Clock`."""
         return int(self.state.clock[place])
 
     def changes(self, before: Sequence[int] | None) -> list[Change]:
-        """What has happened since the status was `before` (None: at the start), in words."""
+        """Changes of the status since it was `before` (None: since the start), as text."""
         return changes(before, self.status, self.state.clock, self._names)
 
     def warnings(self) -> list[str]:
-        """What is wrong with the parameters although each of them is allowed."""
+        """Warnings about parameters that are allowed but unsuitable."""
         return tight_rates(self.config, self._names)
 
     def tick(self, q: Array, desired: Array, dt: float) -> Array:
-        """Estimator, law and model alone, without what keeps an arm safe but for the effort limit; see `tick`.
+        """Run only estimator, law and model, with the effort limit but no other safety function; see `tick`.
 
         Args:
             q: measured positions, shape (joints,), rad, finite.
@@ -233,11 +234,11 @@ class Controller:
 
 
 def _packed(values: Mapping[str, Value], joints: int) -> tuple[Array, Array]:
-    """Parameters of the model, and of the law, as compiled code reads them."""
+    """Parameters of the model and of the law as compiled code reads them."""
     robot, law = ROBOTS[str(values["robot.name"])], LAWS[str(values["law.name"])]
     return robot.pack_model(values), law.pack(values, joints)
 
 
 def _nanoseconds(value: Value) -> int:
-    """A time in ns, with room for sums of two."""
+    """Convert a time in s to ns, limited so that sums with other times do not overflow."""
     return min(round(as_float(value) * NANOSECONDS), 2**62)

@@ -1,4 +1,8 @@
-"""What the law is to follow: the reference or a held position, and the way there from where the arm is."""
+"""The desired motion that the law follows: the reference or a held position, plus a way.
+
+The way is a quintic that begins at the difference from the current motion and ends at zero, so the desired motion makes
+no step.
+"""
 
 import math
 
@@ -13,28 +17,29 @@ from pidtsm_core.signals import Adaptation, Mode, Signal, Status
 from pidtsm_core.timing import seconds
 
 _SHARE_OF_RATE = 0.5
-"""Of the limit of the rate that a way may use; the rest is for the law."""
+"""Share of the rate limit that a way may use; the rest is for the law."""
 _SHARE_OF_EFFORT = 0.9
-_SHORTEST_WAY, _LONGEST_WAY, _LONGER = 0.01, 20.0, 1.2  # s, s, from one that is tried to the next
-_SHORTEST_REST, _LONGEST_REST = 0.1, 2.0  # s in which the arm comes to rest
+_SHORTEST_WAY, _LONGEST_WAY, _LONGER = 0.01, 20.0, 1.2  # s, s, ratio of consecutive durations tried
+_SHORTEST_REST, _LONGEST_REST = 0.1, 2.0  # s in which the desired motion comes to rest
 _MOMENTS = 12
 _HOPELESS = 2.0
-"""What is too much for a way, which allows only for a share of the rates."""
-_ABSURD = 1e4  # rad/s^2; a correction beyond comes from a law that is singular
+"""Excess (see `_excess`) at which a way is useless: its rate needs the whole limit, not only its share."""
+_ABSURD = 1e4  # rad/s^2; a larger correction comes from a singular law
 
 
 @njit
 def choose(config: ControllerConfig, state: ControllerState, stamp: int, reference_stamp: int) -> None:
     """Choose between the reference and a held position, and write the desired motion at the sample.
 
-    A reference is followed while it is no older than ``watchdog.reference``, nor further ahead. Once the controller
-    holds, it takes one of half that age: references that are late by about the limit would switch to and fro.
+    A reference is followed while its age, or its time ahead, is at most ``watchdog.reference``. Once the controller
+    holds a position, it follows a reference of at most half that age. Otherwise references that are late by about the
+    limit would make it switch back and forth.
 
     Args:
-        config: what is read.
-        state: what is changed.
-        stamp: of the sample, ns.
-        reference_stamp: of ``state.reference``, ns; negative where there is none.
+        config: configuration, which is read.
+        state: state, which is changed.
+        stamp: stamp of the sample, ns.
+        reference_stamp: stamp of ``state.reference``, ns; negative: there is none.
     """
     clock, status, desired = state.clock, state.status, state.desired
     followed = clock[Clock.ANSWERED] > 0 and status[Status.MODE] == Mode.FOLLOWING
@@ -45,7 +50,7 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
     status[Status.MODE] = Mode.STOPPED if stopped else (Mode.FOLLOWING if follows else Mode.HOLDING)
     clock[Clock.REFERENCE_AGE] = age if reference_stamp >= 0 else 0
     if follows and not followed:
-        # From the motion desired last; at the very first sample that is rest where the arm is.
+        # Start at the last desired motion; at the first sample, this is rest at the position of the arm.
         _begin_way(config, state, desired, stamp)
         clock[Clock.ADAPTATION] = Adaptation.APPROACHING if state.way_duration[0] > 0.0 else Adaptation.NORMAL
         clock[Clock.STRAYED] = 0
@@ -56,7 +61,7 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
 
 @njit
 def write_desired(state: ControllerState, stamp: int) -> None:
-    """Write what is followed or held, with the way there, at `stamp` (ns) to ``state.desired``."""
+    """Write the reference or the held position, plus the way, at `stamp` (ns) to ``state.desired``."""
     write_base(state, state.desired)
     duration = state.way_duration[0]
     if duration > 0.0:
@@ -69,7 +74,7 @@ def write_desired(state: ControllerState, stamp: int) -> None:
 
 @outlined
 def begin_at(state: ControllerState, position: Array) -> None:
-    """Desire rest at `position`, shape (joints,), rad."""
+    """Set the desired motion to rest at `position`, shape (joints,), rad."""
     _end_way(state)
     for j in range(position.size):
         state.held[0, j] = position[j]
@@ -81,9 +86,9 @@ def begin_at(state: ControllerState, position: Array) -> None:
 
 @outlined
 def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
-    """Desire to come to rest, without a step of position, velocity or acceleration, from the motion desired now.
+    """Bring the desired motion to rest, without a step of position, velocity or acceleration.
 
-    Where that ends is where a quartic does, which has neither to turn back nor to hurry.
+    The end position is that of a quartic with the same other conditions, so the motion need not turn back or speed up.
     """
     _end_way(state)
     start, duration = state.scratch[3:], _SHORTEST_REST
@@ -103,7 +108,7 @@ def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int) -
 
 @njit
 def _plan_rest(state: ControllerState, start: Array, duration: float) -> None:
-    """Write the position in which a stop from `start` (q, q', q'', shape (3, joints)) in so long ends, and the way."""
+    """Plan a stop from `start` (q, q', q'', shape (3, joints)) in `duration` (s): its end position and the way."""
     for j in range(start.shape[1]):
         state.held[0, j] = start[0, j] + duration * (0.5 * start[1, j] + duration * start[2, j] / 12.0)
         for i in range(1, 3):
@@ -111,14 +116,14 @@ def _plan_rest(state: ControllerState, start: Array, duration: float) -> None:
         for i in range(3):
             state.base[i, j] = state.held[i, j]
     quintic(start, state.held, duration, state.way)
-    # The way is the difference to what is held.
+    # The way is the difference from the held position.
     for j in range(start.shape[1]):
         state.way[0, j] -= state.held[0, j]
 
 
 @njit
 def write_base(state: ControllerState, motion: Array) -> None:
-    """Write the reference at the sample, or what is held instead, to `motion`, shape (3, joints)."""
+    """Write the reference at the sample, or the held position, to `motion`, shape (3, joints)."""
     follows, age = state.status[Status.MODE] == Mode.FOLLOWING, state.clock[Clock.REFERENCE_AGE]
     if follows and age:
         extrapolate(state.reference, seconds(age), motion)
@@ -138,10 +143,10 @@ def _end_way(state: ControllerState) -> None:
 
 @outlined
 def _begin_way(config: ControllerConfig, state: ControllerState, start: Array, stamp: int) -> float:
-    """Plan the way from `start` (q, q', q'', shape (3, joints)) to what is followed or held: their difference dies out.
+    """Plan the way from `start` (q, q', q'', shape (3, joints)) to the reference or the held position.
 
     Returns:
-        What `_excess` says of the way; 0 where no rate is limited.
+        The `_excess` of the way; 0 if no rate is limited.
     """
     difference, rest = state.scratch[:3], state.scratch[3:]
     write_base(state, state.base)
@@ -161,7 +166,7 @@ def _begin_way(config: ControllerConfig, state: ControllerState, start: Array, s
 
 @njit
 def _duration(config: ControllerConfig, state: ControllerState, difference: Array, rest: Array) -> tuple[float, float]:
-    """How long a way must take, s, for an `_excess` of at most 1, or else for the least; and that excess."""
+    """Shortest duration of the way (s) with an `_excess` of at most 1, else with the least; and the excess."""
     duration = best = max(config.blend, _SHORTEST_WAY)
     least = math.inf
     while duration < _LONGEST_WAY:
@@ -177,9 +182,9 @@ def _duration(config: ControllerConfig, state: ControllerState, difference: Arra
 
 @njit
 def _excess(config: ControllerConfig, state: ControllerState, duration: float) -> float:
-    """The largest effort, or change of it, along ``state.way`` by the model, as a multiple of what it may be.
+    """The largest effort or effort rate along ``state.way``, by the model, as a multiple of what the way may use.
 
-    Judged at some moments, as if the base moved on with its velocity.
+    It is evaluated at some moments, assuming that the base keeps its velocity.
     """
     motion, efforts = state.desired, state.accelerations
     step, excess = duration / _MOMENTS, 0.0
@@ -202,13 +207,13 @@ def _excess(config: ControllerConfig, state: ControllerState, duration: float) -
 
 @outlined
 def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int) -> bool:
-    """Begin a way at the arm's estimated motion, with the acceleration for which the law asks for the effort applied.
+    """Begin a way at the arm's estimated motion, with the acceleration for which the law commands the present effort.
 
-    That is the acceleration that the effort gives by the model, less what the law would add without any error, which
-    is what it has learnt of the disturbances. So neither the desired motion nor the effort makes a step.
+    This is the acceleration that the effort causes by the model, minus the output of the law without errors, which is
+    what the law has learnt of the disturbances. So neither the desired motion nor the effort makes a step.
 
     Returns:
-        Whether the limits, nearly, let the arm go that way.
+        Whether the way is within the limits, or nearly so.
     """
     y, start = state.signals, state.desired
     forward_dynamics(config.robot, y[Signal.POSITION], y[Signal.VELOCITY], y[Signal.EFFORT], config.model, start[2])

@@ -8,7 +8,7 @@ from pidtsm_core.parameters import Array
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Limited, Signal
 
-# As numbers of a row of signals.
+# As floats, like the signals.
 _AT_LIMIT, _AT_RATE = float(Limited.EFFORT), float(Limited.RATE)
 
 
@@ -25,7 +25,7 @@ def carry(config: ControllerConfig, state: ControllerState, q: Array) -> None:
 
 @njit
 def limit_effort(config: ControllerConfig, state: ControllerState) -> None:
-    """Keep the efforts within their limits; one that is not finite becomes 0."""
+    """Limit the efforts; an effort that is not finite becomes 0."""
     y = state.signals
     for j in range(y.shape[1]):
         limit = config.effort_limit[j]
@@ -40,11 +40,11 @@ def limit_effort(config: ControllerConfig, state: ControllerState) -> None:
 
 @outlined
 def limit_rate(config: ControllerConfig, state: ControllerState, dt: float) -> float:
-    """Keep the change of the efforts since the last command, dt (s) ago, within its limit.
+    """Limit the change of the efforts since the last command, dt (s) ago.
 
     Returns:
-        How far the effort is behind the one wanted, as the time that the limit needs to get there, s; of the joint
-        that needs longest.
+        Delay of the effort, s: the time that it needs, at the limited rate, to reach the value that was demanded; the
+        longest of all joints.
     """
     y, last, behind = state.signals, state.sent, 0.0
     for j in range(last.size):

@@ -1,4 +1,4 @@
-"""Every parameter of the controller that changes its effort, in nodes and rollouts."""
+"""All parameters of the controller that affect its effort, in nodes and rollouts."""
 
 from collections.abc import Mapping
 
@@ -151,7 +151,7 @@ _REHEARSAL = (
 
 
 def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Parameters of the controller; ``law.name``, ``estimator.name`` and ``robot.name`` decide which there are."""
+    """Parameters of the controller; they depend on ``law.name``, ``estimator.name`` and ``robot.name``."""
     law = LAWS[chosen(settings, LAW_NAME)]
     estimator = ESTIMATORS[chosen(settings, ESTIMATOR_NAME)]
     return (

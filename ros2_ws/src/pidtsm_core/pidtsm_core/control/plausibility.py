@@ -1,4 +1,4 @@
-"""Which measurements cannot be: one sample that is far off must not move the arm."""
+"""Detection of implausible measurements: a single sample that is far off must not move the arm."""
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
@@ -6,20 +6,20 @@ from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Signal
 
 _SLACK = 0.01
-"""rad that any measurement may be off."""
+"""rad; a deviation up to this is always plausible."""
 TOLERATED = 5
-"""Measurements in a row that are replaced; with one more it is not the measurement that is wrong."""
+"""Number of consecutive implausible measurements that are replaced; with one more, the measurement is accepted."""
 
 
 @njit
 def doubt(config: ControllerConfig, state: ControllerState, dt: float) -> int:
-    """Replace measurements that are too far from where the estimates put the arm dt (s) later by where that is.
+    """Replace implausible measurements with the position that the estimates predict dt (s) after the last sample.
 
-    Too far is what ``plausibility.velocity`` does not bring about in dt.
+    A measurement is implausible if it is farther from this prediction than ``plausibility.velocity`` allows in dt.
 
     Returns:
-        The joint, from 1, whose measurements have been too far off too often: they are to be believed, and explained.
-        0: there is none.
+        The joint, counted from 1, with too many consecutive implausible measurements: its measurement is accepted, and
+        the caller reports a fault. 0: no such joint.
     """
     y, clock, measured, wrong = state.signals, state.clock, state.measured, 0
     for j in range(measured.size):

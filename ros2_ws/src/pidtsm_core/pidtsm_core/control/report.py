@@ -32,7 +32,7 @@ class Change:
     """A change of the status.
 
     Attributes:
-        level: of a log: info, warning or error.
+        level: level in a log: info, warning or error.
         text: one sentence.
     """
 
@@ -46,7 +46,7 @@ def cause(fault: int, joint: int, joints: Sequence[str]) -> str:
     Args:
         fault: see `Fault`.
         joint: the joint that caused it, counted from 1; 0: no single joint.
-        joints: their names.
+        joints: names of the joints.
     """
     if fault == Fault.STATE_STALE:
         return "no joint state"
@@ -65,8 +65,8 @@ def changes(
     Args:
         before: shape (len(Status),), order of `Status`; None at the start.
         after: likewise.
-        clock: of the controller, shape (len(Clock),), order of `Clock`, times in ns.
-        joints: names.
+        clock: integers of the controller, shape (len(Clock),), order of `Clock`, times in ns.
+        joints: names of the joints.
     """
     return list(_changes([Mode.HOLDING, 0, 0, 0] if before is None else before, after, clock, joints, before is None))
 
@@ -99,7 +99,7 @@ def _changes(
 def tight_rates(config: ControllerConfig, joints: Sequence[str]) -> list[str]:
     """Warnings about rate limits that are too low: gravity moves the joint by a radian before the effort can hold it.
 
-    Computed from rest, in the worst of many configurations, which are drawn at random with a constant seed.
+    Computed from rest, in the worst of many random configurations with a constant seed.
     """
     random, still, found = np.random.default_rng(0), np.zeros(len(joints)), []
     accelerations, efforts = np.zeros((2, len(joints))), np.zeros((2, len(joints)))

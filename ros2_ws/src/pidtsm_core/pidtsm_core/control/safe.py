@@ -1,4 +1,4 @@
-"""The safe effort of a controller that has stopped: it holds the arm, or damps it, as ``stop.effort`` says."""
+"""The safe effort of a controller that has stopped: it holds or damps the arm, depending on ``stop.effort``."""
 
 import math
 
@@ -12,21 +12,21 @@ from pidtsm_core.signals import Signal
 from pidtsm_core.timing import seconds
 
 _CUTOFF = 10.0
-"""Of the filter of the velocity, as a multiple of the control's bandwidth."""
+"""Cutoff of the velocity filter, as a multiple of the bandwidth of the position control."""
 _QUICKEST = 0.125
-"""s in which the effort that holds the arm may change by all of its limit: a stop is no jolt."""
+"""s; shortest time in which the holding effort may change by the whole effort limit, so that a stop causes no jolt."""
 _LONGEST_CHANGE = 0.01
-"""s that count for that between two commands, however long ago the last one was."""
+"""s; longest time between two commands that counts for this."""
 _LARGEST_SHARE = 0.5
-"""Of the effort limit that a law may be believed to have learnt."""
+"""Largest share of the effort limit that is accepted as learnt by the law."""
 _AT_REST = 0.02  # rad/s
 _HOLDS, ELSEWHERE = 1, 2
-"""Values of `Clock.HELD`; the latter: the arm may have moved since, it is to be held where it is then."""
+"""Values of `Clock.HELD`; ELSEWHERE: the arm may have moved since, and will be held at its new position."""
 
 
 @outlined
 def make_safe(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
-    """Replace the effort that answers the joint state of `stamp` (ns), dt (s) after the last, by the safe one."""
+    """Replace the effort for the joint state of `stamp` (ns), dt (s) after the last one, with the safe effort."""
     if config.holds:
         _hold(config, state, stamp, dt)
     else:
@@ -37,9 +37,10 @@ def make_safe(config: ControllerConfig, state: ControllerState, stamp: int, dt: 
 
 @outlined
 def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int) -> None:
-    """Replace the effort while no joint state arrives, at `now` (ns, in the time of the stamps).
+    """Replace the effort with the safe one while no joint state arrives, at `now` (ns, in the time of the stamps).
 
-    The arm is stopped by the model, from where it was, and held by what has held it, which fades.
+    The effort follows from the model and from what was learnt: it stops the arm from its last known motion, then holds
+    it. Meanwhile it fades.
     """
     clock, efforts = state.clock, state.signals[Signal.EFFORT]
     clock[Clock.BRAKES] = config.brakes
@@ -63,7 +64,7 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
 
 @outlined
 def leave(config: ControllerConfig, state: ControllerState) -> None:
-    """Replace the effort by the last one before the controller ends, which stays: it carries the arm."""
+    """Replace the effort with the one that remains applied after the controller ends: it holds or damps the arm."""
     if not config.holds:
         _damp(config, state)
         return
@@ -79,7 +80,7 @@ def leave(config: ControllerConfig, state: ControllerState) -> None:
 
 @njit
 def _damp(config: ControllerConfig, state: ControllerState) -> None:
-    """Gravity's effort, where wanted, less damping."""
+    """Compute gravity compensation, if configured, minus damping."""
     y = state.signals
     carry(config, state, y[Signal.POSITION])
     for j in range(y.shape[1]):
@@ -89,14 +90,14 @@ def _damp(config: ControllerConfig, state: ControllerState) -> None:
 
 @njit
 def _learn(config: ControllerConfig, state: ControllerState) -> None:
-    """Take over what the law has learnt: the effort that it gives without any error, beyond the model's."""
+    """Store what the law has learnt: the effort that it adds to that of the model without any error."""
     y, scratch = state.signals, state.scratch
     for j in range(scratch.shape[1]):
         learnt = command(0.0, 0.0, 0.0, 0.0, config.law_integers, config.law[j], state.law[j], 0.0)[0]
         state.accelerations[0, j] = 0.0
         state.accelerations[1, j] = learnt
         scratch[0, j] = 0.0
-        # Of a law without model it is an effort.
+        # The output of a law without model is an effort.
         state.hold[Hold.LEARNT, j] = learnt
         state.hold[Hold.INTEGRAL, j] = 0.0
     inverse_dynamics(config.robot, y[Signal.POSITION], scratch[0], state.accelerations, config.model, scratch[1:3])
@@ -108,7 +109,7 @@ def _learn(config: ControllerConfig, state: ControllerState) -> None:
 
 @njit
 def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
-    """Desire to come to rest from where the arm is."""
+    """Start a desired motion from the present motion of the arm to rest."""
     y = state.signals
     if state.clock[Clock.HELD] == 0:
         _learn(config, state)
@@ -127,7 +128,7 @@ def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None
 
 @njit
 def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
-    """Control the position with an integral, all poles at the bandwidth, on the way to rest and there."""
+    """Control the position on the way to rest and at rest, with an integral and all poles at the bandwidth."""
     y, hold, clock, w = state.signals, state.hold, state.clock, config.hold_bandwidth
     if clock[Clock.HELD] != _HOLDS:
         _begin(config, state, stamp)
@@ -154,7 +155,7 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
 
 @njit
 def _go_gently(config: ControllerConfig, state: ControllerState, now: int) -> None:
-    """Let the effort change no quicker than is gentle since the last command; `now` is in ns."""
+    """Limit the change of the effort since the last command, so that it causes no jolt; `now` is in ns."""
     efforts = state.signals[Signal.EFFORT]
     since = min(max(seconds(now - state.clock[Clock.SENT]), 0.0), _LONGEST_CHANGE)
     for j in range(efforts.size):
@@ -164,7 +165,7 @@ def _go_gently(config: ControllerConfig, state: ControllerState, now: int) -> No
 
 @njit
 def _follow_blindly(config: ControllerConfig, state: ControllerState) -> None:
-    """The effort of the desired motion, by the model and what was learnt beyond it."""
+    """Compute the effort of the desired motion from the model and from what was learnt beyond it."""
     w, efforts = config.hold_bandwidth, state.signals[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
     for j in range(state.measured.size):
         state.accelerations[0, j] = state.desired[2, j]
@@ -176,7 +177,7 @@ def _follow_blindly(config: ControllerConfig, state: ControllerState) -> None:
 
 @njit
 def _engage_brakes(config: ControllerConfig, state: ControllerState) -> None:
-    """Engage the brakes, for good, once the arm has come to rest."""
+    """Engage the brakes once the arm has come to rest; they stay engaged until the fault is reset."""
     still = state.way_duration[0] == 0.0
     velocity = state.hold[Hold.VELOCITY] if config.holds else state.signals[Signal.VELOCITY]
     for j in range(velocity.size):

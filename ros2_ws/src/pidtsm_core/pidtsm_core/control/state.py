@@ -1,4 +1,4 @@
-"""What the controller's one step reads and changes, and the two arrays in which all of it stands."""
+"""Configuration and state of the controller, and the two arrays that contain them."""
 
 from enum import IntEnum
 from typing import NamedTuple
@@ -14,34 +14,34 @@ from pidtsm_core.signals import Signal, Status
 
 
 class Clock(IntEnum):
-    """Places of the integers that a step changes; times are in ns."""
+    """Indices of the integers that a step changes; times are in ns."""
 
-    ANSWERED = 0  # joint states answered since the controller began afresh
-    LAST = 1  # stamp of the last of them
-    BEGAN = 2  # stamp of the first joint state since the controller was reset, plus 1; 0: there was none
-    WAY_BEGAN = 3  # stamp at which the way to the desired motion began
-    LATE = 4  # joint states that came later than watchdog.state_hold
+    ANSWERED = 0  # number of joint states answered since the controller started afresh
+    LAST = 1  # stamp of the last joint state that was answered
+    BEGAN = 2  # stamp of the first joint state since the controller was reset, plus 1; 0: none so far
+    WAY_BEGAN = 3  # stamp at which the way began, see desired.py
+    LATE = 4  # number of joint states that were late, see watchdog.state_hold
     REHEARSED_RESET = 5  # 1: done
     REHEARSED_RESTART = 6  # 1: done
     COMMANDED = 7  # 1: there was a command since the controller was reset
     ADAPTATION = 8  # see `Adaptation`
     GAP = 9  # time without a joint state before the last command
-    REFERENCE_AGE = 10  # of the reference at the last joint state; negative: it is ahead
-    AT_EFFORT_LIMIT = 11  # steps with a joint at the limit of its effort
-    AT_RATE_LIMIT = 12  # steps with a joint at the limit of its rate
-    STRAYED = 13  # 1: a rate limit took the arm off the reference that it followed; it is on its way back
-    BEHIND_SINCE = 14  # stamp since when the rate limit has held the effort back, plus 1; 0: it does not
-    PERIOD = 15  # nominal time between two joint states; 0: not known so far
-    SENT = 16  # when the last command was given, in the time of the stamps
-    DOUBTED = 17  # joint states in a row whose measurement cannot be
-    IMPLAUSIBLE = 18  # all of them
+    REFERENCE_AGE = 10  # age of the reference at the last joint state; negative: it is ahead
+    AT_EFFORT_LIMIT = 11  # number of steps with a joint at its effort limit
+    AT_RATE_LIMIT = 12  # number of steps with a joint at its rate limit
+    STRAYED = 13  # 1: because of a rate limit, the arm has left its reference and is on its way back
+    BEHIND_SINCE = 14  # stamp since which the rate limit has delayed the effort, plus 1; 0: it does not
+    PERIOD = 15  # nominal time between two joint states; 0: not known yet
+    SENT = 16  # time of the last command, in the time of the stamps
+    DOUBTED = 17  # number of consecutive joint states with an implausible measurement
+    IMPLAUSIBLE = 18  # total number of these
     HELD = 19  # how a controller that has stopped holds the arm, see safe.py; 0: it does not
-    SILENT_SINCE = 20  # when joint states were found to stay out, in the time of the stamps, plus 1; 0: they do not
-    BRAKES = 21  # 1: the brakes are to be engaged
+    SILENT_SINCE = 20  # when joint states were found missing, in the time of the stamps, plus 1; 0: they arrive
+    BRAKES = 21  # 1: the brakes should be engaged
 
 
 class Hold(IntEnum):
-    """Rows of what a controller that holds the arm remembers of each joint."""
+    """Rows of the state of a controller that holds the arm, per joint."""
 
     INTEGRAL = 0  # of the error, rad s
     VELOCITY = 1  # filtered, rad/s
@@ -50,12 +50,12 @@ class Hold(IntEnum):
 
 
 class ControllerConfig(NamedTuple):
-    """What a step reads. Robot and estimator are places in the registries; a limit of 0 is none."""
+    """What a step reads. Robot and estimator are indices in the registries; a limit of 0 means no limit."""
 
     robot: int
     estimator: int
     uses_model: bool
-    freezes: bool  # integrals and adaptation of a joint stand still while its effort is limited
+    freezes: bool  # integrals and adaptation of a joint pause while its effort is limited
     stops: int  # violations that are faults, see `Violation`
     state_hold: int  # ns
     state_stop: int  # ns
@@ -63,18 +63,18 @@ class ControllerConfig(NamedTuple):
     reset_at: int  # ns from the first joint state, 0: never
     restart_at: int  # ns from the first joint state, 0: never
     rate_limited: bool  # a joint has a rate limit
-    feeds_back: bool  # the effort applied is measured
+    feeds_back: bool  # the applied effort is measured
     watches: bool  # a joint has a limit of position, velocity or error
-    rehearses: bool  # a reset or a restart is to be rehearsed
+    rehearses: bool  # a reset or a restart is rehearsed
     holds: bool  # the safe effort holds the arm where it stopped
-    brakes: bool  # the arm has brakes that are to be engaged when it has stopped
-    doubts: bool  # a joint's measurements are judged
+    brakes: bool  # the arm has brakes, to be engaged when it has stopped
+    doubts: bool  # the measurements of a joint are checked for plausibility
     law_integers: Integers  # shape (LAW_INTEGERS,)
     blend: float  # s
     distance: float  # rad
-    gravity: float  # 1: the safe effort carries the arm, else 0
+    gravity: float  # 1: the safe effort compensates gravity, else 0
     hold_bandwidth: float  # rad/s
-    fade: float  # s in which the effort fades while no joint state arrives; 0: it stays
+    fade: float  # s in which the effort fades while no joint state arrives; 0: no fading
     model: Array  # shape (model parameters,)
     law: Array  # shape (joints, law parameters)
     estimator_parameters: Array  # shape (joints, SLOTS)
@@ -88,41 +88,41 @@ class ControllerConfig(NamedTuple):
 
 
 class ControllerState(NamedTuple):
-    """What a step changes; all zero at the start."""
+    """What a step changes; initially all zero."""
 
     clock: NDArray[np.int64]  # shape (len(Clock),)
     status: NDArray[np.int64]  # shape (len(Status),)
     measured: Array  # q as measured, written before a step, shape (joints,), rad
-    applied: Array  # effort as the drives report it, likewise where it is wanted, N m
+    applied: Array  # effort as the drives report it, if the configuration feeds_back, likewise, N m
     reference: Array  # q_d, q_d', q_d'' as received, written before a step, shape (3, joints)
-    held: Array  # what is desired while no reference is followed, likewise
-    base: Array  # scratch: the reference at the sample, or what is held, likewise
-    desired: Array  # the same with the way to it: what the law follows, likewise
-    way: Array  # coefficients of the quintic from where the arm was to what is followed, shape (6, joints)
+    held: Array  # desired motion while no reference is followed, likewise
+    base: Array  # scratch: the reference at the sample, or the held position, likewise
+    desired: Array  # the same plus the way: the motion that the law follows, likewise
+    way: Array  # coefficients of the way, see desired.py, shape (6, joints)
     way_duration: Array  # shape (1,), s; 0: there is no way
     estimator: Array  # shape (joints, SLOTS)
     law: Array  # shape (joints, STATE_SLOTS)
     signals: Array  # shape (len(Signal), joints), see `Signal`
     sent: Array  # the last command, shape (joints,), N m
     hold: Array  # of the safe effort that holds the arm, see `Hold`, shape (len(Hold), joints)
-    truth: Array  # true q', q'' of whoever simulates, shape (2, joints), rad/s, rad/s^2
-    torque: Array  # scratch of whoever simulates, shape (joints,), N m
-    received: Array  # what is read from a joint state: `measured`, and `applied` where wanted, shape (1 or 2, joints)
+    truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
+    torque: Array  # scratch of a simulation, shape (joints,), N m
+    received: Array  # values of a joint state: `measured`, and `applied` if it is used, shape (1 or 2, joints)
     accelerations: Array  # scratch: a_eq, a_cmd, shape (2, joints)
     scratch: Array  # shape (6, joints)
 
 
-_CONFIG_INTEGERS = 20  # lengths, and the integers of `ControllerConfig` but for the law's
+_CONFIG_INTEGERS = 20  # lengths, and the integers of `ControllerConfig` except the law's
 _FEEDS_BACK = 14
 _CLOCK = len(Clock)
 _SCALARS = 6
-# Rows of the table that ends the floats, one number a joint: of the configuration, of the state, signals, scratch.
+# Rows of the table at the end of the floats, one number per joint: configuration, state, signals, scratch.
 _CONFIG, _MOTION, _SCRATCH = 7, 21 + len(Hold), 11
 _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
 
 
 def floats_size(joints: int, model: int, law: int) -> int:
-    """Length of the floats of `unpack`, for a model and a law (of one joint) with so many parameters."""
+    """Length of the floats of `unpack`, for the numbers of parameters of the model and of the law (per joint)."""
     return _SCALARS + model + joints * (law + SLOTS + SLOTS + STATE_SLOTS + _ROWS)
 
 
@@ -133,7 +133,7 @@ def integers_size() -> int:
 
 @inlined
 def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
-    """The configuration in the arrays of `unpack`; `rows` is the table that ends the floats, shape (_ROWS, joints)."""
+    """The configuration in the arrays of `unpack`; `rows` is the table at their end, shape (_ROWS, joints)."""
     joints, model, law = integers[0], integers[1], integers[2]
     a = _SCALARS + model
     b = a + joints * law
@@ -176,7 +176,7 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
 
 @inlined
 def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
-    """The state in the same."""
+    """The state in the arrays of `unpack`; `rows` as for `_config`."""
     joints = integers[0]
     c = _SCALARS + integers[1] + joints * (integers[2] + SLOTS)
     d = c + joints * SLOTS
@@ -211,12 +211,12 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
 def unpack(floats: Array, integers: Integers) -> tuple[ControllerConfig, ControllerState]:
     """A controller's configuration and state as views of its two arrays.
 
-    A node calls compiled code a thousand times a second with the processor's caches cold; each array among the
-    arguments then costs about a microsecond. So all of a controller stands in two arrays.
+    A node calls compiled code a thousand times per second with cold processor caches, and each array argument then
+    costs about a microsecond. Therefore two arrays contain the whole controller.
 
     Args:
         floats: shape (floats_size,): scalars, model, law, the estimator's parameters, the states of estimator and law,
-            and a table of what is one number a joint.
+            and a table of the values with one number per joint.
         integers: shape (integers_size,): joints, lengths of model and law, the integers of `ControllerConfig` in their
             order, clock, status.
     """

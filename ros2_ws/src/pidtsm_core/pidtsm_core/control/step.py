@@ -1,4 +1,4 @@
-"""The controller's one step: everything between a measured position and the commanded effort."""
+"""The step of the controller: everything between a measured position and the commanded effort."""
 
 from pidtsm_core.compiled import inlined, njit, outlined
 from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_base
@@ -13,23 +13,23 @@ from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status, Violation
 from pidtsm_core.timing import NANOSECONDS, seconds, track_period
 
 _BEHIND = 0.02
-"""s that a rate limit may keep the effort behind the law before the arm takes another way."""
+"""s; if a rate limit delays the effort longer, the arm takes another way."""
 _PERIODS_TO_HOLD, _PERIODS_TO_STOP = 2, 5
-"""Nominal periods that joint states may stay out, whatever ``watchdog.state_hold`` and ``.state_stop`` are."""
+"""Nominal periods up to which a gap between joint states is never late, and never a fault."""
 _LONGEST_BEHIND = NANOSECONDS // 2
-"""ns of that without an end, after which the limit is too tight for the arm: a fault, which lifts the limit."""
+"""ns; if the delay persists longer, the limit is too tight for the arm: a fault, which suspends the limit."""
 
 
 @njit
 def step(config: ControllerConfig, state: ControllerState, stamp: int, reference_stamp: int, truth: Array) -> None:
-    """Answer the joint state in ``state.measured``; the result is in ``state.signals`` and ``state.status``.
+    """Respond to the joint state in ``state.measured``; the result is in ``state.signals`` and ``state.status``.
 
     Args:
-        config: what the step reads.
-        state: what it changes.
-        stamp: of the joint state, ns, later than the last.
-        reference_stamp: of the reference in ``state.reference``, ns; negative where there is none.
-        truth: true q', q'' for an estimator that `needs_truth`, shape (2, joints), else ignored.
+        config: configuration, which is read.
+        state: state, which is changed.
+        stamp: stamp of the joint state, ns, later than the last one.
+        reference_stamp: stamp of the reference in ``state.reference``, ns; negative: there is none.
+        truth: true q', q'' for an estimator with `needs_truth`, shape (2, joints); otherwise ignored.
     """
     clock, y = state.clock, state.signals
     if config.rehearses:
@@ -52,7 +52,7 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
     choose(config, state, stamp, reference_stamp)
 
     tick(config, state, state.measured, truth, state.desired, dt)
-    # A limit that is taken away is exceeded no more.
+    # A limit that was removed is no longer exceeded.
     state.status[Status.VIOLATIONS] = 0
     if config.watches:
         _check_limits(config, state)
@@ -72,13 +72,13 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
 
 @inlined
 def stop_after(state_stop: int, period: int) -> int:
-    """How long joint states may stay out, ns: ``watchdog.state_stop``, but some nominal periods (ns) at least."""
+    """Longest gap between joint states that is no fault: ``watchdog.state_stop`` or some periods; all in ns."""
     return max(state_stop, _PERIODS_TO_STOP * period)
 
 
 @njit
 def _watch_gaps(config: ControllerConfig, state: ControllerState, period: int) -> None:
-    """Count joint states that are late, `period` (ns) after the last, and stop where they have stayed out too long."""
+    """Count a joint state that is late, `period` (ns) after the last one, and stop if the gap was too long."""
     clock = state.clock
     if period > max(config.state_hold, _PERIODS_TO_HOLD * clock[Clock.PERIOD]):
         clock[Clock.LATE] += 1
@@ -90,7 +90,7 @@ def _watch_gaps(config: ControllerConfig, state: ControllerState, period: int) -
 
 @njit
 def _doubt(config: ControllerConfig, state: ControllerState, dt: float) -> None:
-    """Stop where measurements are not to be believed, and begin anew with what they say."""
+    """Stop if a joint has too many implausible measurements, and restart the estimates from them."""
     joint = doubt(config, state, dt)
     if joint:
         stop(state, Fault.MEASUREMENT, joint)
@@ -99,7 +99,7 @@ def _doubt(config: ControllerConfig, state: ControllerState, dt: float) -> None:
 
 @outlined
 def _believe(state: ControllerState) -> None:
-    """The estimates begin where the measurements are."""
+    """Restart the estimates from the measurements."""
     for j in range(state.estimator.shape[0]):
         for slot in range(state.estimator.shape[1]):
             state.estimator[j, slot] = 0.0
@@ -108,7 +108,7 @@ def _believe(state: ControllerState) -> None:
 
 @njit
 def _count(state: ControllerState) -> None:
-    """Count what limited the efforts."""
+    """Count the step if an effort is at a limit."""
     limited = 0
     for j in range(state.measured.size):
         limited |= int(state.signals[Signal.SATURATED, j])
@@ -119,7 +119,7 @@ def _count(state: ControllerState) -> None:
 
 @outlined
 def stop(state: ControllerState, fault: int, joint: int) -> None:
-    """Latch a fault, unless there is one already; `joint` is the joint that caused it, from 1, 0: none."""
+    """Latch a fault, unless there is one already; `joint` is the joint that caused it, counted from 1; 0: none."""
     status = state.status
     if status[Status.FAULT] == 0:
         status[Status.FAULT] = fault
@@ -131,14 +131,14 @@ def stop(state: ControllerState, fault: int, joint: int) -> None:
 
 @njit
 def hold_elsewhere(state: ControllerState) -> None:
-    """A stopped arm that is held may have moved: hold it where it is then."""
+    """Because a stopped arm that is held may have moved, hold it at its new position."""
     if state.clock[Clock.HELD]:
         state.clock[Clock.HELD] = ELSEWHERE
 
 
 @outlined
 def begin_afresh(state: ControllerState) -> None:
-    """Forget the motion so far; what follows begins where the arm is. A fault stays, and so does the effort."""
+    """Forget the motion so far and start from where the arm is. A fault stays, and so does the effort."""
     y, clock = state.signals, state.clock
     for i in range(y.shape[0]):
         for j in range(y.shape[1]):
@@ -157,7 +157,7 @@ def begin_afresh(state: ControllerState) -> None:
 
 @outlined
 def reset_fault(state: ControllerState) -> None:
-    """Follow again after a fault."""
+    """Reset the fault, so that the controller can follow again."""
     state.status[Status.FAULT] = 0
     state.status[Status.FAULT_JOINT] = 0
     state.clock[Clock.HELD] = 0
@@ -167,7 +167,7 @@ def reset_fault(state: ControllerState) -> None:
 
 @outlined
 def set_clock(state: ControllerState, stamp: int) -> None:
-    """Go on as if the last joint state had come at `stamp` (ns): the clock of the stamps has been set."""
+    """Continue as if the last joint state had arrived at `stamp` (ns), because the clock of the stamps was set."""
     clock = state.clock
     later = stamp - clock[Clock.LAST]
     clock[Clock.LAST] += later
@@ -181,7 +181,7 @@ def set_clock(state: ControllerState, stamp: int) -> None:
 
 @outlined
 def _distance(state: ControllerState) -> float:
-    """How far the arm is from its reference, rad: the joint that is farthest."""
+    """Largest distance of a joint from its reference, rad."""
     distance = 0.0
     for j in range(state.measured.size):
         distance = max(distance, abs(state.reference[0, j] - state.measured[j]))
@@ -190,7 +190,7 @@ def _distance(state: ControllerState) -> float:
 
 @outlined
 def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, reference_stamp: int) -> None:
-    """Note when the controller began, and do what the parameters ``rehearsal`` want of this sample."""
+    """Record when the controller began; reset or restart it if the parameters ``rehearsal`` demand it now."""
     clock = state.clock
     if clock[Clock.BEGAN] == 0 or stamp < clock[Clock.BEGAN] - 1:
         clock[Clock.BEGAN] = stamp + 1
@@ -209,7 +209,7 @@ def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, refe
 def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
     """Find exceeded limits; those of `config.stops` are faults.
 
-    Of an arm that has strayed from its reference the error is that to the reference, not to the way back.
+    If the arm has strayed from its reference, its error is the distance from the reference, not from the way back.
     """
     y, violations, errors = state.signals, 0, state.signals[Signal.POSITION_ERROR]
     if state.clock[Clock.STRAYED]:
@@ -238,10 +238,10 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
 
 @outlined
 def _keep_up(config: ControllerConfig, state: ControllerState, stamp: int, behind: float) -> None:
-    """Take a slower way where the rate limit keeps the effort `behind` (s), and stop where that does not help.
+    """Take a slower way if the rate limit delays the effort by `behind` (s), and stop if that does not help.
 
-    A limit that is too tight for the law is too tight for the safe effort as well, whatever fault asked for that: it
-    would keep the arm from being stopped. So this fault takes the place of any other, and lifts the limit.
+    A limit that is too tight for the law is also too tight for the safe effort of any fault: it would prevent the stop.
+    So this fault replaces any other, and suspends the limit.
     """
     clock, status = state.clock, state.status
     if behind <= _BEHIND:
@@ -265,7 +265,7 @@ def respond(
     """`step` for Python, with few arguments: see `unpack`.
 
     Args:
-        floats: of the controller, see `unpack`.
+        floats: floats of the controller, see `unpack`.
         integers: likewise.
         stamp: see `step`.
         reference_stamp: likewise.
@@ -276,20 +276,20 @@ def respond(
         The status, in the order of `Status`.
     """
     config, state = unpack(floats, integers)
-    # No estimator of a node reads the truth.
+    # In a node, no estimator reads the truth.
     step(config, state, stamp, reference_stamp, state.desired)
     return _copy_result(state, effort, signals)
 
 
 @njit
 def stop_now(floats: Array, integers: Integers, fault: int, elapsed: int, effort: Array, signals: Array) -> None:
-    """Replace the effort of the last step by the safe one, while no joint state arrives; may be repeated.
+    """Replace the effort of the last step with the safe one while no joint state arrives; may be called repeatedly.
 
     Args:
-        floats: of the controller, see `unpack`.
+        floats: floats of the controller, see `unpack`.
         integers: likewise.
-        fault: to be latched, unless there is one already.
-        elapsed: since the last step, ns.
+        fault: fault that is latched, unless there is one already.
+        elapsed: time since the last step, ns.
         effort: result, shape (joints,), N m.
         signals: result, shape (len(Signal), joints).
     """
@@ -308,7 +308,7 @@ def stop_now(floats: Array, integers: Integers, fault: int, elapsed: int, effort
 
 @njit
 def leave_now(floats: Array, integers: Integers, effort: Array, signals: Array) -> None:
-    """Replace the effort of the last step by the one that the controller leaves behind; see `stop_now`."""
+    """Replace the effort of the last step with the one that remains after the controller ends; see `stop_now`."""
     config, state = unpack(floats, integers)
     leave(config, state)
     _copy_result(state, effort, signals)
@@ -316,7 +316,7 @@ def leave_now(floats: Array, integers: Integers, effort: Array, signals: Array) 
 
 @njit
 def _copy_result(state: ControllerState, effort: Array, signals: Array) -> tuple[int, int, int, int]:
-    """Copy the result to where it is sent from."""
+    """Copy the result to the arrays of the caller."""
     y, status = state.signals, state.status
     for i in range(y.shape[0]):
         for j in range(y.shape[1]):

@@ -1,4 +1,4 @@
-"""Estimator, law and robot model: measured position and desired motion to effort."""
+"""Estimator, law and robot model: from measured position and desired motion to effort."""
 
 from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.control.effort import limit_effort
@@ -15,7 +15,7 @@ _DIFFERENT = 0.05
 
 @inlined
 def _held_back(config: ControllerConfig, state: ControllerState, joint: int) -> bool:
-    """Whether something kept the effort of the law from being applied over the last period."""
+    """Whether the effort applied over the last period was not that of the law."""
     y = state.signals
     if y[Signal.SATURATED, joint] != 0.0:
         return True
@@ -25,7 +25,7 @@ def _held_back(config: ControllerConfig, state: ControllerState, joint: int) -> 
 
 @njit
 def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> None:
-    """Move the states of the law over dt (s) with the values of the last tick, eqs. (10), (25), (27)."""
+    """Advance the states of the law over dt (s) with the values of the last tick, eqs. (10), (25), (27)."""
     y = state.signals
     stopped = state.status[Status.FAULT] != 0
     adaptation = state.clock[Clock.ADAPTATION]
@@ -65,7 +65,7 @@ def _command(config: ControllerConfig, state: ControllerState, desired: Array, d
 
 @njit
 def _actuate(config: ControllerConfig, state: ControllerState) -> None:
-    """Write the efforts of the law's accelerations, by the model; of a law without model they are efforts."""
+    """Convert the law's accelerations to efforts with the model; the outputs of a law without model are efforts."""
     y = state.signals
     efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
     if config.uses_model:
@@ -81,19 +81,19 @@ def _actuate(config: ControllerConfig, state: ControllerState) -> None:
 
 @njit
 def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Array, desired: Array, dt: float) -> None:
-    """Write every signal of this sample, the law's effort within its limit among them, to ``state.signals``.
+    """Write every signal of this sample, including the law's effort within its limit, to ``state.signals``.
 
     Args:
-        config: what the tick reads.
-        state: what it changes.
+        config: configuration, which is read.
+        state: state, which is changed.
         q: measured positions, shape (joints,), rad.
-        truth: true q', q'' for an estimator that `needs_truth`, shape (2, joints), else ignored.
+        truth: true q', q'' for an estimator with `needs_truth`, shape (2, joints); otherwise ignored.
         desired: q_d, q_d', q_d'', shape (3, joints), rad, rad/s, rad/s^2.
-        dt: time since the last tick, s; 0 at the first.
+        dt: time since the last tick, s; 0 at the first one.
 
-    Absurd positions that overflow give no torque, never one that is not finite.
-    The states of the law first move over dt with the values of the last tick; so an irregular period integrates what
-    was really held over it. What winds up stands still where the effort was not the law's: at a limit
+    If absurd positions cause an overflow, the torque is 0, never infinite or nan.
+    The states of the law first advance over dt with the values of the last tick, so an irregular period integrates what
+    was really held over it. States that can wind up pause while the applied effort is not the law's: at a limit
     (``law.anti_windup``), and while the controller has stopped.
     """
     y = state.signals
