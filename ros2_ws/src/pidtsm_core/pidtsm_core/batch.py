@@ -1,6 +1,6 @@
 """Many rollouts over varied gains, model errors and seeds, on all cores or, through joblib, on a cluster.
 
-Compiled code releases the GIL, so the workers are threads. A backend that the caller names is taken instead::
+Compiled code releases the GIL, so the workers are threads. A caller can choose another backend::
 
     with joblib.parallel_config(backend="dask", client=client):
         result = batch(settings, 30.0)
@@ -23,7 +23,7 @@ Settings: TypeAlias = Mapping[str, Mapping[str, Any]]
 Measure: TypeAlias = Callable[[Rollout], JointMetrics]
 
 _SHARE = 32
-"""Runs a worker between two reports: few enough to see progress, enough that nobody waits long for the last one."""
+"""Runs per worker between two reports: few enough to show progress, enough to keep all workers busy."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class BatchResult:
-    """What a batch did; row i of every array belongs to the i-th settings.
+    """Result of a batch; row i of every array belongs to the i-th settings.
 
     Attributes:
-        metrics: those of `pidtsm_core.metrics.metrics`, and of `measure`, by name, each of shape (runs, joints); nan
-            where a value does not exist, which holds for all values of a run that failed. Empty if all failed.
-        failed: why a run failed, by its number.
-        trajectories: of each run (None where it failed) if asked for, else empty.
+        metrics: those of `pidtsm_core.metrics.metrics` and of `measure`, by name, each of shape (runs, joints); nan if
+            a value does not exist, as for all values of a failed run. Empty if all runs failed.
+        failed: reason why a run failed, by the number of the run.
+        trajectories: one per run (None if it failed) if `keep_every` is positive, otherwise empty.
     """
 
     metrics: dict[str, Array]
@@ -66,22 +66,22 @@ def batch(
     keep_every: int = 0,
     measure: Measure | None = None,
 ) -> BatchResult:
-    """Roll out every settings; a run that fails is reported and loses no other.
+    """Run one rollout for each of the settings; a failed run is reported and does not affect the others.
 
-    The result does not depend on the number or the kind of workers. Memory holds the metrics, the trajectories asked
-    for, and one rollout a worker; of an iterator, a few settings ahead.
+    The result does not depend on the number or kind of workers. Memory holds the metrics, the trajectories requested
+    and one rollout per worker. An iterator of settings is read only a few settings ahead.
 
     Args:
-        settings: of each run, see `rollout`.
-        duration: of each run, s.
-        workers: number of threads (with another backend, of what it has); -1 is one a core, -2 leaves one core free.
-        progress: called now and then with the number of runs that are done.
-        event_time: when something happens to the arm, see `metrics`.
+        settings: settings of each run, see `rollout`.
+        duration: duration of each run, s.
+        workers: number of threads, or of another backend's workers; -1: one per core, -2: one core remains free.
+        progress: called repeatedly with the number of finished runs.
+        event_time: time of an event that affects the arm, see `metrics`.
         keep_every: also return every n-th sample of each run; 0 returns none.
-        measure: what else to take from each run, under names of its own.
+        measure: function that returns additional metrics of a run, under names of their own.
 
     Raises:
-        ValueError: a negative `keep_every`.
+        ValueError: `keep_every` is negative.
     """
     if keep_every < 0:
         raise ValueError(f"keep_every: {keep_every} must be 0 or positive")
@@ -101,7 +101,7 @@ def batch(
 
 @dataclass(frozen=True)
 class _Outcome:
-    """What a worker says of a run: metrics, or why there are none."""
+    """Result of a run: metrics, or the reason why there are none."""
 
     metrics: JointMetrics | None = None
     trajectory: Trajectory | None = None

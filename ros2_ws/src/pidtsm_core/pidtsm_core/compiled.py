@@ -1,8 +1,8 @@
 """The Numba decorators of the whole package, with a cache that cannot go stale.
 
-Numba caches a compiled function beside the *file it stands in*; an edit to a function it calls, in another
-file, is not noticed. The cache therefore lives in a folder named after the content of every source file of
-this package: any edit starts a fresh one.
+Numba's cache detects an edit only in the *file of the compiled function*, not in the files of the functions that it
+calls. Therefore the name of the cache folder is a digest of all source files of this package: any edit starts a new
+cache.
 
 The compiled code keeps IEEE semantics (no ``fastmath``): the same inputs give the same bits whether a
 function is called from a node or inlined into a rollout.
@@ -21,13 +21,13 @@ from numba.extending import register_jitable
 
 _KEPT_CACHES = 6
 
-# Loops run over a handful of joints: to check whether they can be vectorised takes longer than that saves, by 4 % of a
+# Loops run over a few joints: checking whether they can be vectorised takes longer than vectorising saves, by 4 % of a
 # rollout.
 numba.config.LOOP_VECTORIZE = 0
 
 
 def _writable_root() -> Path:
-    """Folder of our own for the caches: below NUMBA_CACHE_DIR, the user's cache folder, or a temporary one."""
+    """The package's own folder for caches: below NUMBA_CACHE_DIR, the user's cache folder, or a temporary folder."""
     chosen = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
     fallback = Path(tempfile.gettempdir(), f"pidtsm-{os.getuid()}")
     for root in (Path(chosen, "pidtsm-numba"), fallback):
@@ -35,7 +35,7 @@ def _writable_root() -> Path:
             root.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError:
             continue
-        # The cache holds code: it must be ours.
+        # The cache contains code, so it must belong to this user.
         if os.access(root, os.W_OK | os.X_OK) and root.stat().st_uid == os.getuid():
             return root
     return Path(tempfile.mkdtemp(prefix="pidtsm-numba-"))
@@ -54,7 +54,7 @@ def _source_digest() -> str:
 def _age(folder: Path) -> float:
     try:
         return -folder.stat().st_mtime
-    except OSError:  # Another process tidies up too.
+    except OSError:  # Another process may have removed it.
         return 0.0
 
 
@@ -78,23 +78,24 @@ _OPTIONS = {"error_model": "numpy", "_nrt": False, "forceinline": True}
 def njit(function: _Function) -> _Function:
     """Compile `function` to machine code on its first call, cached on disk, without the GIL.
 
-    Division by zero gives inf or nan as in NumPy instead of raising, so guards stand where the mathematics
+    Division by zero gives inf or nan as in NumPy and raises nothing, so the code has guards where the mathematics
     needs them.
 
-    Compiled code allocates nothing, so it need not count references to its arrays either (half of a tick's time):
-    a function that makes an array, also as a whole assignment (``a[:] = b``; write the loop), does not compile.
+    Compiled code allocates nothing, so it does not count references to its arrays either, which saves half of a tick's
+    time. A function that creates an array does not compile; this includes whole assignments (``a[:] = b``), so write
+    a loop instead.
     """
     return cast(_Function, numba.njit(cache=True, nogil=True, **_OPTIONS)(function))
 
 
 def outlined(function: _Function) -> _Function:
-    """As `njit`, but called from compiled code instead of inlined: for what is rare, so that the loop stays small."""
+    """As `njit`, but compiled code calls it instead of inlining it: for rare cases, so that the loop stays small."""
     return cast(_Function, numba.njit(cache=True, nogil=True, **{**_OPTIONS, "forceinline": False})(function))
 
 
 def inlined(function: _Function) -> _Function:
-    """Compile `function` into whatever compiled function calls it; called from Python it runs as Python.
+    """Compile `function` into each compiled function that calls it; called from Python, it runs as Python.
 
-    For what takes less time than a call into compiled code, which is up to a microsecond, and is needed on both sides.
+    For functions that both sides need and that take less time than a call into compiled code (up to a microsecond).
     """
     return cast(_Function, register_jitable(**_OPTIONS)(function))

@@ -18,7 +18,7 @@ class Member:
     """One member of a family: name, summary, parameters and compiled function.
 
     Attributes:
-        name: how users choose it.
+        name: the name by which users choose it.
         summary: one sentence with its source.
         parameters: at most `SLOTS`; their order is the order in which the compiled function reads them.
     """
@@ -47,7 +47,7 @@ class Family(Generic[_Member]):
     """Members by name and by index; compiled code uses the index."""
 
     def __init__(self, *members: _Member) -> None:
-        """Args: members: in order. Raises: ValueError: two share a name."""
+        """Args: members: in order. Raises: ValueError: two members have the same name."""
         self.members = members
         self.names: tuple[str, ...] = tuple(m.name for m in members)
         if len(set(self.names)) != len(self.names):
@@ -55,7 +55,7 @@ class Family(Generic[_Member]):
 
     @classmethod
     def of(cls, kind: type[_Member], namespace: Mapping[str, object]) -> "Family[_Member]":
-        """The members of a kind among the names of a module: a registry is a module that imports its members."""
+        """Collect the members of a kind from a module's names: a registry is a module that imports its members."""
         return cls(*(value for value in namespace.values() if isinstance(value, kind)))
 
     def __getitem__(self, name: str) -> _Member:
@@ -69,11 +69,10 @@ _Result = TypeVar("_Result")
 
 
 def dispatch(functions: Iterable[Callable[..., _Result]]) -> Callable[..., _Result]:
-    """One function for one function of every member, which compiled code calls as ``call(index, *arguments)``.
+    """Combine the functions of all members into one, which compiled code calls as ``call(index, *arguments)``.
 
-    Numba finds no function in a table without losing what inlining gives. So this is a chain of comparisons, with the
-    members' functions inlined; it has no place in the cache of its own, but is compiled into its caller and kept with
-    that.
+    Numba cannot inline functions from a table. Therefore this is a chain of comparisons with the members' functions
+    inlined. It has no cache entry of its own: it is compiled into its caller and cached with it.
 
     Args:
         functions: compiled, at least one, in the order of the members, with the same arguments and results. An index

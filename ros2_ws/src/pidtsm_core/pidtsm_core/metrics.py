@@ -11,13 +11,13 @@ STEADY_SHARE = 0.4
 """Share of the run, at its end, that counts as steady state."""
 
 SETTLED_SHARE = 0.02
-"""Share of the error at the start below which a joint counts as settled."""
+"""Share of the initial error below which a joint counts as settled."""
 
 RECOVERED_ERROR = 1e-3
 """Error below which a joint counts as recovered from an event, rad."""
 
 TORQUE_JUMP = 5.0
-"""Change from one sample to the next above which torque counts as jumping, N m."""
+"""Change between consecutive samples above which the torque counts as jumping, N m."""
 
 JointMetrics: TypeAlias = dict[str, list[float | None]]
 
@@ -32,18 +32,18 @@ def metrics(
         error: e = q - q_d, rad, shape (samples, joints).
         effort: applied torque, N m, shape (samples, joints).
         saturated: not 0 where the torque is at its limit, shape (samples, joints).
-        event_time: when something happens to the arm, s on the axis of `time`.
+        event_time: time of an event that affects the arm, s, on the axis of `time`.
 
     Returns:
-        One value a joint, None where it does not exist:
+        One value per joint, None if it does not exist:
 
         * rmse: sqrt(mean(e^2)), rad, eq. (53).
         * eci: mean |tau|, N m, eq. (54).
         * steady_state_error: max |e| over the last 40 % of the run, rad.
-        * settling_time: from the first sample until |e| stays below 2 % of its start, before the event, s.
+        * settling_time: from the first sample until |e| stays below 2 % of its initial value, before the event, s.
         * recovery_time: from the event until |e| stays below 1e-3 rad, s; only with an event.
         * torque_variation: mean |tau_k - tau_(k-1)|, N m.
-        * torque_variation_rate: the same over the mean period, N m/s, so that runs at other rates compare.
+        * torque_variation_rate: the same divided by the mean period, N m/s, to compare runs at different rates.
         * torque_jumps: number of samples at which the torque changed by more than 5 N m.
         * saturation: share of the samples at a limit.
 
@@ -55,7 +55,7 @@ def metrics(
     late = int(np.searchsorted(since_start, (1.0 - STEADY_SHARE) * since_start[-1]))
     event = t.size if event_time is None else int(np.searchsorted(t, event_time))
     result: JointMetrics = {}
-    # Joint by joint: sums along contiguous numbers take a third of the time, and an hour of them little memory.
+    # Joint by joint: sums over contiguous numbers take a third of the time, and an hour of samples needs little memory.
     for e, column, limited in zip(*(table.T for table in tables), strict=True):
         tau = np.ascontiguousarray(column)
         magnitude = np.abs(np.ascontiguousarray(e))
@@ -78,7 +78,7 @@ def metrics(
 
 
 def _stays_below(time: Array, magnitude: Array, threshold: float) -> float | None:
-    """First time from which `magnitude` is below `threshold` to the end; None if there is no such time."""
+    """First time from which `magnitude` stays below `threshold` to the end; None if there is no such time."""
     above = np.flatnonzero(magnitude >= threshold)
     first = above[-1] + 1 if above.size else 0
     return float(time[first]) if first < time.size else None

@@ -1,6 +1,6 @@
-"""Parameters that only the nodes have, and so the complete schema of each node.
+"""Parameters that only the nodes have, and the complete schema of each node.
 
-They stand here, without ROS, so that whoever starts nodes can check and complete their parameters beforehand.
+This module needs no ROS, so that programs that start nodes can check and complete their parameters beforehand.
 """
 
 from collections.abc import Mapping
@@ -24,12 +24,13 @@ PRIORITY = Parameter(
 )
 
 _TRAJECTORY_PRIORITY = replace(PRIORITY, default=10)
-"""Above other processes, whose starts would take it the processor for longer than the controller waits for a reference,
-and below the loop and what takes messages in for the recorder: where there is too little for all, it is the last."""
+"""Higher than other processes: the start of one could delay the node for longer than the controller waits for a
+reference. Lower than the loop and the threads that receive messages for the recorder: on an overloaded machine, they
+come first."""
 
 
 def _thresholds(name: str, warn: float, error: float, description: str, unit: str = "") -> tuple[Parameter, ...]:
-    """What /diagnostics warns of, and what it calls an error."""
+    """Parameters for the values from which /diagnostics reports a warning and an error."""
     return tuple(
         Parameter(f"diagnostics.{name}.{level}", value, f"{description}: {level} from this value on", unit, minimum=0.0)
         for level, value in (("warn", warn), ("error", error))
@@ -48,7 +49,7 @@ def _form_of_commands(name: str, description: str) -> Parameter:
 
 
 def _start(topic: str, default: int, listeners: str) -> Parameter:
-    """How many a node waits for, so that its first message reaches all of them."""
+    """Parameter for the number of subscribers that a node waits for, so that its first message reaches all of them."""
     return Parameter(
         "start.subscribers",
         default,
@@ -160,7 +161,7 @@ def controller_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, .
     """Every parameter of the controller node.
 
     Raises:
-        ParameterError: an estimator that works in a rollout only.
+        ParameterError: the estimator works only in a rollout.
     """
     estimator = ESTIMATORS[chosen(settings, ESTIMATOR_NAME)]
     if estimator.needs_truth:
@@ -177,11 +178,11 @@ def trajectory_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, .
 
 
 NODE_ONLY = {"simulator": _SIMULATOR, "controller": _CONTROLLER, "trajectory": _TRAJECTORY}
-"""What changes no torque, and hence does not exist in a rollout, by the name of the node."""
+"""Parameters that affect no torque, and therefore do not exist in a rollout, by node."""
 
 NODE_SCHEMAS: dict[str, Schema] = {
     "simulator": simulator_node_schema,
     "controller": controller_node_schema,
     "trajectory": trajectory_node_schema,
 }
-"""By the name of the node."""
+"""Complete schemas, by node."""

@@ -6,7 +6,7 @@ from pidtsm_core.parameters import Array
 
 @njit
 def quintic(start: Array, end: Array, duration: float, coefficients: Array) -> None:
-    """The polynomial of fifth degree with given ends, in t / duration; of rest to rest it is the minimum-jerk one.
+    """Compute the quintic in t / duration with the given ends; from rest to rest, it has minimum jerk.
 
     Args:
         start: position, velocity, acceleration at 0, shape (3, joints).

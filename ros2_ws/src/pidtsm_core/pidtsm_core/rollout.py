@@ -1,4 +1,4 @@
-"""The closed loop without ROS: the same compiled functions as the nodes, in one compiled loop."""
+"""The closed loop without ROS: the compiled functions of the nodes in one compiled loop."""
 
 import math
 import os
@@ -35,7 +35,7 @@ from pidtsm_core.simulation.simulator import (
 from pidtsm_core.timing import period_nanoseconds, seconds
 
 SCHEMAS = {"controller": controller_schema, "simulator": simulator_schema, "trajectory": reference_schema}
-"""Parameters of each node that change a torque: those of a rollout."""
+"""Schemas of a rollout, by node: the parameters that affect a torque."""
 _JOINTS = {"controller": robot_joints, "simulator": robot_joints, "trajectory": reference_joints}
 
 EXPERIMENT: Mapping[str, Mapping[str, Value]] = {
@@ -43,15 +43,15 @@ EXPERIMENT: Mapping[str, Mapping[str, Value]] = {
     "controller": {"activation.blend": 0.0, "watchdog.state_stop": 1.0},
     "trajectory": {},
 }
-"""What an experiment sets, be it a run or a rollout, where its settings do not: it measures the law, from its first
-sample on, and not how a watchdog ends it."""
+"""Defaults of an experiment (a run or a rollout) that differ from those of the nodes: an experiment measures the law
+from its first sample on, and no watchdog should end it."""
 
 Places = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Rollout:
-    """What a closed loop did; row k of every array belongs to time[k].
+    """Result of a closed loop; row k of every array belongs to time[k].
 
     Attributes:
         joints: names, in the order of the simulator.
@@ -59,9 +59,9 @@ class Rollout:
         position, velocity: true q (rad), q' (rad/s), shape (samples, joints).
         effort: torque applied from time[k] on, N m, shape (samples, joints).
         reference: q_d, q_d', q_d'', shape (samples, 3, joints).
-        signals: what the controller computed from the measurement of this sample, or last where none reached it,
-            shape (samples, len(Signal), joints), order of `Signal`.
-        status: likewise what it said of itself, shape (samples, len(Status)), order of `Status`.
+        signals: signals that the controller computed from the measurement of this sample; if none reached it, the
+            last ones, shape (samples, len(Signal), joints), order of `Signal`.
+        status: status of the controller, likewise, shape (samples, len(Status)), order of `Status`.
     """
 
     joints: tuple[str, ...]
@@ -90,7 +90,7 @@ class _Samples(NamedTuple):
 
 
 class _Loop(NamedTuple):
-    """Controller, robot and desired motion, as compiled code reads and changes them."""
+    """Controller, robot and desired motion in the form that compiled code reads and changes."""
 
     controller: ControllerConfig
     state: ControllerState
@@ -103,7 +103,7 @@ class _Loop(NamedTuple):
 
 @njit
 def _keep(samples: _Samples, start: int, stop: int, controller: ControllerState) -> None:
-    """Fill rows with what the controller computed last."""
+    """Fill the rows from `start` to before `stop` with the last result of the controller."""
     y, last = controller.signals, controller.status
     for k in range(start, stop):
         for i in range(y.shape[0]):
@@ -115,7 +115,7 @@ def _keep(samples: _Samples, start: int, stop: int, controller: ControllerState)
 
 @njit
 def _observe(loop: _Loop, samples: _Samples, k: int, elapsed: float) -> None:
-    """Note where the arm is at sample k, and what is desired `elapsed` (s) after the reference began."""
+    """Record the motion of the arm at sample k, and the desired motion `elapsed` (s) after the reference began."""
     arm = loop.robot.arm
     evaluate_motion(loop.motion, elapsed, samples.reference[k])
     for j in range(arm.position.size):
@@ -125,7 +125,7 @@ def _observe(loop: _Loop, samples: _Samples, k: int, elapsed: float) -> None:
 
 @njit
 def _refer(loop: _Loop, desired: Array) -> None:
-    """Hand a reference to the controller; `desired` is in the order of the trajectory, shape (3, joints)."""
+    """Pass a reference to the controller; `desired` is in the order of the trajectory, shape (3, joints)."""
     reference = loop.state.reference
     for i in range(3):
         for j in range(reference.shape[1]):
@@ -134,11 +134,11 @@ def _refer(loop: _Loop, desired: Array) -> None:
 
 @njit
 def _answer(loop: _Loop, sample: int, referred: int, measured: Array, derivatives: Array, applied: Array) -> None:
-    """One step of the controller; what it commands is in ``loop.state.torque``, in the order of the simulator.
+    """Run one step of the controller; its command is in ``loop.state.torque``, in the order of the simulator.
 
     Args:
-        loop: what is read and changed.
-        sample: at which the measurement was acquired.
+        loop: the loop, which is read and changed.
+        sample: sample at which the measurement was acquired.
         referred: stamp of the last reference, ns.
         measured: see `sense`.
         derivatives: likewise.
@@ -159,11 +159,11 @@ def _answer(loop: _Loop, sample: int, referred: int, measured: Array, derivative
 
 @njit
 def _simulate(loop: _Loop, draws: Array, samples: _Samples) -> int:
-    """Run the loop; returns the number of samples done before a value stopped being finite.
+    """Run the loop; return the number of samples with finite values.
 
     Args:
-        loop: what is read and changed.
-        draws: of `Randomness`, one row a sample.
+        loop: the loop, which is read and changed.
+        draws: random numbers of `Randomness`, one row per sample.
         samples: result.
     """
     period, arm, state = loop.period, loop.robot.arm, loop.state
@@ -177,7 +177,7 @@ def _simulate(loop: _Loop, draws: Array, samples: _Samples) -> int:
                 return k
         t = seconds(k * period)
         samples.time[k] = t
-        # Divisions are what costs most here.
+        # Divisions are the most expensive operations here.
         elapsed = t if begun == 0 else seconds((k - begun) * period)
         _observe(loop, samples, k, elapsed)
         sample, measured, derivatives, applied = sense(loop.hardware, loop.robot, draws[k], k)
@@ -206,17 +206,17 @@ def _simulate(loop: _Loop, draws: Array, samples: _Samples) -> int:
 def resolve_nodes(
     schemas: Mapping[str, Schema], settings: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, dict[str, Value]]:
-    """Every parameter of every node, checked; see `resolve`.
+    """Complete and check the parameters of every node; see `resolve`.
 
-    The joints of the trajectory follow those of the controller, where they are not given.
+    If the joints of the trajectory are not given, they are those of the controller.
 
     Args:
         schemas: by node, for the nodes ``controller``, ``simulator`` and ``trajectory``.
         settings: parameters that differ from their defaults, by node.
 
     Raises:
-        ParameterError: an unknown node or parameter, a refused value, or nodes whose joints have different names; the
-            message begins with the node.
+        ParameterError: an unknown node or parameter, a refused value, or nodes whose joints have different names. The
+            message begins with the node if it is known.
     """
     for node in settings:
         if node not in schemas:
@@ -243,7 +243,7 @@ def resolve_nodes(
 
 
 class DivergedError(RuntimeError):
-    """A value of the loop stopped being finite; the message says when."""
+    """A value of the loop is no longer finite; the message gives the time."""
 
 
 def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollout:
@@ -251,14 +251,14 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
 
     Args:
         settings: parameters that differ from their defaults, by node (``controller``, ``simulator``,
-            ``trajectory``) and full name, such as ``{"controller": {"law.k1": 3.0}}``. Where they say nothing,
-            `EXPERIMENT` holds.
+            ``trajectory``) and full name, such as ``{"controller": {"law.k1": 3.0}}``; they take precedence
+            over `EXPERIMENT`.
         duration: s.
 
     Raises:
         ParameterError: a setting that a schema refuses, nodes whose joints differ, a start that the controller
-            refuses, or a rollout that does not fit in memory.
-        DivergedError: the loop left the finite numbers.
+            refuses, a duration that is no finite time of at least one sample, or a rollout that does not fit in memory.
+        DivergedError: a value of the loop is no longer finite.
     """
     values = resolve_nodes(SCHEMAS, {**settings, **{n: {**EXPERIMENT[n], **settings.get(n, {})} for n in SCHEMAS}})
     controller = Controller(values["controller"])
@@ -280,17 +280,17 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
     for node, table in (("controller", result.signals), ("trajectory", result.reference)):
         if joints[node] != result.joints:
             table[:] = table[..., JointOrder(result.joints).match(joints[node])]
-    # Counted from 1, as 0 stands for no joint in particular.
+    # Counted from 1, because 0 means no single joint.
     of_the_result = np.array([0, *(result.joints.index(joint) + 1 for joint in joints["controller"])])
     result.status[:, Status.FAULT_JOINT] = of_the_result[result.status[:, Status.FAULT_JOINT]]
     return result
 
 
 def _check_start(controller: Controller, robot: SimulatedRobot, motion: ReferenceMotion, places: Places) -> None:
-    """Refuse a start that the controller refuses.
+    """Check that the controller accepts the start.
 
     Raises:
-        ParameterError: the arm begins too far from its reference.
+        ParameterError: the arm starts too far from its reference.
     """
     begin = np.zeros((3, robot.joints))
     motion.evaluate(0.0, begin)
@@ -301,12 +301,12 @@ def _check_start(controller: Controller, robot: SimulatedRobot, motion: Referenc
 
 
 def _blank(joints: int, count: int) -> _Samples:
-    """Room for the samples.
+    """Allocate the arrays for the samples.
 
     Raises:
-        ParameterError: there is none.
+        ParameterError: they do not fit in memory.
     """
-    # With the random numbers.
+    # Including the random numbers.
     size = count * (8 * (1 + joints * (3 + 3 + len(Signal)) + 5 + joints) + len(Status))
     memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if size > memory:
