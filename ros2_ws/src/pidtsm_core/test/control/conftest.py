@@ -1,4 +1,4 @@
-"""A controller in a closed loop with the simulated arm, which the test disturbs."""
+"""A controller in a closed loop with the simulated arm, which tests disturb."""
 
 from typing import Any
 
@@ -17,11 +17,11 @@ _LIMITS = np.array([100.0, 50.0])
 
 
 class Loop:
-    """A controller at a rate, and the simulated arm at 1 kHz, with a mass that differs from the model's by a share.
+    """A controller at a rate, and the simulated arm at 1 kHz, heavier than the model by a given share.
 
     Attributes:
-        efforts: torques commanded, N m, shape (2,) each.
-        positions: of the arm, one every ms, rad.
+        efforts: commanded torques, N m, shape (2,) each.
+        positions: positions of the arm, one every ms, rad.
     """
 
     def __init__(self, heavier: float = 0.0, rate: int = 1000, law: str = "piddtsm", **changes: Any) -> None:
@@ -63,24 +63,24 @@ class Loop:
         self.efforts.append(self.controller.effort.copy())
 
     def measure(self, samples: int, off: float) -> None:
-        """So many measurements of joint2 that are off, rad."""
+        """Answer `samples` measurements of joint2 that are wrong by `off` (rad)."""
         self.off = off
         self.go_on(samples * self.every)
         self.off = 0.0
 
     def largest_step(self, since: int) -> float:
-        """Of the torque, N m, from a place in `efforts` on."""
+        """Largest change of the torque between two commands, N m, from the index `since` of `efforts` on."""
         return float(np.abs(np.diff(self.efforts[since:], axis=0)).max())
 
     @property
     def error(self) -> float:
-        """Of the arm now, rad."""
+        """Present error of the arm, rad."""
         desired = np.zeros((3, 2))
         self.motion.evaluate(self.ms * 1e-3, desired)
         return float(np.abs(self.robot.state.arm.position - desired[0]).max())
 
     def drift(self) -> float:
-        """How far the arm goes in 10 s, once it has come to rest, rad."""
+        """Let 10 s pass; return how far the arm moves after the first 2 s, rad."""
         self.go_on(2000)
         rested = len(self.positions)
         self.go_on(8000)

@@ -14,7 +14,7 @@ MS = 1_000_000
 SECOND = 1000 * MS
 START = 5 * SECOND
 RECEIVED = ("measured", "applied", "received", "reference")
-"""What is written before a step."""
+"""Arrays that are written before a step."""
 EACH = pytest.mark.parametrize("law", LAWS.names)
 EVERYTHING = {
     "limits.effort_rate": 300.0,
@@ -26,12 +26,12 @@ EVERYTHING = {
 
 
 def controller_of(**changes: object) -> Controller:
-    """Parameter names with two underscores for the dot."""
+    """A controller; parameter names with two underscores instead of the dot."""
     return Controller(resolve(controller_schema, {n.replace("__", "."): v for n, v in changes.items()}, 2))
 
 
 def drive(controller: Controller, samples: range = range(200)) -> Array:
-    """An arm that wanders away and back, with a gap in its joint states and one in its references.
+    """Drive an arm that moves away and back, with one gap in its joint states and one in its references.
 
     Returns:
         Signals and status of each sample, shape (samples, len(Signal) + len(Status), joints).
@@ -71,7 +71,7 @@ def test_new_parameters_keep_the_state(law: str) -> None:
     np.testing.assert_array_equal(drive(controller, range(100, 200)), expected[100:])
 
 
-def test_compiling_leaves_the_state_of_the_start() -> None:
+def test_compiling_leaves_the_initial_state() -> None:
     controller = controller_of()
     controller.compile()
     np.testing.assert_array_equal(drive(controller), drive(controller_of()))
@@ -79,9 +79,7 @@ def test_compiling_leaves_the_state_of_the_start() -> None:
 
 @pytest.mark.parametrize("later", [-3600 * SECOND, 5 * SECOND])
 @pytest.mark.parametrize("moved", [False, True])
-def test_where_the_clock_has_been_set_only_an_arm_that_is_elsewhere_begins_afresh(
-    loop_of: Any, later: int, moved: bool
-) -> None:
+def test_after_a_clock_change_only_an_arm_that_has_moved_starts_afresh(loop_of: Any, later: int, moved: bool) -> None:
     loop = loop_of()
     loop.go_on(2000)
     controller = loop.controller
@@ -115,7 +113,7 @@ def test_an_arm_far_from_its_reference_must_not_be_moved(
 
 
 @pytest.mark.parametrize("referred", [True, False])
-def test_a_rehearsed_reset_waits_as_the_service_would_until_the_arm_may_be_moved(referred: bool) -> None:
+def test_a_rehearsed_reset_waits_until_the_service_would_succeed(referred: bool) -> None:
     controller = controller_of(rehearsal__reset_fault=0.05, activation__distance=0.5, plausibility__velocity=0.0)
     faults = []
     for k in range(200):
@@ -123,12 +121,12 @@ def test_a_rehearsed_reset_waits_as_the_service_would_until_the_arm_may_be_moved
         stamp = START + k * MS + (30 * MS if k >= 10 else 0) + (30 * MS if k >= 150 else 0)
         controller.step(stamp, stamp if referred else -1)
         faults.append(controller.fault)
-    # Without a reference there is nothing to be far from. The second fault stays.
+    # Without a reference, the arm cannot be too far from it. The second fault stays.
     end = 120 if referred else 20
     assert [k for k, fault in enumerate(faults) if fault] == [*range(10, end), *range(150, 200)]
 
 
-def test_what_is_counted_survives_a_restart_of_the_source() -> None:
+def test_counters_survive_a_restart_of_the_source() -> None:
     controller = controller_of()
     for stamp in (START, START + 5 * MS):
         controller.step(stamp, -1)
@@ -139,7 +137,7 @@ def test_what_is_counted_survives_a_restart_of_the_source() -> None:
 
 
 @pytest.mark.parametrize("arrays", [True, False])
-def test_results_are_written_where_they_are_wanted(arrays: bool) -> None:
+def test_results_are_written_to_the_given_arrays(arrays: bool) -> None:
     wanted: dict[str, Any] = {"effort": np.zeros(2), "signals": np.zeros((13, 2))} if arrays else {}
     controller = Controller(resolve(controller_schema, {}, 2), **wanted)
     status = controller.step(START, -1)

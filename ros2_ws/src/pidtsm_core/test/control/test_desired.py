@@ -1,4 +1,4 @@
-"""What the law follows: the reference, a held position, and the way between them."""
+"""The motion that the law follows: the reference, a held position, and the way between them."""
 
 import numpy as np
 import pytest
@@ -15,10 +15,10 @@ PATIENT = {"watchdog.state_stop": 10.0, "watchdog.reference": 0.1}
 
 
 class Follower:
-    """A controller whose arm is always where it is desired, and a reference that moves steadily.
+    """A controller whose arm is always at its desired position, and a reference with constant velocity.
 
     Attributes:
-        reference_stamp: of the newest reference, ns; -1: none.
+        reference_stamp: stamp of the newest reference, ns; -1: none.
     """
 
     def __init__(self, **changes: object) -> None:
@@ -33,12 +33,12 @@ class Follower:
         return later
 
     def refer(self, age: int = 0) -> None:
-        """The newest reference is one of this age at the next sample, ns."""
+        """Give the controller a reference that will be `age` (ns) old at the next sample."""
         self.reference_stamp = START + self.sample * MS - age
         self.controller.reference[:] = self.reference(self.reference_stamp)
 
     def step(self) -> Array:
-        """The desired motion of the next sample, shape (3, joints)."""
+        """Return the desired motion of the next sample, shape (3, joints)."""
         self.controller.step(START + self.sample * MS, self.reference_stamp)
         self.sample += 1
         desired = self.controller.state.desired.copy()
@@ -50,7 +50,7 @@ class Follower:
         return self.controller.status[Status.MODE]
 
 
-def test_without_a_reference_the_arm_is_held_where_it_is_met() -> None:
+def test_without_a_reference_the_arm_is_held_where_it_starts() -> None:
     follower = Follower()
     follower.controller.position[:] = 0.7, -0.2
     for _ in range(5):
@@ -59,7 +59,7 @@ def test_without_a_reference_the_arm_is_held_where_it_is_met() -> None:
 
 
 @pytest.mark.parametrize("sign", [1, -1], ids=["old", "ahead"])
-def test_a_reference_is_followed_up_to_its_age_and_again_from_half_of_it_on(sign: int) -> None:
+def test_a_reference_is_followed_up_to_the_largest_age_and_again_at_half_of_it(sign: int) -> None:
     follower = Follower()
     for age, mode in (
         (0, Mode.FOLLOWING),
@@ -76,7 +76,7 @@ def test_a_reference_is_followed_up_to_its_age_and_again_from_half_of_it_on(sign
 
 
 @pytest.mark.parametrize("age", [0, 7 * MS, -7 * MS])
-def test_what_is_followed_is_the_reference_continued_to_the_sample(age: int) -> None:
+def test_the_reference_is_extrapolated_to_the_sample(age: int) -> None:
     follower = Follower(activation__blend=0.0)
     for _ in range(3):
         follower.refer(age)
@@ -86,8 +86,8 @@ def test_what_is_followed_is_the_reference_continued_to_the_sample(age: int) -> 
 
 @pytest.mark.parametrize("rate", [0.0, 300.0])
 @pytest.mark.parametrize("held", [0, 200])
-def test_the_way_to_a_reference_begins_with_the_motion_so_far_and_ends_on_it(held: int, rate: float) -> None:
-    """From the start, and from a position that was held meanwhile."""
+def test_the_way_begins_with_the_present_motion_and_ends_on_the_reference(held: int, rate: float) -> None:
+    """From the start, and after a position was held."""
     follower = Follower(activation__blend=0.3, limits__effort_rate=rate)
     follower.controller.position[:] = 0.1, 0.1
     motion = [follower.step() for _ in range(held)]
@@ -99,7 +99,7 @@ def test_the_way_to_a_reference_begins_with_the_motion_so_far_and_ends_on_it(hel
     path = np.array(motion)
     if not held:
         np.testing.assert_allclose(path[0], [[0.1, 0.1], [0.0, 0.0], [0.0, 0.0]], atol=1e-12)
-    # Steps are those of the derivatives: none of its own.
+    # The motion changes only as its derivatives require: it makes no step.
     for derivative in range(2):
         steps = np.diff(path[:, derivative], axis=0)
         mean = 0.5 * (path[1:, derivative + 1] + path[:-1, derivative + 1])
@@ -110,7 +110,7 @@ def test_the_way_to_a_reference_begins_with_the_motion_so_far_and_ends_on_it(hel
 
 
 @pytest.mark.parametrize("rate", [1000.0, 300.0, 100.0])
-def test_with_a_limited_rate_the_way_is_so_long_that_the_torque_can_follow(rate: float) -> None:
+def test_with_a_rate_limit_the_way_is_long_enough_for_the_torque_to_follow(rate: float) -> None:
     follower = Follower(activation__blend=0.05, limits__effort_rate=rate)
     controller = follower.controller
     controller.position[:] = 0.1, 0.1
@@ -125,7 +125,7 @@ def test_with_a_limited_rate_the_way_is_so_long_that_the_torque_can_follow(rate:
     assert controller.clock(Clock.AT_RATE_LIMIT) <= 1
 
 
-def test_the_law_knows_when_it_is_led_to_a_reference() -> None:
+def test_the_adaptation_is_approaching_while_there_is_a_way_to_a_reference() -> None:
     follower, seen = Follower(activation__blend=0.1), []
     for sample in range(600):
         if not 200 <= sample < 400:

@@ -14,7 +14,7 @@ LIMITS = np.array([100.0, 50.0])
 
 
 def controller_of(**changes: object) -> Controller:
-    """A controller that takes no time to its reference; parameter names with two underscores for the dot."""
+    """A controller without a way to its reference; parameter names with two underscores instead of the dot."""
     values = {
         "activation.blend": 0.0,
         "plausibility.velocity": 0.0,
@@ -33,7 +33,7 @@ def gravity(q: Array) -> Array:
 
 @pytest.mark.parametrize("kind", ["gravity_damping", "gravity", "damping", "zero"])
 @pytest.mark.parametrize("damping", [20.0, [5.0, 1.0]])
-def test_the_safe_effort_is_what_was_chosen(kind: str, damping: object) -> None:
+def test_the_safe_effort_is_the_chosen_one(kind: str, damping: object) -> None:
     controller = controller_of(stop__effort=kind, stop__damping=damping)
     for k in range(100):
         controller.position[:] = 0.3 + 0.002 * k, -0.2 - 0.001 * k
@@ -45,7 +45,7 @@ def test_the_safe_effort_is_what_was_chosen(kind: str, damping: object) -> None:
     np.testing.assert_allclose(controller.effort, expected, rtol=1e-12, atol=1e-12)
 
 
-def test_the_first_torque_is_not_held_back_as_that_which_carries_the_arm_is_there_at_once() -> None:
+def test_the_rate_limit_does_not_delay_the_first_torque() -> None:
     controller = controller_of(limits__effort_rate=10.0)
     controller.position[:] = 0.3, -0.2
     controller.step(START, -1)
@@ -91,7 +91,7 @@ def test_active_limits_are_reported_and_counted(rate: float, moved: float, limit
 
 
 @pytest.mark.parametrize("stop", ["hold", "gravity_damping"])
-def test_without_a_joint_state_the_safe_torque_comes_as_fast_as_the_rate_allows(stop: str) -> None:
+def test_without_a_joint_state_the_safe_torque_changes_within_the_rate_limit(stop: str) -> None:
     controller = controller_of(law__name="pid", stop__effort=stop)
     controller.position[:], controller.reference[0] = (0.3, -0.2), (0.4, -0.1)
     for k in range(200):
@@ -103,7 +103,7 @@ def test_without_a_joint_state_the_safe_torque_comes_as_fast_as_the_rate_allows(
     for elapsed in (20, 25, 40):
         controller.stop(Fault.STATE_STALE, elapsed * MS)
         before.append(controller.effort.copy())
-    # A joint state finds the rate used by what was commanded meanwhile.
+    # At the next joint state, the change is limited from the last command on.
     controller.step(START + 240 * MS, -1)
     before.append(controller.effort.copy())
     assert controller.fault == Fault.STATE_STALE
@@ -111,7 +111,7 @@ def test_without_a_joint_state_the_safe_torque_comes_as_fast_as_the_rate_allows(
     assert (np.abs(np.diff(before, axis=0)) <= allowed + 1e-9).all()
 
 
-def test_the_torque_that_is_left_behind_is_there_at_once() -> None:
+def test_the_rate_limit_does_not_delay_the_last_torque() -> None:
     controller = controller_of(stop__effort="gravity", limits__effort_rate=1.0)
     controller.position[:] = 0.3, -0.2
     for k in range(3):

@@ -1,8 +1,8 @@
-"""The fault matrix of the controller, without processes and without ROS: docs/faults.md tells the same to users.
+"""The fault matrix of the controller, without processes and without ROS; docs/faults.md describes it for users.
 
-A row is a fault around a controller that is driven as its node drives it, and the reaction expected. In every row no
-torque is beyond a limit and nothing is ever not finite; a fault stays until it is reset; and once all has gone, the
-controller does bit by bit what it did before.
+A row is a fault around a controller that is called as in its node, and the expected reaction. In every row, no torque
+exceeds a limit and every value is finite; a fault stays until it is reset; and when the fault has gone, the torques are
+bit-identical to those before.
 """
 
 import math
@@ -26,7 +26,7 @@ from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 
 PAGE = Path(__file__).parents[5] / "docs" / "faults.md"
 BYTES = ["`joint_states`: no message", "`reference`: no message"]
-"""Rows of the page about messages that do not become numbers: tests/test_faults.py judges them."""
+"""Rows of the page about messages that cannot be deserialized; tests/test_faults.py tests them."""
 NAMES = ["joint1", "joint2"]
 START = np.array([0.2, -0.1])
 """The reference, rad."""
@@ -39,19 +39,19 @@ HOUR = 3600 * SECOND
 SETTLED = 20  # ticks before a fault
 UNDISTURBED = 100  # ticks
 BASE: dict[str, Any] = {"stop.effort": "gravity_damping", "plausibility.velocity": 0.0}
-"""A safe torque that can be told, and an arm that may jump; test_safe.py and test_plausibility.py judge the rest."""
+"""A safe torque that can be predicted, and an arm that may jump; the rest: test_safe.py and test_plausibility.py."""
 DEFAULTS = resolve(controller_schema, BASE, 2)
 
 
 class Rig:
-    """A controller as its node drives it, and the test as its arm, its reference and its clock.
+    """A controller, called as in its node; the test provides its arm, its reference and its clock.
 
     Attributes:
-        stamp: of the last joint state, ns.
-        tick: joint states since the motion began.
-        referred: joint states come with a reference of the same stamp.
+        stamp: stamp of the last joint state, ns.
+        tick: number of joint states since the motion began.
+        referred: whether each joint state comes with a reference of the same stamp.
         logged: causes of rejected messages, changes of the status, and names of unusual stamps.
-        lockstep: as the node's.
+        lockstep: as in the node.
     """
 
     lockstep = False
@@ -68,11 +68,11 @@ class Rig:
         self._before: tuple[int, ...] | None = None
 
     def set(self, settings: dict[str, Any]) -> None:
-        """Change parameters; those that are not given are back at their defaults."""
+        """Change parameters; those that are not given return to their defaults."""
         self.controller.set_parameters(resolve(controller_schema, {**BASE, **settings}, 2))
 
     def measured(self) -> Array:
-        """Where the arm is at this tick: it swings, gently, beside its reference."""
+        """Position of the arm at this tick: it swings slightly beside its reference."""
         return START + 0.005 * (1.0 - math.cos(0.02 * self.tick))
 
     def judge(self, arrivals: Arrivals, stamp: int) -> Stamp:
@@ -88,7 +88,7 @@ class Rig:
         dt: int = MS,
         took: int = 0,
     ) -> bool:
-        """A joint state dt (ns) after the last, and took (ns) from now; returns whether it is to be answered."""
+        """Send a joint state dt (ns) after the last one, took (ns) from now; return whether it must be answered."""
         stamp = self.stamp + dt
         self._now += took
         try:
@@ -116,7 +116,7 @@ class Rig:
         dt: int = MS,
         velocity: float = 0.0,
     ) -> None:
-        """A reference for a joint state dt (ns) after the last."""
+        """Send a reference for a joint state dt (ns) after the last one."""
         motion = np.zeros((3, len(NAMES)))
         rows = (position, [velocity] * len(position), [0.0] * len(position))
         try:
@@ -136,7 +136,7 @@ class Rig:
         names: Sequence[str] = NAMES,
         desired: Sequence[float] | Array = START,
     ) -> Array:
-        """A joint state dt (ns) after the last, and the torque that answers it; valid until the next."""
+        """Send a joint state dt (ns) after the last one; return its torque, valid until the next one."""
         self._now += dt
         if self.referred:
             self.send_reference(desired, names, dt)
@@ -146,7 +146,7 @@ class Rig:
         return self.look()
 
     def look(self) -> Array:
-        """The torque of the controller, which is sound, and what it has to say."""
+        """Check and return the torque of the controller, and log the changes of its status."""
         controller = self.controller
         self.logged += [change.text for change in controller.changes(self._before)]
         self._before = controller.status
@@ -155,11 +155,11 @@ class Rig:
         return controller.effort
 
     def drive(self, ticks: int) -> Array:
-        """The torques of so many ticks."""
+        """Return the torques of the next ticks."""
         return np.array([self.step().copy() for _ in range(ticks)])
 
     def begin(self) -> None:
-        """A source that was started anew: the controller forgets what was."""
+        """Restart the source: the controller starts afresh."""
         self._arrivals.forget()
         self._references.forget()
         self.stamp -= 100 * SECOND
@@ -167,7 +167,7 @@ class Rig:
         self.tick = 0
 
     def safe_effort(self) -> Array:
-        """The torque of a controller that has stopped, N m, shape (2,)."""
+        """The expected torque of a controller that has stopped, N m, shape (2,)."""
         q, dq = self.controller.signals[[Signal.POSITION, Signal.VELOCITY]]
         gravity = np.zeros((1, 2))
         model = TWO_LINK.pack_model({f"robot.{p.name}": p.default for p in TWO_LINK.parameters})
@@ -177,7 +177,7 @@ class Rig:
 
 @cache
 def undisturbed() -> Array:
-    """The torques where nothing goes wrong, shape (UNDISTURBED, 2), N m."""
+    """The torques without a fault, shape (UNDISTURBED, 2), N m."""
     efforts = Rig().drive(UNDISTURBED)
     assert (np.abs(efforts) < LIMITS).all()
     return efforts
@@ -188,11 +188,11 @@ class Row:
     """A fault of the controller's surroundings, and its reaction.
 
     Attributes:
-        inject: the fault, after which the controller is as follows.
-        mode, fault, joint: what it says of itself; the joint is counted from 1, 0 is none.
-        log: how the texts begin that the fault brings about, but for the reset of a fault.
-        late: number of joint states that are called late.
-        unnoticed: the torques are those without a fault.
+        inject: causes the fault; the other attributes describe the controller afterwards.
+        mode, fault, joint: its status; the joint is counted from 1, 0 means none.
+        log: beginnings of the logged texts, except that of the reset of a fault.
+        late: number of joint states that count as late.
+        unnoticed: whether the torques are those without a fault.
         settings: parameters during the row.
     """
 
@@ -206,7 +206,7 @@ class Row:
     settings: dict[str, Any] = field(default_factory=dict)
 
 
-# Messages that no node can use: values for the joints named, and the cause that the log gives.
+# Unusable messages: values, names of joints, and the cause in the log.
 
 NAN, INF = math.nan, math.inf
 MANY = 10_000
@@ -257,7 +257,7 @@ def repeat_in_lockstep(rig: Rig) -> None:
 
 
 def copy(dt: int) -> Callable[[Rig], object]:
-    """Single joint states whose stamps are dt (ns) from where they should be, and references likewise."""
+    """Send single joint states and references whose stamps are wrong by dt (ns)."""
 
     def inject(rig: Rig) -> None:
         for _ in range(3):
@@ -269,7 +269,7 @@ def copy(dt: int) -> Callable[[Rig], object]:
 
 
 def set_clock(dt: int) -> Callable[[Rig], object]:
-    """The clock of whoever publishes joint states is set; the arm goes on."""
+    """Set the clock of the source of joint states while the arm continues its motion."""
 
     def inject(rig: Rig) -> None:
         rig.referred = False
@@ -290,7 +290,7 @@ def crowd(rig: Rig) -> None:
 
 
 def fall_silent(rig: Rig) -> None:
-    """No joint state: the watchdog needs none to act."""
+    """Send no joint state: the watchdog acts without one."""
     rig.controller.stop(Fault.STATE_STALE, 600 * MS)
     rig.look()
     np.testing.assert_allclose(rig.controller.effort, rig.safe_effort(), rtol=1e-12)
@@ -298,7 +298,7 @@ def fall_silent(rig: Rig) -> None:
 
 
 def restart(rig: Rig) -> None:
-    """The controller is another one, which finds the arm under way."""
+    """Restart the controller while the arm moves."""
     rig.tick = 0
     np.testing.assert_array_equal(rig.drive(SETTLED), undisturbed()[:SETTLED])
 
@@ -320,7 +320,7 @@ def measure_far_off(rig: Rig) -> None:
 
 
 def jump(rig: Rig) -> None:
-    """The reference is somewhere else from one sample to the next, and the arm, held, does not come."""
+    """Let the reference jump while the arm is held where it is."""
     at_limit = [np.abs(rig.step(desired=START + 0.8 * ASIDE)) == LIMITS for _ in range(50)]
     assert np.any(at_limit)
 
@@ -359,7 +359,7 @@ def stay_far_off(rig: Rig) -> None:
 
 
 def live(rig: Rig, held: Array, **push: Any) -> Array:
-    """Somebody lets the arm go, who held it there, or pushes it for 0.1 s; it comes back to its reference.
+    """Release the arm at `held`, or push it for 0.1 s; it returns to its reference.
 
     Returns:
         The torques, shape (samples, 2), N m.
@@ -376,27 +376,27 @@ def live(rig: Rig, held: Array, **push: Any) -> Array:
 
 
 def saturate(rig: Rig) -> None:
-    """Somebody holds the arm for 5 s, and lets it go."""
+    """Hold the arm for 5 s, then release it."""
     held, signals = START + ASIDE, rig.controller.signals
     for k in range(5000):
         rig.step(held)
         if k == 100:
             gain = signals[Signal.ADAPTIVE_GAIN].copy()
         assert k < 100 or (signals[Signal.SATURATED] == Limited.EFFORT).all()
-    # What the law did not cause it does not learn.
+    # The gain does not adapt to errors that the law did not cause.
     np.testing.assert_array_equal(signals[Signal.ADAPTIVE_GAIN], gain)
     live(rig, held)
 
 
 def hold_back(rig: Rig) -> None:
-    """Somebody pushes the arm, and the law wants more than the limit of the rate lets through."""
+    """Push the arm, so that the law demands more than the rate limit allows."""
     efforts = live(rig, rig.measured(), **{"push.effort": [80.0, -40.0]})
     assert rig.controller.clock(Clock.AT_RATE_LIMIT) > 0
     assert np.abs(np.diff(efforts, axis=0)).max() <= 300.0 * 1e-3 + 1e-9
 
 
 def cannot_keep_up(rig: Rig) -> None:
-    """Somebody draws the arm aside, and the torque must not follow."""
+    """Pull the arm aside while the rate limit keeps the torque from following."""
     for _ in range(1000):
         rig.step(START + 0.3 * ASIDE)
         if rig.controller.fault:
@@ -497,7 +497,7 @@ ROWS = {
 
 
 @pytest.mark.parametrize("name", ROWS)
-def test_a_fault_has_the_reaction_that_the_page_tells(name: str) -> None:
+def test_a_fault_has_the_documented_reaction(name: str) -> None:
     row, rig = ROWS[name], Rig()
     controller = rig.controller
     rig.set(row.settings if any(n.startswith("rehearsal") for n in row.settings) else {})

@@ -1,4 +1,4 @@
-"""Measurements that cannot be."""
+"""Implausible measurements."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ def test_a_few_samples_far_off_move_no_torque(
     for _ in range(3):
         loop.measure(samples, off)
         loop.go_on(50 * loop.every)
-    # What the motion itself needs changes by less than this.
+    # The torque of the motion itself changes by less than this.
     assert loop.largest_step(since=-200) < 5.0
     assert loop.controller.status[Status.MODE] == Mode.FOLLOWING
     assert loop.controller.clock(Clock.IMPLAUSIBLE) == 3 * samples
@@ -42,14 +42,14 @@ def test_a_sensor_that_stays_far_off_is_a_fault_that_names_the_joint(loop_of: An
     loop.measure(TOLERATED + 1, 1.0)
     assert loop.controller.status[:3] == (Mode.STOPPED, Fault.MEASUREMENT, 2)
     assert "joint2 has implausible measurements" in loop.controller.changes([0, 0, 0, 0])[0].text
-    # It is held by what is measured now, and a sample far off that is as before.
+    # The new measurements hold the arm, and a single sample far from them is replaced as before.
     loop.measure(20, 1.0)
     loop.measure(1, 3.0)
     loop.measure(100, 1.0)
     assert loop.largest_step(since=-120) < 10.0
 
 
-def test_a_joint_whose_measurements_are_not_judged_is_believed(loop_of: Any) -> None:
+def test_measurements_of_an_unchecked_joint_are_accepted(loop_of: Any) -> None:
     loop = loop_of(plausibility__velocity=[20.0, 0.0])
     loop.go_on(100)
     loop.measure(TOLERATED + 5, 1.0)

@@ -1,4 +1,4 @@
-"""A limit of the torque's rate, in the closed loop: the arm follows as far as it lets it, and never runs away."""
+"""Rate limits of the torque in the closed loop: the arm follows as far as they permit, and never runs away."""
 
 import math
 from typing import Any
@@ -17,7 +17,7 @@ SETS = pytest.mark.parametrize("name", ["default", "practical"])
 
 
 def roll(name: str, practical: dict[str, Any], rate: float, duration: float, **push: Any) -> Rollout:
-    """Case 1 with this set of parameters, ``practical`` with the sensors for which it is made."""
+    """Run Case 1 with this set of parameters; ``practical`` with the sensors for which it is intended."""
     controller, simulator = (practical, ENCODERS) if name == "practical" else ({}, {})
     return rollout(
         {"controller": {**controller, "limits.effort_rate": rate}, "simulator": {**simulator, **push}}, duration
@@ -30,7 +30,7 @@ def errors(run: Rollout) -> Array:
 
 
 def limited(run: Rollout, by: Limited) -> Array:
-    """At how many samples a joint's torque was limited, shape (joints,)."""
+    """Number of samples with a limited torque, shape (joints,)."""
     return (run.signals[:, Signal.SATURATED].astype(int) & by != 0).sum(axis=0)
 
 
@@ -43,7 +43,7 @@ def test_the_arm_follows_its_reference_with_a_torque_that_keeps_within_the_rate(
     assert not run.status[:, Status.FAULT].any()
     assert np.abs(np.diff(run.signals[:, Signal.EFFORT], axis=0)).max() <= rate * DT + 1e-9
     assert errors(run)[run.time >= 10.0].max() <= 1e-3
-    # On its way the arm never goes the wrong way.
+    # On its way, the arm never moves away from the reference.
     assert (errors(run).max(axis=0) <= errors(run)[0] + 0.01).all()
 
 
@@ -67,10 +67,10 @@ def test_a_rate_that_is_too_tight_ends_in_a_fault_with_the_arm_at_rest() -> None
 
 @SETS
 @pytest.mark.parametrize("time", [0.3, 5.0])
-def test_what_happens_under_way_starts_no_other_way_than_the_rate_allows(
+def test_a_push_during_or_after_the_approach_keeps_the_rate_limit(
     name: str, time: float, practical: dict[str, Any]
 ) -> None:
-    """Somebody pushes the arm while it is still on its way to the reference, or later."""
+    """The push comes while the arm is still on its way to the reference, or later."""
     run = roll(
         name, practical, 300.0, time + 4.0, **{"push.effort": [40.0, 20.0], "push.time": time, "push.duration": 0.2}
     )
@@ -80,7 +80,7 @@ def test_what_happens_under_way_starts_no_other_way_than_the_rate_allows(
 
 
 def controller_of(**changes: object) -> Controller:
-    """Parameter names with two underscores for the dot."""
+    """A controller; parameter names with two underscores instead of the dot."""
     return Controller(resolve(controller_schema, {n.replace("__", "."): v for n, v in changes.items()}, 2))
 
 
@@ -94,7 +94,7 @@ def controller_of(**changes: object) -> Controller:
         ([0.0, 5.0], ["joint2"]),
     ],
 )
-def test_a_rate_with_which_a_joint_falls_is_warned_of(rate: object, named: list[str]) -> None:
+def test_a_rate_limit_that_lets_a_joint_fall_causes_a_warning(rate: object, named: list[str]) -> None:
     warnings = controller_of(limits__effort_rate=rate).warnings()
     assert [warning.split()[2] for warning in warnings] == named
     for warning in warnings:
@@ -102,7 +102,7 @@ def test_a_rate_with_which_a_joint_falls_is_warned_of(rate: object, named: list[
         assert "is 5 N m/s: " in warning
 
 
-def test_the_rate_that_the_warning_asks_for_is_enough_and_not_much_more_than_needed() -> None:
+def test_the_rate_in_the_warning_is_enough_and_hardly_more_than_needed() -> None:
     warning, _ = controller_of(limits__effort_rate=1.0).warnings()
     least = float(warning.split("at least ")[1].split()[0])
     assert not any("joint1" in w for w in controller_of(limits__effort_rate=1.06 * least).warnings())

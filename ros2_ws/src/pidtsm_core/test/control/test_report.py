@@ -1,4 +1,4 @@
-"""What has happened, in words."""
+"""Changes of the status as text."""
 
 import numpy as np
 import pytest

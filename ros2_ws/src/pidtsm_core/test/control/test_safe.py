@@ -1,4 +1,4 @@
-"""A controller that has stopped holds the arm, whatever its model lacks."""
+"""A controller that has stopped holds the arm, even if its model is wrong."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,10 +12,10 @@ from pidtsm_core.signals import Fault, Mode
 
 MS = 1_000_000
 STEP = 10.0
-"""N m that a torque may change by from one command to the next."""
+"""Largest permitted change of a torque between two commands, N m."""
 RATES = [100, 250, 500, 1000]
 DRAWN_IN = 6000
-"""ms after which the integrals have learnt what the model lacks."""
+"""ms after which the integrals compensate the error of the model."""
 
 
 def limit(name: str, value: float) -> Callable[[Any], None]:
@@ -62,7 +62,7 @@ def test_a_stopped_arm_stays_where_it_stopped_whatever_the_cause_and_the_model(
     assert loop.controller.status[:2] == (Mode.STOPPED, cause)
     stopped = loop.robot.state.arm.position.copy()
     assert loop.drift() < 0.002
-    # It was under way.
+    # The arm was moving and needed some distance to stop.
     assert np.abs(loop.positions[-1] - stopped).max() < (0.15 if cause == Fault.EFFORT_RATE_LIMIT else 0.06)
 
 
@@ -81,7 +81,7 @@ def test_every_law_leaves_the_arm_where_it_is(loop_of: Any, law: str, rate: int,
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("silence", [100, 300, 2000])
 @pytest.mark.parametrize("stopped", [False, True], ids=["following", "stopped"])
-def test_while_joint_states_stay_out_and_when_they_come_back_the_torque_makes_no_step(
+def test_the_torque_makes_no_step_while_joint_states_are_missing_or_when_they_return(
     loop_of: Any, rate: int, silence: int, stopped: bool, heavier: float
 ) -> None:
     loop = loop_of(heavier, rate, "computed_torque", law__kp=400.0)
@@ -137,10 +137,10 @@ def test_an_arm_without_brakes_engages_none(loop_of: Any) -> None:
 
 
 @pytest.mark.parametrize("law", ["piddtsm", "super_twisting", "pid"])
-def test_what_is_left_behind_carries_the_arm(loop_of: Any, law: str) -> None:
+def test_the_last_torque_carries_the_arm(loop_of: Any, law: str) -> None:
     loop = loop_of(0.43, law=law)
     loop.go_on(DRAWN_IN)
     before = loop.controller.effort.copy()
     loop.controller.leave()
-    # The motion itself takes the rest; the simulated arm's disturbances are up to 3 N m.
+    # The motion itself needs the difference; the disturbances of the simulated arm are up to 3 N m.
     assert np.abs(loop.controller.effort - before).max() < 12.0

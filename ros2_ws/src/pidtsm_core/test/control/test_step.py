@@ -1,4 +1,4 @@
-"""What a step promises whatever happens: a sound torque, and a status that belongs to it."""
+"""Properties of every step: a sound torque and a consistent status."""
 
 from typing import Any
 
@@ -40,7 +40,7 @@ WARNED: dict[str, Any] = {
 @pytest.mark.parametrize("changes", [{}, LIMITED, DAMPED, WARNED], ids=["default", "limited", "damped", "warned"])
 @hypothesis_settings(max_examples=30)
 @given(actions=ACTIONS)
-def test_whatever_happens_the_torque_is_sound_and_the_status_says_what_it_is(
+def test_the_torque_is_always_sound_and_the_status_consistent(
     law: str, changes: dict[str, Any], actions: list[tuple[str, int, float, float, int]]
 ) -> None:
     controller = Controller(resolve(controller_schema, {"law.name": law, **changes}, 2))
@@ -77,7 +77,7 @@ def test_whatever_happens_the_torque_is_sound_and_the_status_says_what_it_is(
             assert (np.abs(controller.effort - before) <= allowed + 1e-9)[config.effort_rate > 0.0].all()
 
 
-def test_a_limit_that_is_taken_away_is_exceeded_no_more() -> None:
+def test_a_removed_limit_is_no_longer_exceeded() -> None:
     limit = {"limits.position": 0.5, "limits.position_action": "warn"}
     controller = Controller(resolve(controller_schema, limit, 2))
     controller.position[:] = 0.6

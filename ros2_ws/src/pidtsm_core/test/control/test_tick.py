@@ -15,7 +15,7 @@ from pidtsm_core.signals import Signal
 PROPERTY = settings(deadline=None, max_examples=40)
 SENSED = [e.name for e in ESTIMATORS.members if not e.needs_truth]
 DEFAULTS = {"law.name": "piddtsm", "estimator.name": "filtered_difference", "robot.name": "two_link"}
-# One part at a time beside the defaults.
+# The defaults, and each part alone with the others at their defaults.
 PARTS = [DEFAULTS] + [
     {**DEFAULTS, family: name}
     for family, names in (("law.name", LAWS.names), ("estimator.name", SENSED), ("robot.name", ROBOTS.names))
@@ -27,13 +27,13 @@ DT = 0.001
 
 
 def controller_of(parts: dict[str, str] | None = None, **changes: object) -> Controller:
-    """A controller; parameter names with two underscores for the dot."""
+    """A controller; parameter names with two underscores instead of the dot."""
     chosen = {**(parts or {}), **{name.replace("__", "."): value for name, value in changes.items()}}
     return Controller(resolve(controller_schema, chosen, len(ROBOTS[str(chosen.get("robot.name", "two_link"))].joints)))
 
 
 def walk(joints: int, seed: int, samples: int = 100, size: float = 0.01) -> tuple[Array, Array]:
-    """Measured positions and desired motions that wander, shapes (samples, joints), (samples, 3, joints)."""
+    """Random walks of measured positions and desired motions, shapes (samples, joints), (samples, 3, joints)."""
     random = np.random.default_rng(seed)
     return (
         np.cumsum(random.normal(scale=size, size=(samples, joints)), axis=0),
@@ -52,7 +52,7 @@ def run(controller: Controller, positions: Array, desired: Array, dts: Array | N
 
 
 def inertia_times(controller: Controller, q: Array, x: Array) -> Array:
-    """H(q) x, from two inverse dynamics."""
+    """H(q) x, from two evaluations of the inverse dynamics."""
     accelerations, efforts = np.array([x, np.zeros(q.size)]), np.zeros((2, q.size))
     inverse_dynamics(controller.config.robot, q, np.zeros(q.size), accelerations, controller.config.model, efforts)
     return efforts[0] - efforts[1]
@@ -81,7 +81,7 @@ def test_the_torque_is_finite_and_within_its_limits_whatever_comes_in(
 @PROPERTY
 @given(numbers=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=16, max_size=16))
 @example(numbers=[0.0, 1e307, 0.0])
-def test_no_finite_position_makes_the_torque_not_finite_or_spoils_what_follows(
+def test_the_torque_is_finite_for_every_finite_position_and_afterwards(
     parts: dict[str, str], numbers: list[float]
 ) -> None:
     controller = controller_of(parts)
@@ -137,7 +137,7 @@ def test_torque_is_the_equivalent_one_and_that_of_the_switching_term(robot: str)
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_saturation_is_told_of_each_joint(direction: float) -> None:
+def test_saturation_is_reported_per_joint(direction: float) -> None:
     controller = controller_of(limits__effort=(20.0, 1e6))
     desired = np.zeros((3, 2))
     desired[0] = direction * 2.0
@@ -163,7 +163,7 @@ def test_conditional_anti_windup_freezes_the_saturated_joint_only(limits: tuple[
     assert not signals[:, Signal.ADAPTIVE_GAIN, frozen].any()
     assert (controller.state.law[1 - frozen, INTEGRALS] != 0.0).all()
     assert signals[-1, Signal.ADAPTIVE_GAIN, 1 - frozen] > 0.0
-    # The free joint does what it would do if neither were limited.
+    # The other joint behaves as if neither were limited.
     unlimited = run(controller_of(limits__effort=1e9), positions, desired)
     free = [Signal.MANIFOLD_VARIABLE, Signal.ADAPTIVE_GAIN, Signal.ACCELERATION_COMMAND]
     np.testing.assert_array_equal(signals[:, free, 1 - frozen], unlimited[:, free, 1 - frozen])
@@ -210,7 +210,7 @@ def test_new_parameters_keep_the_state(parts: dict[str, str]) -> None:
     changed.set_parameters(resolve(controller_schema, {**parts, "limits.effort": 1e-3}, changed.joints))
     for before, now in zip(kept, changed.state, strict=True):
         np.testing.assert_array_equal(now, before)
-    # The same parameters again: as if nothing had happened.
+    # With the previous parameters again, the rest is that of a run without changes.
     changed.set_parameters(resolve(controller_schema, parts, changed.joints))
     rest = [changed.tick(q, d, DT).copy() for q, d in zip(positions[50:], desired[50:], strict=True)]
     np.testing.assert_array_equal(np.array(rest), expected[50:])
@@ -223,11 +223,11 @@ def test_new_gains_act_from_the_next_tick_on() -> None:
     values = resolve(controller_schema, {"limits.effort": 1e9, "law.k2": 1.5}, 2)
     controller.set_parameters(values)
     after = controller.tick(np.zeros(2), desired, DT)[Signal.SLIDING_VARIABLE]
-    # e = -0.1, and k2 rose by 1.
+    # e = -0.1, and k2 increased by 1.
     np.testing.assert_allclose(after - before, -0.1, rtol=1e-12)
 
 
-def test_inputs_are_left_alone() -> None:
+def test_inputs_are_not_changed() -> None:
     controller = controller_of()
     q, desired = np.array([0.1, 0.2]), np.arange(6.0).reshape(3, 2)
     controller.tick(q, desired, 0.0)
