@@ -1,6 +1,6 @@
-"""Hypothesis for compiled code: no deadlines, and no tracing of it to explain a failure, which takes for ever.
+"""Hypothesis for compiled code: no deadlines, and no slow tracing to explain failures.
 
-And what several tests start from: a run of Case 1, and the parameters for real hardware.
+Also fixtures of several tests: a run of Case 1, and the parameters for real hardware.
 """
 
 from typing import Any
@@ -17,7 +17,7 @@ settings.load_profile("compiled")
 
 @pytest.fixture(scope="session")
 def practical() -> dict[str, Any]:
-    """Parameters of the controller for arms with encoders, delays and a model that is roughly right."""
+    """Parameters of the controller for arms with encoders, delays and a roughly correct model."""
     return load_ros_parameters(practical_parameters(None))["controller"]
 
 

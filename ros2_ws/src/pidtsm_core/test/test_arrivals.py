@@ -21,7 +21,7 @@ class Source:
         self.stamp, self.now = EPOCH, 5 * SECOND
 
     def send(self, later: int = 0, took: int | None = None) -> Stamp:
-        """A message one period after the last, its stamp `later` (ns) than it should be."""
+        """Send a message one period after the last one; its stamp is too late by `later` (ns)."""
         self.stamp += self.period
         self.now += self.period if took is None else took
         stamp, now = self.stamp + later, None if self.lockstep else self.now
@@ -46,7 +46,7 @@ def test_a_stamp_that_goes_back_is_late_and_changes_nothing(rate: int, lockstep:
     source.go_on()
     for n in range(1, 4):
         last, lead = source.arrivals.last, source.stamp
-        # A copy of one that came before: it arrives between two others.
+        # A copy of an earlier message arrives between two others.
         assert source.send(later=-source.period - late, took=0) is Stamp.LATE
         source.stamp = lead
         assert source.arrivals.last == last
@@ -90,9 +90,7 @@ def test_a_clock_that_has_been_set_is_recognised_from_more_than_one_message(rate
 @EACH_RATE
 @pytest.mark.parametrize("silence", [0, 3 * SECOND])
 @pytest.mark.parametrize("slower", [0.1, 1.0, 5.0])
-def test_where_a_clock_has_been_set_the_time_between_is_that_of_the_source(
-    rate: int, silence: int, slower: float
-) -> None:
+def test_after_a_clock_change_the_elapsed_time_is_that_of_the_source(rate: int, silence: int, slower: float) -> None:
     source = Source(rate)
     took = round(slower * source.period)
     for _ in range(50):
@@ -102,12 +100,12 @@ def test_where_a_clock_has_been_set_the_time_between_is_that_of_the_source(
     messages = 1
     while source.send(took=took) is not Stamp.RESTARTED:
         messages += 1
-    # While it was silent, nobody knows how its time went.
+    # The progress of its time during the silence is unknown.
     between = silence + took if silence else source.period
     assert source.arrivals.elapsed == between + (messages - 1) * source.period
 
 
-def test_in_lockstep_a_source_that_was_started_anew_asks_again_until_it_is_believed() -> None:
+def test_in_lockstep_a_restarted_source_repeats_its_message_until_it_is_accepted() -> None:
     source = Source(lockstep=True)
     source.go_on()
     source.stamp = 0
@@ -118,7 +116,7 @@ def test_in_lockstep_a_source_that_was_started_anew_asks_again_until_it_is_belie
 
 
 @pytest.mark.parametrize("silence", [20 * MS, 500 * MS, 2 * SECOND, 3600 * SECOND])
-def test_a_gap_that_ones_own_clock_sees_too_is_one(silence: int) -> None:
+def test_a_gap_on_both_clocks_is_accepted(silence: int) -> None:
     source = Source()
     source.go_on()
     source.stamp += silence
@@ -130,7 +128,7 @@ def test_messages_that_waited_while_the_receiver_did_not_run_are_used() -> None:
     source = Source()
     source.go_on()
     source.now += 300 * MS
-    # Some of those in the middle were lost.
+    # Some of the messages in the middle were lost.
     for missing in (0, 20, 0, 200, 0):
         source.stamp += missing * MS
         assert source.send(took=1000) is Stamp.NEW
@@ -138,7 +136,7 @@ def test_messages_that_waited_while_the_receiver_did_not_run_are_used() -> None:
 
 
 @pytest.mark.parametrize("drift", [-1e-4, 1e-4, 9.0], ids=["slow", "fast", "ten times as fast"])
-def test_a_clock_that_runs_differently_is_no_reason_to_refuse_anything(drift: float) -> None:
+def test_no_message_is_refused_because_clocks_drift_apart(drift: float) -> None:
     source = Source()
     for _ in range(20_000):
         assert source.send(took=round(source.period / (1.0 + drift))) is Stamp.NEW
@@ -168,5 +166,5 @@ def test_the_age_of_a_message_does_not_depend_on_the_clock_of_its_source(epoch: 
     source = Source()
     system = EPOCH + epoch - source.now
     source.go_on()
-    source.now += 7 * MS  # The last one was late by that.
+    source.now += 7 * MS  # The delay of the last message.
     assert source.arrivals.age(source.now, source.now + system) == 7 * MS

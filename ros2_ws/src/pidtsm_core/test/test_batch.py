@@ -1,4 +1,4 @@
-"""Batches: the bits of single rollouts, whatever the workers; failures reported; memory and interruption."""
+"""Batches: same bits as single rollouts, for any workers; reports of failures; memory; interruption."""
 
 import signal
 import subprocess
@@ -24,7 +24,7 @@ DIVERGING = {"controller": {"limits.effort": 1e-3}, "simulator": {"limits.effort
 
 
 def assert_same(result: BatchResult, other: BatchResult) -> None:
-    """Bit for bit."""
+    """Compare bit by bit."""
     assert list(result.metrics) == list(other.metrics)
     for name, values in result.metrics.items():
         assert values.tobytes() == other.metrics[name].tobytes(), name
@@ -69,7 +69,7 @@ def test_a_dask_cluster_changes_no_bit(serial: BatchResult) -> None:
         assert_same(batch([*GAINS, UNKNOWN], DURATION), serial)
 
 
-def test_a_failed_run_is_reported_and_loses_no_other() -> None:
+def test_a_failed_run_is_reported_and_does_not_affect_the_others() -> None:
     result = batch([GAINS[0], UNKNOWN, DIVERGING, GAINS[0]], 1000.0 * 1e-3)
     assert list(result.failed) == [1]
     assert "law.k9" in result.failed[1]
@@ -77,7 +77,7 @@ def test_a_failed_run_is_reported_and_loses_no_other() -> None:
     np.testing.assert_array_equal(result.metrics["rmse"][0], result.metrics["rmse"][3])
 
 
-def test_a_run_that_diverges_says_when() -> None:
+def test_the_failure_of_a_diverging_run_includes_the_time() -> None:
     result = batch([DIVERGING], 1000.0)
     assert result.metrics == {}
     assert "not finite any more after" in result.failed[0]
@@ -144,7 +144,7 @@ def test_settings_are_taken_a_few_at_a_time_and_progress_is_reported(monkeypatch
 
 
 def test_an_interrupt_ends_it_cleanly() -> None:
-    # What a shell starts in the background begins with the signal ignored.
+    # A process that a shell starts in the background ignores the signal at first.
     code = """
 import signal
 from itertools import repeat

@@ -1,4 +1,4 @@
-"""Stamps, numbers and empty messages are found where CDR has them."""
+"""Stamps, numbers and empty messages are found at their places in CDR."""
 
 import struct
 from array import array
@@ -26,7 +26,7 @@ def test_nanoseconds_are_less_than_a_second() -> None:
         serialized_nanoseconds(stamped("<", 2**31 - 1, 10**9))
 
 
-def test_what_is_too_short_has_no_stamp() -> None:
+def test_a_message_that_is_too_short_has_no_stamp() -> None:
     message = stamped("<", 12, 34)
     with pytest.raises(MessageError, match="11 bytes are too short for a message"):
         serialized_nanoseconds(message[:-1])
@@ -42,7 +42,7 @@ def test_stamps_of_many_messages_are_those_of_each() -> None:
 
 
 def serialize(message: Any) -> bytes:
-    """The encoding, an array with its length, a number, and another array."""
+    """Serialize the encoding, an array with its length, a number, and another array."""
     first, number, second = message.first, message.number, message.second
     layout = f"=4B I4x{len(first)}d d I4x{len(second)}d"
     return struct.pack(layout, 0, 1, 0, 0, len(first), *first, number, len(second), *second)

@@ -1,4 +1,4 @@
-"""The cache of compiled functions: never stale, and no obstacle where it cannot be written."""
+"""The cache of compiled functions is never stale; a folder that is not writable is no error."""
 
 import os
 import shutil
@@ -52,7 +52,7 @@ def test_an_edit_to_any_source_file_gives_another_cache_folder(copy: Path, tmp_p
 
 @pytest.mark.parametrize("variable", ["HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"])
 def test_a_folder_that_cannot_be_written_does_not_matter(copy: Path, tmp_path: Path, variable: str) -> None:
-    # A path below a file cannot be made by anybody, root included.
+    # No user, not even root, can create a path below a file.
     blocked = tmp_path / "file"
     blocked.write_text("")
     printed = run(COMPILE, copy, **{"HOME": str(tmp_path), variable: str(blocked / "below"), "TMPDIR": str(tmp_path)})

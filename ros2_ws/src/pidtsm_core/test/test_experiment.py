@@ -1,4 +1,4 @@
-"""What the user writes becomes the parameters of the nodes."""
+"""Scenarios, parameter files and options become the parameters of the nodes."""
 
 from pathlib import Path
 from typing import Any
@@ -55,7 +55,7 @@ def test_later_settings_win_scenario_parameter_file_law_option(tmp_path: Path) -
     assert by_option.settings["controller"]["law.k1"] == 3.0
 
 
-def test_a_refused_value_is_blamed_on_the_file_that_won(tmp_path: Path) -> None:
+def test_the_error_of_a_refused_value_names_the_file_that_set_it(tmp_path: Path) -> None:
     scenario, params = write_layers(tmp_path)
     Path(params).write_text("controller: {ros__parameters: {activation.blend: -1.0}}\n")
     with pytest.raises(UsageError, match=r"params.yaml: controller: activation.blend"):
@@ -88,7 +88,7 @@ def test_a_named_set_is_that_of_the_law_of_the_scenario(tmp_path: Path) -> None:
         ("controller", {"law.kk": 1}, r"unknown parameter law.kk; did you mean law.k\?"),
     ],
 )
-def test_a_parameter_of_another_choice_says_where_it_belongs(
+def test_the_error_of_a_parameter_of_another_choice_names_that_choice(
     schemas: Any, node: str, settings: dict[str, Any], cause: str
 ) -> None:
     with pytest.raises(ParameterError, match=cause):

@@ -1,4 +1,4 @@
-"""What holds for the members of every family."""
+"""Properties of the members of every family."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ PACKED = [
     member
     for family in ("disturbances", "estimators", "reaching", "references", "surfaces")
     for member in FAMILIES[family].members
-    if type(member).pack is Member.pack  # A motion made of segments packs those.
+    if type(member).pack is Member.pack  # A motion of segments packs these instead.
 ]
 
 
@@ -83,6 +83,6 @@ def _compiled(index: int, a: float, b: float) -> float:
     return _either(index, a, b)
 
 
-def test_dispatch_calls_the_function_in_the_place_that_the_index_says() -> None:
+def test_dispatch_calls_the_function_with_the_index() -> None:
     assert [_compiled(index, 3.0, 2.0) for index in range(2)] == [5.0, 1.0]
     assert [_either(index, 3.0, 2.0) for index in range(2)] == [5.0, 1.0]

@@ -1,4 +1,4 @@
-"""Joints by name, whatever the order; what cannot be used is refused with the cause."""
+"""Joints are matched by name, in any order; unusable messages are refused with the cause."""
 
 import math
 from array import array

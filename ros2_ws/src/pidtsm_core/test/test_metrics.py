@@ -1,4 +1,4 @@
-"""Metrics against values worked out by hand, and what must hold for any run."""
+"""Metrics against values calculated by hand, and properties that hold for every run."""
 
 import json
 from typing import Any
@@ -18,7 +18,7 @@ SIZES = st.floats(min_value=-100.0, max_value=100.0).map(lambda x: round(x, 6))
 
 
 def of(error: Array, effort: Array | None = None, event_time: float | None = None, **kwargs: Any) -> dict[str, Any]:
-    """Metrics of one joint, each its only value."""
+    """Metrics of one joint, each as a single value."""
     tau = np.zeros_like(error) if effort is None else effort
     values = metrics(TIME, error[:, None], tau[:, None], kwargs.get("saturated", 0 * error)[:, None], event_time)
     return {name: value for name, (value,) in values.items()}
@@ -90,7 +90,7 @@ def test_torque_variation_and_jumps() -> None:
     tau = np.array([0.0, 5.0, 5.0, -1.0, -1.0, -1.0, -1.0, -1.0, -1.0, 8.0])
     values = of(FALLING, tau)
     assert values["torque_variation"] == pytest.approx((5 + 6 + 9) / 9)
-    assert values["torque_jumps"] == 2  # a change of just 5 N m is none
+    assert values["torque_jumps"] == 2  # a change of exactly 5 N m does not count
     assert isinstance(values["torque_jumps"], int)
 
 
@@ -116,7 +116,7 @@ def test_one_sample_has_no_variation() -> None:
         ([0.0, 0.0], [[1.0], [2.0]], [[1.0], [2.0]], [[0.0], [0.0]], "must increase"),
     ],
 )
-def test_what_is_no_run_is_refused(time: Any, error: Any, effort: Any, saturated: Any, cause: str) -> None:
+def test_invalid_runs_are_refused(time: Any, error: Any, effort: Any, saturated: Any, cause: str) -> None:
     with pytest.raises(ValueError, match=cause):
         metrics(time, error, effort, saturated)
 
@@ -146,7 +146,7 @@ def test_values_are_within_their_bounds_and_valid_json(run: tuple[Array, Array, 
 
 
 @given(runs)
-def test_joints_do_not_see_each_other(run: tuple[Array, Array, Array, float | None]) -> None:
+def test_joints_do_not_affect_each_other(run: tuple[Array, Array, Array, float | None]) -> None:
     error, effort, saturated, event_time = run
     time = np.arange(len(error))
     together = metrics(time, error, effort, saturated, event_time)

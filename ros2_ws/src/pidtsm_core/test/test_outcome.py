@@ -138,7 +138,7 @@ def test_rejected_messages_are_reported_by_node(run: Rollout) -> None:
 
 
 def test_a_rollout_reports_the_same_events_as_its_nodes() -> None:
-    """With the status of a real run."""
+    """The status is that of a real run."""
     run = rollout(
         {
             "controller": {"limits.tracking_error": 0.45, "rehearsal.reset_fault": 0.4, "activation.blend": 0.5},

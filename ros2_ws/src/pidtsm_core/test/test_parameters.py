@@ -1,4 +1,4 @@
-"""What a parameter accepts and refuses, and what every schema of the project promises."""
+"""Values that a parameter accepts or refuses, and properties of every schema of the project."""
 
 import re
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ EACH = Parameter("limits.effort", (100.0, 50.0), "limits", "N m", minimum=0.0, e
 
 
 @pytest.mark.parametrize("value", [10**400, -(10**400), 2**64, 1e300, [[1.0], [2.0, 3.0]], [10**400, 1.0]])
-def test_what_no_arithmetic_can_take_is_refused(value: object) -> None:
+def test_values_that_are_no_usable_numbers_are_refused(value: object) -> None:
     with pytest.raises(ParameterError, match=r"must be|is absurd"):
         Parameter("gain", 1.0, "a gain", per_joint=True).check(value, 2)
 
@@ -208,11 +208,11 @@ def test_joint_array_has_one_writable_float_a_joint(value: object) -> None:
 
 
 def _variants(schema: Schema, given_settings: dict[str, object], seen: set[str]) -> Iterator[dict[str, object]]:
-    """The settings themselves, and with every choice of every parameter that they bring in."""
+    """The settings themselves, and with every choice of every parameter that they add."""
     try:
         parameters = schema(given_settings)
     except ParameterError:
-        return  # A node refuses what works in a rollout only.
+        return  # A node refuses choices that work only in a rollout.
     yield given_settings
     fresh = [p for p in parameters if p.name not in seen]
     seen = seen | {p.name for p in fresh}

@@ -1,4 +1,4 @@
-"""Quintic polynomials meet their ends."""
+"""Quintic polynomials have the given ends."""
 
 import numpy as np
 from hypothesis import given, settings

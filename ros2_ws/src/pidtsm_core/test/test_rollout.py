@@ -1,4 +1,4 @@
-"""The closed loop: the numbers of the article's cases, determinism, and what it refuses."""
+"""The closed loop: the numbers of the article's cases, determinism, and refused settings."""
 
 from dataclasses import replace
 from typing import Any
@@ -23,8 +23,8 @@ ARTICLE = {
     "law.xi": 0.01,
     "law.anti_windup": "none",
 }
-# RMSE (rad) and ECI (N m) of a program of its own, written from the article's equations without this package: ideal q'
-# and q'', the torque over RK4 steps of 1 ms, explicit Euler for the states of the law after the torque.
+# RMSE (rad) and ECI (N m) of an independent program, written from the article's equations without this package: ideal
+# q' and q'', torque held over RK4 steps of 1 ms, explicit Euler for the states of the law after the torque.
 INDEPENDENT_RMSE = {"case1": (0.037988, 0.008597), "case2": (0.037989, 0.008598), "conditional": (0.038091, 0.008602)}
 INDEPENDENT_ECI = (31.189, 12.025)
 CASE_2 = {"payload.mass": 0.5, "payload.time": 15.0}
@@ -96,11 +96,11 @@ EVENTS: dict[str, dict[str, Any]] = {
     "simulator": {"push.effort": [120.0, -60.0], "push.time": 0.3, "push.duration": 0.3},
     "trajectory": {"dropout.time": 1.4, "dropout.duration": 0.2, "jump.position": [0.1, -0.1], "jump.time": 1.9},
 }
-"""Something of all that may happen, in two seconds."""
+"""Many different events within two seconds."""
 
 
 def stepped_as_the_nodes_do(settings: dict[str, dict[str, Any]], samples: int, rate: int = 1000) -> Rollout:
-    """A rollout made of the same parts, each called as its node calls it."""
+    """A rollout of the same parts, each called as in its node."""
     period = period_nanoseconds(rate)
     controller = Controller(resolve(controller_schema, {**EXPERIMENT["controller"], **settings["controller"]}, 2))
     plant = Plant(resolve(plant_schema, settings["simulator"], 2))
@@ -133,7 +133,7 @@ def stepped_as_the_nodes_do(settings: dict[str, dict[str, Any]], samples: int, r
 
 
 def assert_same(run: Rollout, other: Rollout) -> None:
-    """Bit for bit."""
+    """Compare bit by bit."""
     assert run.joints == other.joints
     for name in ("time", "position", "velocity", "effort", "reference", "signals", "status"):
         np.testing.assert_array_equal(getattr(run, name), getattr(other, name), err_msg=name)
@@ -161,13 +161,13 @@ SINES = {"reference.name": "sines", "reference.amplitude": [0.2, 0.1], "referenc
 
 
 def swapped(settings: dict[str, Any]) -> dict[str, Any]:
-    """With the values of the other joint."""
+    """Settings with the values of the two joints swapped."""
     return {name: value[::-1] if isinstance(value, list) else value for name, value in settings.items()}
 
 
 @pytest.mark.parametrize("node", ["controller", "trajectory", "controller and trajectory"])
-def test_joints_go_by_their_names_whatever_their_order(node: str) -> None:
-    """The law is one without a model, whose joints have an order of their own."""
+def test_joints_are_matched_by_name_in_any_order(node: str) -> None:
+    """The law has no model, because the joints of a model have an order of their own."""
     settings = {
         "controller": {"law.name": "pid", "law.kp": [500.0, 300.0], "limits.effort": [100.0, 50.0]},
         "trajectory": SINES,
@@ -196,7 +196,7 @@ def test_nodes_with_other_joints_are_refused_by_name(node: str) -> None:
 
 
 def settled_error(run: Rollout, since: float) -> float:
-    """Largest |e| from then on (s), rad."""
+    """Largest |e| from `since` (s) on, rad."""
     return float(np.abs(run.position - run.reference[:, 0])[run.time >= since].max())
 
 
@@ -205,9 +205,9 @@ def test_an_arm_that_is_led_to_its_reference_settles_as_well() -> None:
     assert settled_error(run, 10.0) <= 1e-4
 
 
-def test_a_reference_that_stays_out_lets_the_arm_stand_until_it_is_back() -> None:
+def test_the_arm_holds_its_position_while_references_are_missing() -> None:
     run = rollout({"trajectory": {"dropout.time": 1.0, "dropout.duration": 0.5}}, 10.0)
-    # The last one came at 0.999 s, and counts for watchdog.reference.
+    # The last reference has the stamp 0.999 s and is followed until watchdog.reference has passed.
     held = np.flatnonzero(run.status[:, Status.MODE] == Mode.HOLDING)
     np.testing.assert_array_equal(held, np.arange(1100, 1500))
     assert not run.status[:, Status.FAULT].any()
@@ -225,8 +225,8 @@ def test_a_reference_that_jumps_is_followed() -> None:
     assert settled_error(run, 8.0) < 1e-3
 
 
-def test_a_rehearsed_restart_is_one() -> None:
-    """A controller that has just begun does the same from there on, but for what the reference was before."""
+def test_a_rehearsed_restart_is_equivalent_to_a_real_one() -> None:
+    """From then on, a new controller does the same; only the earlier references differ."""
     run = rollout({"controller": {"rehearsal.restart": 0.5, "activation.blend": 0.8}}, 1.0)
     controller = Controller(resolve(controller_schema, {"watchdog.state_stop": 1.0}, 2))
     for k in range(500, 1000):
@@ -249,7 +249,7 @@ def test_a_rehearsed_restart_is_one() -> None:
         ({"simulator": {"initial_position": [0.0, 1.0, 2.0]}}, r"simulator: initial_position.*2 joints"),
     ],
 )
-def test_settings_without_sense_are_refused_with_the_name_of_the_node(settings: Any, reason: str) -> None:
+def test_invalid_settings_are_refused_with_the_name_of_the_node(settings: Any, reason: str) -> None:
     with pytest.raises(ParameterError, match=reason):
         rollout(settings, 0.01)
 
@@ -276,8 +276,8 @@ def test_one_sample_is_a_run() -> None:
     assert run.time.tolist() == [0.0]
 
 
-def test_a_loop_that_leaves_the_finite_numbers_says_when() -> None:
-    # A second between samples, and no torque to speak of.
+def test_the_error_of_a_diverging_loop_includes_the_time() -> None:
+    # One second between samples, and almost no torque.
     settings = {"controller": {"limits.effort": 1e-3}, "simulator": {"limits.effort": 1e-3, "rate": 1}}
     with pytest.raises(DivergedError, match=r"after \d+(\.\d+)? s"):
         rollout(settings, 1000.0)

@@ -1,4 +1,4 @@
-"""What every disturbance promises, and the article's by hand."""
+"""Properties of every disturbance, and the article's values calculated by hand."""
 
 import math
 

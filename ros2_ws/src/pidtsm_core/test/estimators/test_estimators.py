@@ -1,4 +1,4 @@
-"""What every estimator promises."""
+"""Properties of every estimator."""
 
 import numpy as np
 import pytest
@@ -19,14 +19,14 @@ SENSED = pytest.mark.parametrize(
 POSITIONS = st.lists(st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0)), min_size=1, max_size=40)
 
 
-# A robot model without masses: joints that neither fall nor move one another, for what holds whatever the model.
+# A robot model without masses for tests that do not depend on the model: the joints are independent and do not fall.
 FREE = TWO_LINK.pack_model(
     {f"robot.{p.name}": 0.0 if p.name in ("m1", "m2") else p.default for p in TWO_LINK.parameters}
 )
 
 
 def run(estimator: Estimator, positions: Array, dts: Array, truth: Array | None = None) -> Array:
-    """Estimates after each sample, shape (samples, 3, joints); the first sample has no dt before it."""
+    """Estimates after each sample, shape (samples, 3, joints); dt is 0 at the first sample."""
     joints = positions.shape[1]
     p = estimator.pack({f"estimator.{q.name}": q.default for q in estimator.parameters}, "estimator", joints)
     x = np.zeros((joints, SLOTS))
@@ -42,7 +42,7 @@ def run(estimator: Estimator, positions: Array, dts: Array, truth: Array | None 
 @EACH
 @PROPERTY
 @given(positions=POSITIONS, seed=st.integers(0, 2**32 - 1))
-def test_estimates_are_finite_whatever_is_measured_whenever(
+def test_estimates_are_finite_for_any_measurements_at_any_times(
     estimator: Estimator, positions: list[tuple[float, float]], seed: int
 ) -> None:
     dts = np.random.default_rng(seed).uniform(1e-6, 0.1, len(positions))
@@ -68,7 +68,7 @@ def test_an_arm_at_rest_stays_at_rest(estimator: Estimator, q: float) -> None:
 @PROPERTY
 @given(steps=st.lists(st.integers(-1000, 1000), min_size=2, max_size=40), offset=st.integers(-8, 8))
 def test_derivatives_do_not_depend_on_where_zero_is(estimator: Estimator, steps: list[int], offset: int) -> None:
-    # Multiples of 2^-20, so that adding the offset rounds nothing.
+    # Multiples of 2^-20, so that adding the offset causes no rounding.
     positions = np.array(steps, dtype=float)[:, None] * [2.0**-20, -(2.0**-20)]
     dts = np.full(len(steps), 0.001)
     here, there = run(estimator, positions, dts), run(estimator, positions + offset, dts)
@@ -79,8 +79,8 @@ def test_derivatives_do_not_depend_on_where_zero_is(estimator: Estimator, steps:
 @SENSED
 @PROPERTY
 @given(lost=st.sets(st.integers(1000, 1099)))
-def test_a_gap_is_known_for_the_time_it_is(estimator: Estimator, lost: set[int]) -> None:
-    # At a steady speed, which all have found by then, a gap taken for one period would be a jump.
+def test_a_gap_counts_with_its_actual_duration(estimator: Estimator, lost: set[int]) -> None:
+    # At a constant velocity, which every estimator has found by then, a gap counted as one period would be a jump.
     times = 0.001 * np.array([k for k in range(1120) if k not in lost])
     estimates = run(estimator, np.outer(times, [0.5, -2.0]), np.diff(times, prepend=0.0))
     np.testing.assert_allclose(estimates[1000:, 1], np.broadcast_to([0.5, -2.0], estimates[1000:, 1].shape), rtol=1e-6)
@@ -104,7 +104,7 @@ def test_the_truth_passes_through(estimator: Estimator) -> None:
 
 
 @SENSED
-def test_the_truth_is_not_looked_at(estimator: Estimator) -> None:
+def test_the_truth_is_ignored(estimator: Estimator) -> None:
     positions = np.random.default_rng(3).uniform(-1, 1, (20, 2))
     dts = np.full(20, 0.001)
     secret = np.full((20, 2, 2), np.nan)

@@ -1,4 +1,4 @@
-"""The observer on an arm whose torque and disturbance are known, and its lag and noise against the theory."""
+"""The observer for an arm with known torque and disturbance; its lag and noise against the theory."""
 
 import math
 from typing import Any, TypeAlias
@@ -27,7 +27,7 @@ FREE = TWO_LINK.pack_model(
 INERTIA = 5.0
 
 Floats: TypeAlias = NDArray[np.floating[Any]]
-"""As NumPy's types have it where whole numbers meet floats."""
+"""NumPy's type for operations between integers and floats."""
 
 
 def observe(times: Floats, positions: Floats, efforts: Array, model: Array, bandwidth: float) -> Array:
@@ -41,7 +41,7 @@ def observe(times: Floats, positions: Floats, efforts: Array, model: Array, band
 
 
 def swing(times: Array, disturbance: Array) -> tuple[Array, Array, Array]:
-    """Motion of the arm under torques that wander, in fine steps: q, q'; q'' before each sample; the torques."""
+    """Motion of the arm under varying torques, in fine steps: q, q'; q'' before each sample; the torques."""
     efforts = np.array([40.0, 15.0]) + 10.0 * np.sin(np.outer(times, [1.3, 2.1]))
     states, accelerations = np.zeros((len(times), 2, 2)), np.zeros((len(times), 2))
     q, dq, ddq = np.zeros(2), np.zeros(2), np.zeros(2)
@@ -73,7 +73,7 @@ def test_motion_and_disturbance_are_found_at_irregular_times_and_over_gaps(seed:
 
 
 def test_a_jump_of_the_torque_is_known_at_once() -> None:
-    """What no differentiator can: q'' follows the torque without lag, and no error of q, q' comes of it."""
+    """Unlike with a differentiator, q'' follows the torque without lag, and q and q' have no error."""
     times = np.arange(1000) * DT
     efforts = np.where(times < 0.5, 1.0, -20.0)[:, None] * [1.0, 1.0]
     ddq = efforts / INERTIA
@@ -100,8 +100,8 @@ def test_a_growing_disturbance_is_followed_with_the_errors_of_the_docstring(band
 
 
 @pytest.mark.parametrize("bandwidth", [20.0, 60.0])
-def test_the_poles_are_where_they_were_asked_for(bandwidth: float) -> None:
-    """Without torque, an error of the start fades as (a + b k + c k^2) exp(-bandwidth k dt)."""
+def test_the_poles_are_at_the_bandwidth(bandwidth: float) -> None:
+    """Without torque, an initial error decays as (a + b k + c k^2) exp(-bandwidth k dt)."""
     samples = 400
     times = np.arange(samples) * DT
     estimates = observe(times, np.outer(times, [1.0, 1.0]), np.zeros((samples, 2)), FREE, bandwidth)

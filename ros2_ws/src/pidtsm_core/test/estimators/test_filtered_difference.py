@@ -1,4 +1,4 @@
-"""The filtered difference on motions whose estimates can be worked out."""
+"""The filtered difference for motions whose estimates can be calculated."""
 
 import math
 from typing import Any, TypeAlias
@@ -17,7 +17,7 @@ DT = 0.001
 NO_EFFORT, NO_MODEL = np.zeros(1), np.zeros(0)
 
 Floats: TypeAlias = NDArray[np.floating[Any]]
-"""As NumPy's types have it where whole numbers meet floats."""
+"""NumPy's type for operations between integers and floats."""
 
 
 def run(times: Floats, positions: Floats, velocity_cutoff: float, acceleration_cutoff: float) -> tuple[Array, Array]:
@@ -35,7 +35,7 @@ def run(times: Floats, positions: Floats, velocity_cutoff: float, acceleration_c
 
 
 def lag(cutoff: float) -> float:
-    """s by which a first-order filter of the last difference is late: half a sample and the filter, about 1/cutoff."""
+    """Lag of a first-order filter of the last difference, s: half a sample and the filter, about 1/cutoff."""
     return DT / 2 / math.tanh(cutoff * DT / 2)
 
 
@@ -87,7 +87,7 @@ def test_a_sine_is_followed_within_its_lag(cutoffs: tuple[float, float]) -> None
 
 
 def test_the_filter_is_discretised_exactly() -> None:
-    # After a step of the difference to 1, a filter with cutoff c stands at 1 - exp(-c t), whatever the sampling.
+    # After a step of the difference to 1, a filter with cutoff c has the value 1 - exp(-c t), for any sampling.
     for dt in (0.001, 0.01):
         times = np.arange(0.0, 0.1005, dt)
         dq, _ = run(times, times, 30.0, 30.0)

@@ -18,7 +18,7 @@ def settled_error(result: Rollout) -> float:
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS.names)
-def test_with_ideal_sensors_the_arm_follows_to_the_last_tenth_of_a_milliradian(estimator: str) -> None:
+def test_with_ideal_sensors_the_arm_follows_within_half_a_milliradian(estimator: str) -> None:
     assert settled_error(roll(estimator)) < 5e-4
 
 

@@ -17,7 +17,7 @@ DT = 0.001
 NO_EFFORT, NO_MODEL = np.zeros(1), np.zeros(0)
 
 Floats: TypeAlias = NDArray[np.floating[Any]]
-"""As NumPy's types have it where whole numbers meet floats."""
+"""NumPy's type for operations between integers and floats."""
 
 
 def run(times: Floats, positions: Floats, jerk: float) -> tuple[Array, Array, Array]:

@@ -1,4 +1,4 @@
-"""What every control law promises, and every surface with every manifold and reaching law."""
+"""Properties of every control law, and of the combinations of surfaces, manifolds and reaching laws."""
 
 import math
 from itertools import product
@@ -32,7 +32,7 @@ SPECIAL = [0.0, -0.0, 5e-324, -1e-200, 1e-12, -1.0, 1e6]
 
 
 class OneJoint:
-    """The law of one joint with its default gains, or with those given."""
+    """The law of one joint with its default gains or the given ones."""
 
     def __init__(self, chosen: dict[str, str], **gains: float) -> None:
         every = {**chosen, **{f"law.{name}": gain for name, gain in gains.items()}}
@@ -62,7 +62,7 @@ class OneJoint:
 def test_sigma_is_the_switching_term_when_the_commanded_acceleration_comes_true(
     chosen: dict[str, str], e: float, de: float, dde: float, ddq_d: float, state: list[float]
 ) -> None:
-    """Eq. (32) without disturbance; with sigma = s it is s' that the switching term gives."""
+    """Eq. (32) without disturbance; with sigma = s, the switching term equals s' instead."""
     joint = OneJoint(chosen, kp=2.0, ki=1.0, kd=0.5)
     joint.x[:] = state
     _, g, h = evaluate_surface(int(joint.integers[0]), e, de, joint.x[1], joint.p[:SLOTS])
@@ -83,9 +83,7 @@ def test_sigma_is_the_switching_term_when_the_commanded_acceleration_comes_true(
 @EACH_SLIDING
 @PROPERTY
 @given(e=st.floats(-1.0, 1.0), de=st.floats(-3.0, 3.0), dde=st.floats(-20.0, 20.0), integral=st.floats(-5.0, 5.0))
-def test_sigma_is_made_of_s_as_eq_10_says(
-    chosen: dict[str, str], e: float, de: float, dde: float, integral: float
-) -> None:
+def test_sigma_follows_eq_10(chosen: dict[str, str], e: float, de: float, dde: float, integral: float) -> None:
     joint = OneJoint(chosen, kp=3.0, ki=0.7, kd=0.25)
     joint.x[0] = integral
     expected_s, g, h = evaluate_surface(int(joint.integers[0]), e, de, 0.0, joint.p[:SLOTS])
@@ -168,7 +166,7 @@ def test_without_error_the_reference_is_followed(chosen: dict[str, str]) -> None
     a_cmd, a_eq, _, sigma, _, tau_sw = OneJoint(chosen).command(0.0, 0.0, 0.0, 0.7)
     assert sigma == 0.0
     assert tau_sw == 0.0
-    # A surface that is singular there (g = 0) may command anything that is finite.
+    # With a surface that is singular there (g = 0), any finite command is permitted.
     assert a_cmd == a_eq
 
 

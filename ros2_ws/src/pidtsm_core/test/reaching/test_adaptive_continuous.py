@@ -38,7 +38,7 @@ def bounded(leakage: float = 0.0, maximum: float = 0.0, layer: float = 0.0) -> A
 
 
 def solution(sigma: float, t: float) -> tuple[float, float]:
-    """tau_sw and Y of (25), (27) from zero: Y grows as a ramp, which a first-order filter follows with its lag."""
+    """tau_sw and Y of (25), (27) from zero: Y is a ramp, which a first-order filter follows with a lag."""
     slope = abs(sigma) / KAPPA if abs(sigma) > UPSILON else 0.0
     faded = 1.0 - math.exp(-K * t)
     size = XI * faded / K + slope * (t / K - faded / K**2)
@@ -135,7 +135,7 @@ def test_on_the_way_to_a_reference_the_gain_learns_within_the_dead_zone_too(sigm
     assert hold(sigma, 1.0, 1000)[1] == 0.0
 
 
-def test_on_the_way_to_a_reference_noise_within_the_dead_zone_teaches_little() -> None:
+def test_on_the_way_to_a_reference_noise_within_the_dead_zone_hardly_increases_the_gain() -> None:
     x, noise = np.zeros(8), np.random.default_rng(1).normal(scale=0.05, size=1000)
     for sigma in noise:
         hold(sigma, 0.001, 1, x, adaptation=Adaptation.APPROACHING)
@@ -143,7 +143,7 @@ def test_on_the_way_to_a_reference_noise_within_the_dead_zone_teaches_little() -
 
 
 @pytest.mark.parametrize("sigma", [0.1, 1.5])
-def test_what_the_law_did_not_cause_it_does_not_learn(sigma: float) -> None:
+def test_while_the_adaptation_is_frozen_the_gain_stays(sigma: float) -> None:
     x = np.zeros(8)
     x[1] = 4.0
     tau_sw, gain = hold(sigma, 20.0, 20_000, x, adaptation=Adaptation.FROZEN)

@@ -1,4 +1,4 @@
-"""The article's reaching law in the closed loop, with a model that is wrong."""
+"""The article's reaching law in the closed loop, with a wrong model."""
 
 from typing import Any
 
@@ -18,5 +18,5 @@ def test_in_the_layer_masses_far_off_do_not_make_the_torque_chatter(practical: d
     swapped = {"robot.m1": 1.5, "robot.m2": 0.5}
     nominal = torque_variation(practical, {})
     assert (torque_variation(practical, swapped) <= 2.0 * nominal).all()
-    # The sign itself does.
+    # Without the layer, the torque chatters.
     assert (torque_variation({**practical, "law.layer": 0.0}, swapped) > 2.0 * nominal).all()

@@ -1,4 +1,4 @@
-"""What every reaching law promises."""
+"""Properties of every reaching law."""
 
 import math
 
@@ -69,7 +69,7 @@ def test_a_frozen_law_does_not_adapt(law: ReachingLaw, sigma: float) -> None:
 
 
 @EACH
-def test_switching_looks_at_the_state_without_moving_it(law: ReachingLaw) -> None:
+def test_switching_does_not_change_the_state(law: ReachingLaw) -> None:
     x = np.zeros(SLOTS)
     hold(law, 1.0, x, 5)
     kept = x.copy()

@@ -1,4 +1,4 @@
-"""What every reference promises, and each by hand."""
+"""Properties of every reference, and values of each calculated by hand."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator
@@ -139,7 +139,7 @@ def test_minimum_jerk_goes_from_point_to_point_and_holds() -> None:
     ):
         np.testing.assert_allclose(at(motion, t)[0], position, atol=1e-14)
     assert not at(motion, 2.0)[1:].any()
-    # The peak of 15/8 distances per duration.
+    # The peak velocity is 15/8 distances per duration.
     np.testing.assert_allclose(at(motion, 1.0)[1], [15 / 16, -15 / 8], rtol=1e-13)
 
 

@@ -1,4 +1,4 @@
-"""Trajectories that are commanded while another motion is under way."""
+"""Trajectories that are commanded while another motion is in progress."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_positions_alone_are_joined_by_lines_after_the_first_segment() -> None:
 
 def test_with_velocities_the_segments_are_cubics() -> None:
     motion = plan_of(2)
-    # The acceleration of a cubic is a line.
+    # The acceleration of a cubic is linear.
     for first, last in ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0)):
         a, b, c = (at(motion, first + share * (last - first))[2] for share in (0.25, 0.5, 0.75))
         np.testing.assert_allclose(b, (a + c) / 2.0, atol=1e-12)
@@ -80,7 +80,9 @@ def test_with_velocities_the_segments_are_cubics() -> None:
         ([0.0, 1.0, 2.0], [[[0.0, 0.0]], [[0.3, 0.0]], [[1.0, 1.0]]], 1.5, "point 2 is due now, and 0.3 rad"),
     ],
 )
-def test_what_cannot_be_followed_is_refused(times: list[float], points: object, elapsed: float, reason: str) -> None:
+def test_trajectories_that_cannot_be_followed_are_refused(
+    times: list[float], points: object, elapsed: float, reason: str
+) -> None:
     with pytest.raises(TrajectoryError, match=reason):
         plan(np.array(times), np.array(points), elapsed, REST, 0.2)
 
@@ -98,7 +100,7 @@ def desired(motion: MotionUnderWay, now: int) -> Array:
     return result
 
 
-def test_a_trajectory_for_later_begins_then_from_what_is_under_way_then(under_way: MotionUnderWay) -> None:
+def test_a_trajectory_for_later_begins_with_the_motion_at_its_start(under_way: MotionUnderWay) -> None:
     start = 2 * NOW
     expected = desired(under_way, start)
     before = desired(under_way, start - 1)
@@ -126,7 +128,7 @@ def test_a_refused_trajectory_changes_nothing(under_way: MotionUnderWay) -> None
     np.testing.assert_array_equal(desired(under_way, 3 * NOW), expected)
 
 
-def test_cancelled_it_comes_to_rest_smoothly_and_holds(under_way: MotionUnderWay) -> None:
+def test_a_cancelled_trajectory_comes_to_rest_smoothly_and_holds(under_way: MotionUnderWay) -> None:
     present = desired(under_way, NOW)
     under_way.follow(NOW, 2 * NOW, TIMES, POINTS, 0.2)
     under_way.cancel(NOW)

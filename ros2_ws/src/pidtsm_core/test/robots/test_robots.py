@@ -1,4 +1,4 @@
-"""What every robot model promises."""
+"""Properties of every robot model."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ SEEDS = st.integers(min_value=0, max_value=2**32 - 1)
 
 
 def options(robot: Robot, coriolis: str | None = None) -> dict[str, object]:
-    """Settings that choose the robot, and its form of the Coriolis matrix where it has more than one."""
+    """Settings that choose the robot, and its form of the Coriolis matrix if it has more than one."""
     chosen: dict[str, object] = {"robot.name": robot.name}
     if coriolis and any(p.name == "coriolis" for p in robot.parameters):
         chosen["robot.coriolis"] = coriolis
@@ -43,7 +43,7 @@ def acceleration(robot: Robot, q: Array, dq: Array, effort: Array, p: Array) -> 
 
 
 def inertia(robot: Robot, q: Array, dq: Array, p: Array) -> Array:
-    """H(q), column by column from inverse dynamics."""
+    """H(q), column by column from the inverse dynamics."""
     bias = torque(robot, q, dq, np.zeros(q.size), p)
     return np.column_stack([torque(robot, q, dq, unit, p) - bias for unit in np.eye(q.size)])
 
@@ -126,7 +126,7 @@ def free_motion(robot: Robot, coriolis: str | None) -> tuple[float, float]:
     p = plant.config.model
     effort = np.zeros(plant.joints)
     q, dq = plant.state.position, plant.state.derivatives[0]
-    dq[:] = 1.0  # Not every robot falls by itself.
+    dq[:] = 1.0  # Some robots do not fall from rest.
     start = robot.energy(q, dq, p)
     worst = scale = 0.0
     for k in range(10_000):

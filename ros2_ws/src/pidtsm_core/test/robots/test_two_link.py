@@ -1,4 +1,4 @@
-"""The two-link arm against eqs. (48)-(50), written down a second time with matrices."""
+"""The two-link arm against eqs. (48)-(50), written a second time with matrices."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a drive makes of a command."""
+"""Effects of a drive on a command."""
 
 import math
 
@@ -13,7 +13,7 @@ DT = 0.001
 
 
 def torques(command: Array, q: Array | None = None, **changes: object) -> Array:
-    """Torque of every sample, shape as `command`, (samples, joints); names with two underscores for the dot."""
+    """Torque of every sample, shape as `command`, (samples, joints); names without the group ``actuator``."""
     chosen = {f"actuator.{name}": value for name, value in changes.items()}
     config = actuator_config(resolve(simulator_schema, chosen, 2), 2)
     lagging, effort = np.zeros(2), np.empty_like(command)

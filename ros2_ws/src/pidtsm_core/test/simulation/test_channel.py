@@ -1,4 +1,4 @@
-"""How much a transport loses, and when what it keeps arrives."""
+"""Losses and delays of a transport."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ PREFIX = pytest.mark.parametrize("prefix", ["", "command_"], ids=["measurements"
 
 
 def losses(prefix: str, rate: int = 1000, **changes: object) -> NDArray[np.bool_]:
-    """Which samples are lost."""
+    """Whether each sample is lost."""
     given = {f"dropout.{prefix}{name}": value for name, value in changes.items()}
     values = resolve(simulator_schema, {"rate": rate, **given}, 2)
     config, state = channel_config(values, prefix), channel_state(values, prefix, 1, 2)
@@ -37,9 +37,9 @@ def test_single_losses_come_at_their_rate_and_independently(prefix: str) -> None
 @PREFIX
 def test_bursts_have_their_length_and_rate(prefix: str) -> None:
     lengths = bursts(losses(prefix, burst=20, burst_rate=2.0))
-    # Some follow at once upon another.
+    # Some bursts follow directly after another.
     assert set(lengths) <= {20, 40}
-    # 2 a second of the time between bursts, at 1 kHz.
+    # 2 per second of the time between bursts, at 1 kHz.
     expected = 2.0 / (1.0 + 2.0 * 0.02) * SAMPLES / 1000
     assert (lengths / 20).sum() == pytest.approx(expected, rel=0.15)
 

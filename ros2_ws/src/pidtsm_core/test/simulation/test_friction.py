@@ -1,4 +1,4 @@
-"""Stribeck's curve."""
+"""The Stribeck curve."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ COULOMB, STATIC, STRIBECK, VISCOUS = 3.0, 5.0, 0.05, 0.7
 
 
 def friction(velocities: Array) -> Array:
-    """Torque against the velocity of the first of two joints, N m."""
+    """Friction torque against the velocity of the first of two joints, N m."""
     settings = {
         "friction.coulomb": [COULOMB, 0.0],
         "friction.static": [STATIC, 0.0],

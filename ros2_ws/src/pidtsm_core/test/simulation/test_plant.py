@@ -15,7 +15,7 @@ DT = 0.001
 
 
 def plant_of(**changes: object) -> Plant:
-    """A plant; parameter names with two underscores for the dot."""
+    """A plant; parameter names with two underscores instead of the dot."""
     chosen = {name.replace("__", "."): value for name, value in changes.items()}
     return Plant(resolve(plant_schema, chosen, len(ROBOTS[str(chosen.get("robot.name", "two_link"))].joints)))
 
@@ -45,7 +45,7 @@ def test_torque_is_limited(effort: tuple[float, float]) -> None:
 
 
 @EACH
-def test_the_start_is_at_rest_where_the_robot_or_the_user_says(robot: Robot) -> None:
+def test_the_start_is_at_rest_at_the_default_or_given_position(robot: Robot) -> None:
     plant = plant_of(robot__name=robot.name, disturbance__name="none")
     np.testing.assert_array_equal(plant.state.position, robot.initial_position)
     assert not plant.state.derivatives.any()
@@ -88,7 +88,7 @@ def test_a_payload_is_a_heavier_last_link() -> None:
     assert state(loaded).tobytes() == state(heavy).tobytes()
 
 
-def test_a_push_is_there_for_its_time_and_nobody_calls_it_torque() -> None:
+def test_a_push_acts_for_its_duration_and_does_not_count_as_torque() -> None:
     effort = np.array([30.0, 10.0])
     pushed = plant_of(push__effort=(0.0, 4.0), push__time=0.1, push__duration=0.2)
     alone, helped = plant_of(), plant_of()
@@ -110,7 +110,7 @@ def test_a_push_is_there_for_its_time_and_nobody_calls_it_torque() -> None:
     ],
     ids="".join,
 )
-def test_a_model_error_scales_all_there_is_of_its_kind(error: dict[str, float], changed: dict[str, float]) -> None:
+def test_a_model_error_scales_all_parameters_of_its_kind(error: dict[str, float], changed: dict[str, float]) -> None:
     wrong, right = plant_of(**error), plant_of(**changed)
     np.testing.assert_allclose(wrong.config.model, right.config.model, rtol=1e-15)
 
@@ -163,7 +163,7 @@ def test_integration_is_of_fourth_order(disturbance: str, coriolis: str) -> None
 
 
 def test_torque_is_held_over_the_whole_step() -> None:
-    """Against a fine integration written here, under one torque over a long step and another over the next."""
+    """Compare with a fine integration, with one torque over a long step and another over the next one."""
     plant = plant_of()
     y = state(plant)[:2]
 
@@ -208,6 +208,6 @@ def test_new_parameters_keep_the_state() -> None:
         ("limits.effort", 0.0),
     ],
 )
-def test_values_without_sense_are_refused(name: str, value: object) -> None:
+def test_invalid_values_are_refused(name: str, value: object) -> None:
     with pytest.raises(ParameterError, match=name):
         resolve(plant_schema, {name: value}, 2)

@@ -1,4 +1,4 @@
-"""Random numbers depend on the seed and their purpose alone."""
+"""Random numbers depend only on the seed and their purpose."""
 
 import numpy as np
 import pytest
@@ -22,8 +22,8 @@ def source(**changes: object) -> Randomness:
     return Randomness(resolve(simulator_schema, {**ALL, **changes}, 2), 2)
 
 
-def test_a_run_may_be_cut_anyhow() -> None:
-    """A rollout draws all at once, a node row by row out of blocks."""
+def test_drawing_in_parts_gives_the_same_numbers() -> None:
+    """A rollout draws all numbers at once, a node row by row from blocks."""
     whole = source().draw(SAMPLES)
     a, b = source(), source()
     np.testing.assert_array_equal([a.next() for _ in range(SAMPLES)], whole)
@@ -35,7 +35,7 @@ def test_seeds_decide() -> None:
     assert (source(seed=5).draw(SAMPLES) != source(seed=6).draw(SAMPLES)).all()
 
 
-def test_purposes_are_independent_and_distributed_as_said() -> None:
+def test_purposes_are_independent_and_have_their_distributions() -> None:
     rows = source().draw(100_000)
     assert np.abs(np.corrcoef(rows.T) - np.eye(len(Column) + 1)).max() < 0.02
     uniform, normal = rows[:, : Column.JITTER], rows[:, Column.JITTER :]

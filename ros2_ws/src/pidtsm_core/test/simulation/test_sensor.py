@@ -1,4 +1,4 @@
-"""What an encoder makes of a position."""
+"""Effects of an encoder on a position."""
 
 import math
 
@@ -13,7 +13,7 @@ JOINTS = 2
 
 
 def measurements(q: Array, dq: Array | None = None, **changes: object) -> Array:
-    """Of positions q, shape (samples, joints), one after the other; names with two underscores for the dot."""
+    """Measurements of successive positions q, shape (samples, joints); names with two underscores instead of dots."""
     chosen = {name.replace("__", "."): value for name, value in changes.items()}
     config = sensor_config(resolve(lambda _: PARAMETERS, chosen, JOINTS), JOINTS)
     draws = np.zeros((len(q), Column.NOISE + JOINTS))

@@ -1,4 +1,4 @@
-"""The simulated robot as a whole: when what arrives, brakes, and that a node's robot is that of a rollout."""
+"""The whole simulated robot: arrival times, brakes, and the same bits in a node and in a rollout."""
 
 from typing import Any
 
@@ -53,7 +53,7 @@ def run(simulator: dict[str, Any], duration: float = 1.0) -> Rollout:
 
 
 def robot_of(**changes: object) -> SimulatedRobot:
-    """Names with two underscores for the dot."""
+    """A simulated robot; parameter names with two underscores instead of the dot."""
     return SimulatedRobot(resolve(simulator_schema, {n.replace("__", "."): v for n, v in changes.items()}, 2))
 
 
@@ -106,7 +106,7 @@ def test_the_arm_stands_on_its_brakes_until_a_command_has_come_all_the_way(measu
     assert not delayed.effort[:waiting].any()
     assert (delayed.position[: waiting + 1] == delayed.position[0]).all()
     assert delayed.effort[waiting].all()
-    # Row k of the signals is what was computed from sample k, wherever it was then.
+    # Row k of the signals was computed from sample k, whenever that arrived.
     computed = delayed.signals[: len(delayed.time) - waiting, Signal.EFFORT]
     np.testing.assert_array_equal(delayed.effort[waiting:], computed)
     np.testing.assert_array_equal(delayed.signals[-measurement - 1 :], delayed.signals[[-1] * (measurement + 1)])
@@ -190,7 +190,7 @@ def test_a_lost_command_leaves_the_torque_as_it_was() -> None:
     np.testing.assert_array_equal(got[1:][late[1:]], got[:-1][late[1:]])
 
 
-def test_where_everything_is_lost_the_arm_stands() -> None:
+def test_if_everything_is_lost_the_arm_does_not_move() -> None:
     dead = run({"dropout.probability": 1.0}, 0.1)
     assert not dead.effort.any()
     assert not dead.signals.any()
@@ -198,7 +198,7 @@ def test_where_everything_is_lost_the_arm_stands() -> None:
 
 
 def test_new_parameters_count_from_the_next_sample_on() -> None:
-    """Also where the robot was ideal so far: it goes on under the torque it has."""
+    """This also holds for a robot that was ideal before; it keeps its present torque."""
     robot = robot_of()
     effort = np.array([30.0, 10.0])
     robot.sense(0)
@@ -214,7 +214,7 @@ def test_new_parameters_count_from_the_next_sample_on() -> None:
 
 @pytest.mark.parametrize("lost", ["dropout.command_", "dropout."], ids=["commands", "measurements"])
 def test_brakes_hold_the_arm_while_commands_stay_out_for_too_long(lost: str) -> None:
-    """Commands may stay out because they are lost, or because the controller has nothing to answer."""
+    """Commands may be missing because they are lost, or because the controller receives no measurement."""
     braked = run({"command.timeout": 0.05, f"{lost}time": 0.5, f"{lost}duration": 0.2}, 1.0)
     torque = np.abs(braked.effort).max(axis=1)
     # The last torque is held for the timeout, counted from the sample of the last command.
@@ -262,6 +262,6 @@ def test_the_limits_stand_after_the_drives() -> None:
         ("seed", -1),
     ],
 )
-def test_values_without_sense_are_refused(name: str, value: object) -> None:
+def test_invalid_values_are_refused(name: str, value: object) -> None:
     with pytest.raises(ParameterError, match=name):
         resolve(simulator_schema, {name: value}, 2)

@@ -36,7 +36,7 @@ def test_without_error_u_f_is_its_limit_in_the_direction_of_the_velocity(e: floa
 def test_u_f_is_limited_and_untouched_below_the_limit(e: float, de: float) -> None:
     _, _, h = DUAL_TERMINAL.evaluate(e, de, 0.0, P)
     u_f = (h - K2 * de - K1 * 3.0 * e * e * de) / (K1 * ALPHA)
-    # |e|^(alpha-1) e' of (13), where it is a number; rounding of the cubic term in h.
+    # |e|^(alpha-1) e' of (13), if it is a number; the tolerance covers rounding of the cubic term in h.
     wanted = de / math.sqrt(abs(e)) if e != 0.0 else math.copysign(math.inf, de) * (de != 0.0 or math.nan)
     wanted = 0.0 if de == 0.0 else min(max(wanted, -U_S), U_S)
     assert u_f == pytest.approx(wanted, rel=1e-12, abs=1e-14 * (1.0 + 3.0 * e * e * abs(de)))

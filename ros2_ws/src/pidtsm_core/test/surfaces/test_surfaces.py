@@ -1,4 +1,4 @@
-"""What every sliding surface promises."""
+"""Properties of every sliding surface."""
 
 import math
 
@@ -28,7 +28,7 @@ def evaluate(surface: Surface, e: float, de: float, integral: float, p: Array) -
 @PROPERTY
 @given(e=AWAY_FROM_ZERO, de=AWAY_FROM_ZERO, dde=st.floats(-10.0, 10.0), integral=st.floats(-2.0, 2.0))
 def test_g_and_h_give_the_derivative_of_s(surface: Surface, e: float, de: float, dde: float, integral: float) -> None:
-    p = packed(surface, u_s=1e9)  # A limited derivative is not the derivative.
+    p = packed(surface, u_s=1e9)  # With a low limit, h would not be the derivative.
 
     def s_at(t: float) -> float:
         return evaluate(
