@@ -217,21 +217,21 @@ def test_stale_commands_are_counted_and_logged_once_and_so_are_the_stops_they_le
 def test_in_realtime_a_further_command_for_a_joint_state_takes_the_place_of_the_one_before(testbed: Testbed) -> None:
     truth: list[JointState] = []
     testbed.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 100)
-    arm = Arm(testbed, "command.timeout:=1.0")
+    arm = Arm(testbed, "command.timeout:=3.0")
     testbed.spin_until(lambda: arm.states and arm.commands.get_subscription_count(), "a joint state")
     answered = arm.states[-1:]
 
     def went_on(since: int) -> bool:
-        return len(truth) > since + 100
+        return len(truth) > since + 250
 
     arm.answers = lambda states: answered[0]
     for effort in ([40.0, 5.0], [20.0, -5.0]):
         arm.effort = effort
-        # It counts as a command for command.timeout, too.
+        # It counts as a command for command.timeout, too: all of them take 4 s.
         for _ in range(8):
             arm.command()
             count = len(truth)
-            testbed.spin_until(partial(went_on, count), "a tenth of a second")
+            testbed.spin_until(partial(went_on, count), "a quarter of a second")
         assert list(truth[-1].effort) == effort
     assert "brakes" not in arm.process.log.read_text()
 
