@@ -59,7 +59,8 @@ def reproduce(*words: str, cwd: Path) -> "subprocess.Popen[str]":
 
 
 def finished(folder: Path) -> dict[str, float]:
-    return {file.parent.name: file.stat().st_mtime for file in folder.glob("all/runs/*/metrics.json")}
+    files = folder.glob("all/runs/*/metrics.json")
+    return {file.parent.name: file.stat().st_mtime for file in files if file.parent.suffix != ".unfinished"}
 
 
 def descendants(pid: int) -> set[int]:
