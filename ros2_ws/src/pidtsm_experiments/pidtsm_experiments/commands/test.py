@@ -14,7 +14,7 @@ _CHECKS = (
 )
 _COMPILE = "import nursery_preload; from pidtsm_core.rollout import rollout; rollout({}, 0.1)"
 """Run beside the checks: once, and not in each process of the tests at the same time."""
-# The tests of a file share nodes, so they stay together..
+# The tests of a file share nodes, so they stay together.
 _TESTS = ("pytest", "--numprocesses", "2", "--dist", "loadfile", "--no-loadscope-reorder")
 
 
