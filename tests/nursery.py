@@ -18,12 +18,15 @@ from unittest.mock import patch
 
 from pidtsm_experiments.runs.runner import Process
 
-_FORKED = multiprocessing.get_context("forkserver")
-_FORKED.set_forkserver_preload(["nursery_preload"])
-if multiprocessing.parent_process() is not None:  # It has imported everything itself, see `forked_runs`.
-    _FORKED = multiprocessing.get_context("fork")  # type: ignore[assignment]
+_NURSERY = multiprocessing.get_context("forkserver")
+_NURSERY.set_forkserver_preload(["nursery_preload"])
 _PR_SET_PDEATHSIG = 1
 _FOLDER = str(Path(__file__).parent)
+
+
+def _context() -> Any:
+    """How to fork: a process that was forked itself has imported everything already, see `forked_runs`."""
+    return _NURSERY if multiprocessing.parent_process() is None else multiprocessing.get_context("fork")
 
 
 class NurseryProcess(Process):
@@ -33,8 +36,9 @@ class NurseryProcess(Process):
         self.name, self.log = name, log
         log.touch()
         words = [name, "--ros-args", *arguments]
-        reader, writer = _FORKED.Pipe(duplex=False) if name == "recorder" else (None, None)
-        process = _FORKED.Process(target=_become, args=(words, dict(environment), log, writer))
+        context = _context()
+        reader, writer = context.Pipe(duplex=False) if name == "recorder" else (None, None)
+        process = context.Process(target=_become, args=(words, dict(environment), log, writer))
         self.process = _Popen(process, reader)  # type: ignore[assignment]
         for end in filter(None, (reader, writer)):
             end.close()
