@@ -1,4 +1,4 @@
-"""How long joint states have stayed out."""
+"""Detection of missing joint states."""
 
 import time
 

@@ -1,5 +1,9 @@
-"""The package's nodes in the test's process, in a domain of their own, with a node that stands for the rest."""
+"""The package's nodes in the test's process, with a node in the place of all others.
 
+Domain and namespace are their own: a node that becomes active must command no arm.
+"""
+
+import secrets
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -19,7 +23,9 @@ class Graph:
     """A node under test and a stranger, spun together."""
 
     def __init__(self, make_node: Callable[[], ManagedNode], *parameters: str) -> None:
-        rclpy.init(args=["--ros-args", *(word for parameter in parameters for word in ("-p", parameter))])
+        namespace = f"__ns:=/test_{secrets.token_hex(4)}"
+        words = [word for parameter in parameters for word in ("-p", parameter)]
+        rclpy.init(args=["--ros-args", "-r", namespace, *words])
         self.node = make_node()
         self.stranger = Node("stranger")
         self._executor = SingleThreadedExecutor()

@@ -1,4 +1,4 @@
-"""What the controller node wants before it becomes active, and what is left of it afterwards."""
+"""When the controller node becomes active, why it refuses to, and its topics after clean-up."""
 
 from collections.abc import Callable
 from typing import Any
@@ -41,23 +41,32 @@ def test_it_declares_every_parameter_of_its_schema(graph: Callable[..., Any]) ->
     assert all(node.get_parameter(name).value is not None for name in node.values)
 
 
-def test_without_a_joint_state_it_does_not_become_active(graph: Callable[..., Any]) -> None:
+def test_without_a_joint_state_it_does_not_become_active(
+    graph: Callable[..., Any], capfd: pytest.CaptureFixture[str]
+) -> None:
     node = graph(ControllerNode, LOCKSTEP).node
     assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
     assert node.refusal() == "no joint state received yet"
     assert node.trigger_activate() == TransitionCallbackReturn.FAILURE
     assert not node.active
+    assert "not activated: no joint state received yet" in capfd.readouterr().err
 
 
-@pytest.mark.parametrize(("desired", "refusal"), [(0.4, "joint1 is 0.2 rad from its reference"), (0.21, "")])
-def test_it_becomes_active_only_near_its_reference(graph: Callable[..., Any], desired: float, refusal: str) -> None:
+REFUSAL = "joint1 is 0.2 rad from its reference (activation.distance 0.1)"
+
+
+@pytest.mark.parametrize(("desired", "refusal"), [(0.4, REFUSAL), (0.21, "")])
+def test_it_becomes_active_only_near_its_reference(
+    graph: Callable[..., Any], capfd: pytest.CaptureFixture[str], desired: float, refusal: str
+) -> None:
     made = graph(ControllerNode, LOCKSTEP, "activation.distance:=0.1")
     node, arm = made.node, Arm(made, [0.2, -0.1], [desired, -0.1])
     assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
-    made.until(lambda: node.refusal().startswith(refusal) and "no " not in node.refusal(), arm.send)
+    made.until(lambda: node.refusal() == refusal, arm.send)
     expected = TransitionCallbackReturn.FAILURE if refusal else TransitionCallbackReturn.SUCCESS
     assert node.trigger_activate() == expected
     assert node.active is not bool(refusal)
+    assert (f"not activated: {refusal}" in capfd.readouterr().err) is bool(refusal)
 
 
 def test_in_realtime_an_old_joint_state_does_not_activate_it(graph: Callable[..., Any]) -> None:

@@ -1,4 +1,4 @@
-"""Brakes that flutter are logged once; what the log says in the end is how they are."""
+"""Frequent changes of the brakes are logged once, and the last log line shows their final state."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""Brakes that may open and close a thousand times per second, and the few changes of them that are logged."""
+"""Which changes of the brakes are logged: they may open and close a thousand times per second."""
 
 import time
 
@@ -21,7 +21,7 @@ class BrakeLog:
         self._changed = 0.0
 
     def changes(self, engaged: bool) -> bool:
-        """Take the state of the brakes; whether the log should say that it is now this one."""
+        """Take the state of the brakes at this sample; whether to log it."""
         if engaged == self.engaged == self._logged:
             return False
         now = time.monotonic()

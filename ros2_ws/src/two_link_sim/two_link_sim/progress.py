@@ -1,4 +1,4 @@
-"""What the simulator node remembers from sample to sample, and while it waits for other nodes."""
+"""State that the simulator node keeps between samples, and while it waits for other nodes."""
 
 import time
 from dataclasses import dataclass, field
@@ -41,7 +41,7 @@ class Commands:
 
 
 class Waiting:
-    """Waiting for other nodes, and how often the log tells of it."""
+    """Waiting for other nodes, and when to log it."""
 
     def __init__(self) -> None:
         self._reminded = time.monotonic()
