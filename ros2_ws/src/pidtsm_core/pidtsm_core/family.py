@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -79,9 +80,10 @@ def dispatch(functions: Iterable[Callable[..., _Result]]) -> Callable[..., _Resu
             beyond the last counts as the last.
     """
     first, *others = functions
+    inlined_closure = partial(inlined, cache=False)
     if not others:
 
-        @inlined
+        @inlined_closure
         def last(_index: int, *arguments: Any) -> _Result:
             return first(*arguments)
 
@@ -89,7 +91,7 @@ def dispatch(functions: Iterable[Callable[..., _Result]]) -> Callable[..., _Resu
 
     rest = dispatch(others)
 
-    @inlined
+    @inlined_closure
     def call(index: int, *arguments: Any) -> _Result:
         return first(*arguments) if index == 0 else rest(index - 1, *arguments)
 

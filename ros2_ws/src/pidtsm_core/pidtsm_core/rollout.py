@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.control import Controller, ControllerConfig, ControllerState, controller_schema, step
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.joints import JointOrder
@@ -101,7 +101,7 @@ class _Loop(NamedTuple):
     period: int  # ns
 
 
-@njit
+@inlined
 def _keep(samples: _Samples, start: int, stop: int, controller: ControllerState) -> None:
     """Fill the rows from `start` to before `stop` with the last result of the controller."""
     y, last = controller.signals, controller.status
@@ -113,7 +113,7 @@ def _keep(samples: _Samples, start: int, stop: int, controller: ControllerState)
             samples.status[k, i] = last[i]
 
 
-@njit
+@inlined
 def _observe(loop: _Loop, samples: _Samples, k: int, elapsed: float) -> None:
     """Record the motion of the arm at sample k, and the desired motion `elapsed` (s) after the reference began."""
     arm = loop.robot.arm
@@ -123,7 +123,7 @@ def _observe(loop: _Loop, samples: _Samples, k: int, elapsed: float) -> None:
         samples.velocity[k, j] = arm.derivatives[0, j]
 
 
-@njit
+@inlined
 def _refer(loop: _Loop, desired: Array) -> None:
     """Pass a reference to the controller; `desired` is in the order of the trajectory, shape (3, joints)."""
     reference = loop.state.reference
@@ -132,7 +132,7 @@ def _refer(loop: _Loop, desired: Array) -> None:
             reference[i, j] = desired[i, loop.places[1, j]]
 
 
-@njit
+@inlined
 def _answer(loop: _Loop, sample: int, referred: int, measured: Array, derivatives: Array, applied: Array) -> None:
     """Run one step of the controller; its command is in ``loop.state.torque``, in the order of the simulator.
 

@@ -6,7 +6,7 @@ no step.
 
 import math
 
-from pidtsm_core.compiled import njit, outlined
+from pidtsm_core.compiled import inlined, outlined
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
 from pidtsm_core.laws import command
 from pidtsm_core.parameters import Array
@@ -27,7 +27,7 @@ _HOPELESS = 2.0
 _ABSURD = 1e4  # rad/s^2; a larger correction comes from a singular law
 
 
-@njit
+@inlined
 def choose(config: ControllerConfig, state: ControllerState, stamp: int, reference_stamp: int) -> None:
     """Choose between the reference and a held position, and write the desired motion at the sample.
 
@@ -59,7 +59,7 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
     write_desired(state, stamp)
 
 
-@njit
+@inlined
 def write_desired(state: ControllerState, stamp: int) -> None:
     """Write the reference or the held position, plus the way, at `stamp` (ns) to ``state.desired``."""
     write_base(state, state.desired)
@@ -106,7 +106,7 @@ def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int) -
             state.desired[i, j] = start[i, j]
 
 
-@njit
+@inlined
 def _plan_rest(state: ControllerState, start: Array, duration: float) -> None:
     """Plan a stop from `start` (q, q', q'', shape (3, joints)) in `duration` (s): its end position and the way."""
     for j in range(start.shape[1]):
@@ -121,7 +121,7 @@ def _plan_rest(state: ControllerState, start: Array, duration: float) -> None:
         state.way[0, j] -= state.held[0, j]
 
 
-@njit
+@inlined
 def write_base(state: ControllerState, motion: Array) -> None:
     """Write the reference at the sample, or the held position, to `motion`, shape (3, joints)."""
     follows, age = state.status[Status.MODE] == Mode.FOLLOWING, state.clock[Clock.REFERENCE_AGE]
@@ -134,7 +134,7 @@ def write_base(state: ControllerState, motion: Array) -> None:
             motion[i, j] = source[i, j]
 
 
-@njit
+@inlined
 def _end_way(state: ControllerState) -> None:
     state.way_duration[0] = 0.0
     state.clock[Clock.ADAPTATION] = Adaptation.NORMAL
@@ -164,7 +164,7 @@ def _begin_way(config: ControllerConfig, state: ControllerState, start: Array, s
     return excess
 
 
-@njit
+@inlined
 def _duration(config: ControllerConfig, state: ControllerState, difference: Array, rest: Array) -> tuple[float, float]:
     """Shortest duration of the way (s) with an `_excess` of at most 1, else with the least; and the excess."""
     duration = best = max(config.blend, _SHORTEST_WAY)
@@ -180,7 +180,7 @@ def _duration(config: ControllerConfig, state: ControllerState, difference: Arra
     return best, least
 
 
-@njit
+@inlined
 def _excess(config: ControllerConfig, state: ControllerState, duration: float) -> float:
     """The largest effort or effort rate along ``state.way``, by the model, as a multiple of what the way may use.
 

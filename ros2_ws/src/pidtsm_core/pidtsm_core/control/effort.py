@@ -2,7 +2,7 @@
 
 import math
 
-from pidtsm_core.compiled import njit, outlined
+from pidtsm_core.compiled import inlined, outlined
 from pidtsm_core.control.state import ControllerConfig, ControllerState
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import inverse_dynamics
@@ -23,7 +23,7 @@ def carry(config: ControllerConfig, state: ControllerState, q: Array) -> None:
     inverse_dynamics(config.robot, q, state.accelerations[0], state.accelerations, config.model, efforts)
 
 
-@njit
+@inlined
 def limit_effort(config: ControllerConfig, state: ControllerState) -> None:
     """Limit the efforts; an effort that is not finite becomes 0."""
     y = state.signals

@@ -1,6 +1,6 @@
 """Detection of implausible measurements: a single sample that is far off must not move the arm."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
 from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Signal
@@ -11,7 +11,7 @@ TOLERATED = 5
 """Number of consecutive implausible measurements that are replaced; with one more, the measurement is accepted."""
 
 
-@njit
+@inlined
 def doubt(config: ControllerConfig, state: ControllerState, dt: float) -> int:
     """Replace implausible measurements with the position that the estimates predict dt (s) after the last sample.
 
@@ -39,7 +39,7 @@ def doubt(config: ControllerConfig, state: ControllerState, dt: float) -> int:
     return 0
 
 
-@njit
+@inlined
 def _off(config: ControllerConfig, y: Array, measured: Array, j: int, dt: float) -> bool:
     off = abs(measured[j] - y[Signal.POSITION, j] - dt * y[Signal.VELOCITY, j])
     return off > _SLACK + config.plausible_velocity[j] * dt

@@ -2,7 +2,7 @@
 
 import math
 
-from pidtsm_core.compiled import njit, outlined
+from pidtsm_core.compiled import inlined, outlined
 from pidtsm_core.control.desired import come_to_rest, write_desired
 from pidtsm_core.control.effort import carry, limit_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Hold
@@ -78,7 +78,7 @@ def leave(config: ControllerConfig, state: ControllerState) -> None:
     limit_effort(config, state)
 
 
-@njit
+@inlined
 def _damp(config: ControllerConfig, state: ControllerState) -> None:
     """Compute gravity compensation, if configured, minus damping."""
     y = state.signals
@@ -88,7 +88,7 @@ def _damp(config: ControllerConfig, state: ControllerState) -> None:
     limit_effort(config, state)
 
 
-@njit
+@inlined
 def _learn(config: ControllerConfig, state: ControllerState) -> None:
     """Store what the law has learnt: the effort that it adds to that of the model without any error."""
     y, scratch = state.signals, state.scratch
@@ -107,7 +107,7 @@ def _learn(config: ControllerConfig, state: ControllerState) -> None:
         state.hold[Hold.LEARNT, j] = min(max(learnt, -most), most) if math.isfinite(learnt) else 0.0
 
 
-@njit
+@inlined
 def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
     """Start a desired motion from the present motion of the arm to rest."""
     y = state.signals
@@ -126,7 +126,7 @@ def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None
     state.clock[Clock.HELD] = _HOLDS
 
 
-@njit
+@inlined
 def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
     """Control the position on the way to rest and at rest, with an integral and all poles at the bandwidth."""
     y, hold, clock, w = state.signals, state.hold, state.clock, config.hold_bandwidth
@@ -153,7 +153,7 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
             hold[Hold.INTEGRAL, j] += dt * (state.measured[j] - state.desired[0, j])
 
 
-@njit
+@inlined
 def _go_gently(config: ControllerConfig, state: ControllerState, now: int) -> None:
     """Limit the change of the effort since the last command, so that it causes no jolt; `now` is in ns."""
     efforts = state.signals[Signal.EFFORT]
@@ -163,7 +163,7 @@ def _go_gently(config: ControllerConfig, state: ControllerState, now: int) -> No
         efforts[j] = min(max(efforts[j], state.sent[j] - change), state.sent[j] + change)
 
 
-@njit
+@inlined
 def _follow_blindly(config: ControllerConfig, state: ControllerState) -> None:
     """Compute the effort of the desired motion from the model and from what was learnt beyond it."""
     w, efforts = config.hold_bandwidth, state.signals[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
@@ -175,7 +175,7 @@ def _follow_blindly(config: ControllerConfig, state: ControllerState) -> None:
         efforts[1, j] += state.hold[Hold.LEARNT, j]
 
 
-@njit
+@inlined
 def _engage_brakes(config: ControllerConfig, state: ControllerState) -> None:
     """Engage the brakes once the arm has come to rest; they stay engaged until the fault is reset."""
     still = state.way_duration[0] == 0.0

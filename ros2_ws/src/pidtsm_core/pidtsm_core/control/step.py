@@ -20,7 +20,7 @@ _LONGEST_BEHIND = NANOSECONDS // 2
 """ns; if the delay persists longer, the limit is too tight for the arm: a fault, which suspends the limit."""
 
 
-@njit
+@inlined
 def step(config: ControllerConfig, state: ControllerState, stamp: int, reference_stamp: int, truth: Array) -> None:
     """Respond to the joint state in ``state.measured``; the result is in ``state.signals`` and ``state.status``.
 
@@ -76,7 +76,7 @@ def stop_after(state_stop: int, period: int) -> int:
     return max(state_stop, _PERIODS_TO_STOP * period)
 
 
-@njit
+@inlined
 def _watch_gaps(config: ControllerConfig, state: ControllerState, period: int) -> None:
     """Count a joint state that is late, `period` (ns) after the last one, and stop if the gap was too long."""
     clock = state.clock
@@ -88,7 +88,7 @@ def _watch_gaps(config: ControllerConfig, state: ControllerState, period: int) -
     clock[Clock.PERIOD] = track_period(clock[Clock.PERIOD], period)
 
 
-@njit
+@inlined
 def _doubt(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Stop if a joint has too many implausible measurements, and restart the estimates from them."""
     joint = doubt(config, state, dt)
@@ -106,7 +106,7 @@ def _believe(state: ControllerState) -> None:
     hold_elsewhere(state)
 
 
-@njit
+@inlined
 def _count(state: ControllerState) -> None:
     """Count the step if an effort is at a limit."""
     limited = 0
@@ -129,7 +129,7 @@ def stop(state: ControllerState, fault: int, joint: int) -> None:
         status[Status.MODE] = Mode.STOPPED
 
 
-@njit
+@inlined
 def hold_elsewhere(state: ControllerState) -> None:
     """Because a stopped arm that is held may have moved, hold it at its new position."""
     if state.clock[Clock.HELD]:
@@ -314,7 +314,7 @@ def leave_now(floats: Array, integers: Integers, effort: Array, signals: Array) 
     _copy_result(state, effort, signals)
 
 
-@njit
+@inlined
 def _copy_result(state: ControllerState, effort: Array, signals: Array) -> tuple[int, int, int, int]:
     """Copy the result to the arrays of the caller."""
     y, status = state.signals, state.status

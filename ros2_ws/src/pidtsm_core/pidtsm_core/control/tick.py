@@ -23,7 +23,7 @@ def _held_back(config: ControllerConfig, state: ControllerState, joint: int) -> 
     return config.feeds_back and abs(state.applied[joint] - y[Signal.EFFORT, joint]) > allowed
 
 
-@njit
+@inlined
 def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Advance the states of the law over dt (s) with the values of the last tick, eqs. (10), (25), (27)."""
     y = state.signals
@@ -42,7 +42,7 @@ def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> Non
         )
 
 
-@njit
+@inlined
 def _command(config: ControllerConfig, state: ControllerState, desired: Array, dt: float) -> None:
     """Write the law's signals and accelerations, from the estimates."""
     y = state.signals
@@ -63,7 +63,7 @@ def _command(config: ControllerConfig, state: ControllerState, desired: Array, d
         state.accelerations[1, j] = a_cmd
 
 
-@njit
+@inlined
 def _actuate(config: ControllerConfig, state: ControllerState) -> None:
     """Convert the law's accelerations to efforts with the model; the outputs of a law without model are efforts."""
     y = state.signals

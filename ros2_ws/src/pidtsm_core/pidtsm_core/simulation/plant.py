@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float, joint_array
 from pidtsm_core.robots import ROBOT_NAME, ROBOTS, add_payload, forward_dynamics, robot_schema
@@ -86,7 +86,7 @@ class PlantState(NamedTuple):
     work: Array  # scratch, shape (8, joints)
 
 
-@njit
+@inlined
 def _acceleration(
     config: PlantConfig, model: Array, q: Array, dq: Array, effort: Array, net: Array, ddq: Array
 ) -> None:
