@@ -25,6 +25,9 @@ _KEPT_CACHES = 6
 # rollout.
 numba.config.LOOP_VECTORIZE = 0
 
+# Everything small is inlined anyway; more optimisation takes longer and makes nothing faster.
+numba.config.OPT = type(numba.config.OPT)(1)
+
 
 def _writable_root() -> Path:
     """The package's own folder for caches: below NUMBA_CACHE_DIR, the user's cache folder, or a temporary folder."""
