@@ -114,7 +114,7 @@ def bad_row(topic: str, what: str) -> Row:
 
 
 def no_message(topic: str) -> Row:
-    """Bytes that are no message."""
+    """Bytes that are not a message."""
 
     def inject(rig: ControllerRig) -> ControllerState:
         publisher = rig.joint_states if topic == "joint_states" else rig.references
@@ -208,9 +208,9 @@ ROWS = {
         node=LATEST,
     ),
     "`joint_states`: nan": bad_row("joint_states", "nan"),
-    "`joint_states`: no message": no_message("joint_states"),
+    "`joint_states`: bytes that are not a message": no_message("joint_states"),
     "`reference`: a joint missing": bad_row("reference", "a joint missing"),
-    "`reference`: no message": no_message("reference"),
+    "`reference`: bytes that are not a message": no_message("reference"),
     "`reference` lost for more than 100 ms": Row(
         lose_references,
         mode=HOLDING,
@@ -297,7 +297,7 @@ def bad_command(what: str) -> SimulatorRow:
 
 SIMULATOR_ROWS = {
     **{f"`joint_commands`: {what}": bad_command(what) for what in BAD},
-    "`joint_commands`: no message": SimulatorRow(
+    "`joint_commands`: bytes that are not a message": SimulatorRow(
         lambda rig: rig.commands.publish(bytes([0, 1, 0, 0, 7])), ("rejected joint_commands: ",), 1
     ),
     "a command for a joint state never sent": SimulatorRow(

@@ -66,7 +66,7 @@ _LOOP = (
     Parameter(
         "diagnostics.deadline",
         0.002,
-        "a longer period is a missed deadline; for 1 kHz (at lower rates the value grows with the nominal period)",
+        "a longer period is a missed deadline; value for 1 kHz, which grows with the nominal period at lower rates",
         "s",
         minimum=0.0,
         exclusive=True,
@@ -135,7 +135,7 @@ _TRAJECTORY = (
     Parameter(
         "clock",
         "realtime",
-        "realtime: the node skips joint states that it missed; "
+        "realtime: a node that falls behind skips joint states; "
         "lockstep: it answers every joint state, because the simulator waits for the answer",
         choices=("realtime", "lockstep"),
         read_only=True,
@@ -144,8 +144,9 @@ _TRAJECTORY = (
     Parameter(
         "start_tolerance",
         0.05,
-        "a commanded trajectory is rejected if the point due at its start is farther than this from the current "
-        "reference",
+        "a commanded trajectory is rejected if its last point that is already due is farther than this from the "
+        "current reference; if the clock of the joint states is set, and the arm is farther than this from the "
+        "reference, the node holds the arm where it is",
         "rad",
         minimum=0.0,
     ),

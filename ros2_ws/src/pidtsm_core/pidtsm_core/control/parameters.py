@@ -9,7 +9,11 @@ from pidtsm_core.robots import robot_schema
 
 LAW_NAME = Parameter("law.name", "piddtsm", "control law", choices=LAWS.names, read_only=True)
 ESTIMATOR_NAME = Parameter(
-    "estimator.name", "filtered_difference", "state estimator", choices=ESTIMATORS.names, read_only=True
+    "estimator.name",
+    "filtered_difference",
+    "state estimator; exact works in a rollout only, the node rejects it",
+    choices=ESTIMATORS.names,
+    read_only=True,
 )
 
 
@@ -59,8 +63,8 @@ _SAFETY = (
     Parameter(
         "watchdog.state_hold",
         0.002,
-        "a joint state counts as late if the gap before it is longer than both this and two nominal periods; the last "
-        "torque stays applied",
+        "a gap between joint states is counted on /diagnostics (late joint states) if it is longer than both this and "
+        "two nominal periods; the last torque stays applied",
         "s",
         minimum=0.0,
         exclusive=True,
@@ -77,8 +81,8 @@ _SAFETY = (
     Parameter(
         "watchdog.reference",
         0.1,
-        "largest age of a reference, or time ahead of the joint states. Beyond it the controller holds its position "
-        "until a reference arrives that is at most half as old",
+        "largest difference between the stamps of the reference and of the joint state. Beyond it the controller holds "
+        "its position until a reference arrives with at most half this difference",
         "s",
         minimum=0.0,
         exclusive=True,
@@ -86,8 +90,9 @@ _SAFETY = (
     Parameter(
         "plausibility.velocity",
         20.0,
-        "velocity that limits plausible measurements: one that is farther from the estimate than this velocity allows "
-        "is implausible. Up to five in a row are replaced with the estimate, more are a fault; 0: no check",
+        "a measurement is implausible if it is farther from the estimate than the arm can have moved at this velocity "
+        "since the last one, plus 0.01 rad. Up to five in a row are replaced with the estimate, more are a fault; "
+        "0: no check",
         "rad/s",
         minimum=0.0,
         per_joint=True,

@@ -4,7 +4,7 @@ from pidtsm_core.laws.sliding_mode import compose
 
 DTSM = compose(
     "dtsm",
-    "dual terminal sliding mode, the article's comparator [10]",
+    "dual terminal sliding mode, a comparator of the article (its reference [10])",
     surface="dual_terminal",
     manifold="none",
     reaching="adaptive_continuous",

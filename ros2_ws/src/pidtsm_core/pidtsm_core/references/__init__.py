@@ -49,8 +49,14 @@ def reference_joints(settings: Mapping[str, object]) -> int:
 _EVENTS = (
     Parameter("jump.position", 0.0, "step of the reference's position at jump.time", "rad", per_joint=True),
     Parameter("jump.time", 0.0, "time of the jump, from the start of the reference", "s", minimum=0.0),
-    Parameter("dropout.time", 0.0, "time after their start from which references are missing", "s", minimum=0.0),
-    Parameter("dropout.duration", 0.0, "how long references are missing; 0: no dropout", "s", minimum=0.0),
+    Parameter(
+        "dropout.time",
+        0.0,
+        "time from the start of the reference at which a dropout of all references begins",
+        "s",
+        minimum=0.0,
+    ),
+    Parameter("dropout.duration", 0.0, "how long all references are missing; 0: no dropout", "s", minimum=0.0),
 )
 
 

@@ -25,7 +25,7 @@ from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 
 PAGE = Path(__file__).parents[5] / "docs" / "faults.md"
-BYTES = ["`joint_states`: no message", "`reference`: no message"]
+BYTES = ["`joint_states`: bytes that are not a message", "`reference`: bytes that are not a message"]
 """Rows of the page about messages that cannot be deserialized; tests/test_faults.py tests them."""
 NAMES = ["joint1", "joint2"]
 START = np.array([0.2, -0.1])
@@ -459,7 +459,7 @@ ROWS = {
         mode=Mode.HOLDING,
         log=("holding position: the reference is 0.101 s old", "following the reference"),
     ),
-    "`reference` late by about 100 ms": Row(
+    "`reference` delayed by about 100 ms": Row(
         refer_late,
         mode=Mode.HOLDING,
         log=("holding position: the reference is 0.10", "following the reference"),
