@@ -17,7 +17,7 @@ FILES = sorted(
 ELSEWHERE = re.compile(r"\b[Ss]ee `|[Aa]rguments as those of `")
 FAMILIES = ("surfaces", "reaching", "laws", "estimators", "disturbances", "robots", "references")
 FROM_LITERATURE = FAMILIES[:-1]
-SHARED = ("__init__", "base", "baseline", "none")
+SHARED = ("__init__", "address", "base", "baseline", "description", "errors", "none", "source", "tree_robot", "urdf")
 SOURCE = re.compile(r"eqs?\. \(|article|Remark \d|\b(19|20)\d\d\b")
 
 Definition = ast.FunctionDef | ast.AsyncFunctionDef
@@ -70,9 +70,15 @@ def raised(function: Definition) -> set[str]:
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(SOURCES)))
 def test_shapes_and_errors_are_told(file: Path) -> None:
     lacking = []
-    known = told_by_the_base(file)
-    for name, function, text in public_functions(ast.parse(file.read_text(encoding="utf-8"))):
-        if name not in known and takes_arrays(function) and not ("shape" in text or ELSEWHERE.search(text)):
+    known, module = told_by_the_base(file), ast.parse(file.read_text(encoding="utf-8"))
+    once = "Shapes in this module: " in (ast.get_docstring(module) or "")
+    for name, function, text in public_functions(module):
+        if (
+            not once
+            and name not in known
+            and takes_arrays(function)
+            and not ("shape" in text or ELSEWHERE.search(text))
+        ):
             lacking.append(f"{name}: no shapes")
         lacking += [f"{name}: raises {error} unsaid" for error in sorted(raised(function)) if error not in text]
     assert not lacking

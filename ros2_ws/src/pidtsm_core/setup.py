@@ -8,14 +8,24 @@ setup(
     name=NAME,
     version="0.2.0",
     packages=find_packages(exclude=["test"]),
-    package_data={NAME: ["py.typed", "scenarios/*.yaml", "params/*.yaml"]},
+    package_data={NAME: ["py.typed", "scenarios/*.yaml", "params/*.yaml", "robots/arms/*.urdf", "robots/arms/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         # For `ros2 run ... --params-file`.
         (f"share/{NAME}/params", sorted(map(str, Path(NAME, "params").glob("*.yaml")))),
     ],
-    install_requires=["setuptools", "numpy", "numba", "joblib", "scipy", "pyyaml"],
+    install_requires=[
+        "setuptools",
+        "numpy",
+        "numba",
+        "joblib",
+        "scipy",
+        "pyyaml",
+        # mujoco-core is mujoco without its viewer.
+        "mujoco-core; python_version >= '3.11'",
+        "mujoco<4; python_version < '3.11'",
+    ],
     extras_require={"dask": ["dask[distributed]"], "test": ["pytest"]},
     zip_safe=True,
     maintainer="pidtsm maintainers",

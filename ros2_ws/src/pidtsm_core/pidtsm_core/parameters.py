@@ -118,7 +118,7 @@ class Parameter:
             if not isinstance(value, str):
                 raise self._error(value, "must be text")
             if self.choices and value not in self.choices:
-                raise self._error(value, f"must be {self.range_text()}{_did_you_mean(value, self.choices)}")
+                raise self._error(value, f"must be {self.range_text()}{did_you_mean(value, self.choices)}")
             return value
         if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
             raise self._error(value, "must be a number")
@@ -225,7 +225,7 @@ def _either(values: Sequence[str]) -> str:
 def unknown_parameter(name: str, known: Iterable[str]) -> str:
     """Error text for a parameter that does not exist."""
     known = sorted(known)
-    hint = _did_you_mean(name, known)
+    hint = did_you_mean(name, known)
     return f"unknown parameter {name}{hint or '; known: ' + ', '.join(known)}"
 
 
@@ -248,6 +248,7 @@ def joint_array(value: Value, joints: int) -> Array:
     return array
 
 
-def _did_you_mean(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """A hint at the known word next to an unknown one; empty if none is close."""
     close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.7)
     return f"; did you mean {close[0]}?" if close else ""

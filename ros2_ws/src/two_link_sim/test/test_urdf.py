@@ -10,6 +10,9 @@ import pytest
 from ament_index_python.packages import get_package_share_directory
 from numpy.typing import NDArray
 
+from pidtsm_core.parameters import resolve
+from pidtsm_core.robots import find_robot, robot_schema
+from pidtsm_core.robots.tree.layout import inertia_matrix, rows, set_inertia
 from pidtsm_core.robots.two_link import TWO_LINK, forward_dynamics, inverse_dynamics
 
 FOLDER = Path(get_package_share_directory("two_link_sim"), "urdf")
@@ -43,6 +46,27 @@ def motions() -> list[NDArray[np.float64]]:
     return list(np.random.default_rng(0).uniform(-3.0, 3.0, (20, 3, 2)))
 
 
+def closed_form() -> NDArray[np.float64]:
+    """Parameters with the Coriolis terms of Lagrange's equations."""
+    return TWO_LINK.pack_model({f"robot.{name}": v for name, v in {**DEFAULTS, "coriolis": "lagrange"}.items()})
+
+
+def test_the_urdf_read_as_data_has_the_dynamics_of_the_closed_form() -> None:
+    settings = {"robot.description": str(URDF), "robot.armature": [float(DEFAULTS["j1"]), float(DEFAULTS["j2"])]}
+    read = find_robot(settings)
+    tree = read.pack_model(resolve(robot_schema, settings, 2))
+    tree[:3] = 0.0, 0.0, -float(DEFAULTS["g"])
+    for row in rows(tree):  # The closed form has point masses.
+        set_inertia(row, inertia_matrix(row) - 1e-9 * np.eye(3))
+    effort, expected, acceleration = np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(2)
+    for q, dq, third in motions():
+        inverse_dynamics(q, dq, third[np.newaxis], closed_form(), expected)
+        read.dynamics.inverse_dynamics(q, dq, third[np.newaxis], tree, effort)
+        np.testing.assert_allclose(effort, expected, rtol=1e-12, atol=1e-12)
+        read.dynamics.forward_dynamics(q, dq, expected[0], tree, acceleration)
+        np.testing.assert_allclose(acceleration, third, rtol=1e-12, atol=1e-12)
+
+
 def test_dynamics_are_the_closed_form() -> None:
     """Inverse dynamics match RNEA, forward dynamics ABA; with `lagrange`, since (49) as printed is not physical."""
     pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio is not installed, see requirements/README.md")
@@ -50,7 +74,7 @@ def test_dynamics_are_the_closed_form() -> None:
     pinocchio.loadRotorParameters(model, str(SRDF), False)
     model.gravity.linear = np.array([0.0, 0.0, -float(DEFAULTS["g"])])
     data = model.createData()
-    packed = TWO_LINK.pack_model({f"robot.{name}": v for name, v in {**DEFAULTS, "coriolis": "lagrange"}.items()})
+    packed = closed_form()
 
     assert list(model.names)[1:] == list(TWO_LINK.joints)
     effort, acceleration = np.zeros((1, 2)), np.zeros(2)

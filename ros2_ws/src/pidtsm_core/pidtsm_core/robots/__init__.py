@@ -1,28 +1,108 @@
-"""Robot models: from acceleration to torque and back. One per file; `ROBOTS` contains the ones imported here."""
+"""Robot models: from acceleration to torque and back. One closed form per file; any other arm is read from a file."""
 
 from collections.abc import Mapping
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.family import Family, dispatch
-from pidtsm_core.parameters import Array, Parameter, chosen, prefixed
-from pidtsm_core.robots.base import Robot
+from pidtsm_core.parameters import Array, Parameter, ParameterError, prefixed
+from pidtsm_core.robots.address import forward_at, inverse_at
+from pidtsm_core.robots.base import Dynamics, Model, Robot
+from pidtsm_core.robots.errors import DescriptionError
+from pidtsm_core.robots.source import ARMS, read_source
+from pidtsm_core.robots.tree_robot import TreeRobot, tree_robot
 from pidtsm_core.robots.two_link import TWO_LINK
 
-__all__ = ["ROBOTS", "Robot", "add_payload", "forward_dynamics", "inverse_dynamics", "robot_joints", "robot_schema"]
+__all__ = [
+    "DESCRIPTION",
+    "NAMES",
+    "ROBOTS",
+    "DescriptionError",
+    "Dynamics",
+    "Model",
+    "Robot",
+    "TreeRobot",
+    "find_robot",
+    "forward_dynamics",
+    "inverse_dynamics",
+    "make_model",
+    "robot_joints",
+    "robot_schema",
+]
 
 ROBOTS: Family[Robot] = Family.of(Robot, globals())
+"""Robots with a closed form."""
 
-ROBOT_NAME = Parameter("robot.name", "two_link", "robot model", choices=ROBOTS.names, read_only=True)
+NAMES = (*ROBOTS.names, *ARMS)
+"""Names of the arms that come with the package."""
+
+_CLOSED_FORMS = tuple(dict.fromkeys(robot.dynamics for robot in ROBOTS.members))
+
+DESCRIPTION = Parameter(
+    "robot.description",
+    "two_link",
+    f"the arm: {', '.join(NAMES)}, or a URDF, xacro or MJCF: its path, its package:// URI or its text",
+    read_only=True,
+)
+_LOCKED = Parameter(
+    "robot.locked",
+    "",
+    "positions of joints of the description that do not move, such as those of a gripper: finger1=0.02 finger2=0.02; "
+    "the others are locked at zero, or at the limit next to it",
+    read_only=True,
+)
+
+
+def find_robot(settings: Mapping[str, object]) -> Robot:
+    """The robot ``robot.description``, with the joints ``joints``.
+
+    Raises:
+        ParameterError: the description cannot be used; the message contains the link or joint.
+    """
+    source = str(DESCRIPTION.check(settings.get(DESCRIPTION.name, DESCRIPTION.default), 1))
+    if source in ROBOTS.names:
+        return ROBOTS[source]
+    joints, locked = settings.get("joints"), str(settings.get(_LOCKED.name, ""))
+    chosen = tuple(str(joint) for joint in joints) if isinstance(joints, (list, tuple)) else None
+    try:
+        return tree_robot(*read_source(source), chosen, _positions(locked))
+    except DescriptionError as error:
+        raise ParameterError(f"{DESCRIPTION.name}: {error}", DESCRIPTION.name) from None
+
+
+def _positions(text: str) -> tuple[tuple[str, float], ...]:
+    """The positions in the text of `_LOCKED`."""
+    try:
+        pairs = [entry.split("=") for entry in text.replace(",", " ").split()]
+        return tuple((name, float(value)) for name, value in pairs)
+    except ValueError:
+        raise ParameterError(f"{_LOCKED.name}: {text!r} is not of the form JOINT=POSITION ...", _LOCKED.name) from None
+
+
+def make_model(robot: Robot, parameters: Array) -> Model:
+    """The model of a robot as compiled code reads it; `parameters` as `Robot.pack_model` returns them, shape (n,)."""
+    if robot.dynamics.addresses is None:
+        return Model(_CLOSED_FORMS.index(robot.dynamics), 0, 0, parameters)
+    return Model(len(_CLOSED_FORMS), *robot.dynamics.addresses(), parameters)
 
 
 def robot_joints(settings: Mapping[str, object]) -> int:
-    """Number of joints of the robot ``robot.name``."""
-    return len(ROBOTS[chosen(settings, ROBOT_NAME)].joints)
+    """Number of joints of the robot."""
+    return len(find_robot(settings).joints)
 
 
 def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Parameters of the group ``robot``, and those that depend on the robot: ``joints`` and ``limits.effort``."""
-    robot = ROBOTS[chosen(settings, ROBOT_NAME)]
+    """Parameters of the group ``robot``, and those that depend on the robot: ``joints`` and ``limits.effort``.
+
+    Raises:
+        ParameterError: see `find_robot`, or the description has no effort limit and `settings` have none either.
+    """
+    robot = find_robot(settings)
+    unlimited = [joint for joint, limit in zip(robot.joints, robot.effort_limit, strict=True) if limit == float("inf")]
+    if unlimited and "limits.effort" not in settings:
+        raise ParameterError(
+            f"limits.effort: the description has no effort limit of {', '.join(unlimited)}; set limits.effort",
+            "limits.effort",
+        )
     return (
         Parameter(
             "joints",
@@ -31,7 +111,8 @@ def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
             per_joint=True,
             read_only=True,
         ),
-        ROBOT_NAME,
+        DESCRIPTION,
+        *((_LOCKED,) if isinstance(robot, TreeRobot) else ()),
         *prefixed("robot", robot.parameters),
         Parameter(
             "limits.effort",
@@ -45,24 +126,24 @@ def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     )
 
 
-_inverse = dispatch(robot.inverse_dynamics for robot in ROBOTS.members)
-_forward = dispatch(robot.forward_dynamics for robot in ROBOTS.members)
-_add_payload = dispatch(robot.add_payload for robot in ROBOTS.members)
+_inverse = dispatch(kind.inverse_dynamics for kind in _CLOSED_FORMS)
+_forward = dispatch(kind.forward_dynamics for kind in _CLOSED_FORMS)
+_BY_ADDRESS = len(_CLOSED_FORMS)
 
 
 @njit
-def inverse_dynamics(index: int, q: Array, dq: Array, ddq: Array, p: Array, effort: Array) -> None:
-    """Efforts (N m) for each row of ddq: see `Robot.inverse_dynamics`; `index` is the robot's place in `ROBOTS`."""
-    _inverse(index, q, dq, ddq, p, effort)
+def inverse_dynamics(model: Model, q: Array, dq: Array, ddq: Array, effort: Array) -> None:
+    """Efforts (N m) for each row of ddq: see `Dynamics.inverse_dynamics`."""
+    if model.kind == _BY_ADDRESS:
+        inverse_at(model.inverse, q, dq, ddq, model.parameters, effort)
+    else:
+        _inverse(model.kind, q, dq, ddq, model.parameters, effort)
 
 
 @njit
-def forward_dynamics(index: int, q: Array, dq: Array, effort: Array, p: Array, ddq: Array) -> None:
-    """ddq (rad/s^2) under effort: see `Robot.forward_dynamics`; `index` is the robot's place in `ROBOTS`."""
-    _forward(index, q, dq, effort, p, ddq)
-
-
-@njit
-def add_payload(index: int, p: Array, mass: float, loaded: Array) -> None:
-    """Parameters with a payload: see `Robot.add_payload`; `index` is the robot's place in `ROBOTS`."""
-    _add_payload(index, p, mass, loaded)
+def forward_dynamics(model: Model, q: Array, dq: Array, effort: Array, ddq: Array) -> None:
+    """ddq (rad/s^2) under effort: see `Dynamics.forward_dynamics`."""
+    if model.kind == _BY_ADDRESS:
+        forward_at(model.forward, q, dq, effort, model.parameters, ddq)
+    else:
+        _forward(model.kind, q, dq, effort, model.parameters, ddq)

@@ -1,41 +1,76 @@
 """Interface of a robot model."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from pidtsm_core.family import Member
 from pidtsm_core.parameters import Array, Value, as_float
 
-Dynamics = Callable[[Array, Array, Array, Array, Array], None]
+
+@dataclass(frozen=True)
+class Dynamics:
+    """Compiled functions of a kind of robot model; `p` are the model's parameters, as `Robot.pack_model` returns them.
+
+    Attributes:
+        inverse_dynamics: ``(q, dq, ddq, p, effort)``; ddq has shape (n, joints), one acceleration per row; writes the
+            effort that causes row i at q, dq to row i of effort.
+        forward_dynamics: ``(q, dq, effort, p, ddq)``; writes ddq, shape (joints,).
+        energy: ``(q, dq, p)``; kinetic plus potential energy in J.
+        addresses: returns the addresses of inverse and forward dynamics, for `address`; None: compiled code contains
+            these functions.
+    """
+
+    inverse_dynamics: Callable[[Array, Array, Array, Array, Array], None]
+    forward_dynamics: Callable[[Array, Array, Array, Array, Array], None]
+    energy: Callable[[Array, Array, Array], float]
+    addresses: Callable[[], tuple[int, int]] | None = None
+
+
+class Model(NamedTuple):
+    """The model of a robot as compiled code reads it, for `inverse_dynamics` and `forward_dynamics`."""
+
+    kind: int  # place of its dynamics among those with a closed form; beyond the last: called by address
+    inverse: int  # address of the inverse dynamics
+    forward: int  # address of the forward dynamics
+    parameters: Array  # as `Robot.pack_model` returns them
 
 
 @dataclass(frozen=True)
 class Robot(Member):
     """A rigid manipulator, eq. (1): H(q) q'' + C(q, q') q' + G(q) = effort.
 
+    A joint that slides has m instead of rad, and N instead of N m.
+
     Attributes:
         joints: default names of its joints; they also define the number of joints.
-        effort_limit: default torque limits, N m, one per joint.
+        effort_limit: default effort limits, N m, one per joint; infinite if there is none.
         initial_position: default start position, rad, one value per joint.
+        half_range: half the distance between the position limits, rad, one value per joint; infinite if there are none.
         quantities: names of the parameters that are masses, inertias or lengths; the keys are ``mass``, ``inertia``
             and ``length``.
-        inverse_dynamics: compiled ``(q, dq, ddq, p, effort)``; ddq has shape (n, joints), one acceleration per row;
-            writes the effort (N m) that causes row i at q, dq to row i of effort.
-        forward_dynamics: compiled ``(q, dq, effort, p, ddq)``; writes ddq in rad/s^2, shape (joints,).
-        energy: compiled ``(q, dq, p)``; kinetic plus potential energy in J.
-        add_payload: compiled ``(p, mass, loaded)``; writes the parameters with `mass` kg added at the last link's end.
+        dynamics: its compiled functions.
+        load: writes a payload (kg) at the tool to packed parameters.
+        disturbance: name of the default disturbance of the simulated arm.
+        velocity_limit: default velocity limits, rad/s, one per joint; infinite if there is none; empty: no limits.
+        friction, damping: Coulomb and viscous friction, N m and N m s/rad, one per joint; the defaults of the simulated
+            arm and of the controller; empty: none.
     """
 
     joints: tuple[str, ...]
     effort_limit: tuple[float, ...]
     initial_position: tuple[float, ...]
+    half_range: tuple[float, ...]
     quantities: Mapping[str, tuple[str, ...]]
-    inverse_dynamics: Dynamics
-    forward_dynamics: Dynamics
-    energy: Callable[[Array, Array, Array], float]
-    add_payload: Callable[[Array, float, Array], None]
+    dynamics: Dynamics
+    load: Callable[[Array, float], None]
+    disturbance: str = "none"
+    velocity_limit: tuple[float, ...] = ()
+    friction: tuple[float, ...] = ()
+    damping: tuple[float, ...] = ()
 
     def pack_model(
         self, values: Mapping[str, Value], group: str = "robot", factors: Mapping[str, float] | None = None
@@ -58,3 +93,16 @@ class Robot(Member):
             else:
                 packed.append(as_float(value) * factor.get(parameter.name, 1.0))
         return np.array(packed)
+
+    def with_payload(self, model: Array, mass: float) -> Array:
+        """A copy of packed parameters, shape (parameters,), with `mass` (kg) added at the tool."""
+        loaded = model.copy()
+        self.load(loaded, mass)
+        return loaded
+
+    def joint_inertia(self, model: Array, q: Array) -> Array:  # noqa: ARG002
+        """Inertia that the effort of each joint accelerates at q (rad), 1 / (H^-1)_jj, shape (joints,), kg m^2.
+
+        Infinite for a closed form, whose rotors are so heavy that its friction is never stiff.
+        """
+        return np.full_like(q, math.inf)

@@ -6,17 +6,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pidtsm_core.parameters import Array, resolve
-from pidtsm_core.robots import ROBOTS, Robot, add_payload, forward_dynamics, inverse_dynamics, robot_schema
+from pidtsm_core.robots import NAMES, Robot, find_robot, forward_dynamics, inverse_dynamics, make_model, robot_schema
 from pidtsm_core.simulation.plant import Plant, plant_schema
 
 PROPERTY = settings(deadline=None, max_examples=50)
-EACH = pytest.mark.parametrize("robot", ROBOTS.members, ids=lambda r: r.name)
+ALL = [find_robot({"robot.description": name}) for name in NAMES]
+EACH = pytest.mark.parametrize("robot", ALL, ids=lambda r: r.name)
 SEEDS = st.integers(min_value=0, max_value=2**32 - 1)
 
 
 def options(robot: Robot, coriolis: str | None = None) -> dict[str, object]:
     """Settings that choose the robot, and its form of the Coriolis matrix if it has more than one."""
-    chosen: dict[str, object] = {"robot.name": robot.name}
+    chosen: dict[str, object] = {"robot.description": robot.name}
     if coriolis and any(p.name == "coriolis" for p in robot.parameters):
         chosen["robot.coriolis"] = coriolis
     return chosen
@@ -32,13 +33,13 @@ def forms(robot: Robot) -> list[str | None]:
 
 def torque(robot: Robot, q: Array, dq: Array, ddq: Array, p: Array) -> Array:
     effort = np.full((1, q.size), np.nan)
-    inverse_dynamics(ROBOTS.index(robot.name), q, dq, ddq[np.newaxis], p, effort)
+    inverse_dynamics(make_model(robot, p), q, dq, ddq[np.newaxis], effort)
     return effort[0]
 
 
 def acceleration(robot: Robot, q: Array, dq: Array, effort: Array, p: Array) -> Array:
     ddq = np.full(q.size, np.nan)
-    forward_dynamics(ROBOTS.index(robot.name), q, dq, effort, p, ddq)
+    forward_dynamics(make_model(robot, p), q, dq, effort, ddq)
     return ddq
 
 
@@ -95,7 +96,7 @@ def test_gravity_is_the_gradient_of_the_energy_at_rest(robot: Robot, seed: int) 
     rest = np.zeros(q.size)
     p = model(robot)
     gravity = torque(robot, q, rest, rest, p)
-    np.testing.assert_allclose(gradient(lambda x: robot.energy(x, rest, p), q), gravity, atol=1e-6)
+    np.testing.assert_allclose(gradient(lambda x: robot.dynamics.energy(x, rest, p), q), gravity, atol=1e-6)
 
 
 @EACH
@@ -104,7 +105,7 @@ def test_gravity_is_the_gradient_of_the_energy_at_rest(robot: Robot, seed: int) 
 def test_kinetic_energy_is_that_of_the_inertia(robot: Robot, seed: int) -> None:
     q, dq, _ = random_state(robot, seed)
     p = model(robot)
-    kinetic = robot.energy(q, dq, p) - robot.energy(q, np.zeros(q.size), p)
+    kinetic = robot.dynamics.energy(q, dq, p) - robot.dynamics.energy(q, np.zeros(q.size), p)
     assert kinetic == pytest.approx(0.5 * dq @ inertia(robot, q, dq, p) @ dq, rel=1e-9)
 
 
@@ -115,26 +116,31 @@ def test_energy_changes_by_the_power_of_the_torque(robot: Robot, seed: int) -> N
     q, dq, effort = random_state(robot, seed)
     p = model(robot, "lagrange")
     ddq = acceleration(robot, q, dq, effort, p)
-    rate = gradient(lambda x: robot.energy(x, dq, p), q) @ dq + gradient(lambda v: robot.energy(q, v, p), dq) @ ddq
+    rate = (
+        gradient(lambda x: robot.dynamics.energy(x, dq, p), q) @ dq
+        + gradient(lambda v: robot.dynamics.energy(q, v, p), dq) @ ddq
+    )
     assert rate == pytest.approx(dq @ effort, rel=1e-6, abs=1e-4)
 
 
 def free_motion(robot: Robot, coriolis: str | None) -> tuple[float, float]:
     """Largest change of the energy over 10 s without torque or disturbance, and the energy's scale, J."""
-    chosen = {**options(robot, coriolis), "disturbance.name": "none"}
+    chosen = {**options(robot, coriolis), "disturbance.name": "none", "friction.viscous": 0.0, "friction.coulomb": 0.0}
     plant = Plant(resolve(plant_schema, chosen, len(robot.joints)))
-    p = plant.config.model
+    p = plant.config.model.parameters
     effort = np.zeros(plant.joints)
     q, dq = plant.state.position, plant.state.derivatives[0]
     dq[:] = 1.0  # Some robots do not fall from rest.
-    start = robot.energy(q, dq, p)
+    start = robot.dynamics.energy(q, dq, p)
     worst = scale = 0.0
-    for k in range(10_000):
-        plant.step(effort, k * 0.001, 0.001)
+    # The arms without heavy rotors fall faster.
+    steps = 10_000 if np.isinf(robot.joint_inertia(p, q)).all() else 20_000
+    for k in range(steps):
+        plant.step(effort, k * 10.0 / steps, 10.0 / steps)
         if k % 20 == 19:
-            now = robot.energy(q, dq, p)
+            now = robot.dynamics.energy(q, dq, p)
             worst = max(worst, abs(now - start))
-            scale = max(scale, now - robot.energy(q, 0.0 * dq, p))
+            scale = max(scale, now - robot.dynamics.energy(q, 0.0 * dq, p))
     return worst, scale
 
 
@@ -145,7 +151,7 @@ def test_energy_is_conserved_without_torque(robot: Robot) -> None:
     assert worst < 1e-8 * scale
 
 
-@pytest.mark.parametrize("robot", [r for r in ROBOTS.members if "paper" in forms(r)], ids=lambda r: r.name)
+@pytest.mark.parametrize("robot", [r for r in ALL if "paper" in forms(r)], ids=lambda r: r.name)
 def test_the_printed_coriolis_matrix_does_not_conserve_energy(robot: Robot) -> None:
     worst, scale = free_motion(robot, "paper")
     assert worst > 1e-3 * scale
@@ -156,17 +162,13 @@ def test_the_printed_coriolis_matrix_does_not_conserve_energy(robot: Robot) -> N
 @given(seed=SEEDS, mass=st.floats(0.01, 10.0), more=st.floats(0.01, 10.0))
 def test_a_payload_adds_inertia_and_weight(robot: Robot, seed: int, mass: float, more: float) -> None:
     q, dq, _ = random_state(robot, seed)
-    number = ROBOTS.index(robot.name)
     p = model(robot)
     kept = p.copy()
-    same, loaded, twice, both = (np.full_like(p, np.nan) for _ in range(4))
-    add_payload(number, p, 0.0, same)
-    np.testing.assert_array_equal(same, p)
-    add_payload(number, p, mass, loaded)
+    np.testing.assert_array_equal(robot.with_payload(p, 0.0), p)
+    loaded = robot.with_payload(p, mass)
     np.testing.assert_array_equal(p, kept)
-    add_payload(number, loaded, more, twice)
-    add_payload(number, p, mass + more, both)
-    np.testing.assert_allclose(twice, both, rtol=1e-12)
+    twice, both = robot.with_payload(loaded, more), robot.with_payload(p, mass + more)
+    np.testing.assert_allclose(twice, both, rtol=1e-12, atol=1e-15)
     added = inertia(robot, q, dq, loaded) - inertia(robot, q, dq, p)
     assert np.linalg.eigvalsh(0.5 * (added + added.T)).min() > -1e-9
     assert np.trace(added) > 0.0

@@ -41,7 +41,7 @@ def matrices(q: Array, dq: Array, p: Array) -> tuple[Array, Array, Array]:
 
 def torque(q: object, dq: object, ddq: object, p: Array) -> Array:
     effort = np.zeros((1, 2))
-    TWO_LINK.inverse_dynamics(np.array(q), np.array(dq), np.array([ddq]), p, effort)
+    TWO_LINK.dynamics.inverse_dynamics(np.array(q), np.array(dq), np.array([ddq]), p, effort)
     return effort[0]
 
 
@@ -88,8 +88,7 @@ def test_the_defaults_are_those_of_the_article() -> None:
 
 
 def test_the_payload_adds_to_the_second_mass_only() -> None:
-    loaded = np.zeros(8)
-    TWO_LINK.add_payload(ARTICLE, 0.5, loaded)
+    loaded = TWO_LINK.with_payload(ARTICLE, 0.5)
     np.testing.assert_array_equal(loaded, [0.5, 2.0, 1.0, 0.85, 5.0, 5.0, 9.8, PAPER])
 
 

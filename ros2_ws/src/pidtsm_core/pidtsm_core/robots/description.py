@@ -1,0 +1,315 @@
+"""An arm as data: from URDF or MJCF to the flat array of `tree`, by MuJoCo's compiler."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pidtsm_core.parameters import Array
+from pidtsm_core.robots.errors import DescriptionError
+from pidtsm_core.robots.tree.layout import GRAVITY, Column, rotation, rows, set_inertia, size
+from pidtsm_core.robots.urdf import check_urdf, joint_limits, rotor_inertias, strip
+
+_SLIDE, _HINGE = 2, 3  # mjtJoint
+_CONNECT, _WELD, _COUPLE = 0, 1, 2  # mjtEq
+
+
+@dataclass(frozen=True)
+class Description:
+    """An arm as data; every array is in the order of `joints`.
+
+    Attributes:
+        joints: names of the movable joints.
+        tree: see `tree.layout`, shape (size(joints),).
+        slides: whether a joint is prismatic, shape (joints,).
+        lower, upper: position limits, shape (joints,), rad or m; infinite if there are none (a continuous joint).
+        velocity: velocity limits, shape (joints,), rad/s or m/s; infinite if there are none.
+        effort: effort limits, shape (joints,), N m or N; infinite if there are none.
+        damping: viscous friction, shape (joints,), N m s/rad or N s/m.
+        friction: Coulomb friction, shape (joints,), N m or N.
+        locked: positions of the joints that do not move, by name, rad or m.
+        tool_row: row of the tree of the link that carries the tool.
+        tool: origin of the tool frame in that link, shape (3,), m. The tool is the end of the chain of fixed links
+            behind the last joint, if that chain does not branch; otherwise the link behind the last joint.
+    """
+
+    joints: tuple[str, ...]
+    tree: Array
+    slides: NDArray[np.bool_]
+    lower: Array
+    upper: Array
+    velocity: Array
+    effort: Array
+    damping: Array
+    friction: Array
+    locked: Mapping[str, float]
+    tool_row: int
+    tool: Array
+
+
+@dataclass(frozen=True)
+class _Model:
+    """A compiled model, and what MuJoCo's compiler does not read from a URDF.
+
+    Attributes:
+        model: of type ``mujoco.MjModel``.
+        names: names of the joints.
+        limits: by joint of a URDF, the attributes of its element ``limit``.
+    """
+
+    model: Any
+    names: tuple[str, ...]
+    limits: Mapping[str, Mapping[str, float]]
+
+
+def read_description(
+    text: str, joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None
+) -> Description:
+    """Read an arm from the text of a URDF or MJCF.
+
+    Args:
+        text: the description; meshes need not exist.
+        joints: names of the movable joints in the order of all arrays; None: the chain from the base to the first link
+            with more than one moving child, or none.
+        locked: positions of other joints, rad or m; the joints that are neither in `joints` nor here are locked at
+            zero, or at the limit next to zero.
+
+    Raises:
+        DescriptionError: the text cannot be read, or describes nothing that `tree` can represent.
+    """
+    compiled = _compile(text)
+    chosen = _chain(compiled) if joints is None else tuple(joints)
+    _check_joints(compiled, chosen, locked or {})
+    return _Assembly(compiled, chosen, locked or {}).description()
+
+
+def _compile(text: str) -> _Model:
+    """Compile a description without its geometry."""
+    try:
+        root = ElementTree.fromstring(text)  # noqa: S314  A robot's own description; expat limits expansion.
+    except ElementTree.ParseError as error:
+        raise DescriptionError(f"the description is not XML: {error}") from None
+    if root.tag not in ("robot", "mujoco"):
+        raise DescriptionError(f"the description is neither URDF nor MJCF: its root element is <{root.tag}>")
+    limits: Mapping[str, Mapping[str, float]] = {}
+    rotors: Mapping[str, float] = {}
+    if root.tag == "robot":
+        check_urdf(root)
+        limits, rotors = joint_limits(root), rotor_inertias(root)
+        strip(root)
+    try:
+        import mujoco
+    except ImportError:
+        raise DescriptionError("reading a robot description needs MuJoCo: pip install mujoco") from None
+    try:
+        model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
+    except ValueError as error:
+        raise DescriptionError(_cause(str(error))) from None
+    names = tuple(model.joint(i).name for i in range(model.njnt))
+    for name, inertia in rotors.items():
+        if name in names:
+            model.dof_armature[model.joint(name).dofadr] = inertia
+    return _Model(model, names, limits)
+
+
+def _cause(message: str) -> str:
+    """An error of MuJoCo's compiler on one line, with the name of the link or joint in front."""
+    text = " ".join(message.split()).removeprefix("Error: ")
+    named = re.fullmatch(r"(.*?)[,;]? Element name '(.*)', id -?\d+.*", text)
+    return f"{named[2]}: {named[1]}" if named else f"the description cannot be read: {text}"
+
+
+def _chain(compiled: _Model) -> tuple[str, ...]:
+    """Movable joints from the base to the first link that has more than one moving child, or none."""
+    m = compiled.model
+    children: dict[int, list[int]] = {}
+    for body in range(1, m.nbody):
+        children.setdefault(int(m.body_parentid[body]), []).append(body)
+
+    def moving(body: int) -> list[int]:
+        """The next moving bodies."""
+        below = children.get(body, [])
+        return [b for child in below for b in ([child] if m.body_jntnum[child] else moving(child))]
+
+    body = 0
+    found: list[int] = []
+    while len(following := moving(body)) == 1:
+        body = following[0]
+        first = int(m.body_jntadr[body])
+        found += range(first, first + int(m.body_jntnum[body]))
+    return tuple(compiled.names[i] for i in found)
+
+
+def _check_joints(compiled: _Model, chosen: Sequence[str], locked: Mapping[str, float]) -> None:
+    """Check that the tree can represent the chosen joints."""
+    m, names = compiled.model, compiled.names
+    for i, name in enumerate(names):
+        if m.jnt_type[i] not in (_SLIDE, _HINGE):
+            raise DescriptionError(
+                f"joint {name or i} of link {m.body(m.jnt_bodyid[i]).name}: floating and ball joints are not supported"
+            )
+    for name in (*chosen, *locked):
+        if name not in names:
+            raise DescriptionError(f"there is no movable joint {name}; there are {', '.join(names) or 'none'}")
+    if not chosen:
+        raise DescriptionError("there is no chain of movable joints from the base; choose the joints")
+    for name in chosen:
+        if list(chosen).count(name) > 1:
+            raise DescriptionError(f"joint {name} is chosen twice")
+        if name in locked:
+            raise DescriptionError(f"joint {name} is both chosen and locked")
+    for i in range(m.neq):
+        joint = names[m.eq_obj1id[i]] if m.eq_type[i] == _COUPLE else ""
+        if joint in chosen:
+            other = names[m.eq_obj2id[i]] if m.eq_obj2id[i] >= 0 else "a constant"
+            raise DescriptionError(f"joint {joint} mimics {other}; choose joints without it")
+
+
+@dataclass(frozen=True)
+class _Placement:
+    """A frame on a link of the tree: row of that link (-1: the base), rotation, translation (m)."""
+
+    row: int
+    rotation: Array
+    translation: Array
+
+    def at(self, rotated: Array, translated: Array) -> "_Placement":
+        """A frame whose placement in this frame is known."""
+        return _Placement(self.row, self.rotation @ rotated, self.translation + self.rotation @ translated)
+
+
+class _Assembly:
+    """Turns a compiled model into a `Description`, body by body; MuJoCo lists parents before their children."""
+
+    def __init__(self, compiled: _Model, chosen: Sequence[str], locked: Mapping[str, float]) -> None:
+        self._compiled, self._chosen, self._given = compiled, tuple(chosen), locked
+        self._model = compiled.model
+        self._tree = np.zeros(size(len(chosen)))
+        self._rows = rows(self._tree)
+        self._tree[:GRAVITY] = self._model.opt.gravity
+        self._used: list[int] = []  # joint of the model in each row
+        self._locked: dict[str, float] = {}
+        self._bodies = [_Placement(-1, np.eye(3), np.zeros(3))]
+        self._inertias = np.zeros((len(chosen), 3, 3))
+        for body in range(1, self._model.nbody):
+            self._bodies.append(self._moved(body))
+            self._add_mass(body)
+        self._check_masses()
+        self._check_loops()
+        for row, inertia in zip(self._rows, self._inertias, strict=True):
+            set_inertia(row, inertia)
+
+    def _moved(self, body: int) -> _Placement:
+        """Placement of a body on the tree; adds the rows of its joints."""
+        m = self._model
+        here = self._bodies[int(m.body_parentid[body])].at(_rotation(m.body_quat[body]), m.body_pos[body])
+        for joint in range(m.body_jntadr[body], m.body_jntadr[body] + m.body_jntnum[body]):
+            if self._compiled.names[joint] in self._chosen:
+                here = self._add_row(joint, here)
+            else:
+                here = self._lock(joint, here)
+        return here
+
+    def _add_row(self, joint: int, here: _Placement) -> _Placement:
+        m = self._model
+        turned, slides = _onto(m.jnt_axis[joint]), m.jnt_type[joint] == _SLIDE
+        frame = here.at(turned, m.jnt_pos[joint])
+        row = self._rows[len(self._used)]
+        row[Column.SLIDES] = slides
+        row[Column.PARENT] = here.row
+        row[Column.PLACE] = self._chosen.index(self._compiled.names[joint])
+        rotation(row)[:] = frame.rotation
+        row[Column.TRANSLATION : Column.MASS] = frame.translation
+        row[Column.ARMATURE] = m.dof_armature[m.jnt_dofadr[joint]]
+        self._used.append(joint)
+        return _Placement(len(self._used) - 1, turned.T, -turned.T @ m.jnt_pos[joint])
+
+    def _lock(self, joint: int, here: _Placement) -> _Placement:
+        m, name = self._model, self._compiled.names[joint]
+        low, high = m.jnt_range[joint] if m.jnt_limited[joint] else (-math.inf, math.inf)
+        value = self._given.get(name, min(max(0.0, low), high))
+        self._locked[name] = value
+        if m.jnt_type[joint] == _SLIDE:
+            return here.at(np.eye(3), m.jnt_axis[joint] * value)
+        turned, c, s = _onto(m.jnt_axis[joint]), math.cos(value), math.sin(value)
+        spin = turned @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ turned.T
+        return here.at(spin, m.jnt_pos[joint] - spin @ m.jnt_pos[joint])
+
+    def _add_mass(self, body: int) -> None:
+        m, frame = self._model, self._bodies[body]
+        if frame.row < 0:
+            return
+        mass = m.body_mass[body]
+        principal = frame.at(_rotation(m.body_iquat[body]), m.body_ipos[body])
+        centre, axes = principal.translation, principal.rotation
+        self._rows[frame.row, Column.MASS] += mass
+        self._rows[frame.row, Column.MOMENT : Column.INERTIA] += mass * centre
+        about = axes @ np.diag(m.body_inertia[body]) @ axes.T
+        self._inertias[frame.row] += about + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+
+    def _check_masses(self) -> None:
+        for row, joint in zip(self._rows, self._used, strict=True):
+            if not row[Column.MASS] > 0.0:
+                link, name = self._model.body(self._model.jnt_bodyid[joint]).name, self._compiled.names[joint]
+                raise DescriptionError(f"link {link}, which joint {name} moves, has no mass: its inertial is missing")
+
+    def _check_loops(self) -> None:
+        m = self._model
+        for i in range(m.neq):
+            ends = self._bodies[m.eq_obj1id[i]].row, self._bodies[m.eq_obj2id[i]].row
+            if m.eq_type[i] in (_CONNECT, _WELD) and m.eq_active0[i] and ends[0] != ends[1]:
+                raise DescriptionError(f"constraint {m.eq(i).name or i} closes a loop, which is not supported")
+
+    def description(self) -> Description:
+        """The result, in the order of the chosen joints."""
+        m, names, tool = self._model, self._compiled.names, self._tool()
+        order = [names.index(name) for name in self._chosen]
+        dofs = m.jnt_dofadr[order]
+        limits = [self._compiled.limits.get(name, {}) for name in self._chosen]
+        bounded = m.jnt_limited[order].astype(bool)
+        forces = np.where(m.jnt_actfrclimited[order].astype(bool), m.jnt_actfrcrange[order, 1], math.inf)
+        return Description(
+            joints=self._chosen,
+            tree=self._tree,
+            slides=np.array(m.jnt_type[order] == _SLIDE),
+            lower=np.where(bounded, m.jnt_range[order, 0], -math.inf),
+            upper=np.where(bounded, m.jnt_range[order, 1], math.inf),
+            velocity=np.array([each.get("velocity") or math.inf for each in limits]),
+            effort=np.array([each.get("effort") or force for each, force in zip(limits, forces, strict=True)]),
+            damping=np.array(m.dof_damping[dofs]).reshape(-1),
+            friction=np.array(m.dof_frictionloss[dofs]).reshape(-1),
+            locked=self._locked,
+            tool_row=tool.row,
+            tool=tool.translation,
+        )
+
+    def _tool(self) -> _Placement:
+        m = self._model
+        body = int(m.jnt_bodyid[self._used[-1]])
+        while len(children := np.flatnonzero(m.body_parentid == body)) == 1 and m.body_jntnum[children[0]] == 0:
+            body = int(children[0])
+        return self._bodies[body]
+
+
+def _rotation(quaternion: Array) -> Array:
+    """Rotation matrix of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+def _onto(axis: Array) -> Array:
+    """A rotation whose third column is the unit vector `axis`."""
+    x = np.cross([1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0], axis)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(axis, x), axis])

@@ -1,0 +1,155 @@
+"""An arm whose model is data: read from a URDF or MJCF."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
+from typing import Any
+
+import numpy as np
+from numba import carray, cfunc
+
+from pidtsm_core.parameters import Array, Parameter, Value, joint_array
+from pidtsm_core.robots import tree
+from pidtsm_core.robots.address import SIGNATURE
+from pidtsm_core.robots.base import Dynamics, Robot
+from pidtsm_core.robots.description import Description, read_description
+from pidtsm_core.robots.tree.layout import Column, inertia_matrix, rows, set_inertia
+
+
+def _inverse_at(q: Any, dq: Any, ddq: Any, rows: int, joints: int, p: Any, length: int, effort: Any) -> None:
+    shape = (rows, joints)
+    tree.inverse_dynamics(
+        carray(q, joints), carray(dq, joints), carray(ddq, shape), carray(p, length), carray(effort, shape)
+    )
+
+
+def _forward_at(q: Any, dq: Any, effort: Any, _rows: int, joints: int, p: Any, length: int, ddq: Any) -> None:
+    tree.forward_dynamics(
+        carray(q, joints), carray(dq, joints), carray(effort, joints), carray(p, length), carray(ddq, joints)
+    )
+
+
+@cache
+def _addresses() -> tuple[int, int]:
+    """Addresses of the dynamics, compiled on the first call."""
+    inverse, forward = (cfunc(SIGNATURE, cache=True, error_model="numpy")(f) for f in (_inverse_at, _forward_at))
+    _KEPT.extend((inverse, forward))
+    return inverse.address, forward.address
+
+
+_KEPT: list[Any] = []
+"""The compiled functions, which must exist as long as their addresses are used."""
+
+TREE = Dynamics(tree.inverse_dynamics, tree.forward_dynamics, tree.energy, _addresses)
+
+_ARMATURE = "armature"
+
+
+@dataclass(frozen=True, eq=False)
+class TreeRobot(Robot):
+    """A robot whose model is a tree of joints.
+
+    Attributes:
+        description: the model, and what else its file contains.
+    """
+
+    description: Description | None = field(default=None, repr=False)
+
+    def pack_model(
+        self, values: Mapping[str, Value], group: str = "robot", factors: Mapping[str, float] | None = None
+    ) -> Array:
+        """The tree, with scratch of its own, see `tree.layout`.
+
+        Args:
+            values: parameter values by full name.
+            group: group of the parameters.
+            factors: by quantity: ``mass`` multiplies masses and inertias, as a density would; ``inertia`` the inertias
+                about the centres of mass, and the armature; ``length`` the distances of joints and centres of mass.
+        """
+        assert self.description is not None
+        packed = self.description.tree.copy()
+        armature = joint_array(values[f"{group}.{_ARMATURE}"], len(self.joints))
+        for row in rows(packed):
+            row[Column.ARMATURE] = armature[int(row[Column.PLACE])]
+            _scale(row, {"mass": 1.0, "inertia": 1.0, "length": 1.0, **(factors or {})})
+        return packed
+
+    def joint_inertia(self, model: Array, q: Array) -> Array:
+        """See `Robot.joint_inertia`."""
+        inertia = np.zeros((q.size, q.size))
+        tree.inertia_matrix(q, model, inertia)
+        return np.asarray(1.0 / np.diag(np.linalg.inv(inertia)))
+
+
+def _scale(row: Array, factors: Mapping[str, float]) -> None:
+    """Multiply the quantities of a link by their factors; factors of 1 change no bit."""
+    mass, inertia, length = factors["mass"], factors["inertia"], factors["length"]
+    if mass == inertia == length == 1.0:
+        return
+    weight, centre = row[Column.MASS], row[Column.MOMENT : Column.INERTIA] / row[Column.MASS]
+    about = inertia_matrix(row) - weight * _steiner(centre)
+    row[Column.MASS] = mass * weight
+    row[Column.MOMENT : Column.INERTIA] = mass * weight * length * centre
+    set_inertia(row, mass * (inertia * about + weight * _steiner(length * centre)))
+    row[Column.TRANSLATION : Column.MASS] *= length
+    row[Column.ARMATURE] *= inertia
+
+
+def _steiner(centre: Array) -> Array:
+    """Inertia of 1 kg at a point, about the origin, shape (3, 3), m^2."""
+    return np.asarray(centre @ centre * np.eye(3) - np.outer(centre, centre))
+
+
+def _add_load(description: Description, p: Array, mass: float) -> None:
+    """Add a point mass (kg) at the tool."""
+    row = rows(p)[description.tool_row]
+    row[Column.MASS] += mass
+    row[Column.MOMENT : Column.INERTIA] += mass * description.tool
+    set_inertia(row, inertia_matrix(row) + mass * _steiner(description.tool))
+
+
+@lru_cache(maxsize=64)
+def tree_robot(
+    name: str, text: str, joints: tuple[str, ...] | None = None, locked: tuple[tuple[str, float], ...] = ()
+) -> TreeRobot:
+    """The robot of a description.
+
+    Args:
+        name: name of the robot, for messages.
+        text: see `read_description`.
+        joints: likewise.
+        locked: likewise, as pairs.
+
+    Raises:
+        DescriptionError: see `read_description`.
+    """
+    found = read_description(text, joints, dict(locked))
+    half = 0.5 * (found.upper - found.lower)
+    armature = np.empty(len(found.joints))
+    for row in rows(found.tree):
+        armature[int(row[Column.PLACE])] = row[Column.ARMATURE]
+    return TreeRobot(
+        name=name,
+        summary=f"{len(found.joints)} joints, read from a description",
+        parameters=(
+            Parameter(
+                _ARMATURE,
+                tuple(armature.tolist()),
+                "inertia of the rotor as the joint sees it",
+                "kg m^2",
+                minimum=0.0,
+                per_joint=True,
+            ),
+        ),
+        joints=found.joints,
+        effort_limit=tuple(found.effort.tolist()),
+        initial_position=tuple(np.where(np.isfinite(half), found.lower + half, 0.0).tolist()),
+        half_range=tuple(half.tolist()),
+        quantities={},
+        dynamics=TREE,
+        load=lambda p, mass: _add_load(found, p, mass),
+        velocity_limit=tuple(found.velocity.tolist()),
+        friction=tuple(found.friction.tolist()),
+        damping=tuple(found.damping.tolist()),
+        description=found,
+    )

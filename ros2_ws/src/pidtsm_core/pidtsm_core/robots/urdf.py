@@ -1,0 +1,127 @@
+"""URDF before MuJoCo's compiler reads it: what the compiler reports without a name, or does not read at all."""
+
+import math
+from xml.etree.ElementTree import Element, SubElement
+
+from pidtsm_core.robots.errors import DescriptionError
+
+_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+_COMPILER = {
+    "fusestatic": "false",  # keeps the names of fixed links
+    "discardvisual": "true",
+    "balanceinertia": "false",  # an impossible inertia is an error
+    "strippath": "true",
+}
+
+
+def check_urdf(root: Element) -> None:
+    """Check names, types, the tree and masses.
+
+    Raises:
+        DescriptionError: with the link or joint.
+    """
+    for kind in ("link", "joint"):
+        names = [element.get("name") for element in root.findall(kind)]
+        for name in names:
+            if not name:
+                raise DescriptionError(f"a {kind} has no name")
+            if names.count(name) > 1:
+                raise DescriptionError(f"two {kind}s are called {name}")
+    for joint in root.findall("joint"):
+        _check_joint(joint)
+    _check_tree(root)
+    for link in root.findall("link"):
+        if (mass := link.find("inertial/mass")) is not None:
+            name = link.get("name")
+            if not 0.0 <= _number(mass.get("value", ""), f"link {name}: mass") < math.inf:
+                raise DescriptionError(f"link {name}: its mass is {mass.get('value')} kg")
+
+
+def _check_joint(joint: Element) -> None:
+    name, kind = joint.get("name"), joint.get("type")
+    if kind not in _TYPES:
+        raise DescriptionError(f"joint {name}: its type is {kind}, not {', '.join(_TYPES[:-1])} or {_TYPES[-1]}")
+    if kind == "revolute" and joint.find("limit") is None:
+        raise DescriptionError(f"joint {name}: a revolute joint needs a limit; one without limits is continuous")
+
+
+def _check_tree(root: Element) -> None:
+    """Check that the joints connect all links to a tree with one base."""
+    parents: dict[str, tuple[str, str]] = {}  # by link: its parent, and the joint between them
+    links = [link.attrib["name"] for link in root.findall("link")]
+    for joint in root.findall("joint"):
+        name = joint.attrib["name"]
+        parent, child = (_end(joint, kind) for kind in ("parent", "child"))
+        for end in (parent, child):
+            if end not in links:
+                raise DescriptionError(f"joint {name}: there is no link {end}")
+        if child in parents:
+            raise DescriptionError(f"link {child} is the child of two joints, {parents[child][1]} and {name}: a loop")
+        parents[child] = (parent, name)
+    bases = [link for link in links if link not in parents]
+    if len(bases) != 1:
+        raise DescriptionError(f"there must be one link without parent, and there are {len(bases)} {' '.join(bases)}")
+    for link in links:
+        above, steps = link, 0
+        while above in parents and steps <= len(links):
+            above, steps = parents[above][0], steps + 1
+        if above in parents:
+            raise DescriptionError(f"link {link} is not connected to {bases[0]}: its joints form a loop")
+
+
+def _end(joint: Element, kind: str) -> str:
+    """The link at one end of a joint."""
+    end = joint.find(kind)
+    return "" if end is None else end.get("link", "")
+
+
+def _number(text: str, what: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise DescriptionError(f"{what}: {text!r} is not a number") from None
+
+
+def joint_limits(root: Element) -> dict[str, dict[str, float]]:
+    """Attributes of the element ``limit``, by joint.
+
+    Raises:
+        DescriptionError: one is not a number.
+    """
+    found = {}
+    for joint in root.findall("joint"):
+        name, limit = joint.attrib["name"], joint.find("limit")
+        if limit is not None:
+            found[name] = {key: _number(value, f"joint {name}: {key}") for key, value in limit.attrib.items()}
+    return found
+
+
+def rotor_inertias(root: Element) -> dict[str, float]:
+    """Inertia of the rotor as the joint sees it (kg m^2 or kg), by joint.
+
+    URDF itself has none. As in Drake, a ``transmission`` has the elements ``drake:rotor_inertia`` and
+    ``drake:gear_ratio`` in its ``actuator``.
+
+    Raises:
+        DescriptionError: one is not a number.
+    """
+    found = {}
+    for transmission in root.findall("transmission"):
+        joint, actuator = transmission.find("joint"), transmission.find("actuator")
+        if joint is None or actuator is None or (rotor := actuator.find("{*}rotor_inertia")) is None:
+            continue
+        name, gear = joint.get("name", ""), actuator.find("{*}gear_ratio")
+        ratio = 1.0 if gear is None else _number(gear.get("value", ""), f"joint {name}: gear_ratio")
+        found[name] = ratio * ratio * _number(rotor.get("value", ""), f"joint {name}: rotor_inertia")
+    return found
+
+
+def strip(root: Element) -> None:
+    """Remove the geometry, so that missing meshes do not matter, and set the options of MuJoCo's compiler."""
+    for link in root.findall("link"):
+        for kind in ("visual", "collision"):
+            for element in link.findall(kind):
+                link.remove(element)
+    for extension in (*root.findall("mujoco"), *root.findall("transmission")):
+        root.remove(extension)
+    SubElement(SubElement(root, "mujoco"), "compiler", _COMPILER)

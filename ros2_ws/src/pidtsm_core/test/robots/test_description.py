@@ -1,0 +1,206 @@
+"""Descriptions of arms: what is read, and what is refused."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pidtsm_core.parameters import ParameterError, resolve
+from pidtsm_core.robots import find_robot, robot_schema
+from pidtsm_core.robots.description import read_description
+from pidtsm_core.robots.errors import DescriptionError
+from pidtsm_core.robots.source import read_source
+from pidtsm_core.robots.tree.layout import Column, rows
+
+
+def link(name: str, mass: str = "2.0", inertia: str = "0.02 0.02 0.02", more: str = "") -> str:
+    xx, yy, zz = inertia.split()
+    return (
+        f'<link name="{name}"><inertial><origin xyz="0.1 0 0"/><mass value="{mass}"/>'
+        f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial>{more}</link>'
+    )
+
+
+def joint(name: str, parent: str, child: str, kind: str = "revolute", more: str = "") -> str:
+    limit = "" if kind == "continuous" else '<limit lower="-2" upper="1" effort="30" velocity="2"/>'
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0.3 0 0" rpy="0.1 0.2 0.3"/><axis xyz="0 0 1"/>{limit}{more}</joint>'
+    )
+
+
+BASE = '<link name="base"/>'
+ARM = BASE + link("upper") + link("lower") + joint("shoulder", "base", "upper") + joint("elbow", "upper", "lower")
+
+
+AFLOAT = ARM + link("boat") + joint("sea", "base", "boat", "{}")
+
+
+def urdf(content: str) -> str:
+    return f'<robot name="arm">{content}</robot>'
+
+
+BROKEN = {
+    "no XML": ("<robot>", "the description is not XML"),
+    "not a robot": ("<html/>", "neither URDF nor MJCF: its root element is <html>"),
+    "a moving link without inertial": (
+        urdf(ARM.replace(link("upper"), '<link name="upper"/>')),
+        "upper: mass and inertia of moving bodies must be larger than",
+    ),
+    "a mass of zero": (urdf(ARM.replace(link("lower"), link("lower", mass="0"))), "lower"),
+    "a negative mass": (urdf(ARM.replace(link("lower"), link("lower", mass="-1"))), "link lower: its mass is -1 kg"),
+    "a mass that is no number": (
+        urdf(ARM.replace(link("lower"), link("lower", mass="nan"))),
+        "link lower: its mass is nan",
+    ),
+    "a mass in words": (urdf(ARM.replace(link("lower"), link("lower", mass="two"))), "link lower: mass: 'two'"),
+    "an impossible inertia": (urdf(ARM.replace(link("upper"), link("upper", inertia="0.1 0.1 0.9"))), "upper"),
+    "a negative inertia": (urdf(ARM.replace(link("upper"), link("upper", inertia="-0.1 0.1 0.1"))), "upper"),
+    "a loop": (urdf(ARM + joint("again", "base", "lower")), "link lower is the child of two joints, elbow and again"),
+    "a circle": (
+        urdf(ARM.replace('<parent link="base"/>', '<parent link="lower"/>')),
+        "link upper is not connected to base: its joints form a loop",
+    ),
+    "a floating joint": (
+        urdf(ARM + link("boat") + joint("sea", "base", "boat", "floating")),
+        "joint sea: its type is float",
+    ),
+    "a planar joint": (
+        urdf(ARM + link("boat") + joint("sea", "base", "boat", "planar")),
+        "joint sea: its type is planar",
+    ),
+    "a joint without type": (urdf(ARM.replace(' type="revolute"', "")), "joint shoulder: its type is None"),
+    "a joint without name": (urdf(ARM.replace('<joint name="elbow"', "<joint")), "a joint has no name"),
+    "an unknown child": (urdf(ARM + joint("hook", "lower", "nothing")), "joint hook: there is no link nothing"),
+    "an unknown parent": (
+        urdf(ARM + link("hand") + joint("hook", "nothing", "hand")),
+        "joint hook: there is no link nothing",
+    ),
+    "a revolute joint without limit": (
+        urdf(ARM.replace('<limit lower="-2" upper="1" effort="30" velocity="2"/>', "")),
+        "joint shoulder: a revolute joint needs a limit",
+    ),
+    "a limit in words": (urdf(ARM.replace('effort="30"', 'effort="much"')), "joint shoulder: effort: 'much'"),
+    "no movable joint": (urdf(BASE), "no chain of movable joints|cannot be read"),
+    "two links of one name": (urdf(ARM + link("upper")), "two links are called upper"),
+    "two joints of one name": (
+        urdf(ARM + link("hand") + joint("elbow", "lower", "hand")),
+        "two joints are called elbow",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "reason"), BROKEN.values(), ids=BROKEN.keys())
+def test_a_broken_description_is_refused_with_the_link_or_joint(text: str, reason: str) -> None:
+    with pytest.raises(DescriptionError, match=reason):
+        read_description(text)
+    with pytest.raises(ParameterError, match=r"robot\.description: .*") as refused:
+        find_robot({"robot.description": text})
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("joints", "locked", "reason"),
+    [
+        (("shoulder", "knee"), {}, "no movable joint knee; there are shoulder, elbow"),
+        (("shoulder", "shoulder"), {}, "joint shoulder is chosen twice"),
+        (("shoulder", "elbow"), {"elbow": 0.1}, "joint elbow is both chosen and locked"),
+        (("shoulder",), {"knee": 0.1}, "no movable joint knee"),
+        ((), {}, "choose the joints"),
+    ],
+)
+def test_joints_that_do_not_exist_are_refused(joints: tuple[str, ...], locked: dict[str, float], reason: str) -> None:
+    with pytest.raises(DescriptionError, match=reason):
+        read_description(urdf(ARM), joints, locked)
+
+
+def test_a_mimicking_joint_is_locked_or_refused() -> None:
+    finger = link("finger") + joint("grip", "lower", "finger", "prismatic", '<mimic joint="elbow"/>')
+    assert read_description(urdf(ARM + finger), ("shoulder", "elbow")).locked == {"grip": 0.0}
+    with pytest.raises(DescriptionError, match="joint grip mimics elbow"):
+        read_description(urdf(ARM + finger))
+
+
+def test_a_closed_loop_of_an_mjcf_is_refused() -> None:
+    body = '<body name="{0}"><joint name="j{0}"/><inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/></body>'
+    bodies = f"<worldbody>{body.format('a')}{body.format('b')}</worldbody>"
+    loop = '<equality><connect name="knot" body1="a" body2="b" anchor="0 0 1"/></equality>'
+    assert read_description(f"<mujoco>{bodies}</mujoco>", ["ja", "jb"]).joints == ("ja", "jb")
+    with pytest.raises(DescriptionError, match="constraint knot closes a loop"):
+        read_description(f"<mujoco>{bodies}{loop}</mujoco>", ["ja", "jb"])
+
+
+def test_limits_friction_and_types_are_read() -> None:
+    dynamics = '<dynamics damping="1.5" friction="0.5"/>'
+    more = link("wheel") + joint("roll", "lower", "wheel", "continuous", '<limit effort="5" velocity="3"/>' + dynamics)
+    more += link("slide") + joint("lift", "wheel", "slide", "prismatic")
+    arm = read_description(urdf(ARM + more))
+    assert arm.joints == ("shoulder", "elbow", "roll", "lift")
+    assert arm.slides.tolist() == [False, False, False, True]
+    assert arm.lower.tolist() == [-2.0, -2.0, -math.inf, -2.0]
+    assert arm.upper.tolist() == [1.0, 1.0, math.inf, 1.0]
+    assert arm.effort.tolist() == [30.0, 30.0, 5.0, 30.0]
+    assert arm.velocity.tolist() == [2.0, 2.0, 3.0, 2.0]
+    assert arm.damping.tolist() == [0.0, 0.0, 1.5, 0.0]
+    assert arm.friction.tolist() == [0.0, 0.0, 0.5, 0.0]
+
+
+def test_a_locked_joint_becomes_part_of_its_link() -> None:
+    whole = read_description(urdf(ARM), ("shoulder",), {"elbow": 0.7})
+    assert rows(whole.tree)[0, Column.MASS] == pytest.approx(4.0)
+    assert whole.locked == {"elbow": 0.7}
+    assert read_description(urdf(ARM.replace('lower="-2"', 'lower="0.5"')), ("shoulder",)).locked == {"elbow": 0.5}
+
+
+def test_missing_meshes_do_not_matter() -> None:
+    mesh = '<visual><geometry><mesh filename="package://nowhere/upper.dae"/></geometry></visual>'
+    seen = read_description(
+        urdf(ARM.replace(link("upper"), link("upper", more=mesh + mesh.replace("visual", "collision"))))
+    )
+    np.testing.assert_array_equal(seen.tree, read_description(urdf(ARM)).tree)
+
+
+def test_a_description_is_a_name_a_file_a_uri_or_its_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = urdf(ARM)
+    folder = tmp_path / "share" / "my_arm" / "urdf"
+    folder.mkdir(parents=True)
+    (folder / "arm.urdf").write_text(text)
+    macro = text.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ').replace(
+        '"2.0"', '"${1.0 + 1.0}"'
+    )
+    (folder / "arm.urdf.xacro").write_text(macro)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    sources = (text, str(folder / "arm.urdf"), "package://my_arm/urdf/arm.urdf", str(folder / "arm.urdf.xacro"))
+    trees = [read_description(read_source(source)[1]).tree for source in sources]
+    for tree in trees[1:]:
+        np.testing.assert_array_equal(tree, trees[0])
+    assert [read_source(source)[0] for source in sources] == ["arm"] * 4
+    with pytest.raises(DescriptionError, match="the package your_arm is not among the installed packages"):
+        read_source("package://your_arm/arm.urdf")
+    with pytest.raises(DescriptionError, match=r"nowhere\.urdf: No such file or directory; neither a file nor"):
+        read_source("nowhere.urdf")
+    (folder / "broken.urdf.xacro").write_text(macro.replace("1.0 + 1.0", "mass"))
+    with pytest.raises(DescriptionError, match=r"broken\.urdf\.xacro: .*mass"):
+        read_source(str(folder / "broken.urdf.xacro"))
+
+
+def test_an_arm_without_effort_limits_needs_them_as_parameter() -> None:
+    text = urdf(ARM.replace('effort="30"', 'effort="0"'))
+    with pytest.raises(ParameterError, match=r"limits\.effort: the description has no effort limit of shoulder, elbow"):
+        robot_schema({"robot.description": text})
+    values = resolve(robot_schema, {"robot.description": text, "limits.effort": 20.0}, 2)
+    assert values["limits.effort"] == 20.0
+
+
+def test_model_errors_and_payloads_change_the_tree() -> None:
+    robot = find_robot({"robot.description": urdf(ARM)})
+    values = resolve(robot_schema, {"robot.description": urdf(ARM)}, 2)
+    exact = robot.pack_model(values)
+    heavier = robot.pack_model(values, factors={"mass": 1.25})
+    np.testing.assert_allclose(rows(heavier)[:, Column.MASS :], 1.25 * rows(exact)[:, Column.MASS :])
+    longer = robot.pack_model(values, factors={"length": 2.0})
+    np.testing.assert_allclose(rows(longer)[:, Column.MOMENT], 2.0 * rows(exact)[:, Column.MOMENT])
+    np.testing.assert_array_equal(robot.pack_model(values, factors={"mass": 1.0, "inertia": 1.0, "length": 1.0}), exact)
+    loaded = rows(robot.with_payload(exact, 3.0))
+    assert loaded[:, Column.MASS].tolist() == pytest.approx([2.0, 5.0])
