@@ -244,8 +244,8 @@ def test_a_rehearsed_restart_is_equivalent_to_a_real_one() -> None:
         ({"trajectory": {"reference.speed": 1.0}}, r"trajectory: .*reference\.speed"),
         ({"controller": {"law.k1": -1.0}}, r"controller: law\.k1"),
         ({"controller": {"law.name": "piddtms"}}, r"controller: law\.name.*did you mean piddtsm"),
-        ({"simulator": {"robot.name": "two_lnk"}}, r"simulator: robot\.name.*did you mean two_link"),
-        ({"controller": {"robot.name": "two_lnk"}}, r"controller: robot\.name.*did you mean two_link"),
+        ({"simulator": {"robot.description": "two_lnk"}}, r"simulator: robot\.description.*did you mean two_link"),
+        ({"controller": {"robot.description": "two_lnk"}}, r"controller: robot\.description.*did you mean two_link"),
         ({"simulator": {"initial_position": [0.0, 1.0, 2.0]}}, r"simulator: initial_position.*2 joints"),
     ],
 )

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pidtsm_core.control.parameters import FRICTION, REJECTION, check_rejection
 from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
 from pidtsm_core.control.state import Clock, floats_size, integers_size, unpack
 from pidtsm_core.control.step import (
@@ -19,7 +20,7 @@ from pidtsm_core.control.tick import tick
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.laws import LAWS, law_integers
 from pidtsm_core.parameters import Array, Value, as_float, joint_array, names
-from pidtsm_core.robots import ROBOTS
+from pidtsm_core.robots import find_robot, make_model
 from pidtsm_core.signals import Fault, Signal, Status
 from pidtsm_core.timing import NANOSECONDS
 
@@ -73,16 +74,18 @@ class Controller:
 
     def _fill(self, values: Mapping[str, Value], model: Array, gains: Array) -> None:
         """Write the configuration, with packed parameters of model and law, to the arrays."""
-        robot = ROBOTS[str(values["robot.name"])]
+        kind, *addresses, _ = make_model(find_robot(values), model)
+        check_rejection(values)
         law = LAWS[str(values["law.name"])]
         estimator = ESTIMATORS[str(values["estimator.name"])]
         rate = joint_array(values["limits.effort_rate"], self.joints)
-        kind = values["stop.effort"]
+        coulomb, viscous = (joint_array(values[parameter.name], self.joints) for parameter in FRICTION)
+        stop = values["stop.effort"]
         integers = [
             self.joints,
             model.size,
             gains.shape[1],
-            ROBOTS.index(robot.name),
+            kind,
             ESTIMATORS.index(estimator.name),
             law.uses_model,
             values["law.anti_windup"] == "conditional",
@@ -93,21 +96,24 @@ class Controller:
             values["feedback.effort"] == "measured",
             any(np.any(values[f"limits.{name}"]) for name in LIMITS.values()),
             any(values[f"rehearsal.{name}"] for name in ("reset_fault", "restart")),
-            kind == "hold",
+            stop == "hold",
             bool(values["stop.brakes"]),
             bool(np.any(values["plausibility.velocity"])),
+            *addresses,
+            bool(values.get(REJECTION.name, False)),
+            bool(law.uses_model and (coulomb.any() or viscous.any())),
             *law_integers(law, values),
         ]
         self.integers[: len(integers)] = integers
         self.floats[:3] = (
             as_float(values["activation.blend"]),
             as_float(values["activation.distance"]),
-            kind in ("gravity", "gravity_damping"),
+            stop in ("gravity", "gravity_damping"),
         )
         self.floats[4:6] = as_float(values["stop.bandwidth"]), as_float(values["stop.fade"])
         self.config, self.state = unpack(self.floats, self.integers)
         config = self.config
-        config.model[:] = model
+        config.model.parameters[:] = model
         config.law[:] = gains
         config.estimator_parameters[:] = estimator.pack(values, "estimator", self.joints)
         config.effort_limit[:] = joint_array(values["limits.effort"], self.joints)
@@ -116,7 +122,9 @@ class Controller:
         config.velocity_limit[:] = joint_array(values["limits.velocity"], self.joints)
         config.tracking_limit[:] = joint_array(values["limits.tracking_error"], self.joints)
         config.plausible_velocity[:] = joint_array(values["plausibility.velocity"], self.joints)
-        damps = kind in ("damping", "gravity_damping")
+        config.coulomb[:] = coulomb
+        config.viscous[:] = viscous
+        damps = stop in ("damping", "gravity_damping")
         config.damping[:] = joint_array(values["stop.damping"] if damps else 0.0, self.joints)
 
     def reset(self) -> None:
@@ -235,8 +243,7 @@ class Controller:
 
 def _packed(values: Mapping[str, Value], joints: int) -> tuple[Array, Array]:
     """Parameters of the model and of the law as compiled code reads them."""
-    robot, law = ROBOTS[str(values["robot.name"])], LAWS[str(values["law.name"])]
-    return robot.pack_model(values), law.pack(values, joints)
+    return find_robot(values).pack_model(values), LAWS[str(values["law.name"])].pack(values, joints)
 
 
 def _nanoseconds(value: Value) -> int:

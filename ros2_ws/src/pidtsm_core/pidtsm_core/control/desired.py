@@ -8,6 +8,7 @@ import math
 
 from pidtsm_core.compiled import inlined, outlined
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
+from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.laws import command
 from pidtsm_core.parameters import Array
 from pidtsm_core.polynomials import add_quintic, quintic
@@ -196,13 +197,23 @@ def _excess(config: ControllerConfig, state: ControllerState, duration: float) -
             motion[2, j] = 0.0
             efforts[1, j] = efforts[0, j]
         add_quintic(state.way, duration, t, motion)
-        inverse_dynamics(config.robot, motion[0], motion[1], motion[2:], config.model, efforts[:1])
+        inverse_dynamics(config.model, motion[0], motion[1], motion[2:], efforts[:1])
         for j in range(motion.shape[1]):
             excess = max(excess, abs(efforts[0, j]) / (_SHARE_OF_EFFORT * config.effort_limit[j]) if k else 0.0)
             if k and config.effort_rate[j] > 0.0:
                 rate = abs(efforts[0, j] - efforts[1, j]) / step
                 excess = max(excess, rate / (_SHARE_OF_RATE * config.effort_rate[j]))
     return excess
+
+
+@inlined
+def learnt_acceleration(config: ControllerConfig, state: ControllerState, joint: int) -> float:
+    """Output of the law without any error, minus the rejected disturbance: what was learnt of the disturbances.
+
+    Its unit is rad/s^2, or N m for a law that does not use the model.
+    """
+    learnt = command(0.0, 0.0, 0.0, 0.0, config.law_integers, config.law[joint], state.law[joint], 0.0)[0]
+    return learnt - state.estimator[joint, DISTURBANCE] if config.rejects else learnt
 
 
 @outlined
@@ -216,11 +227,13 @@ def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int)
         Whether the way is within the limits, or nearly so.
     """
     y, start = state.signals, state.desired
-    forward_dynamics(config.robot, y[Signal.POSITION], y[Signal.VELOCITY], y[Signal.EFFORT], config.model, start[2])
+    for j in range(state.net.size):
+        state.net[j] = y[Signal.EFFORT, j] - state.friction[j]
+    forward_dynamics(config.model, y[Signal.POSITION], y[Signal.VELOCITY], state.net, start[2])
     for j in range(state.measured.size):
         start[0, j] = y[Signal.POSITION, j]
         start[1, j] = y[Signal.VELOCITY, j]
-        learnt = command(0.0, 0.0, 0.0, 0.0, config.law_integers, config.law[j], state.law[j], 0.0)[0]
+        learnt = learnt_acceleration(config, state, j)
         if abs(learnt) < _ABSURD:
             start[2, j] -= learnt
     excess = _begin_way(config, state, start, stamp)

@@ -20,7 +20,7 @@ def carry(config: ControllerConfig, state: ControllerState, q: Array) -> None:
         state.accelerations[0, j] = 0.0
         state.accelerations[1, j] = 0.0
     efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
-    inverse_dynamics(config.robot, q, state.accelerations[0], state.accelerations, config.model, efforts)
+    inverse_dynamics(config.model, q, state.accelerations[0], state.accelerations, efforts)
 
 
 @inlined

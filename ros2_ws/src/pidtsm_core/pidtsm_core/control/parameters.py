@@ -1,11 +1,12 @@
 """All parameters of the controller that affect its effort, in nodes and rollouts."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.laws import LAWS
-from pidtsm_core.parameters import Parameter, chosen, prefixed
-from pidtsm_core.robots import robot_schema
+from pidtsm_core.parameters import Parameter, ParameterError, Value, chosen, prefixed
+from pidtsm_core.robots import Robot, find_robot, robot_schema
 
 LAW_NAME = Parameter("law.name", "piddtsm", "control law", choices=LAWS.names, read_only=True)
 ESTIMATOR_NAME = Parameter(
@@ -154,17 +155,64 @@ _REHEARSAL = (
     ),
 )
 
+REJECTION = Parameter(
+    "law.disturbance_rejection",
+    False,
+    "whether the disturbance that the observer estimates is subtracted from the commanded acceleration; needs "
+    "estimator.name: extended_state_observer",
+)
+FRICTION = (
+    Parameter(
+        "compensation.coulomb",
+        0.0,
+        "Coulomb friction that the controller compensates, in the direction of the reference",
+        "N m",
+        minimum=0.0,
+        per_joint=True,
+    ),
+    Parameter(
+        "compensation.viscous",
+        0.0,
+        "viscous friction that the controller compensates, at the velocity of the reference",
+        "N m s/rad",
+        minimum=0.0,
+        per_joint=True,
+    ),
+)
+
+
+def _friction(robot: Robot) -> tuple[Parameter, ...]:
+    """`FRICTION`, with that of the robot's description as defaults."""
+    of_robot = (robot.friction, robot.damping)
+    return tuple(replace(p, default=value or p.default) for p, value in zip(FRICTION, of_robot, strict=True))
+
+
+def check_rejection(values: Mapping[str, Value]) -> None:
+    """Check that the estimator provides what `REJECTION` needs.
+
+    Raises:
+        ParameterError: it does not.
+    """
+    estimator = ESTIMATORS[str(values["estimator.name"])]
+    if values.get(REJECTION.name, False) and estimator.disturbance is None:
+        capable = ", ".join(e.name for e in ESTIMATORS.members if e.disturbance is not None)
+        raise ParameterError(
+            f"{REJECTION.name}: estimator.name must be {capable}, not {estimator.name}", REJECTION.name
+        )
+
 
 def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Parameters of the controller; they depend on ``law.name``, ``estimator.name`` and ``robot.name``."""
+    """Parameters of the controller; they depend on ``law.name``, ``estimator.name`` and the robot."""
     law = LAWS[chosen(settings, LAW_NAME)]
     estimator = ESTIMATORS[chosen(settings, ESTIMATOR_NAME)]
     return (
         LAW_NAME,
         *prefixed("law", law.parameters(settings)),
+        *((REJECTION,) if law.uses_model else ()),
         ESTIMATOR_NAME,
         *prefixed("estimator", estimator.parameters),
         *robot_schema(settings),
+        *_friction(find_robot(settings)),
         *_LIMITS,
         *_SAFETY,
         _FEEDBACK,

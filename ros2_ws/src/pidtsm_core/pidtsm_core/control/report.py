@@ -109,7 +109,7 @@ def tight_rates(config: ControllerConfig, joints: Sequence[str]) -> list[str]:
         for j in range(len(joints)):
             accelerations[1] = 0.0
             accelerations[1, j] = 1.0
-            inverse_dynamics(config.robot, q, still, accelerations, config.model, efforts)
+            inverse_dynamics(config.model, q, still, accelerations, efforts)
             gravity, inertia = abs(efforts[0, j]), efforts[1, j] - efforts[0, j]
             if gravity > needed[1, j]:
                 fall = math.sqrt(2.0 * _FALL * inertia / gravity)

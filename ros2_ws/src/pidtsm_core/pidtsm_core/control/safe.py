@@ -3,10 +3,9 @@
 import math
 
 from pidtsm_core.compiled import inlined, outlined
-from pidtsm_core.control.desired import come_to_rest, write_desired
+from pidtsm_core.control.desired import come_to_rest, learnt_acceleration, write_desired
 from pidtsm_core.control.effort import carry, limit_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Hold
-from pidtsm_core.laws import command
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal
 from pidtsm_core.timing import seconds
@@ -93,14 +92,14 @@ def _learn(config: ControllerConfig, state: ControllerState) -> None:
     """Store what the law has learnt: the effort that it adds to that of the model without any error."""
     y, scratch = state.signals, state.scratch
     for j in range(scratch.shape[1]):
-        learnt = command(0.0, 0.0, 0.0, 0.0, config.law_integers, config.law[j], state.law[j], 0.0)[0]
+        learnt = learnt_acceleration(config, state, j)
         state.accelerations[0, j] = 0.0
         state.accelerations[1, j] = learnt
         scratch[0, j] = 0.0
         # The output of a law without model is an effort.
         state.hold[Hold.LEARNT, j] = learnt
         state.hold[Hold.INTEGRAL, j] = 0.0
-    inverse_dynamics(config.robot, y[Signal.POSITION], scratch[0], state.accelerations, config.model, scratch[1:3])
+    inverse_dynamics(config.model, y[Signal.POSITION], scratch[0], state.accelerations, scratch[1:3])
     for j in range(scratch.shape[1]):
         effort = scratch[2, j] if config.uses_model else state.hold[Hold.LEARNT, j]
         learnt, most = effort - scratch[1, j], _LARGEST_SHARE * config.effort_limit[j]
@@ -143,7 +142,7 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
         state.accelerations[0, j] = state.desired[2, j]
         state.accelerations[1, j] = state.desired[2, j] - w * (3.0 * de + w * (3.0 * e + w * hold[Hold.INTEGRAL, j]))
     efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
-    inverse_dynamics(config.robot, hold[Hold.POSITION], hold[Hold.VELOCITY], state.accelerations, config.model, efforts)
+    inverse_dynamics(config.model, hold[Hold.POSITION], hold[Hold.VELOCITY], state.accelerations, efforts)
     for j in range(y.shape[1]):
         y[Signal.EFFORT, j] += hold[Hold.LEARNT, j]
     limit_effort(config, state)
@@ -170,7 +169,7 @@ def _follow_blindly(config: ControllerConfig, state: ControllerState) -> None:
     for j in range(state.measured.size):
         state.accelerations[0, j] = state.desired[2, j]
         state.accelerations[1, j] = state.desired[2, j] - w * w * w * state.hold[Hold.INTEGRAL, j]
-    inverse_dynamics(config.robot, state.desired[0], state.desired[1], state.accelerations, config.model, efforts)
+    inverse_dynamics(config.model, state.desired[0], state.desired[1], state.accelerations, efforts)
     for j in range(state.measured.size):
         efforts[1, j] += state.hold[Hold.LEARNT, j]
 

@@ -10,6 +10,7 @@ from pidtsm_core.compiled import inlined
 from pidtsm_core.family import SLOTS
 from pidtsm_core.laws import LAW_INTEGERS, STATE_SLOTS, Integers
 from pidtsm_core.parameters import Array
+from pidtsm_core.robots import Model
 from pidtsm_core.signals import Signal, Status
 
 
@@ -50,9 +51,8 @@ class Hold(IntEnum):
 
 
 class ControllerConfig(NamedTuple):
-    """What a step reads. Robot and estimator are indices in the registries; a limit of 0 means no limit."""
+    """What a step reads. The estimator is its index in `ESTIMATORS`; a limit of 0 means no limit."""
 
-    robot: int
     estimator: int
     uses_model: bool
     freezes: bool  # integrals and adaptation of a joint pause while its effort is limited
@@ -68,6 +68,8 @@ class ControllerConfig(NamedTuple):
     rehearses: bool  # a reset or a restart is rehearsed
     holds: bool  # the safe effort holds the arm where it stopped
     brakes: bool  # the arm has brakes, to be engaged when it has stopped
+    compensates: bool  # a joint has friction that is compensated
+    rejects: bool  # the disturbance that the observer estimates is subtracted from the law's acceleration
     doubts: bool  # the measurements of a joint are checked for plausibility
     law_integers: Integers  # shape (LAW_INTEGERS,)
     blend: float  # s
@@ -75,7 +77,7 @@ class ControllerConfig(NamedTuple):
     gravity: float  # 1: the safe effort compensates gravity, else 0
     hold_bandwidth: float  # rad/s
     fade: float  # s in which the effort fades while no joint state arrives; 0: no fading
-    model: Array  # shape (model parameters,)
+    model: Model  # its parameters have shape (model parameters,)
     law: Array  # shape (joints, law parameters)
     estimator_parameters: Array  # shape (joints, SLOTS)
     effort_limit: Array  # shape (joints,), N m
@@ -85,6 +87,8 @@ class ControllerConfig(NamedTuple):
     tracking_limit: Array  # shape (joints,), rad
     damping: Array  # of the safe effort, shape (joints,), N m s/rad
     plausible_velocity: Array  # shape (joints,), rad/s
+    coulomb: Array  # friction that is compensated, shape (joints,), N m
+    viscous: Array  # likewise, N m s/rad
 
 
 class ControllerState(NamedTuple):
@@ -104,20 +108,22 @@ class ControllerState(NamedTuple):
     law: Array  # shape (joints, STATE_SLOTS)
     signals: Array  # shape (len(Signal), joints), see `Signal`
     sent: Array  # the last command, shape (joints,), N m
+    friction: Array  # effort of the last tick that compensates friction, shape (joints,), N m
     hold: Array  # of the safe effort that holds the arm, see `Hold`, shape (len(Hold), joints)
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of a simulation, shape (joints,), N m
     received: Array  # values of a joint state: `measured`, and `applied` if it is used, shape (1 or 2, joints)
     accelerations: Array  # scratch: a_eq, a_cmd, shape (2, joints)
     scratch: Array  # shape (6, joints)
+    net: Array  # scratch: effort that accelerates the arm, shape (joints,), N m
 
 
-_CONFIG_INTEGERS = 20  # lengths, and the integers of `ControllerConfig` except the law's
+_CONFIG_INTEGERS = 24  # lengths, and the integers of `ControllerConfig` except the law's
 _FEEDS_BACK = 14
 _CLOCK = len(Clock)
 _SCALARS = 6
 # Rows of the table at the end of the floats, one number per joint: configuration, state, signals, scratch.
-_CONFIG, _MOTION, _SCRATCH = 7, 21 + len(Hold), 11
+_CONFIG, _MOTION, _SCRATCH = 9, 22 + len(Hold), 12
 _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
 
 
@@ -138,7 +144,6 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
     a = _SCALARS + model
     b = a + joints * law
     return ControllerConfig(
-        robot=integers[3],
         estimator=integers[4],
         uses_model=integers[5] != 0,
         freezes=integers[6] != 0,
@@ -154,6 +159,8 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
         rehearses=integers[16] != 0,
         holds=integers[17] != 0,
         brakes=integers[18] != 0,
+        compensates=integers[23] != 0,
+        rejects=integers[22] != 0,
         doubts=integers[19] != 0,
         law_integers=integers[_CONFIG_INTEGERS : _CONFIG_INTEGERS + LAW_INTEGERS],
         blend=floats[0],
@@ -161,7 +168,7 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
         gravity=floats[2],
         hold_bandwidth=floats[4],
         fade=floats[5],
-        model=floats[_SCALARS:a],
+        model=Model(integers[3], integers[20], integers[21], floats[_SCALARS:a]),
         law=floats[a:b].reshape((joints, law)),
         estimator_parameters=floats[b : b + joints * SLOTS].reshape((joints, SLOTS)),
         effort_limit=rows[0],
@@ -171,6 +178,8 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
         tracking_limit=rows[4],
         damping=rows[5],
         plausible_velocity=rows[6],
+        coulomb=rows[7],
+        viscous=rows[8],
     )
 
 
@@ -198,12 +207,14 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
         law=floats[d : d + joints * STATE_SLOTS].reshape((joints, STATE_SLOTS)),
         signals=rows[_CONFIG + _MOTION : _ROWS - _SCRATCH],
         sent=motion[20],
-        hold=motion[21:],
+        friction=motion[21],
+        hold=motion[22:],
         truth=scratch[:2],
         torque=scratch[2],
         received=motion[: 1 + integers[_FEEDS_BACK]],
         accelerations=scratch[3:5],
-        scratch=scratch[5:],
+        scratch=scratch[5:11],
+        net=scratch[11],
     )
 
 

@@ -1,9 +1,11 @@
 """Estimator, law and robot model: from measured position and desired motion to effort."""
 
+import math
+
 from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.control.effort import limit_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
-from pidtsm_core.estimators import Sample, estimate
+from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import inverse_dynamics
@@ -11,6 +13,10 @@ from pidtsm_core.signals import Signal, Status
 
 _DIFFERENT = 0.05
 """Share of a joint's effort limit by which the applied effort may differ from the commanded one."""
+
+
+_REVERSAL = 0.01
+"""rad/s; below this velocity, the compensated Coulomb friction goes to zero."""
 
 
 @inlined
@@ -53,14 +59,31 @@ def _command(config: ControllerConfig, state: ControllerState, desired: Array, d
         a_cmd, a_eq, s, sigma, gain, tau_sw = command(
             e, de, dde, desired[2, j], config.law_integers, config.law[j], state.law[j], dt
         )
+        disturbance = state.estimator[j, DISTURBANCE] if config.rejects else 0.0
         y[Signal.POSITION_ERROR, j] = e
         y[Signal.VELOCITY_ERROR, j] = de
         y[Signal.SLIDING_VARIABLE, j] = s
         y[Signal.MANIFOLD_VARIABLE, j] = sigma
         y[Signal.ADAPTIVE_GAIN, j] = gain
         y[Signal.SWITCHING_TERM, j] = tau_sw
-        state.accelerations[0, j] = a_eq
-        state.accelerations[1, j] = a_cmd
+        state.accelerations[0, j] = a_eq - disturbance
+        state.accelerations[1, j] = a_cmd - disturbance
+
+
+@inlined
+def _compensate(config: ControllerConfig, state: ControllerState, desired: Array) -> None:
+    """Compute the effort that compensates friction, from the desired velocity, which is free of noise."""
+    for j in range(desired.shape[1]):
+        velocity = desired[1, j]
+        state.friction[j] = config.coulomb[j] * math.tanh(velocity / _REVERSAL) + config.viscous[j] * velocity
+
+
+@inlined
+def _net_effort(config: ControllerConfig, state: ControllerState) -> None:
+    """Write the effort that accelerated the arm since the last tick, to ``state.net``: for the estimator."""
+    effort = state.applied if config.feeds_back else state.signals[Signal.EFFORT]
+    for j in range(effort.size):
+        state.net[j] = effort[j] - state.friction[j] if config.compensates else effort[j]
 
 
 @inlined
@@ -70,13 +93,16 @@ def _actuate(config: ControllerConfig, state: ControllerState) -> None:
     efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
     if config.uses_model:
         q_hat, dq_hat = y[Signal.POSITION], y[Signal.VELOCITY]
-        inverse_dynamics(config.robot, q_hat, dq_hat, state.accelerations, config.model, efforts)
+        inverse_dynamics(config.model, q_hat, dq_hat, state.accelerations, efforts)
     for j in range(y.shape[1]):
         if config.uses_model:
             y[Signal.ACCELERATION_COMMAND, j] = state.accelerations[1, j]
         else:
             efforts[0, j] = state.accelerations[0, j]
             efforts[1, j] = state.accelerations[1, j]
+        if config.compensates:
+            efforts[0, j] += state.friction[j]
+            efforts[1, j] += state.friction[j]
 
 
 @njit
@@ -99,9 +125,11 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
     y = state.signals
     if dt > 0.0:
         _advance(config, state, dt)
-    effort = state.applied if config.feeds_back else y[Signal.EFFORT]
-    sample = Sample(q, truth, dt, effort, config.robot, config.model)
+    _net_effort(config, state)
+    sample = Sample(q, truth, dt, state.net, config.model)
     estimate(config.estimator, sample, config.estimator_parameters, state.estimator, y[: Signal.POSITION_ERROR])
     _command(config, state, desired, dt)
+    if config.compensates:
+        _compensate(config, state, desired)
     _actuate(config, state)
     limit_effort(config, state)

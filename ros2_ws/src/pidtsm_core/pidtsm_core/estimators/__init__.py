@@ -3,13 +3,13 @@
 from pidtsm_core.compiled import njit
 from pidtsm_core.estimators.base import Estimator, Sample
 from pidtsm_core.estimators.exact import EXACT
-from pidtsm_core.estimators.extended_state import EXTENDED_STATE_OBSERVER
+from pidtsm_core.estimators.extended_state import DISTURBANCE, EXTENDED_STATE_OBSERVER
 from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
 from pidtsm_core.estimators.robust_differentiator import ROBUST_DIFFERENTIATOR
 from pidtsm_core.family import Family, dispatch
 from pidtsm_core.parameters import Array
 
-__all__ = ["ESTIMATORS", "Estimator", "Sample", "estimate"]
+__all__ = ["DISTURBANCE", "ESTIMATORS", "Estimator", "Sample", "estimate"]
 
 ESTIMATORS: Family[Estimator] = Family.of(Estimator, globals())
 

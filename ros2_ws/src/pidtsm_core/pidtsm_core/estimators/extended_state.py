@@ -32,6 +32,7 @@ from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.robots import forward_dynamics
 
 # State x: q, q', d, 1 after the first sample.
+DISTURBANCE = 2
 
 _ABSURD = 1e9  # rad, rad/s or rad/s^2; far above the values of any arm, far below overflow
 _STEP = 1e-3  # s; longest step of the prediction between two samples
@@ -47,7 +48,7 @@ def _predict(sample: Sample, x: Array, q: Array, dq: Array, acceleration: Array)
         q[j] = x[j, 0]
         dq[j] = x[j, 1]
     for _ in range(steps):
-        forward_dynamics(sample.robot, q, dq, sample.effort, sample.model, acceleration)
+        forward_dynamics(sample.model, q, dq, sample.effort, acceleration)
         for j in range(q.size):
             ddq = acceleration[j] + x[j, 2]
             q[j] += h * (dq[j] + 0.5 * h * ddq)
@@ -85,7 +86,7 @@ def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
             x[j, 0] = position[j]
             x[j, 1] = velocity[j]
             x[j, 2] += of_d
-        forward_dynamics(sample.robot, position, velocity, sample.effort, sample.model, acceleration)
+        forward_dynamics(sample.model, position, velocity, sample.effort, acceleration)
         for j in range(q.size):
             acceleration[j] += x[j, 2]
             for row in range(3):
@@ -105,4 +106,5 @@ EXTENDED_STATE_OBSERVER = Estimator(
         Parameter("bandwidth", 30.0, "all poles of the observer", "rad/s", minimum=0.0, exclusive=True, per_joint=True),
     ),
     estimate=estimate,
+    disturbance=DISTURBANCE,
 )

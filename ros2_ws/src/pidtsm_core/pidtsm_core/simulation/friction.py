@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.parameters import Array, Parameter, Value, joint_array
+from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, joint_array
+from pidtsm_core.robots import Robot
 
 PARAMETERS = (
     Parameter("friction.coulomb", 0.0, "Coulomb friction Fc of the joints", "N m", minimum=0.0, per_joint=True),
@@ -32,6 +34,14 @@ PARAMETERS = (
 )
 
 _SHARPNESS = 10.0  # vs / v0, see `add_friction`.
+_STEEPEST = 1.0
+"""Largest rate at which friction may stop a joint, as a multiple of 1 / dt; Runge-Kutta becomes unstable at 2.8."""
+
+
+def parameters(robot: Robot) -> tuple[Parameter, ...]:
+    """`PARAMETERS`, with the friction of the robot's description as defaults."""
+    defaults = {"friction.coulomb": robot.friction, "friction.viscous": robot.damping}
+    return tuple(replace(p, default=defaults.get(p.name) or p.default) for p in PARAMETERS)
 
 
 class FrictionConfig(NamedTuple):
@@ -44,9 +54,26 @@ class FrictionConfig(NamedTuple):
     none: bool
 
 
-def friction_config(values: Mapping[str, Value], joints: int) -> FrictionConfig:
-    """Args: values: `PARAMETERS`, as returned by `resolve`."""
-    coulomb, static, velocity, viscous = (joint_array(values[p.name], joints) for p in PARAMETERS)
+def friction_config(values: Mapping[str, Value], inertia: Array, dt: float) -> FrictionConfig:
+    """Prepare the friction.
+
+    Args:
+        values: `PARAMETERS`, as returned by `resolve`.
+        inertia: that the effort of each joint accelerates, shape (joints,), kg m^2. Where it is small, the friction
+            rises less steeply around standstill than `PARAMETERS` say, so that Runge-Kutta can solve the equation.
+        dt: step of the integration, s.
+
+    Raises:
+        ParameterError: the viscous friction of a joint is too large for that.
+    """
+    coulomb, static, velocity, viscous = (joint_array(values[p.name], inertia.size) for p in PARAMETERS)
+    for j in np.flatnonzero(viscous * dt > _STEEPEST * inertia):
+        raise ParameterError(
+            f"friction.viscous: {viscous[j]:g} N m s/rad stop joint {j + 1}, whose inertia is {inertia[j]:.2g} kg m^2, "
+            "faster than the simulation can follow; set robot.armature, the inertia of its rotor, or raise the rate",
+            "friction.viscous",
+        )
+    velocity = np.maximum(velocity, _SHARPNESS * np.maximum(coulomb, static) * dt / (_STEEPEST * inertia))
     none = not (coulomb.any() or static.any() or viscous.any())
     return FrictionConfig(coulomb, np.maximum(static - coulomb, 0.0), velocity, viscous, none)
 

@@ -9,7 +9,7 @@ import numpy as np
 from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float, joint_array
-from pidtsm_core.robots import ROBOT_NAME, ROBOTS, add_payload, forward_dynamics, robot_schema
+from pidtsm_core.robots import Model, find_robot, forward_dynamics, make_model, robot_schema
 from pidtsm_core.simulation import friction
 from pidtsm_core.simulation.friction import FrictionConfig, add_friction, friction_config
 from pidtsm_core.timing import sum_of_times
@@ -40,32 +40,30 @@ _MODEL_ERRORS = tuple(
 
 
 def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Parameters of the simulated arm; they depend on ``robot.name``."""
-    robot_parameters = robot_schema(settings)
-    robot = ROBOTS[str(settings.get(ROBOT_NAME.name, ROBOT_NAME.default))]
+    """Parameters of the simulated arm; they depend on the robot."""
+    robot = find_robot(settings)
     return (
-        *robot_parameters,
+        *robot_schema(settings),
         Parameter("rate", 1000, "samples per second", "Hz", minimum=1, maximum=100_000, read_only=True),
         Parameter("initial_position", robot.initial_position, "joint positions at the start", "rad", per_joint=True),
         Parameter(
             "disturbance.name",
-            "article",
+            robot.disturbance,
             "torque that acts on the arm in addition to the torque of the motors",
             choices=DISTURBANCES.names,
             read_only=True,
         ),
         *_LOADS,
-        *friction.PARAMETERS,
+        *friction.parameters(robot),
         *_MODEL_ERRORS,
     )
 
 
 class PlantConfig(NamedTuple):
-    """Parameters of a step; `robot` and `disturbance` are indices into the registries."""
+    """Parameters of a step; `disturbance` is an index in `DISTURBANCES`."""
 
-    robot: int
-    model: Array  # shape (model parameters,)
-    loaded_model: Array  # the same with payload
+    model: Model
+    loaded_model: Model  # the same with payload
     payload_begin: float  # s
     payload_end: float  # s
     disturbance: int
@@ -88,7 +86,7 @@ class PlantState(NamedTuple):
 
 @inlined
 def _acceleration(
-    config: PlantConfig, model: Array, q: Array, dq: Array, effort: Array, net: Array, ddq: Array
+    config: PlantConfig, model: Model, q: Array, dq: Array, effort: Array, net: Array, ddq: Array
 ) -> None:
     """ddq of eq. (5); `net` is scratch for the torque with disturbance and friction."""
     for j in range(effort.size):
@@ -96,7 +94,7 @@ def _acceleration(
     add_disturbance(config.disturbance, q, dq, net)
     if not config.friction.none:
         add_friction(config.friction, dq, net)
-    forward_dynamics(config.robot, q, dq, net, model, ddq)
+    forward_dynamics(model, q, dq, net, ddq)
 
 
 @njit
@@ -167,7 +165,7 @@ class Plant:
         Raises:
             ParameterError: the disturbance is for another number of joints.
         """
-        self.joints = len(ROBOTS[str(values["robot.name"])].joints)
+        self.joints = len(find_robot(values).joints)
         disturbance = DISTURBANCES[str(values["disturbance.name"])]
         if disturbance.joints not in (0, self.joints):
             raise ParameterError(
@@ -184,18 +182,15 @@ class Plant:
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
         """Use other parameters from the next step on; the state is kept."""
-        robot = ROBOTS[str(values["robot.name"])]
-        place = ROBOTS.index(robot.name)
+        robot = find_robot(values)
         factors = {quantity: 1.0 + as_float(values[f"model_error.{quantity}"]) for quantity in _QUANTITIES}
         model = robot.pack_model(values, factors=factors)
-        loaded = np.empty_like(model)
-        add_payload(place, model, as_float(values["payload.mass"]), loaded)
+        start = joint_array(values["initial_position"], self.joints)
         picked_up, carried = as_float(values["payload.time"]), as_float(values["payload.duration"])
         pushed = as_float(values["push.time"])
         self.config = PlantConfig(
-            robot=place,
-            model=model,
-            loaded_model=loaded,
+            model=make_model(robot, model),
+            loaded_model=make_model(robot, robot.with_payload(model, as_float(values["payload.mass"]))),
             payload_begin=picked_up,
             payload_end=sum_of_times(picked_up, carried) if carried else math.inf,
             disturbance=DISTURBANCES.index(str(values["disturbance.name"])),
@@ -203,7 +198,7 @@ class Plant:
             push=joint_array(values["push.effort"], self.joints),
             push_begin=pushed,
             push_end=sum_of_times(pushed, as_float(values["push.duration"])),
-            friction=friction_config(values, self.joints),
+            friction=friction_config(values, robot.joint_inertia(model, start), 1.0 / as_float(values["rate"])),
             accelerations=self._accelerations,
         )
 

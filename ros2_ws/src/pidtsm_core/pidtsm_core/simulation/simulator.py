@@ -42,7 +42,7 @@ _COMMAND_TIMEOUT = Parameter(
 
 
 def simulator_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Parameters of the simulated robot; they depend on ``robot.name``."""
+    """Parameters of the simulated robot; they depend on the robot."""
     return (
         *plant_schema(settings),
         *sensor.PARAMETERS,

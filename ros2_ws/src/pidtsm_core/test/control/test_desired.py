@@ -118,7 +118,7 @@ def test_with_a_rate_limit_the_way_is_long_enough_for_the_torque_to_follow(rate:
     for _ in range(3000):
         follower.refer()
         q, dq, ddq = follower.step()
-        inverse_dynamics(controller.config.robot, q, dq, ddq[None], controller.config.model, effort)
+        inverse_dynamics(controller.config.model, q, dq, ddq[None], effort)
         efforts.append(effort[0].copy())
     # The rest of the rate is for the law.
     assert np.abs(np.diff(efforts, axis=0)).max() < 0.6 * rate * 0.001

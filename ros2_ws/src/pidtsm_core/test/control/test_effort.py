@@ -27,7 +27,7 @@ def gravity(q: Array) -> Array:
     """Torque that carries the arm at rest, N m, shape (2,)."""
     effort = np.zeros((1, 2))
     model = TWO_LINK.pack_model({f"robot.{p.name}": p.default for p in TWO_LINK.parameters})
-    TWO_LINK.inverse_dynamics(q, np.zeros(2), np.zeros((1, 2)), model, effort)
+    TWO_LINK.dynamics.inverse_dynamics(q, np.zeros(2), np.zeros((1, 2)), model, effort)
     return effort[0]
 
 

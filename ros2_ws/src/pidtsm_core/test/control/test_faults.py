@@ -171,7 +171,7 @@ class Rig:
         q, dq = self.controller.signals[[Signal.POSITION, Signal.VELOCITY]]
         gravity = np.zeros((1, 2))
         model = TWO_LINK.pack_model({f"robot.{p.name}": p.default for p in TWO_LINK.parameters})
-        TWO_LINK.inverse_dynamics(q, np.zeros(2), np.zeros((1, 2)), model, gravity)
+        TWO_LINK.dynamics.inverse_dynamics(q, np.zeros(2), np.zeros((1, 2)), model, gravity)
         return np.clip(gravity[0] - DAMPING * dq, -LIMITS, LIMITS)
 
 

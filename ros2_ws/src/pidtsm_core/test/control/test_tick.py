@@ -8,17 +8,18 @@ from hypothesis import strategies as st
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.laws import LAWS
-from pidtsm_core.parameters import Array, resolve
-from pidtsm_core.robots import ROBOTS, inverse_dynamics
+from pidtsm_core.parameters import Array, ParameterError, resolve
+from pidtsm_core.robots import inverse_dynamics, robot_joints
 from pidtsm_core.signals import Signal
 
 PROPERTY = settings(deadline=None, max_examples=40)
+ROBOTS = ("two_link", "scara", "panda")
 SENSED = [e.name for e in ESTIMATORS.members if not e.needs_truth]
-DEFAULTS = {"law.name": "piddtsm", "estimator.name": "filtered_difference", "robot.name": "two_link"}
+DEFAULTS = {"law.name": "piddtsm", "estimator.name": "filtered_difference", "robot.description": "two_link"}
 # The defaults, and each part alone with the others at their defaults.
 PARTS = [DEFAULTS] + [
     {**DEFAULTS, family: name}
-    for family, names in (("law.name", LAWS.names), ("estimator.name", SENSED), ("robot.name", ROBOTS.names))
+    for family, names in (("law.name", LAWS.names), ("estimator.name", SENSED), ("robot.description", ROBOTS))
     for name in names
     if name != DEFAULTS[family]
 ]
@@ -29,7 +30,7 @@ DT = 0.001
 def controller_of(parts: dict[str, str] | None = None, **changes: object) -> Controller:
     """A controller; parameter names with two underscores instead of the dot."""
     chosen = {**(parts or {}), **{name.replace("__", "."): value for name, value in changes.items()}}
-    return Controller(resolve(controller_schema, chosen, len(ROBOTS[str(chosen.get("robot.name", "two_link"))].joints)))
+    return Controller(resolve(controller_schema, chosen, robot_joints(chosen)))
 
 
 def walk(joints: int, seed: int, samples: int = 100, size: float = 0.01) -> tuple[Array, Array]:
@@ -54,7 +55,7 @@ def run(controller: Controller, positions: Array, desired: Array, dts: Array | N
 def inertia_times(controller: Controller, q: Array, x: Array) -> Array:
     """H(q) x, from two evaluations of the inverse dynamics."""
     accelerations, efforts = np.array([x, np.zeros(q.size)]), np.zeros((2, q.size))
-    inverse_dynamics(controller.config.robot, q, np.zeros(q.size), accelerations, controller.config.model, efforts)
+    inverse_dynamics(controller.config.model, q, np.zeros(q.size), accelerations, efforts)
     return efforts[0] - efforts[1]
 
 
@@ -104,28 +105,27 @@ def test_errors_are_estimate_minus_desired(parts: dict[str, str]) -> None:
 
 @EACH
 def test_torque_is_the_inverse_dynamics_of_the_commanded_acceleration(parts: dict[str, str]) -> None:
-    controller = controller_of(parts, limits__effort=1e12)
+    controller = controller_of(parts, limits__effort=1e12, compensation__coulomb=0.0, compensation__viscous=0.0)
     if not controller.config.uses_model:
         pytest.skip("the law gives torques")
     for y in run(controller, *walk(controller.joints, 2)):
         expected = np.zeros((1, controller.joints))
         inverse_dynamics(
-            controller.config.robot,
+            controller.config.model,
             y[Signal.POSITION],
             y[Signal.VELOCITY],
             y[Signal.ACCELERATION_COMMAND][np.newaxis],
-            controller.config.model,
             expected,
         )
         np.testing.assert_array_equal(y[Signal.EFFORT], expected[0])
         assert not y[Signal.SATURATED].any()
 
 
-@pytest.mark.parametrize("robot", ROBOTS.names)
+@pytest.mark.parametrize("robot", ROBOTS)
 def test_torque_is_the_equivalent_one_and_that_of_the_switching_term(robot: str) -> None:
     """Eqs. (15), (16), (20): tau = -phi^-1 (tau_eq - tau_sw) with phi^-1 = H / Kd."""
     kd = 0.4
-    controller = controller_of({"robot.name": robot}, limits__effort=1e12, law__kd=kd)
+    controller = controller_of({"robot.description": robot}, limits__effort=1e12, law__kd=kd)
     signals = run(controller, *walk(controller.joints, 3))
     assert np.abs(signals[-1, Signal.SWITCHING_TERM]).min() > 0.0
     for y in signals:
@@ -202,7 +202,7 @@ def test_a_run_after_reset_is_bit_for_bit_the_first(parts: dict[str, str]) -> No
 
 @EACH
 def test_new_parameters_keep_the_state(parts: dict[str, str]) -> None:
-    positions, desired = walk(len(ROBOTS[parts["robot.name"]].joints), 8)
+    positions, desired = walk(robot_joints(dict(parts)), 8)
     undisturbed, changed = controller_of(parts), controller_of(parts)
     expected = run(undisturbed, positions, desired)
     run(changed, positions[:50], desired[:50])
@@ -233,3 +233,49 @@ def test_inputs_are_not_changed() -> None:
     controller.tick(q, desired, 0.0)
     assert q.tolist() == [0.1, 0.2]
     assert desired.tolist() == [[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]]
+
+
+@pytest.mark.parametrize("law", [law.name for law in LAWS.members if law.uses_model])
+def test_a_rejected_disturbance_is_subtracted_from_the_commanded_acceleration(law: str) -> None:
+    observed = {"law.name": law, "estimator.name": "extended_state_observer", "robot.description": "panda"}
+    without, rejecting = (
+        controller_of(observed, limits__effort=1e12, law__disturbance_rejection=rejects) for rejects in (False, True)
+    )
+    positions, desired = walk(7, 11, samples=2)
+    for controller in (without, rejecting):
+        controller.tick(positions[0], desired[0], 0.0)
+        controller.state.estimator[:, 2] = np.linspace(-3.0, 3.0, 7)
+        controller.tick(positions[1], desired[1], DT)
+    disturbance = rejecting.state.estimator[:, 2]
+    np.testing.assert_array_equal(disturbance, without.state.estimator[:, 2])
+    np.testing.assert_allclose(
+        rejecting.state.signals[Signal.ACCELERATION_COMMAND],
+        without.state.signals[Signal.ACCELERATION_COMMAND] - disturbance,
+        rtol=1e-12,
+    )
+
+
+def test_friction_is_compensated_at_the_desired_velocity_and_unknown_to_the_observer() -> None:
+    coulomb, viscous = (2.0, 0.5), (0.3, 0.1)
+    observed = {"estimator.name": "extended_state_observer"}
+    without = controller_of(observed, limits__effort=1e12)
+    friction = {"compensation__coulomb": coulomb, "compensation__viscous": viscous}
+    compensating = controller_of(observed, limits__effort=1e12, **friction)
+    desired = np.array([[0.1, -0.2], [0.5, -1.5], [0.0, 0.0]])
+    for k in range(3):
+        for controller in (without, compensating):
+            controller.tick(np.array([0.1, -0.2]), desired, DT if k else 0.0)
+        # The observer sees the torque that accelerates the arm, so both have the same estimates.
+        efforts = [controller.state.signals[Signal.EFFORT] for controller in (compensating, without)]
+        expected = np.sign(desired[1]) * coulomb + desired[1] * viscous
+        np.testing.assert_allclose(efforts[0] - efforts[1], expected, rtol=1e-12)
+        np.testing.assert_allclose(
+            compensating.state.signals[: Signal.POSITION_ERROR],
+            without.state.signals[: Signal.POSITION_ERROR],
+            atol=1e-12,
+        )
+
+
+def test_rejection_needs_an_estimator_that_estimates_the_disturbance() -> None:
+    with pytest.raises(ParameterError, match=r"law\.disturbance_rejection: estimator\.name must be extended_state_obs"):
+        controller_of({"estimator.name": "filtered_difference"}, law__disturbance_rejection=True)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pidtsm_core.estimators import ESTIMATORS, Estimator, Sample, estimate
 from pidtsm_core.family import SLOTS
 from pidtsm_core.parameters import Array
-from pidtsm_core.robots import ROBOTS
+from pidtsm_core.robots import make_model
 from pidtsm_core.robots.two_link import TWO_LINK
 
 PROPERTY = settings(deadline=None, max_examples=40)
@@ -20,8 +20,9 @@ POSITIONS = st.lists(st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0)), 
 
 
 # A robot model without masses for tests that do not depend on the model: the joints are independent and do not fall.
-FREE = TWO_LINK.pack_model(
-    {f"robot.{p.name}": 0.0 if p.name in ("m1", "m2") else p.default for p in TWO_LINK.parameters}
+FREE = make_model(
+    TWO_LINK,
+    TWO_LINK.pack_model({f"robot.{p.name}": 0.0 if p.name in ("m1", "m2") else p.default for p in TWO_LINK.parameters}),
 )
 
 
@@ -32,10 +33,10 @@ def run(estimator: Estimator, positions: Array, dts: Array, truth: Array | None 
     x = np.zeros((joints, SLOTS))
     truth = np.zeros((len(positions), 2, joints)) if truth is None else truth
     estimates = np.full((len(positions), 3, joints), np.nan)
-    number, robot, effort = ESTIMATORS.index(estimator.name), ROBOTS.index(TWO_LINK.name), np.zeros(joints)
+    number, effort = ESTIMATORS.index(estimator.name), np.zeros(joints)
     for k, q in enumerate(positions):
         dt = float(dts[k]) if k else 0.0
-        estimate(number, Sample(q, truth[k], dt, effort, robot, FREE), p, x, estimates[k])
+        estimate(number, Sample(q, truth[k], dt, effort, FREE), p, x, estimates[k])
     return estimates
 
 

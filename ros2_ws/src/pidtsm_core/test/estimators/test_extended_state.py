@@ -14,15 +14,15 @@ from pidtsm_core.estimators import Sample
 from pidtsm_core.estimators.extended_state import EXTENDED_STATE_OBSERVER
 from pidtsm_core.family import SLOTS
 from pidtsm_core.parameters import Array
-from pidtsm_core.robots import ROBOTS, forward_dynamics
+from pidtsm_core.robots import Model, forward_dynamics, make_model
 from pidtsm_core.robots.two_link import TWO_LINK
 
 DT = 0.001
-ROBOT = ROBOTS.index(TWO_LINK.name)
-ARM = TWO_LINK.pack_model({f"robot.{p.name}": p.default for p in TWO_LINK.parameters})
+ARM = make_model(TWO_LINK, TWO_LINK.pack_model({f"robot.{p.name}": p.default for p in TWO_LINK.parameters}))
 # Without masses: q'' = effort / J.
-FREE = TWO_LINK.pack_model(
-    {f"robot.{p.name}": 0.0 if p.name in ("m1", "m2") else p.default for p in TWO_LINK.parameters}
+FREE = make_model(
+    TWO_LINK,
+    TWO_LINK.pack_model({f"robot.{p.name}": 0.0 if p.name in ("m1", "m2") else p.default for p in TWO_LINK.parameters}),
 )
 INERTIA = 5.0
 
@@ -30,13 +30,13 @@ Floats: TypeAlias = NDArray[np.floating[Any]]
 """NumPy's type for operations between integers and floats."""
 
 
-def observe(times: Floats, positions: Floats, efforts: Array, model: Array, bandwidth: float) -> Array:
+def observe(times: Floats, positions: Floats, efforts: Array, model: Model, bandwidth: float) -> Array:
     """Estimates of q, q', q'' after each sample, shape (samples, 3, 2); efforts[k] is held from sample k on."""
     p, x = np.full((2, SLOTS), bandwidth), np.zeros((2, SLOTS))
     estimates = np.zeros((len(times), 3, 2))
     for k, q in enumerate(positions):
         dt, held = (float(times[k] - times[k - 1]), efforts[k - 1]) if k else (0.0, efforts[0])
-        EXTENDED_STATE_OBSERVER.estimate(Sample(q, np.zeros((2, 2)), dt, held, ROBOT, model), p, x, estimates[k])
+        EXTENDED_STATE_OBSERVER.estimate(Sample(q, np.zeros((2, 2)), dt, held, model), p, x, estimates[k])
     return estimates
 
 
@@ -48,12 +48,12 @@ def swing(times: Array, disturbance: Array) -> tuple[Array, Array, Array]:
     for k in range(1, len(times)):
         h = (times[k] - times[k - 1]) / 20
         for _ in range(20):
-            forward_dynamics(ROBOT, q, dq, efforts[k - 1], ARM, ddq)
+            forward_dynamics(ARM, q, dq, efforts[k - 1], ddq)
             middle = dq + 0.5 * h * (ddq + disturbance)
-            forward_dynamics(ROBOT, q + 0.5 * h * dq, middle, efforts[k - 1], ARM, ddq)
+            forward_dynamics(ARM, q + 0.5 * h * dq, middle, efforts[k - 1], ddq)
             q = q + h * middle
             dq = dq + h * (ddq + disturbance)
-        forward_dynamics(ROBOT, q, dq, efforts[k - 1], ARM, ddq)
+        forward_dynamics(ARM, q, dq, efforts[k - 1], ddq)
         states[k], accelerations[k] = (q, dq), ddq + disturbance
     return states, accelerations, efforts
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from pidtsm_core.estimators import Sample
 from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
 from pidtsm_core.parameters import Array
+from pidtsm_core.robots import Model
 
 DT = 0.001
-NO_EFFORT, NO_MODEL = np.zeros(1), np.zeros(0)
+NO_EFFORT, NO_MODEL = np.zeros(1), Model(0, 0, 0, np.zeros(0))
 
 Floats: TypeAlias = NDArray[np.floating[Any]]
 """NumPy's type for operations between integers and floats."""
@@ -28,7 +29,7 @@ def run(times: Floats, positions: Floats, velocity_cutoff: float, acceleration_c
     found = []
     for k, q in enumerate(positions):
         dt = float(times[k] - times[k - 1]) if k else 0.0
-        FILTERED_DIFFERENCE.estimate(Sample(np.array([q]), truth, dt, NO_EFFORT, 0, NO_MODEL), p, x, estimates)
+        FILTERED_DIFFERENCE.estimate(Sample(np.array([q]), truth, dt, NO_EFFORT, NO_MODEL), p, x, estimates)
         assert estimates[0, 0] == q
         found.append(estimates[1:, 0].copy())
     return np.array(found)[:, 0], np.array(found)[:, 1]

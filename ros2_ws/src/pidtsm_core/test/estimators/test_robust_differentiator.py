@@ -12,9 +12,10 @@ from pidtsm_core.estimators import Sample
 from pidtsm_core.estimators.robust_differentiator import ROBUST_DIFFERENTIATOR
 from pidtsm_core.family import SLOTS
 from pidtsm_core.parameters import Array
+from pidtsm_core.robots import Model
 
 DT = 0.001
-NO_EFFORT, NO_MODEL = np.zeros(1), np.zeros(0)
+NO_EFFORT, NO_MODEL = np.zeros(1), Model(0, 0, 0, np.zeros(0))
 
 Floats: TypeAlias = NDArray[np.floating[Any]]
 """NumPy's type for operations between integers and floats."""
@@ -26,7 +27,7 @@ def run(times: Floats, positions: Floats, jerk: float) -> tuple[Array, Array, Ar
     truth, estimates = np.zeros((2, 1)), np.zeros((len(times), 3, 1))
     for k, q in enumerate(positions):
         dt = float(times[k] - times[k - 1]) if k else 0.0
-        ROBUST_DIFFERENTIATOR.estimate(Sample(np.array([q]), truth, dt, NO_EFFORT, 0, NO_MODEL), p, x, estimates[k])
+        ROBUST_DIFFERENTIATOR.estimate(Sample(np.array([q]), truth, dt, NO_EFFORT, NO_MODEL), p, x, estimates[k])
     return estimates[:, 0, 0], estimates[:, 1, 0], estimates[:, 2, 0]
 
 

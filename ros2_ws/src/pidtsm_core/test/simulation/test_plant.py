@@ -7,17 +7,19 @@ from hypothesis import strategies as st
 
 from pidtsm_core.disturbances import add_disturbance
 from pidtsm_core.parameters import Array, ParameterError, resolve
-from pidtsm_core.robots import ROBOTS, Robot, forward_dynamics
+from pidtsm_core.robots import Robot, find_robot, forward_dynamics, robot_joints
 from pidtsm_core.simulation.plant import Plant, plant_schema
 
-EACH = pytest.mark.parametrize("robot", ROBOTS.members, ids=lambda r: r.name)
+EACH = pytest.mark.parametrize(
+    "robot", [find_robot({"robot.description": name}) for name in ("two_link", "scara", "panda")], ids=lambda r: r.name
+)
 DT = 0.001
 
 
 def plant_of(**changes: object) -> Plant:
     """A plant; parameter names with two underscores instead of the dot."""
     chosen = {name.replace("__", "."): value for name, value in changes.items()}
-    return Plant(resolve(plant_schema, chosen, len(ROBOTS[str(chosen.get("robot.name", "two_link"))].joints)))
+    return Plant(resolve(plant_schema, chosen, robot_joints(chosen)))
 
 
 def state(plant: Plant) -> Array:
@@ -28,7 +30,7 @@ def acceleration(plant: Plant, q: Array, dq: Array, effort: Array) -> Array:
     """q'' under torque and disturbance, without the payload."""
     net, ddq = effort.copy(), np.zeros(q.size)
     add_disturbance(plant.config.disturbance, q, dq, net)
-    forward_dynamics(plant.config.robot, q, dq, net, plant.config.model, ddq)
+    forward_dynamics(plant.config.model, q, dq, net, ddq)
     return ddq
 
 
@@ -46,12 +48,12 @@ def test_torque_is_limited(effort: tuple[float, float]) -> None:
 
 @EACH
 def test_the_start_is_at_rest_at_the_default_or_given_position(robot: Robot) -> None:
-    plant = plant_of(robot__name=robot.name, disturbance__name="none")
+    plant = plant_of(robot__description=robot.name, disturbance__name="none")
     np.testing.assert_array_equal(plant.state.position, robot.initial_position)
     assert not plant.state.derivatives.any()
     assert not plant.state.effort.any()
     elsewhere = np.linspace(0.3, 0.9, plant.joints)
-    moved = plant_of(robot__name=robot.name, disturbance__name="none", initial_position=tuple(elsewhere))
+    moved = plant_of(robot__description=robot.name, disturbance__name="none", initial_position=tuple(elsewhere))
     np.testing.assert_array_equal(moved.state.position, elsewhere)
     moved.step(np.zeros(plant.joints), 0.0, DT)
     assert np.abs(moved.state.position - elsewhere).max() < 1e-3
@@ -112,7 +114,7 @@ def test_a_push_acts_for_its_duration_and_does_not_count_as_torque() -> None:
 )
 def test_a_model_error_scales_all_parameters_of_its_kind(error: dict[str, float], changed: dict[str, float]) -> None:
     wrong, right = plant_of(**error), plant_of(**changed)
-    np.testing.assert_allclose(wrong.config.model, right.config.model, rtol=1e-15)
+    np.testing.assert_allclose(wrong.config.model.parameters, right.config.model.parameters, rtol=1e-15)
 
 
 def test_friction_brings_a_moving_arm_to_rest_and_keeps_it_without_chatter() -> None:
