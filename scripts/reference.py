@@ -15,7 +15,6 @@ from pidtsm_core.node_parameters import NODE_ONLY, NODE_SCHEMAS
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value
 from pidtsm_core.reaching import REACHING_LAWS
 from pidtsm_core.references import REFERENCES
-from pidtsm_core.robots import ROBOTS
 from pidtsm_core.surfaces import SURFACES
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -26,7 +25,6 @@ _FAMILIES: dict[str, Family[Any]] = {
     "law.surface": SURFACES,
     "law.reaching": REACHING_LAWS,
     "estimator.name": ESTIMATORS,
-    "robot.name": ROBOTS,
     "reference.name": REFERENCES,
     "disturbance.name": DISTURBANCES,
 }

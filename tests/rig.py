@@ -44,7 +44,7 @@ def gravity(position: Sequence[float] | Array) -> Array:
     values = {f"robot.{p.name}": p.default for p in TWO_LINK.parameters}
     effort = np.zeros((1, 2))
     model = TWO_LINK.pack_model(values)
-    TWO_LINK.inverse_dynamics(np.array(position), np.zeros(2), np.zeros((1, 2)), model, effort)
+    TWO_LINK.dynamics.inverse_dynamics(np.array(position), np.zeros(2), np.zeros((1, 2)), model, effort)
     return effort[0]
 
 

@@ -104,7 +104,7 @@ def refused(testbed: Testbed, argument: str) -> str:
         ("viewer:=eyes", "viewer: 'eyes' must be one of none, rviz"),
         ("autostart:=maybe", "autostart: 'maybe' must be one of true, false"),
         ("scenario:=nonsense", "no scenario nonsense: neither a file nor one of case1"),
-        ("robot:=snake", "robot.name: 'snake' must be one of two_link"),
+        ("robot:=snake", "robot.description: snake: No such file or directory; neither a file nor one of two_link"),
         ("set:=controller.law.kk=1.0", "controller: unknown parameter law.kk; did you mean law.k?"),
         ("set:='a", "set: 'a: No closing quotation"),
         ("params:=nowhere.yaml", "nowhere.yaml: No such file or directory"),

@@ -17,10 +17,11 @@ from sensor_msgs.msg import JointState
 from pidtsm_controller.controller_node import ControllerNode
 from pidtsm_controller.trajectory_node import TrajectoryNode
 from pidtsm_core.cdr import serialized_nanoseconds
-from pidtsm_core.experiment import Experiment, ros_parameters
+from pidtsm_core.experiment import Experiment, make_experiment, ros_parameters
 from pidtsm_core.laws import LAWS
 from pidtsm_core.node_parameters import AUTOSTART
 from pidtsm_core.parameters import Array
+from pidtsm_core.robots import find_robot
 from pidtsm_core.rollout import Rollout, rollout
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 from pidtsm_experiments.runs.domain import own_domain
@@ -214,6 +215,30 @@ def test_nodes_and_rollout_agree(law: str, condition: str, tmp_path: Path) -> No
     heard = over_nodes(settings, tmp_path)
     assert list(heard["simulator/ground_truth"]) == list(range(SAMPLES))
     assert_same_bits(heard, simulated, settings["simulator"].get("delay.samples", 0))
+
+
+@pytest.mark.parametrize("arm", ["panda", "scara"])
+def test_nodes_and_rollout_agree_for_other_arms(arm: str, tmp_path: Path) -> None:
+    """With seven joints, or one that slides; the simulator has the joints in the opposite order."""
+    settings = make_experiment(None, robot=arm).settings
+    joints = find_robot({"robot.description": arm}).joints
+    settings["controller"] |= {
+        "law.name": "piddtsm",
+        "law.disturbance_rejection": True,
+        "estimator.name": "extended_state_observer",
+        "limits.effort_rate": 2000.0,
+    }
+    settings["simulator"] |= {
+        "joints": joints[::-1],
+        "initial_position": settings["simulator"]["initial_position"][::-1],
+        "encoder.bits": 14,
+        "model_error.mass": 0.2,
+        "payload.mass": 1.0,
+        "payload.time": 0.2,
+    }
+    simulated = rollout(settings, SAMPLES * 1e-3)
+    assert simulated.joints == joints[::-1]
+    assert_same_bits(over_nodes(settings, tmp_path), simulated, 0)
 
 
 def test_the_conditions_are_what_they_are_called() -> None:

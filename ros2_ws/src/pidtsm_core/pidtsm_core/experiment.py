@@ -11,10 +11,12 @@ from typing import Any
 import yaml
 
 from pidtsm_core.control import LAW_NAME
+from pidtsm_core.default_motion import DURATION, default_motion
 from pidtsm_core.errors import UsageError
 from pidtsm_core.laws import LAWS
 from pidtsm_core.node_parameters import NODE_ONLY
 from pidtsm_core.parameters import ParameterError, Schema, Value
+from pidtsm_core.robots import DESCRIPTION, NAMES, ROBOTS, find_robot
 from pidtsm_core.rollout import resolve_nodes
 
 Settings = dict[str, dict[str, Any]]
@@ -22,6 +24,9 @@ Settings = dict[str, dict[str, Any]]
 
 ARTICLE = "article"
 """Name of the parameter set of the article's Table 1."""
+DEFAULT_ROBOT = str(DESCRIPTION.default)
+DEFAULT_SCENARIO = "case1"
+"""Scenario if neither a scenario nor a robot is chosen."""
 PRACTICAL = "practical"
 """Name of the parameter set for real sensors and drives."""
 NODES = ("simulator", "controller", "trajectory")
@@ -120,29 +125,33 @@ def scenario_names() -> list[str]:
 
 
 def make_experiment(
-    scenario: str,
+    scenario: str | None,
     law: str | None = None,
     duration: float | None = None,
     params: Sequence[str] = (),
     overrides: Sequence[str] = (),
+    robot: str | None = None,
 ) -> Experiment:
-    """Combine the parts of an experiment; later ones override earlier ones: scenario, parameter files, law, overrides.
+    """Combine the parts of an experiment.
+
+    Later ones override earlier ones: scenario, robot, parameter files, law, overrides.
 
     Args:
-        scenario: a name from `scenario_names`, or the path of a scenario file.
+        scenario: a name from `scenario_names`, or the path of a scenario file; None: Case 1, or for another robot its
+            `default_motion`.
         law: a name in `LAWS`; None: the law of the scenario or parameter files, or else the default law.
         duration: s; replaces the scenario's if given.
         params: paths of ROS parameter files. ``article`` is the article's Table 1 for the law (`law` if given, else the
             one set by the earlier parts), ``practical`` the set for real sensors and drives.
         overrides: texts ``NODE.PARAMETER=VALUE``.
+        robot: ``robot.description`` of simulator and controller, see `find_robot`; None: that of the scenario.
 
     Raises:
         UsageError: anything unknown or malformed; the message contains the file, the key and what is allowed.
     """
     if law is not None and law not in LAWS.names:
         raise UsageError(f"unknown law {law}; known: {', '.join(LAWS.names)}")
-    file = _scenario_file(scenario)
-    content = _load_scenario(file)
+    file, content = _scenario(scenario, robot)
     settings: Settings = {node: {} for node in NODES}
     files: dict[str, str] = {}
 
@@ -152,10 +161,15 @@ def make_experiment(
             files.update({f"{node}.{name}": str(source) for name in parameters})
 
     merge({node: flatten(content.get(node) or {}, f"{file}: {node}") for node in NODES}, file)
+    if robot is not None:
+        # The nodes may run in another folder.
+        description = str(Path(robot).resolve()) if robot not in NAMES and Path(robot).is_file() else robot
+        merge({node: {DESCRIPTION.name: description} for node in ("simulator", "controller")}, Path(robot))
     for name in params:
         before = settings["controller"].get("law.name")
         of_law = law or (before if before in LAWS.names else None)
-        source = _PARAMETER_SETS[name](of_law) if name in _PARAMETER_SETS else Path(name)
+        of_robot = str(settings["controller"].get(DESCRIPTION.name, DEFAULT_ROBOT))
+        source = _PARAMETER_SETS[name](of_law, of_robot) if name in _PARAMETER_SETS else Path(name)
         merge(load_ros_parameters(source), source)
     if law is not None:
         settings["controller"]["law.name"] = law
@@ -180,8 +194,12 @@ def article_parameters(law: str | None) -> Path:
     return file
 
 
-def practical_parameters(law: str | None) -> Path:
+def practical_parameters(law: str | None, robot: str = DEFAULT_ROBOT) -> Path:
     """ROS parameter file for real sensors and drives: observer and bounded adaptation.
+
+    Args:
+        law: name of the law; None: the default law.
+        robot: ``robot.description`` of the controller.
 
     Raises:
         UsageError: the law is not the proposed one.
@@ -191,10 +209,10 @@ def practical_parameters(law: str | None) -> Path:
             f"{PRACTICAL} parameters exist only for {LAW_NAME.default}, not for {law}; omit --params {PRACTICAL}, "
             "or specify a file"
         )
-    return _PARAMETERS / f"{PRACTICAL}.yaml"
+    return _PARAMETERS / (f"{PRACTICAL}.yaml" if robot in ROBOTS.names else f"{PRACTICAL}_arm.yaml")
 
 
-_PARAMETER_SETS = {ARTICLE: article_parameters, PRACTICAL: practical_parameters}
+_PARAMETER_SETS = {ARTICLE: lambda law, _: article_parameters(law), PRACTICAL: practical_parameters}
 
 
 def load_ros_parameters(file: Path) -> Settings:
@@ -259,6 +277,18 @@ def _scenario_file(scenario: str) -> Path:
         if Path(scenario).is_file():
             return Path(scenario)
     raise UsageError(f"no scenario {scenario}: neither a file nor one of {', '.join(scenario_names())}")
+
+
+def _scenario(scenario: str | None, robot: str | None) -> tuple[Path, dict[str, Any]]:
+    """File and content of a scenario; see `make_experiment`."""
+    if scenario is not None or robot in (None, DEFAULT_ROBOT):
+        file = _scenario_file(scenario or DEFAULT_SCENARIO)
+        return file, _load_scenario(file)
+    try:
+        found = find_robot({DESCRIPTION.name: robot})
+    except ParameterError as error:
+        raise UsageError(str(error)) from None
+    return Path(found.name), {"duration": DURATION, **default_motion(found)}
 
 
 def _read_yaml(text: str) -> Any:

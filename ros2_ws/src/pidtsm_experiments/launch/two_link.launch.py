@@ -20,9 +20,9 @@ from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.experiment import make_experiment, scenario_names
+from pidtsm_core.experiment import DEFAULT_SCENARIO, make_experiment, scenario_names
 from pidtsm_core.laws import LAWS
-from pidtsm_core.robots import ROBOTS
+from pidtsm_core.robots import NAMES
 from pidtsm_experiments.commands.options import seconds
 from pidtsm_experiments.runs.runner import EXECUTABLES, bag_metadata, node_parameters
 
@@ -33,10 +33,13 @@ _OUTPUT = {"stdout": "log", "stderr": "screen"}  # Nodes log to stderr; stdout h
 
 _ARGUMENTS = (
     DeclareLaunchArgument(
-        "scenario", default_value="case1", description=f"one of {', '.join(scenario_names())}, or a scenario file"
+        "scenario",
+        default_value="",
+        description=f"one of {', '.join(scenario_names())}, or a scenario file (default: {DEFAULT_SCENARIO}; for "
+        "another robot, every joint swings about its middle)",
     ),
     DeclareLaunchArgument("law", default_value="", description=f"one of {', '.join(LAWS.names)}"),
-    DeclareLaunchArgument("robot", default_value="", description=f"robot model: one of {', '.join(ROBOTS.names)}"),
+    DeclareLaunchArgument("robot", default_value="", description=f"the arm: one of {', '.join(NAMES)}, or a URDF"),
     DeclareLaunchArgument("duration", default_value="", description="duration in seconds (default: the scenario's)"),
     DeclareLaunchArgument(
         "clock",
@@ -133,15 +136,14 @@ def _actions(context: LaunchContext) -> list[Node]:
     given = context.launch_configurations
     _check(given)
     clock, namespace = given["clock"], given["namespace"]
-    overrides = [f"{node}.robot.name={given['robot']}" for node in ("simulator", "controller") if given["robot"]]
-    nodes = ("simulator", "controller", "trajectory")
-    overrides += [f"{node}.autostart={given['autostart']}" for node in nodes]
+    overrides = [f"{node}.autostart={given['autostart']}" for node in ("simulator", "controller", "trajectory")]
     experiment = make_experiment(
-        given["scenario"],
+        given["scenario"] or None,
         given["law"] or None,
         _duration(given["duration"]),
         _words("params", given["params"]),
         [*overrides, *_words("set", given["set"])],
+        given["robot"] or None,
     )
     viewed, recorded = given["viewer"] == "rviz", given["record"]
     others = viewed + bool(recorded)

@@ -8,6 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.qos import QoSProfile
 
 from pidtsm_core.parameters import Value, as_float
+from pidtsm_core.robots import DESCRIPTION, find_robot
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import set_stamp
@@ -108,7 +109,7 @@ class Diagnostics:
             level=level,
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: loop",
             message=message,
-            hardware_id=str(self._node.values.get("robot.name", "")),
+            hardware_id=find_robot(self._node.values).name if DESCRIPTION.name in self._node.values else "",
             values=[
                 KeyValue(key=r.name + (f" ({r.unit})" if r.unit else ""), value=f"{r.value:.6g}") for r in readings
             ],

@@ -1,18 +1,20 @@
-"""``./pidtsm demo``: Case 1 with the proposed law and the real nodes, in lockstep."""
+"""``./pidtsm demo``: Case 1, or the default motion of another arm, with the proposed law and the real nodes."""
 
 import argparse
 from pathlib import Path
 
 from pidtsm_core.experiment import make_experiment
+from pidtsm_experiments.commands.options import add_robot_argument
 from pidtsm_experiments.commands.run import run_and_report
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_argument(parser)
     parser.add_argument(
         "--out", type=Path, default=Path("results", "demo"), metavar="DIR", help="default: results/demo"
     )
 
 
 def execute(options: argparse.Namespace) -> int:
-    run_and_report(make_experiment("case1"), "lockstep", options.out)
+    run_and_report(make_experiment(None, robot=options.robot), "lockstep", options.out)
     return 0

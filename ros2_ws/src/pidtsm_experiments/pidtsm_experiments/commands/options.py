@@ -12,10 +12,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from pidtsm_core.control import LAW_NAME, Controller
-from pidtsm_core.experiment import Experiment, make_experiment, scenario_names
+from pidtsm_core.experiment import DEFAULT_SCENARIO, Experiment, make_experiment, scenario_names
 from pidtsm_core.laws import LAWS
 from pidtsm_core.outcome import why_not_followed
 from pidtsm_core.parameters import Value
+from pidtsm_core.robots import NAMES
 from pidtsm_experiments.commands.table import print_metrics
 from pidtsm_experiments.errors import RunError
 
@@ -25,13 +26,14 @@ CONSOLE = Console(stderr=True)
 
 def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options that define the experiment."""
-    parser.description = f"{parser.description}\n\nPrecedence, lowest first: scenario, --params, --law, --set."
+    parser.description = f"{parser.description}\n\nPrecedence, lowest first: scenario, --robot, --params, --law, --set."
     parser.add_argument(
         "--scenario",
-        default="case1",
         metavar="NAME|FILE",
-        help=f"one of {', '.join(scenario_names())}, or a scenario file (default: case1)",
+        help=f"one of {', '.join(scenario_names())}, or a scenario file (default: {DEFAULT_SCENARIO}; with --robot, "
+        "every joint swings about its middle)",
     )
+    add_robot_argument(parser)
     parser.add_argument("--law", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: {LAW_NAME.default})")
     parser.add_argument("--duration", type=seconds, metavar="S", help="duration in seconds (default: the scenario's)")
     parser.add_argument(
@@ -51,9 +53,20 @@ def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_robot_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option that chooses the arm."""
+    parser.add_argument(
+        "--robot",
+        metavar="NAME|FILE",
+        help=f"the arm of simulator and controller: one of {', '.join(NAMES)}, or a URDF, xacro or MJCF file",
+    )
+
+
 def experiment_of(options: argparse.Namespace) -> Experiment:
     """The experiment defined by the options."""
-    return make_experiment(options.scenario, options.law, options.duration, options.params, options.set)
+    return make_experiment(
+        options.scenario, options.law, options.duration, options.params, options.set, robot=options.robot
+    )
 
 
 def seconds(text: str) -> float:

@@ -1,0 +1,76 @@
+"""An arm that the project does not know, from its URDF: commands, nodes, bag, figures and report."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pidtsm_core.experiment import PRACTICAL, make_experiment
+from pidtsm_core.rollout import rollout
+from pidtsm_experiments.bags.reader import read_recording
+from pidtsm_experiments.cli import main
+
+LINK = (
+    '<link name="{0}"><inertial><origin xyz="0.1 0 0.05"/><mass value="{1}"/>'
+    '<inertia ixx="0.02" iyy="0.03" izz="0.025" ixy="0" ixz="0.001" iyz="0"/></inertial></link>'
+)
+JOINT = (
+    '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><origin xyz="0.2 0 0.1" rpy="0.3 0 0.2"/>'
+    '<axis xyz="{4}"/><limit effort="{5}" velocity="2" {6}/><dynamics damping="0.4" friction="0.2"/></joint>'
+)
+ARM = "".join(
+    (
+        '<robot name="crane"><link name="floor"/>',
+        *(LINK.format(name, mass) for name, mass in (("mast", 6.0), ("boom", 3.0), ("hook", 1.0))),
+        JOINT.format("slew", "continuous", "floor", "mast", "0 0 1", 60, ""),
+        JOINT.format("lift", "prismatic", "mast", "boom", "0 0 1", 300, 'lower="-0.1" upper="0.5"'),
+        JOINT.format("tilt", "revolute", "boom", "hook", "0 1 0.5", 30, 'lower="-1" upper="2"'),
+        "</robot>",
+    )
+)
+ROTORS = "controller.robot.armature=[0.2, 5.0, 0.1]", "simulator.robot.armature=[0.2, 5.0, 0.1]"
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """A command in a folder with the arm: exit code, output and errors."""
+    monkeypatch.chdir(tmp_path)
+    Path("crane.urdf").write_text(ARM, encoding="utf-8")
+
+    def call(*words: str) -> tuple[int, str, str]:
+        rotors = [word for rotor in ROTORS for word in ("--set", rotor)]
+        return main([*words, *rotors]), *capsys.readouterr()
+
+    return call
+
+
+def test_it_tracks_in_a_rollout(call: Call) -> None:
+    code, out, err = call("rollout", "--robot", "crane.urdf", "--params", "practical", "--json")
+    assert code == 0, err
+    metrics = json.loads(out)
+    assert metrics["joints"] == ["slew", "lift", "tilt"]
+    assert max(metrics["rmse"]) < 0.02
+
+
+def test_it_runs_over_the_nodes_as_in_a_rollout(call: Call) -> None:
+    code, _, err = call("run", "--robot", "crane.urdf", "--params", "practical", "--duration", "1", "--out", "out")
+    assert code == 0, err
+    recording = read_recording(Path("out/bag"))
+    settings = make_experiment(None, robot="crane.urdf", params=[PRACTICAL], overrides=ROTORS).settings
+    np.testing.assert_array_equal(recording.effort, rollout(settings, 1.0).effort)
+    assert recording.joints == ("slew", "lift", "tilt")
+    for result in ("report.html", "figures/tracking.png", "params/controller.yaml"):
+        assert Path("out", result).is_file()
+
+
+def test_a_broken_description_starts_nothing_and_is_one_line(call: Call) -> None:
+    Path("crane.urdf").write_text(ARM.replace('type="prismatic"', 'type="planar"'), encoding="utf-8")
+    for command in ("rollout", "run"):
+        code, out, err = call(command, "--robot", "crane.urdf")
+        assert (code, out) == (2, "")
+        assert err.count("\n") == 1
+        assert "joint lift: its type is planar" in err
+    assert not Path("results").exists()
