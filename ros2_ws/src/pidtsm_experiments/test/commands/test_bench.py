@@ -12,7 +12,7 @@ from pidtsm_experiments.cli import main
 from pidtsm_experiments.commands.bench import Row, medians
 
 FIELDS = {"benchmark", "met", *(field.name for field in fields(Row))}
-OWN = ["analyze", "batch", "rollout", "tick"]
+OWN = ["analyze", "batch", "dynamics", "rollout", "tick"]
 
 
 def test_a_benchmark_that_compiles_runs_again_in_the_next_process() -> None:
