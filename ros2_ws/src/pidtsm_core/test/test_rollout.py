@@ -245,6 +245,10 @@ def test_a_rehearsed_restart_is_equivalent_to_a_real_one() -> None:
         ({"controller": {"law.k1": -1.0}}, r"controller: law\.k1"),
         ({"controller": {"law.name": "piddtms"}}, r"controller: law\.name.*did you mean piddtsm"),
         ({"simulator": {"robot.description": "two_lnk"}}, r"simulator: robot\.description.*did you mean two_link"),
+        (
+            {"controller": {"robot.description": "panda"}, "simulator": {"robot.description": "panda"}},
+            r"trajectory: reference\.name: this reference moves 2 joints, and the robot has 7",
+        ),
         ({"controller": {"robot.description": "two_lnk"}}, r"controller: robot\.description.*did you mean two_link"),
         ({"simulator": {"initial_position": [0.0, 1.0, 2.0]}}, r"simulator: initial_position.*2 joints"),
     ],

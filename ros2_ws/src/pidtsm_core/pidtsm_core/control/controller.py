@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pidtsm_core.control.parameters import FRICTION, REJECTION, check_rejection
+from pidtsm_core.control.parameters import FRICTION, REJECTION
 from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
 from pidtsm_core.control.state import Clock, floats_size, integers_size, unpack
 from pidtsm_core.control.step import (
@@ -75,7 +75,6 @@ class Controller:
     def _fill(self, values: Mapping[str, Value], model: Array, gains: Array) -> None:
         """Write the configuration, with packed parameters of model and law, to the arrays."""
         kind, *addresses, _ = make_model(find_robot(values), model)
-        check_rejection(values)
         law = LAWS[str(values["law.name"])]
         estimator = ESTIMATORS[str(values["estimator.name"])]
         rate = joint_array(values["limits.effort_rate"], self.joints)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.laws import LAWS
-from pidtsm_core.parameters import Parameter, ParameterError, Value, chosen, prefixed
+from pidtsm_core.parameters import Parameter, ParameterError, chosen, prefixed
 from pidtsm_core.robots import Robot, find_robot, robot_schema
 
 LAW_NAME = Parameter("law.name", "piddtsm", "control law", choices=LAWS.names, read_only=True)
@@ -187,24 +187,18 @@ def _friction(robot: Robot) -> tuple[Parameter, ...]:
     return tuple(replace(p, default=value or p.default) for p, value in zip(FRICTION, of_robot, strict=True))
 
 
-def check_rejection(values: Mapping[str, Value]) -> None:
-    """Check that the estimator provides what `REJECTION` needs.
+def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    """Parameters of the controller; they depend on ``law.name``, ``estimator.name`` and the robot.
 
     Raises:
-        ParameterError: it does not.
+        ParameterError: see `find_robot`, or the estimator does not estimate the disturbance that is to be rejected.
     """
-    estimator = ESTIMATORS[str(values["estimator.name"])]
-    if values.get(REJECTION.name, False) and estimator.disturbance is None:
-        capable = ", ".join(e.name for e in ESTIMATORS.members if e.disturbance is not None)
-        raise ParameterError(
-            f"{REJECTION.name}: estimator.name must be {capable}, not {estimator.name}", REJECTION.name
-        )
-
-
-def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Parameters of the controller; they depend on ``law.name``, ``estimator.name`` and the robot."""
     law = LAWS[chosen(settings, LAW_NAME)]
     estimator = ESTIMATORS[chosen(settings, ESTIMATOR_NAME)]
+    if settings.get(REJECTION.name) is True and estimator.disturbance is None:
+        capable = ", ".join(e.name for e in ESTIMATORS.members if e.disturbance is not None)
+        reason = f"{REJECTION.name}: estimator.name must be {capable}, not {estimator.name}"
+        raise ParameterError(reason, REJECTION.name)
     return (
         LAW_NAME,
         *prefixed("law", law.parameters(settings)),
