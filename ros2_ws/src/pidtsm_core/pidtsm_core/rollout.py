@@ -227,14 +227,14 @@ def resolve_nodes(
         if node == "trajectory" and "joints" not in given:
             given["joints"] = list(names(values["controller"]["joints"]))
         try:
-            joints = _JOINTS[node](given)
-            if node == "trajectory" and "joints" not in settings.get(node, {}) and joints != len(given["joints"]):
+            count = _JOINTS[node](given)
+            if node == "trajectory" and "joints" not in settings.get(node, {}) and count != len(given["joints"]):
                 raise ParameterError(
-                    f"reference.name: this reference moves {joints} joints, and the robot has {len(given['joints'])}; "
+                    f"reference.name: this reference moves {count} joints, and the robot has {len(given['joints'])}; "
                     "choose another reference, or a scenario for this robot",
                     "reference.name",
                 )
-            values[node] = resolve(schema, given, joints)
+            values[node] = resolve(schema, given, count)
         except ParameterError as error:
             raise ParameterError(f"{node}: {error}", f"{node}.{error.parameter}") from None
     of_the_controller = names(values["controller"]["joints"])

@@ -11,7 +11,19 @@ import pidtsm_studies
 
 PACKAGES = [Path(package.__path__[0]) for package in (pidtsm_core, pidtsm_studies)]
 FILES = [file for package in PACKAGES for file in sorted(package.rglob("*.py"))]
-LIBRARIES = {"jinja2", "joblib", "matplotlib", "numba", "numpy", "plotly", "scipy", "yaml"}
+LIBRARIES = {
+    "jinja2",
+    "joblib",
+    "llvmlite",
+    "matplotlib",
+    "mujoco",
+    "numba",
+    "numpy",
+    "plotly",
+    "scipy",
+    "xacro",
+    "yaml",
+}
 
 
 def imported(file: Path) -> set[str]:
