@@ -125,6 +125,7 @@ def tree_robot(
     """
     found = read_description(text, joints, dict(locked))
     half = 0.5 * (found.upper - found.lower)
+    middle = np.where(np.isfinite(half), found.upper - np.where(np.isfinite(half), half, 0.0), 0.0)
     armature = np.empty(len(found.joints))
     for row in rows(found.tree):
         armature[int(row[Column.PLACE])] = row[Column.ARMATURE]
@@ -143,7 +144,7 @@ def tree_robot(
         ),
         joints=found.joints,
         effort_limit=tuple(found.effort.tolist()),
-        initial_position=tuple(np.where(np.isfinite(half), found.lower + half, 0.0).tolist()),
+        initial_position=tuple(middle.tolist()),
         half_range=tuple(half.tolist()),
         quantities={},
         dynamics=TREE,
