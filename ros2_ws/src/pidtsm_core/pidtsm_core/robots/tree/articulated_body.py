@@ -49,13 +49,15 @@ def _release_joint(y: Array, k: int, dq: float, axis: int, inertia: float, net: 
     """Compute what a body with a free joint passes to its parent: I - U U' / D, and p + I c + U net / D with this I."""
     u, b = k + Scratch.PRODUCT, k + Scratch.BIAS
     a, o, c = k + Scratch.ANGULAR, k + Scratch.MIXED, k + Scratch.LINEAR
+    inverse = 1.0 / inertia  # Divisions are the most expensive operations here.
     for i in range(3):
+        angular, linear = y[u + i] * inverse, y[u + 3 + i] * inverse
         for j in range(3):
-            y[a + 3 * i + j] -= y[u + i] * y[u + j] / inertia
-            y[o + 3 * i + j] -= y[u + i] * y[u + 3 + j] / inertia
-            y[c + 3 * i + j] -= y[u + 3 + i] * y[u + 3 + j] / inertia
+            y[a + 3 * i + j] -= angular * y[u + j]
+            y[o + 3 * i + j] -= angular * y[u + 3 + j]
+            y[c + 3 * i + j] -= linear * y[u + 3 + j]
     c0, c1, c3, c4 = velocity_product(y, k + Scratch.VELOCITY, axis, dq)
-    rate = net / inertia
+    rate = net * inverse
     for m in range(3):
         n = 3 * m
         y[b + m] += y[a + n] * c0 + y[a + n + 1] * c1 + y[o + n] * c3 + y[o + n + 1] * c4 + y[u + m] * rate
