@@ -19,7 +19,7 @@ from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.results import result_folder
-from pidtsm_experiments.runs.runner import node_parameters, run
+from pidtsm_experiments.runs.runner import node_parameters, run, uninterrupted
 from pidtsm_studies.article.claims import ARTICLE_LAWS, Comparison, as_json
 
 SCENARIOS = ("case1", "case2")
@@ -102,8 +102,10 @@ def make_runs(
                 process = context.Process(
                     target=_make_run, args=(chosen.experiment, folder / chosen.key, clock, errors), name=chosen.key
                 )
-                process.start()
-                running[chosen.key] = process, clock, errors
+                # A process that is not in the list would outlive an interrupt, without its clock.
+                with uninterrupted():
+                    process.start()
+                    running[chosen.key] = process, clock, errors
             time.sleep(_POLL)
             for key, (process, clock, errors) in list(running.items()):
                 progress(key, clock.value)
@@ -113,10 +115,11 @@ def make_runs(
                     failed[key] = "the process died" if errors.empty() else str(errors.get())
                 del running[key]
     finally:
-        for process, _, _ in running.values():
-            process.terminate()
-        for process, _, _ in running.values():
-            process.join()
+        with uninterrupted():
+            for process, _, _ in running.values():
+                process.terminate()
+            for process, _, _ in running.values():
+                process.join()
     return failed
 
 

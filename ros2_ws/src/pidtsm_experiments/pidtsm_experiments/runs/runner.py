@@ -62,7 +62,7 @@ def _end_with_parent(runner: int) -> None:
 
 
 @contextmanager
-def _uninterrupted() -> Iterator[None]:
+def uninterrupted() -> Iterator[None]:
     """Defer SIGINT and SIGTERM to the end of the block."""
     received: list[int] = []
     previous = {number: signal.signal(number, lambda n, _: received.append(n)) for number in _ENDING}
@@ -130,13 +130,13 @@ class Processes:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         # An impatient second Ctrl-C must not leave processes behind.
-        with _uninterrupted():
+        with uninterrupted():
             self.end(*self.running)
 
     def start(self, name: str, arguments: Sequence[str], environment: dict[str, str], log: Path) -> Process:
         """Start a node; see `Process`."""
         # A Ctrl-C between the start of a process and its entry here would lose it.
-        with _uninterrupted():
+        with uninterrupted():
             self.running[name] = Process(name, arguments, environment, log)
         return self.running[name]
 
