@@ -74,7 +74,7 @@ class Controller:
 
     def _fill(self, values: Mapping[str, Value], model: Array, gains: Array) -> None:
         """Write the configuration, with packed parameters of model and law, to the arrays."""
-        kind, *addresses, _ = make_model(find_robot(values), model)
+        robot = make_model(find_robot(values), model)
         law = LAWS[str(values["law.name"])]
         estimator = ESTIMATORS[str(values["estimator.name"])]
         rate = joint_array(values["limits.effort_rate"], self.joints)
@@ -84,7 +84,7 @@ class Controller:
             self.joints,
             model.size,
             gains.shape[1],
-            kind,
+            robot.kind,
             ESTIMATORS.index(estimator.name),
             law.uses_model,
             values["law.anti_windup"] == "conditional",
@@ -98,7 +98,8 @@ class Controller:
             stop == "hold",
             bool(values["stop.brakes"]),
             bool(np.any(values["plausibility.velocity"])),
-            *addresses,
+            robot.inverse,
+            robot.forward,
             bool(values.get(REJECTION.name, False)),
             bool(law.uses_model and (coulomb.any() or viscous.any())),
             *law_integers(law, values),

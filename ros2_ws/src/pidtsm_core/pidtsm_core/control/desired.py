@@ -7,6 +7,7 @@ no step.
 import math
 
 from pidtsm_core.compiled import inlined, outlined
+from pidtsm_core.control.effort import write_net_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
 from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.laws import command
@@ -227,8 +228,7 @@ def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int)
         Whether the way is within the limits, or nearly so.
     """
     y, start = state.signals, state.desired
-    for j in range(state.net.size):
-        state.net[j] = y[Signal.EFFORT, j] - state.friction[j]
+    write_net_effort(config, state, y[Signal.EFFORT])
     forward_dynamics(config.model, y[Signal.POSITION], y[Signal.VELOCITY], state.net, start[2])
     for j in range(state.measured.size):
         start[0, j] = y[Signal.POSITION, j]

@@ -24,6 +24,19 @@ def carry(config: ControllerConfig, state: ControllerState, q: Array) -> None:
 
 
 @inlined
+def write_net_effort(config: ControllerConfig, state: ControllerState, effort: Array) -> None:
+    """Write the effort that accelerates the arm, without what compensates friction, to ``state.net``.
+
+    Args:
+        config: configuration, which is read.
+        state: state, which is changed.
+        effort: of the last tick, shape (joints,), N m.
+    """
+    for j in range(effort.size):
+        state.net[j] = effort[j] - state.friction[j] if config.compensates else effort[j]
+
+
+@inlined
 def limit_effort(config: ControllerConfig, state: ControllerState) -> None:
     """Limit the efforts; an effort that is not finite becomes 0."""
     y = state.signals

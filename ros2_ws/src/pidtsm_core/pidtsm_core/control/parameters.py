@@ -160,6 +160,7 @@ REJECTION = Parameter(
     False,
     "whether the disturbance that the observer estimates is subtracted from the commanded acceleration; needs "
     "estimator.name: extended_state_observer",
+    read_only=True,
 )
 FRICTION = (
     Parameter(
@@ -195,8 +196,8 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """
     law = LAWS[chosen(settings, LAW_NAME)]
     estimator = ESTIMATORS[chosen(settings, ESTIMATOR_NAME)]
-    if settings.get(REJECTION.name) is True and estimator.disturbance is None:
-        capable = ", ".join(e.name for e in ESTIMATORS.members if e.disturbance is not None)
+    if settings.get(REJECTION.name) is True and not estimator.finds_disturbance:
+        capable = ", ".join(e.name for e in ESTIMATORS.members if e.finds_disturbance)
         reason = f"{REJECTION.name}: estimator.name must be {capable}, not {estimator.name}"
         raise ParameterError(reason, REJECTION.name)
     return (

@@ -26,6 +26,8 @@ _HOLDS, ELSEWHERE = 1, 2
 @outlined
 def make_safe(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
     """Replace the effort for the joint state of `stamp` (ns), dt (s) after the last one, with the safe effort."""
+    for j in range(state.friction.size):
+        state.friction[j] = 0.0  # The safe effort compensates none, and the estimator must know.
     if config.holds:
         _hold(config, state, stamp, dt)
     else:

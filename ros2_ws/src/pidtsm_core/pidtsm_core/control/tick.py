@@ -3,7 +3,7 @@
 import math
 
 from pidtsm_core.compiled import inlined, njit
-from pidtsm_core.control.effort import limit_effort
+from pidtsm_core.control.effort import limit_effort, write_net_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
@@ -79,14 +79,6 @@ def _compensate(config: ControllerConfig, state: ControllerState, desired: Array
 
 
 @inlined
-def _net_effort(config: ControllerConfig, state: ControllerState) -> None:
-    """Write the effort that accelerated the arm since the last tick, to ``state.net``: for the estimator."""
-    effort = state.applied if config.feeds_back else state.signals[Signal.EFFORT]
-    for j in range(effort.size):
-        state.net[j] = effort[j] - state.friction[j] if config.compensates else effort[j]
-
-
-@inlined
 def _actuate(config: ControllerConfig, state: ControllerState) -> None:
     """Convert the law's accelerations to efforts with the model; the outputs of a law without model are efforts."""
     y = state.signals
@@ -125,7 +117,7 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
     y = state.signals
     if dt > 0.0:
         _advance(config, state, dt)
-    _net_effort(config, state)
+    write_net_effort(config, state, state.applied if config.feeds_back else y[Signal.EFFORT])
     sample = Sample(q, truth, dt, state.net, config.model)
     estimate(config.estimator, sample, config.estimator_parameters, state.estimator, y[: Signal.POSITION_ERROR])
     _command(config, state, desired, dt)

@@ -1,9 +1,9 @@
 """Estimators: from measured position to q, q', q''. One per file; `ESTIMATORS` contains the ones imported here."""
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.estimators.base import Estimator, Sample
+from pidtsm_core.estimators.base import DISTURBANCE, Estimator, Sample
 from pidtsm_core.estimators.exact import EXACT
-from pidtsm_core.estimators.extended_state import DISTURBANCE, EXTENDED_STATE_OBSERVER
+from pidtsm_core.estimators.extended_state import EXTENDED_STATE_OBSERVER
 from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
 from pidtsm_core.estimators.robust_differentiator import ROBUST_DIFFERENTIATOR
 from pidtsm_core.family import Family, dispatch

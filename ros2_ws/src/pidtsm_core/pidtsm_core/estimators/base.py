@@ -8,6 +8,9 @@ from pidtsm_core.family import Member
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import Model
 
+DISTURBANCE = 2
+"""Column of an estimator's state, see `Estimator.finds_disturbance`."""
+
 
 class Sample(NamedTuple):
     """Inputs at a sample; the same for every estimator."""
@@ -26,11 +29,11 @@ class Estimator(Member):
     Attributes:
         estimate: compiled ``(sample, p, x, estimates)``: see `Sample`; p and x have shape (joints, SLOTS), x starts at
             zero; writes q, q', q'' to estimates, shape (3, joints).
-        disturbance: slot of its state with the estimated disturbance of a joint, the acceleration that represents what
-            the model lacks (rad/s^2); None: it estimates none.
         needs_truth: whether it needs the true derivatives, which are known only in a rollout.
+        finds_disturbance: whether it writes the disturbance of each joint, the acceleration that represents what the
+            model lacks (rad/s^2), to the column `DISTURBANCE` of x.
     """
 
     estimate: Callable[[Sample, Array, Array, Array], None]
     needs_truth: bool = False
-    disturbance: int | None = None
+    finds_disturbance: bool = False

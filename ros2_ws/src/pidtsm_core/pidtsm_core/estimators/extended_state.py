@@ -27,12 +27,11 @@ state observer", American Control Conference 2006.
 import math
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.estimators.base import Estimator, Sample
+from pidtsm_core.estimators.base import DISTURBANCE, Estimator, Sample
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.robots import forward_dynamics
 
-# State x: q, q', d, 1 after the first sample.
-DISTURBANCE = 2
+# State x: q, q', d (column DISTURBANCE), 1 after the first sample.
 
 _ABSURD = 1e9  # rad, rad/s or rad/s^2; far above the values of any arm, far below overflow
 _STEP = 1e-3  # s; longest step of the prediction between two samples
@@ -50,7 +49,7 @@ def _predict(sample: Sample, x: Array, q: Array, dq: Array, acceleration: Array)
     for _ in range(steps):
         forward_dynamics(sample.model, q, dq, sample.effort, acceleration)
         for j in range(q.size):
-            ddq = acceleration[j] + x[j, 2]
+            ddq = acceleration[j] + x[j, DISTURBANCE]
             q[j] += h * (dq[j] + 0.5 * h * ddq)
             dq[j] += h * ddq
 
@@ -85,17 +84,17 @@ def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
             velocity[j] += of_dq
             x[j, 0] = position[j]
             x[j, 1] = velocity[j]
-            x[j, 2] += of_d
+            x[j, DISTURBANCE] += of_d
         forward_dynamics(sample.model, position, velocity, sample.effort, acceleration)
         for j in range(q.size):
-            acceleration[j] += x[j, 2]
+            acceleration[j] += x[j, DISTURBANCE]
             for row in range(3):
                 known = known and abs(estimates[row, j]) < _ABSURD
     if not known:
         for j in range(q.size):
             position[j] = x[j, 0] = q[j]
             velocity[j] = x[j, 1] = 0.0
-            acceleration[j] = x[j, 2] = 0.0
+            acceleration[j] = x[j, DISTURBANCE] = 0.0
             x[j, 3] = 1.0
 
 
@@ -106,5 +105,5 @@ EXTENDED_STATE_OBSERVER = Estimator(
         Parameter("bandwidth", 30.0, "all poles of the observer", "rad/s", minimum=0.0, exclusive=True, per_joint=True),
     ),
     estimate=estimate,
-    disturbance=DISTURBANCE,
+    finds_disturbance=True,
 )
