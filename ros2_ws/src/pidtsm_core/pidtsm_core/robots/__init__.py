@@ -36,6 +36,8 @@ NAMES = (*ROBOTS.names, *ARMS)
 """Names of the arms that come with the package."""
 
 _CLOSED_FORMS = tuple(dict.fromkeys(robot.dynamics for robot in ROBOTS.members))
+_BY_ADDRESS = len(_CLOSED_FORMS)
+"""`Model.kind` of all others."""
 
 DESCRIPTION = Parameter(
     "robot.description",
@@ -82,7 +84,7 @@ def make_model(robot: Robot, parameters: Array) -> Model:
     """The model of a robot as compiled code reads it; `parameters` as `Robot.pack_model` returns them, shape (n,)."""
     if robot.dynamics.addresses is None:
         return Model(_CLOSED_FORMS.index(robot.dynamics), 0, 0, parameters)
-    return Model(len(_CLOSED_FORMS), *robot.dynamics.addresses(), parameters)
+    return Model(_BY_ADDRESS, *robot.dynamics.addresses(), parameters)
 
 
 def robot_joints(settings: Mapping[str, object]) -> int:
@@ -128,7 +130,6 @@ def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
 
 _inverse = dispatch(kind.inverse_dynamics for kind in _CLOSED_FORMS)
 _forward = dispatch(kind.forward_dynamics for kind in _CLOSED_FORMS)
-_BY_ADDRESS = len(_CLOSED_FORMS)
 
 
 @njit

@@ -163,6 +163,15 @@ def _check_joints(compiled: _Model, chosen: Sequence[str], locked: Mapping[str, 
             raise DescriptionError(f"joint {name} is chosen twice")
         if name in locked:
             raise DescriptionError(f"joint {name} is both chosen and locked")
+    for name, value in locked.items():
+        if not math.isfinite(value):
+            raise DescriptionError(f"joint {name} cannot be locked at {value}")
+    _check_couplings(compiled, chosen)
+
+
+def _check_couplings(compiled: _Model, chosen: Sequence[str]) -> None:
+    """Check that no chosen joint mimics another one."""
+    m, names = compiled.model, compiled.names
     for i in range(m.neq):
         joint = names[m.eq_obj1id[i]] if m.eq_type[i] == _COUPLE else ""
         if joint in chosen:

@@ -1,6 +1,7 @@
 """Where the description of an arm comes from: a name, a path, a URI, or the text itself."""
 
 import os
+from functools import lru_cache
 from pathlib import Path
 
 import yaml
@@ -32,18 +33,25 @@ def read_source(source: str) -> tuple[str, str]:
     if source.lstrip().startswith("<"):
         return "arm", source
     if source in ARMS:
-        return source, (_FOLDER / f"{source}.urdf").read_text(encoding="utf-8")
-    file = _in_package(source) if source.startswith("package://") else Path(source)
+        file = _FOLDER / f"{source}.urdf"
+    else:
+        file = _in_package(source) if source.startswith("package://") else Path(source)
     try:
-        if file.suffix == ".xacro":
-            return file.name.split(".")[0], _expanded(file)
-        return file.stem, file.read_text(encoding="utf-8")
+        return _read(file.resolve(), file.stat().st_mtime_ns)
     except OSError as error:
         names = ("two_link", *ARMS)
         reason = f"{source}: {error.strerror or error}; neither a file nor one of {', '.join(names)}"
         raise DescriptionError(reason + did_you_mean(source, names)) from None
     except UnicodeDecodeError:
         raise DescriptionError(f"{file} is not text") from None
+
+
+@lru_cache(maxsize=64)
+def _read(file: Path, _changed: int) -> tuple[str, str]:
+    """Read a file, and again when it has changed: a node looks for its robot with every change of a parameter."""
+    if file.suffix == ".xacro":
+        return file.name.split(".")[0], _expanded(file)
+    return file.stem, file.read_text(encoding="utf-8")
 
 
 def _in_package(uri: str) -> Path:

@@ -45,7 +45,7 @@ TREE = Dynamics(tree.inverse_dynamics, tree.forward_dynamics, tree.energy, _addr
 _ARMATURE = "armature"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TreeRobot(Robot):
     """A robot whose model is a tree of joints.
 
@@ -53,7 +53,7 @@ class TreeRobot(Robot):
         description: the model, and what else its file contains.
     """
 
-    description: Description | None = field(default=None, repr=False)
+    description: Description = field(repr=False)
 
     def pack_model(
         self, values: Mapping[str, Value], group: str = "robot", factors: Mapping[str, float] | None = None
@@ -66,7 +66,6 @@ class TreeRobot(Robot):
             factors: by quantity: ``mass`` multiplies masses and inertias, as a density would; ``inertia`` the inertias
                 about the centres of mass, and the armature; ``length`` the distances of joints and centres of mass.
         """
-        assert self.description is not None
         packed = self.description.tree.copy()
         armature = joint_array(values[f"{group}.{_ARMATURE}"], len(self.joints))
         for row in rows(packed):

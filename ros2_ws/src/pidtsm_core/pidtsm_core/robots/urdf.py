@@ -1,6 +1,7 @@
 """URDF before MuJoCo's compiler reads it: what the compiler reports without a name, or does not read at all."""
 
 import math
+from contextlib import suppress
 from xml.etree.ElementTree import Element, SubElement
 
 from pidtsm_core.robots.errors import DescriptionError
@@ -76,10 +77,10 @@ def _end(joint: Element, kind: str) -> str:
 
 
 def _number(text: str, what: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise DescriptionError(f"{what}: {text!r} is not a number") from None
+    with suppress(ValueError):
+        if not math.isnan(number := float(text)):
+            return number
+    raise DescriptionError(f"{what}: {text!r} is not a number")
 
 
 def joint_limits(root: Element) -> dict[str, dict[str, float]]:

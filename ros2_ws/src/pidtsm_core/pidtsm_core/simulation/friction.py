@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, joint_array
+from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, joint_array, names
 from pidtsm_core.robots import Robot
 
 PARAMETERS = (
@@ -57,25 +57,35 @@ class FrictionConfig(NamedTuple):
 def friction_config(values: Mapping[str, Value], inertia: Array, dt: float) -> FrictionConfig:
     """Prepare the friction.
 
+    Where a joint has little inertia, Coulomb friction rises less steeply around standstill than `PARAMETERS` say, and
+    viscous friction is smaller, so that Runge-Kutta can solve the equation.
+
     Args:
         values: `PARAMETERS`, as returned by `resolve`.
-        inertia: that the effort of each joint accelerates, shape (joints,), kg m^2. Where it is small, the friction
-            rises less steeply around standstill than `PARAMETERS` say, so that Runge-Kutta can solve the equation.
+        inertia: that the effort of each joint accelerates, shape (joints,), kg m^2.
         dt: step of the integration, s.
-
-    Raises:
-        ParameterError: the viscous friction of a joint is too large for that.
     """
     coulomb, static, velocity, viscous = (joint_array(values[p.name], inertia.size) for p in PARAMETERS)
+    steepest = _STEEPEST * inertia / dt
+    velocity = np.maximum(velocity, _SHARPNESS * np.maximum(coulomb, static) / steepest)
+    none = not (coulomb.any() or static.any() or viscous.any())
+    return FrictionConfig(coulomb, np.maximum(static - coulomb, 0.0), velocity, np.minimum(viscous, steepest), none)
+
+
+def check_friction(values: Mapping[str, Value], inertia: Array, dt: float) -> None:
+    """Check that the simulation can follow the viscous friction; arguments as those of `friction_config`.
+
+    Raises:
+        ParameterError: it stops a joint too fast.
+    """
+    viscous = joint_array(values["friction.viscous"], inertia.size)
     for j in np.flatnonzero(viscous * dt > _STEEPEST * inertia):
         raise ParameterError(
-            f"friction.viscous: {viscous[j]:g} N m s/rad stop joint {j + 1}, whose inertia is {inertia[j]:.2g} kg m^2, "
-            "faster than the simulation can follow; set robot.armature, the inertia of its rotor, or raise the rate",
+            f"friction.viscous: {viscous[j]:g} N m s/rad stop {names(values['joints'])[j]}, whose inertia is "
+            f"{inertia[j]:.2g} kg m^2, faster than the simulation can follow; set robot.armature, the inertia of its "
+            "rotor, or raise the rate",
             "friction.viscous",
         )
-    velocity = np.maximum(velocity, _SHARPNESS * np.maximum(coulomb, static) * dt / (_STEEPEST * inertia))
-    none = not (coulomb.any() or static.any() or viscous.any())
-    return FrictionConfig(coulomb, np.maximum(static - coulomb, 0.0), velocity, viscous, none)
 
 
 @njit

@@ -11,7 +11,7 @@ from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float, joint_array
 from pidtsm_core.robots import Model, find_robot, forward_dynamics, make_model, robot_schema
 from pidtsm_core.simulation import friction
-from pidtsm_core.simulation.friction import FrictionConfig, add_friction, friction_config
+from pidtsm_core.simulation.friction import FrictionConfig, add_friction, check_friction, friction_config
 from pidtsm_core.timing import sum_of_times
 
 _QUANTITIES = ("mass", "inertia", "length")
@@ -163,7 +163,7 @@ class Plant:
             accelerations: compute q'' at the samples, which takes a fifth of the time; otherwise it stays 0.
 
         Raises:
-            ParameterError: the disturbance is for another number of joints.
+            ParameterError: the disturbance is for another number of joints, or see `check_friction`.
         """
         self.joints = len(find_robot(values).joints)
         disturbance = DISTURBANCES[str(values["disturbance.name"])]
@@ -173,6 +173,7 @@ class Plant:
             )
         self._accelerations = accelerations
         self.set_parameters(values)
+        check_friction(values, self._inertia(values), 1.0 / as_float(values["rate"]))
         self.state = PlantState(
             position=joint_array(values["initial_position"], self.joints),
             derivatives=np.zeros((2, self.joints)),
@@ -185,7 +186,6 @@ class Plant:
         robot = find_robot(values)
         factors = {quantity: 1.0 + as_float(values[f"model_error.{quantity}"]) for quantity in _QUANTITIES}
         model = robot.pack_model(values, factors=factors)
-        start = joint_array(values["initial_position"], self.joints)
         picked_up, carried = as_float(values["payload.time"]), as_float(values["payload.duration"])
         pushed = as_float(values["push.time"])
         self.config = PlantConfig(
@@ -198,9 +198,14 @@ class Plant:
             push=joint_array(values["push.effort"], self.joints),
             push_begin=pushed,
             push_end=sum_of_times(pushed, as_float(values["push.duration"])),
-            friction=friction_config(values, robot.joint_inertia(model, start), 1.0 / as_float(values["rate"])),
+            friction=friction_config(values, self._inertia(values), 1.0 / as_float(values["rate"])),
             accelerations=self._accelerations,
         )
+
+    def _inertia(self, values: Mapping[str, Value]) -> Array:
+        """See `Robot.joint_inertia`; at the start, for the model of the controller."""
+        robot = find_robot(values)
+        return robot.joint_inertia(robot.pack_model(values), joint_array(values["initial_position"], self.joints))
 
     def step(self, effort: Array, t: float, dt: float) -> None:
         """Hold `effort` (shape (joints,), N m, finite) from t to t + dt (s)."""

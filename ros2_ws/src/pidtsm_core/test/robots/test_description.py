@@ -52,7 +52,7 @@ BROKEN = {
     "a negative mass": (urdf(ARM.replace(link("lower"), link("lower", mass="-1"))), "link lower: its mass is -1 kg"),
     "a mass that is no number": (
         urdf(ARM.replace(link("lower"), link("lower", mass="nan"))),
-        "link lower: its mass is nan",
+        "link lower: mass: 'nan' is not a number",
     ),
     "a mass in words": (urdf(ARM.replace(link("lower"), link("lower", mass="two"))), "link lower: mass: 'two'"),
     "an impossible inertia": (urdf(ARM.replace(link("upper"), link("upper", inertia="0.1 0.1 0.9"))), "upper"),
@@ -108,6 +108,7 @@ def test_a_broken_description_is_refused_with_the_link_or_joint(text: str, reaso
         (("shoulder", "elbow"), {"elbow": 0.1}, "joint elbow is both chosen and locked"),
         (("shoulder",), {"knee": 0.1}, "no movable joint knee"),
         ((), {}, "choose the joints"),
+        (("shoulder",), {"elbow": float("nan")}, "joint elbow cannot be locked at nan"),
     ],
 )
 def test_joints_that_do_not_exist_are_refused(joints: tuple[str, ...], locked: dict[str, float], reason: str) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pidtsm_core.parameters import Array, ParameterError, resolve
-from pidtsm_core.simulation.friction import PARAMETERS, add_friction, friction_config
+from pidtsm_core.simulation.friction import PARAMETERS, add_friction, check_friction, friction_config
 
 COULOMB, STATIC, STRIBECK, VISCOUS = 3.0, 5.0, 0.05, 0.7
 HEAVY = np.full(2, np.inf)
@@ -65,7 +65,9 @@ def test_friction_of_a_light_joint_rises_no_steeper_than_runge_kutta_can_follow(
     assert slopes[1] * 0.001 / 0.01 == pytest.approx(1.0, rel=1e-3)
 
 
-def test_viscous_friction_that_runge_kutta_cannot_follow_is_refused() -> None:
+def test_viscous_friction_that_runge_kutta_cannot_follow_is_refused_at_the_start_and_limited_in_between() -> None:
     values = resolve(lambda _: PARAMETERS, {"friction.viscous": 2.0}, 2)
-    with pytest.raises(ParameterError, match=r"stop joint 2, whose inertia is 0\.001 kg m.*set robot\.armature"):
-        friction_config(values, np.array([5.0, 0.001]), 0.001)
+    inertia = np.array([5.0, 0.001])
+    with pytest.raises(ParameterError, match=r"stop elbow, whose inertia is 0\.001 kg m.*set robot\.armature"):
+        check_friction({**values, "joints": ("shoulder", "elbow")}, inertia, 0.001)
+    assert friction_config(values, inertia, 0.001).viscous.tolist() == [2.0, 1.0]
