@@ -26,25 +26,29 @@ _ROWS = (
 )
 _FACTOR = {"saturation": 100.0}
 _ONLY_IF_ANY = ("time_at_effort_limit", "time_at_rate_limit")
+_COLUMNS = 3
+"""Largest number of joints beside each other, so that a table fits into 80 characters."""
 
 
-def metrics_table(metrics: Mapping[str, Any]) -> Table:
+def metrics_table(metrics: Mapping[str, Any], first: int = 0) -> Table:
     """The metrics with one column per joint.
 
     Args:
         metrics: as in metrics.json.
+        first: index of the first joint; the table has at most `_COLUMNS`.
     """
+    shown = slice(first, first + _COLUMNS)
     labels = [str(metrics[key]) for key in ("scenario", "law", "clock") if metrics[key] is not None]
     run = f"{_number(metrics['duration'])} s, {metrics['samples']} samples"
     title = ": ".join(filter(None, (", ".join(labels), run)))
-    table = Table(title=escape(title), title_style="bold", box=box.SIMPLE_HEAD)
+    table = Table(title=None if first else escape(title), title_style="bold", box=box.SIMPLE_HEAD)
     table.add_column("metric")
     table.add_column("unit")
-    for joint in metrics["joints"]:
+    for joint in metrics["joints"][shown]:
         table.add_column(escape(joint), justify="right")
     for key, label, unit in _ROWS:
         if key in metrics and (key not in _ONLY_IF_ANY or any(metrics[key])):
-            table.add_row(label, unit, *_cells(metrics, key))
+            table.add_row(label, unit, *_cells(metrics, key)[shown])
     return table
 
 
@@ -56,14 +60,15 @@ def _cells(metrics: Mapping[str, Any], key: str) -> list[str]:
 
 
 def print_metrics(metrics: Mapping[str, Any], console: Console | None = None) -> None:
-    """Print the table, the timing and everything unusual; plain text if the output is not a terminal.
+    """Print the tables, the timing and everything unusual; plain text if the output is not a terminal.
 
     Args:
         metrics: as in metrics.json.
         console: output, by default standard output.
     """
     console = console or Console()
-    console.print(metrics_table(metrics))
+    for first in range(0, len(metrics["joints"]), _COLUMNS):
+        console.print(metrics_table(metrics, first))
     timing = metrics["timing"]
     tick = " / ".join(_number(timing["compute_time"][key], 1e6) for key in ("p50", "p99", "max"))
     console.print(

@@ -61,6 +61,8 @@ PARTS = 500
 """Number of parts of the time axis; a line keeps the extremes of each part."""
 
 _WIDTH = 7.0  # inch
+_BESIDE_TITLE = 5
+"""Largest number of legend entries beside the title; more are below the figure."""
 _START = 1.0  # duration of the start of a run, s
 
 
@@ -209,9 +211,13 @@ def finished(figure: Figure, table: Table, recording: Recording, title: str | No
             ax.axvline(recording.event_time, color="0.35", linewidth=0.8, linestyle=":", label="event")
     run = ", ".join(filter(None, (recording.scenario, recording.law, recording.clock)))
     table[0, 0].set_title(title or run, loc="left")
-    lines = table[0, 0].get_legend_handles_labels()
-    legend = table[0, -1].legend(*lines, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, borderaxespad=0.1)
-    legend.set_in_layout(False)  # next to the title, above all columns
+    lines, labels = table[0, 0].get_legend_handles_labels()
+    if len(labels) > _BESIDE_TITLE:
+        figure.legend(lines, labels, loc="outside lower center", ncols=4)
+    else:
+        beside = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": _BESIDE_TITLE, "borderaxespad": 0.1}
+        legend = table[0, -1].legend(lines, labels, **beside)
+        legend.set_in_layout(False)  # next to the title, above all columns
     for ax in table[-1]:
         ax.set_xlabel("time (s)")
     if recording.time.size > 1:  # the last sample lasts for the median of the periods
