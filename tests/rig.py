@@ -260,9 +260,9 @@ class ControllerRig(Rig):
 
     def begin(self) -> None:
         """The controller forgets what was: a fault is caused, and reset."""
-        self.testbed.set("controller", {"limits.position": 1e-3})
+        self.testbed.set("controller", {"limits.min_position": -1e-3, "limits.max_position": 1e-3})
         self.step()
-        self.testbed.set("controller", {"limits.position": 0.0})
+        self.testbed.set("controller", {"limits.min_position": 0.0, "limits.max_position": 0.0})
         assert self.reset().success
 
     def reset(self) -> Trigger.Response:

@@ -238,7 +238,7 @@ def test_the_controller(rigs: Rigs, name: str) -> None:
         rig.says()
         rig.begin()
         np.testing.assert_array_equal(rig.drive(SETTLED), undisturbed[:SETTLED])
-        rig.check_log(("stopped: joint1 is beyond limits.position", RESET))
+        rig.check_log(("stopped: joint1 is beyond its position limits (limits.*_position)", RESET))
         rig.testbed.set("controller", row.settings)
         state = row.inject(rig)
         assert (state.mode, state.fault, state.fault_joint) == (row.mode, row.fault, row.joint)

@@ -276,7 +276,7 @@ def test_a_strangers_arm_that_is_stopped_stays_also_while_nobody_measures_it(tes
     testbed.node.create_subscription(Bool, "controller/brakes", brakes.append, kept)
     plant.go_on(2.0)
     before = len(plant.times)
-    testbed.set("controller", {"limits.position": 0.01})
+    testbed.set("controller", {"limits.min_position": -0.01, "limits.max_position": 0.01})
     plant.go_on(1.5)
     stopped = plant.q
     plant.go_on(4.0)
@@ -290,7 +290,7 @@ def test_a_strangers_arm_that_is_stopped_stays_also_while_nobody_measures_it(tes
     plant.now += 600 * MS
     plant.go_on(0.5)
     assert plant.largest_step(before) < 10.0
-    testbed.set("controller", {"limits.position": 0.0})
+    testbed.set("controller", {"limits.min_position": 0.0, "limits.max_position": 0.0})
     assert testbed.call(Trigger, "controller/reset_fault", Trigger.Request()).success
     plant.go_on(0.1)
     testbed.spin_until(lambda: not brakes[-1].data, "the brakes' release")

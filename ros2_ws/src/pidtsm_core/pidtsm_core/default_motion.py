@@ -29,7 +29,10 @@ def default_motion(robot: Robot) -> dict[str, dict[str, Any]]:
     joints = len(robot.joints)
     middle = np.array(robot.initial_position)
     frequency = _FREQUENCY * (1.0 + _SPREAD * np.arange(joints) / joints)
-    amplitude = np.minimum(_LARGEST, _SHARE * np.array(robot.half_range))
+    amplitude = np.full(joints, _LARGEST)
+    if robot.position_limits:
+        lower, upper = np.array(robot.position_limits).T
+        amplitude = np.minimum(amplitude, _SHARE * (0.5 * (upper - lower)))
     if robot.velocity_limit:
         amplitude = np.minimum(amplitude, _SPEED * np.array(robot.velocity_limit) / (2.0 * math.pi * frequency))
     return {

@@ -43,14 +43,15 @@ class Parameter:
 
     Attributes:
         name: full dotted name, such as ``law.k1``.
-        default: its type (float, int, bool, str, or tuple of str) is the type of the parameter; with `per_joint` also a
-            tuple of floats.
+        default: its type (float, int, bool, str, or tuple of str) is the type of the parameter; with `per_joint` or
+            `length` also a tuple of floats.
         description: one sentence.
         unit: SI unit, empty if dimensionless.
         minimum, maximum: inclusive range of a number; None: unbounded.
         exclusive: exclude the ends of the range.
         choices: allowed values of a string.
         per_joint: one number for all joints, or a sequence of one number per joint; for texts, one name per joint.
+        length: number of values of a sequence that does not depend on the joints; 0: it is none.
         read_only: can only be set before the node is configured, not while it runs.
     """
 
@@ -63,6 +64,7 @@ class Parameter:
     exclusive: bool = False
     choices: tuple[str, ...] = ()
     per_joint: bool = False
+    length: int = 0
     read_only: bool = False
 
     def range_text(self) -> str:
@@ -88,6 +90,8 @@ class Parameter:
             return self._check_texts(value, joints)
         if isinstance(value, (list, tuple, array, np.ndarray)):
             return self._check_sequence(list(value), joints)
+        if self.length:
+            raise self._error(value, f"must be {self.length} numbers")
         return self._check_scalar(value)
 
     def _check_texts(self, value: object, joints: int) -> Value:
@@ -100,9 +104,13 @@ class Parameter:
         return tuple(value)
 
     def _check_sequence(self, value: list[object], joints: int) -> Value:
-        if not self.per_joint:
+        if not self.per_joint and not self.length:
             raise self._error(value, "must be a single value")
         checked = [self._check_scalar(v) for v in value]
+        if self.length:
+            if len(checked) != self.length:
+                raise self._error(value, f"must be {self.length} numbers")
+            return tuple(checked)
         if len(checked) == 1:
             return checked[0]
         if len(checked) != joints:

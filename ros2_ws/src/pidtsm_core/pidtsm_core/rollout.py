@@ -154,7 +154,7 @@ def _answer(loop: _Loop, sample: int, referred: int, measured: Array, derivative
         state.truth[1, j] = derivatives[1, place]
     step(loop.controller, state, sample * loop.period, referred, state.truth)
     for j in range(measured.size):
-        state.torque[places[0, j]] = state.signals[Signal.EFFORT, j]
+        state.torque[places[0, j]] = state.output[j]
 
 
 @njit

@@ -1,11 +1,12 @@
 """The controller as an object: checked parameters in, efforts out."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from pidtsm_core.control.parameters import FRICTION, REJECTION
-from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
+from pidtsm_core.control.report import LIMITS, ONE_SIDED, Change, changes, tight_rates
 from pidtsm_core.control.state import Clock, floats_size, integers_size, unpack
 from pidtsm_core.control.step import (
     begin_afresh,
@@ -17,10 +18,11 @@ from pidtsm_core.control.step import (
     stop_now,
 )
 from pidtsm_core.control.tick import tick
+from pidtsm_core.control.turns import distance
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.laws import LAWS, law_integers
 from pidtsm_core.parameters import Array, Value, as_float, joint_array, names
-from pidtsm_core.robots import find_robot, make_model
+from pidtsm_core.robots import GRAVITY, find_robot, make_model, payload_of
 from pidtsm_core.signals import Fault, Signal, Status
 from pidtsm_core.timing import NANOSECONDS
 
@@ -54,6 +56,7 @@ class Controller:
             signals: likewise.
         """
         self._names = names(values["joints"])
+        self._units = find_robot(values).units
         self.joints = len(self._names)
         self.effort = np.zeros(self.joints) if effort is None else effort
         self.signals = np.zeros((len(Signal), self.joints)) if signals is None else signals
@@ -74,11 +77,13 @@ class Controller:
 
     def _fill(self, values: Mapping[str, Value], model: Array, gains: Array) -> None:
         """Write the configuration, with packed parameters of model and law, to the arrays."""
-        robot = make_model(find_robot(values), model)
+        found = find_robot(values)
+        robot = make_model(found, model)
         law = LAWS[str(values["law.name"])]
         estimator = ESTIMATORS[str(values["estimator.name"])]
         rate = joint_array(values["limits.effort_rate"], self.joints)
         coulomb, viscous = (joint_array(values[parameter.name], self.joints) for parameter in FRICTION)
+        lowest, highest = (joint_array(values[f"limits.{end}_position"], self.joints) for end in ("min", "max"))
         stop = values["stop.effort"]
         integers = [
             self.joints,
@@ -93,7 +98,7 @@ class Controller:
             *(_nanoseconds(values[f"rehearsal.{name}"]) for name in ("reset_fault", "restart")),
             rate.any(),
             values["feedback.effort"] == "measured",
-            any(np.any(values[f"limits.{name}"]) for name in LIMITS.values()),
+            bool(np.any(lowest != highest) or any(np.any(values[name]) for name in ONE_SIDED)),
             any(values[f"rehearsal.{name}"] for name in ("reset_fault", "restart")),
             stop == "hold",
             bool(values["stop.brakes"]),
@@ -102,6 +107,8 @@ class Controller:
             robot.forward,
             bool(values.get(REJECTION.name, False)),
             bool(law.uses_model and (coulomb.any() or viscous.any())),
+            any(found.continuous),
+            values[GRAVITY.name] == "added_by_robot",
             *law_integers(law, values),
         ]
         self.integers[: len(integers)] = integers
@@ -118,12 +125,14 @@ class Controller:
         config.estimator_parameters[:] = estimator.pack(values, "estimator", self.joints)
         config.effort_limit[:] = joint_array(values["limits.effort"], self.joints)
         config.effort_rate[:] = rate
-        config.position_limit[:] = joint_array(values["limits.position"], self.joints)
+        config.min_position[:] = lowest
+        config.max_position[:] = highest
         config.velocity_limit[:] = joint_array(values["limits.velocity"], self.joints)
         config.tracking_limit[:] = joint_array(values["limits.tracking_error"], self.joints)
         config.plausible_velocity[:] = joint_array(values["plausibility.velocity"], self.joints)
         config.coulomb[:] = coulomb
         config.viscous[:] = viscous
+        config.turn[:] = np.where(found.continuous, 2.0 * math.pi, 0.0) if found.continuous else 0.0
         damps = stop in ("damping", "gravity_damping")
         config.damping[:] = joint_array(values["stop.damping"] if damps else 0.0, self.joints)
 
@@ -179,7 +188,7 @@ class Controller:
             stamp: stamp of the joint state in `position`, ns.
             elapsed: time since the last joint state that was answered, ns; 0: unknown.
         """
-        moved = np.abs(self.position - self.state.signals[Signal.POSITION]).max()
+        moved = self._distances(self.state.signals[Signal.POSITION]).max()
         set_clock(self.state, stamp - (elapsed or 1))
         if not elapsed or moved > _NEAR:
             begin_afresh(self.state)
@@ -188,12 +197,20 @@ class Controller:
         """Why the arm must not be moved now; empty if it may be moved. `referred`: there is a reference."""
         if not referred:
             return ""
-        distances = np.abs(self.reference[0] - self.position)
-        distance = distances.max()
-        if distance <= self.config.distance:
+        distances = self._distances(self.reference[0])
+        farthest = distances.max()
+        if farthest <= self.config.distance:
             return ""
-        name = self._names[int(distances.argmax())]
-        return f"{name} is {distance:.3g} rad from its reference (activation.distance {self.config.distance:g})"
+        joint = int(distances.argmax())
+        return (
+            f"{self._names[joint]} is {farthest:.3g} {self._units[joint]} from its reference "
+            f"(activation.distance {self.config.distance:g})"
+        )
+
+    def _distances(self, from_position: Array) -> Array:
+        """Distance of each joint from a position, shape (joints,), rad."""
+        turn = self.config.turn
+        return np.array([distance(turn, from_position, self.position, j) for j in range(self.joints)])
 
     def reset_fault(self) -> None:
         """Reset the fault, so that the controller can follow again."""
@@ -242,10 +259,12 @@ class Controller:
 
 
 def _packed(values: Mapping[str, Value], joints: int) -> tuple[Array, Array]:
-    """Parameters of the model and of the law as compiled code reads them."""
-    return find_robot(values).pack_model(values), LAWS[str(values["law.name"])].pack(values, joints)
+    """Parameters of the model, with the known payload, and of the law, as compiled code reads them."""
+    robot = find_robot(values)
+    model = robot.with_payload(robot.pack_model(values), payload_of(values))
+    return model, LAWS[str(values["law.name"])].pack(values, joints)
 
 
 def _nanoseconds(value: Value) -> int:
     """Convert a time in s to ns, limited so that sums with other times do not overflow."""
-    return min(round(as_float(value) * NANOSECONDS), 2**62)
+    return min(round(as_float(value) * NANOSECONDS), 2**61)

@@ -9,6 +9,7 @@ import math
 from pidtsm_core.compiled import inlined, outlined
 from pidtsm_core.control.effort import write_net_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
+from pidtsm_core.control.turns import turn_reference
 from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.laws import command
 from pidtsm_core.parameters import Array
@@ -51,6 +52,8 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
     follows = reference_stamp >= 0 and abs(age) <= oldest and not stopped
     status[Status.MODE] = Mode.STOPPED if stopped else (Mode.FOLLOWING if follows else Mode.HOLDING)
     clock[Clock.REFERENCE_AGE] = age if reference_stamp >= 0 else 0
+    if follows and config.turns:
+        turn_reference(config, state, followed)
     if follows and not followed:
         # Start at the last desired motion; at the first sample, this is rest at the position of the arm.
         _begin_way(config, state, desired, stamp)
@@ -129,11 +132,13 @@ def write_base(state: ControllerState, motion: Array) -> None:
     follows, age = state.status[Status.MODE] == Mode.FOLLOWING, state.clock[Clock.REFERENCE_AGE]
     if follows and age:
         extrapolate(state.reference, seconds(age), motion)
-        return
-    source = state.reference if follows else state.held
-    for i in range(3):
-        for j in range(motion.shape[1]):
-            motion[i, j] = source[i, j]
+    else:
+        source = state.reference if follows else state.held
+        for i in range(3):
+            for j in range(motion.shape[1]):
+                motion[i, j] = source[i, j]
+    for j in range(motion.shape[1]):
+        motion[0, j] += state.turned[j] if follows else 0.0
 
 
 @inlined

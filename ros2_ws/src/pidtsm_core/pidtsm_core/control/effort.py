@@ -37,6 +37,26 @@ def write_net_effort(config: ControllerConfig, state: ControllerState, effort: A
 
 
 @inlined
+def write_command(config: ControllerConfig, state: ControllerState) -> None:
+    """Store the efforts as sent, and write the command for the arm: without gravity if the arm's firmware adds it."""
+    y = state.signals
+    for j in range(state.sent.size):
+        state.sent[j] = state.output[j] = y[Signal.EFFORT, j]
+    if config.robot_adds_gravity:
+        _subtract_gravity(config, state)
+
+
+@outlined
+def _subtract_gravity(config: ControllerConfig, state: ControllerState) -> None:
+    still, gravity = state.accelerations, state.scratch[:1]
+    for j in range(state.output.size):
+        still[0, j] = 0.0
+    inverse_dynamics(config.model, state.signals[Signal.POSITION], still[0], still[:1], gravity)
+    for j in range(state.output.size):
+        state.output[j] -= gravity[0, j]
+
+
+@inlined
 def limit_effort(config: ControllerConfig, state: ControllerState) -> None:
     """Limit the efforts; an effort that is not finite becomes 0."""
     y = state.signals

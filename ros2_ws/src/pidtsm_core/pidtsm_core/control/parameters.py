@@ -1,12 +1,15 @@
 """All parameters of the controller that affect its effort, in nodes and rollouts."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+
+import numpy as np
 
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Parameter, ParameterError, chosen, prefixed
-from pidtsm_core.robots import Robot, find_robot, robot_schema
+from pidtsm_core.robots import GRAVITY, Robot, find_robot, payload_schema, robot_schema
 
 LAW_NAME = Parameter("law.name", "piddtsm", "control law", choices=LAWS.names, read_only=True)
 ESTIMATOR_NAME = Parameter(
@@ -18,15 +21,19 @@ ESTIMATOR_NAME = Parameter(
 )
 
 
+def _action(name: str, limits: str) -> Parameter:
+    return Parameter(
+        f"limits.{name}_action",
+        "stop",
+        f"what the controller does if a joint exceeds {limits}: stop (a fault) or warn",
+        choices=("stop", "warn"),
+    )
+
+
 def _limit(name: str, description: str, unit: str) -> tuple[Parameter, Parameter]:
     return (
         Parameter(f"limits.{name}", 0.0, f"{description}; 0: none", unit, minimum=0.0, per_joint=True),
-        Parameter(
-            f"limits.{name}_action",
-            "stop",
-            f"what the controller does if a joint exceeds limits.{name}: stop (a fault) or warn",
-            choices=("stop", "warn"),
-        ),
+        _action(name, f"limits.{name}"),
     )
 
 
@@ -40,10 +47,15 @@ _LIMITS = (
         minimum=0.0,
         per_joint=True,
     ),
-    *_limit("position", "largest angle in either direction", "rad"),
+    Parameter(
+        "limits.min_position", 0.0, "smallest position; none if it equals limits.max_position", "rad", per_joint=True
+    ),
+    Parameter("limits.max_position", 0.0, "largest position", "rad", per_joint=True),
+    _action("position", "limits.min_position or limits.max_position"),
     *_limit("velocity", "largest estimated velocity in either direction", "rad/s"),
     *_limit("tracking_error", "largest error in either direction", "rad"),
 )
+_RANGE = ("limits.min_position", "limits.max_position")
 _SAFETY = (
     Parameter(
         "activation.distance",
@@ -182,18 +194,40 @@ FRICTION = (
 )
 
 
-def _friction(robot: Robot) -> tuple[Parameter, ...]:
-    """`FRICTION`, with that of the robot's description as defaults."""
-    of_robot = (robot.friction, robot.damping)
-    return tuple(replace(p, default=value or p.default) for p, value in zip(FRICTION, of_robot, strict=True))
+def _of_robot(parameters: Iterable[Parameter], robot: Robot) -> tuple[Parameter, ...]:
+    """The parameters, with what the robot's description contains as defaults."""
+    bounded = [limits if math.isfinite(limits[1] - limits[0]) else (0.0, 0.0) for limits in robot.position_limits]
+    described = {
+        "limits.min_position": tuple(low for low, _ in bounded),
+        "limits.max_position": tuple(high for _, high in bounded),
+        "limits.velocity": tuple(limit if math.isfinite(limit) else 0.0 for limit in robot.velocity_limit),
+        "compensation.coulomb": robot.friction,
+        "compensation.viscous": robot.damping,
+    }
+    return tuple(replace(p, default=described.get(p.name) or p.default) for p in parameters)
+
+
+def _check_range(settings: Mapping[str, object], robot: Robot) -> None:
+    """Check that no joint has a smallest position above its largest one; values of a wrong type are not judged here."""
+    low, high = _of_robot((p for p in _LIMITS if p.name in _RANGE), robot)
+    try:
+        least, most = (np.asarray(settings.get(p.name, p.default), dtype=np.float64) for p in (low, high))
+        crossed = np.any(least > most)
+    except (TypeError, ValueError):
+        return
+    if crossed:
+        raise ParameterError(f"{low.name}: {least.tolist()} exceeds {high.name}, {most.tolist()}", low.name)
 
 
 def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the controller; they depend on ``law.name``, ``estimator.name`` and the robot.
 
     Raises:
-        ParameterError: see `find_robot`, or the estimator does not estimate the disturbance that is to be rejected.
+        ParameterError: see `find_robot` and `payload_schema`, or the estimator does not estimate the disturbance that
+            is to be rejected, or a joint has a smallest position above its largest one.
     """
+    robot = find_robot(settings)
+    _check_range(settings, robot)
     law = LAWS[chosen(settings, LAW_NAME)]
     estimator = ESTIMATORS[chosen(settings, ESTIMATOR_NAME)]
     if settings.get(REJECTION.name) is True and not estimator.finds_disturbance:
@@ -207,9 +241,10 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         ESTIMATOR_NAME,
         *prefixed("estimator", estimator.parameters),
         *robot_schema(settings),
-        *_friction(find_robot(settings)),
-        *_LIMITS,
+        *payload_schema(settings, "mass at the tool that the controller knows"),
+        *_of_robot((*FRICTION, *_LIMITS), robot),
         *_SAFETY,
         _FEEDBACK,
+        GRAVITY,
         *_REHEARSAL,
     )

@@ -17,7 +17,14 @@ LIMITS = {
     Violation.VELOCITY: "velocity",
     Violation.TRACKING: "tracking_error",
 }
-"""NAME of the parameter ``limits.NAME``, by violation."""
+"""NAME of the parameter ``limits.NAME_action``, by violation."""
+ONE_SIDED = ("limits.velocity", "limits.tracking_error")
+"""Limits of a magnitude; 0: none."""
+_NAMED = {
+    Violation.POSITION: "its position limits (limits.*_position)",
+    Violation.VELOCITY: "limits.velocity",
+    Violation.TRACKING: "limits.tracking_error",
+}
 _OF_FAULTS = {
     Fault.POSITION_LIMIT: Violation.POSITION,
     Fault.VELOCITY_LIMIT: Violation.VELOCITY,
@@ -54,7 +61,7 @@ def cause(fault: int, joint: int, joints: Sequence[str]) -> str:
         return f"{joints[joint - 1]} has implausible measurements (plausibility.velocity)"
     if fault == Fault.EFFORT_RATE_LIMIT:
         return "limits.effort_rate is too tight for the motion of the arm"
-    return f"{joints[joint - 1]} is beyond limits.{LIMITS[_OF_FAULTS[Fault(fault)]]}"
+    return f"{joints[joint - 1]} is beyond {_NAMED[_OF_FAULTS[Fault(fault)]]}"
 
 
 def changes(
@@ -75,10 +82,10 @@ def _changes(
     before: Sequence[int], after: Sequence[int], clock: NDArray[np.int64], joints: Sequence[str], first: bool
 ) -> Iterator[Change]:
     fault = after[Status.FAULT]
-    for violation, name in LIMITS.items():
+    for violation, name in _NAMED.items():
         stops = _OF_FAULTS.get(Fault(fault)) == violation
         if violation & after[Status.VIOLATIONS] & ~before[Status.VIOLATIONS] and not stops:
-            yield Change("warning", f"a joint is beyond limits.{name}")
+            yield Change("warning", f"a joint is beyond {name}")
     if fault != before[Status.FAULT]:
         if not fault:
             yield Change("info", "fault reset")

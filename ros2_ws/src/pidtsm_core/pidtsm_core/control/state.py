@@ -71,6 +71,8 @@ class ControllerConfig(NamedTuple):
     compensates: bool  # a joint has friction that is compensated
     rejects: bool  # the disturbance that the observer estimates is subtracted from the law's acceleration
     doubts: bool  # the measurements of a joint are checked for plausibility
+    turns: bool  # a joint is continuous
+    robot_adds_gravity: bool  # the command is without the effort that carries the arm
     law_integers: Integers  # shape (LAW_INTEGERS,)
     blend: float  # s
     distance: float  # rad
@@ -82,13 +84,15 @@ class ControllerConfig(NamedTuple):
     estimator_parameters: Array  # shape (joints, SLOTS)
     effort_limit: Array  # shape (joints,), N m
     effort_rate: Array  # shape (joints,), N m/s
-    position_limit: Array  # shape (joints,), rad
+    min_position: Array  # shape (joints,), rad; no limit if it equals that of max_position
+    max_position: Array  # likewise
     velocity_limit: Array  # shape (joints,), rad/s
     tracking_limit: Array  # shape (joints,), rad
     damping: Array  # of the safe effort, shape (joints,), N m s/rad
     plausible_velocity: Array  # shape (joints,), rad/s
     coulomb: Array  # friction that is compensated, shape (joints,), N m
     viscous: Array  # likewise, N m s/rad
+    turn: Array  # 2 pi for a continuous joint, else 0, shape (joints,), rad
 
 
 class ControllerState(NamedTuple):
@@ -109,6 +113,9 @@ class ControllerState(NamedTuple):
     signals: Array  # shape (len(Signal), joints), see `Signal`
     sent: Array  # the last command, shape (joints,), N m
     friction: Array  # effort of the last tick that compensates friction, shape (joints,), N m
+    turned: Array  # whole turns that are added to the reference of a continuous joint, shape (joints,), rad
+    referred: Array  # position of the last reference that was followed, with these turns, shape (joints,), rad
+    output: Array  # the command for the arm, shape (joints,), N m
     hold: Array  # of the safe effort that holds the arm, see `Hold`, shape (len(Hold), joints)
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of a simulation, shape (joints,), N m
@@ -118,12 +125,12 @@ class ControllerState(NamedTuple):
     net: Array  # scratch: effort that accelerates the arm, shape (joints,), N m
 
 
-_CONFIG_INTEGERS = 24  # lengths, and the integers of `ControllerConfig` except the law's
+_CONFIG_INTEGERS = 26  # lengths, and the integers of `ControllerConfig` except the law's
 _FEEDS_BACK = 14
 _CLOCK = len(Clock)
 _SCALARS = 6
 # Rows of the table at the end of the floats, one number per joint: configuration, state, signals, scratch.
-_CONFIG, _MOTION, _SCRATCH = 9, 22 + len(Hold), 12
+_CONFIG, _MOTION, _SCRATCH = 11, 25 + len(Hold), 12
 _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
 
 
@@ -162,6 +169,8 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
         compensates=integers[23] != 0,
         rejects=integers[22] != 0,
         doubts=integers[19] != 0,
+        turns=integers[24] != 0,
+        robot_adds_gravity=integers[25] != 0,
         law_integers=integers[_CONFIG_INTEGERS : _CONFIG_INTEGERS + LAW_INTEGERS],
         blend=floats[0],
         distance=floats[1],
@@ -173,13 +182,15 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
         estimator_parameters=floats[b : b + joints * SLOTS].reshape((joints, SLOTS)),
         effort_limit=rows[0],
         effort_rate=rows[1],
-        position_limit=rows[2],
-        velocity_limit=rows[3],
-        tracking_limit=rows[4],
-        damping=rows[5],
-        plausible_velocity=rows[6],
-        coulomb=rows[7],
-        viscous=rows[8],
+        min_position=rows[2],
+        max_position=rows[3],
+        velocity_limit=rows[4],
+        tracking_limit=rows[5],
+        damping=rows[6],
+        plausible_velocity=rows[7],
+        coulomb=rows[8],
+        viscous=rows[9],
+        turn=rows[10],
     )
 
 
@@ -208,7 +219,10 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
         signals=rows[_CONFIG + _MOTION : _ROWS - _SCRATCH],
         sent=motion[20],
         friction=motion[21],
-        hold=motion[22:],
+        turned=motion[22],
+        referred=motion[23],
+        output=motion[24],
+        hold=motion[25:],
         truth=scratch[:2],
         torque=scratch[2],
         received=motion[: 1 + integers[_FEEDS_BACK]],

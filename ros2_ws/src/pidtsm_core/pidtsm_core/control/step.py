@@ -2,11 +2,12 @@
 
 from pidtsm_core.compiled import inlined, njit, outlined
 from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_base
-from pidtsm_core.control.effort import carry, limit_rate
+from pidtsm_core.control.effort import carry, limit_rate, write_command
 from pidtsm_core.control.plausibility import doubt
 from pidtsm_core.control.safe import ELSEWHERE, leave, make_safe, make_safe_blindly
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, unpack
 from pidtsm_core.control.tick import tick
+from pidtsm_core.control.turns import distance, unwind_measurement
 from pidtsm_core.laws import Integers
 from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status, Violation
@@ -40,6 +41,8 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
     clock[Clock.GAP] = period
     clock[Clock.SILENT_SINCE] = 0
     if not first:
+        if config.turns:
+            unwind_measurement(config, state)
         _watch_gaps(config, state, period)
         if config.doubts:
             _doubt(config, state, dt)
@@ -62,8 +65,7 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         since = 0 if first else max(stamp - clock[Clock.SENT], 0)
         _keep_up(config, state, stamp, limit_rate(config, state, seconds(since)))
     _count(state)
-    for j in range(state.sent.size):
-        state.sent[j] = y[Signal.EFFORT, j]
+    write_command(config, state)
     clock[Clock.LAST] = stamp
     clock[Clock.SENT] = stamp
     clock[Clock.ANSWERED] += 1
@@ -180,12 +182,12 @@ def set_clock(state: ControllerState, stamp: int) -> None:
 
 
 @outlined
-def _distance(state: ControllerState) -> float:
+def _distance(config: ControllerConfig, state: ControllerState) -> float:
     """Largest distance of a joint from its reference, rad."""
-    distance = 0.0
+    largest = 0.0
     for j in range(state.measured.size):
-        distance = max(distance, abs(state.reference[0, j] - state.measured[j]))
-    return distance
+        largest = max(largest, distance(config.turn, state.reference[0], state.measured, j))
+    return largest
 
 
 @outlined
@@ -196,7 +198,7 @@ def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, refe
         clock[Clock.BEGAN] = stamp + 1
     age = stamp + 1 - clock[Clock.BEGAN]
     resets = 0 < config.reset_at <= age and clock[Clock.REHEARSED_RESET] == 0 and state.status[Status.FAULT] != 0
-    if resets and (reference_stamp < 0 or _distance(state) <= config.distance):
+    if resets and (reference_stamp < 0 or _distance(config, state) <= config.distance):
         clock[Clock.REHEARSED_RESET] = 1
         reset_fault(state)
     if 0 < config.restart_at <= age and clock[Clock.REHEARSED_RESTART] == 0:
@@ -219,7 +221,8 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
             errors[j] = y[Signal.POSITION, j] - errors[j]
     for j in range(state.measured.size):
         exceeded = 0
-        if 0.0 < config.position_limit[j] < abs(state.measured[j]):
+        least, most = config.min_position[j], config.max_position[j]
+        if least != most and not least <= state.measured[j] <= most:
             exceeded |= Violation.POSITION
         if 0.0 < config.velocity_limit[j] < abs(y[Signal.VELOCITY, j]):
             exceeded |= Violation.VELOCITY
@@ -303,6 +306,7 @@ def stop_now(floats: Array, integers: Integers, fault: int, elapsed: int, effort
     if config.rate_limited and state.status[Status.FAULT] != Fault.EFFORT_RATE_LIMIT:
         limit_rate(config, state, seconds(max(now - clock[Clock.SENT], 0)))
     clock[Clock.SENT] = now
+    write_command(config, state)
     _copy_result(state, effort, signals)
 
 
@@ -311,6 +315,7 @@ def leave_now(floats: Array, integers: Integers, effort: Array, signals: Array) 
     """Replace the effort of the last step with the one that remains after the controller ends; see `stop_now`."""
     config, state = unpack(floats, integers)
     leave(config, state)
+    write_command(config, state)
     _copy_result(state, effort, signals)
 
 
@@ -322,5 +327,5 @@ def _copy_result(state: ControllerState, effort: Array, signals: Array) -> tuple
         for j in range(y.shape[1]):
             signals[i, j] = y[i, j]
     for j in range(effort.size):
-        effort[j] = state.sent[j] = y[Signal.EFFORT, j]
+        effort[j] = state.output[j]
     return status[Status.MODE], status[Status.FAULT], status[Status.FAULT_JOINT], status[Status.VIOLATIONS]

@@ -8,12 +8,15 @@ from pidtsm_core.parameters import Array, Parameter, ParameterError, prefixed
 from pidtsm_core.robots.address import forward_at, inverse_at
 from pidtsm_core.robots.base import Dynamics, Model, Robot
 from pidtsm_core.robots.errors import DescriptionError
+from pidtsm_core.robots.payload import check_payload, payload_of, payload_parameters
 from pidtsm_core.robots.source import ARMS, read_source
 from pidtsm_core.robots.tree_robot import TreeRobot, tree_robot
 from pidtsm_core.robots.two_link import TWO_LINK
 
 __all__ = [
     "DESCRIPTION",
+    "FROM_TOPIC",
+    "GRAVITY",
     "NAMES",
     "ROBOTS",
     "DescriptionError",
@@ -25,6 +28,8 @@ __all__ = [
     "forward_dynamics",
     "inverse_dynamics",
     "make_model",
+    "payload_of",
+    "payload_schema",
     "robot_joints",
     "robot_schema",
 ]
@@ -39,10 +44,14 @@ _CLOSED_FORMS = tuple(dict.fromkeys(robot.dynamics for robot in ROBOTS.members))
 _BY_ADDRESS = len(_CLOSED_FORMS)
 """`Model.kind` of all others."""
 
+FROM_TOPIC = "topic"
+"""Value of ``robot.description``: a node takes the description from the topic ``robot_description``."""
+
 DESCRIPTION = Parameter(
     "robot.description",
     "two_link",
-    f"the arm: {', '.join(NAMES)}, or a URDF, xacro or MJCF: its path, its package:// URI or its text",
+    f"the arm: {', '.join(NAMES)}, or a URDF, xacro or MJCF: its path, its package:// URI or its text; {FROM_TOPIC}: "
+    "the node waits for robot_description (std_msgs/String, latched)",
     read_only=True,
 )
 _LOCKED = Parameter(
@@ -50,6 +59,16 @@ _LOCKED = Parameter(
     "",
     "positions of joints of the description that do not move, such as those of a gripper: finger1=0.02 finger2=0.02; "
     "the others are locked at zero, or at the limit next to it",
+    read_only=True,
+)
+
+
+GRAVITY = Parameter(
+    "output.gravity",
+    "commanded",
+    "who holds the arm against gravity. commanded: the command contains the torque; added_by_robot: the robot's "
+    "firmware adds it to the command, as libfranka does, so the command is without it",
+    choices=("commanded", "added_by_robot"),
     read_only=True,
 )
 
@@ -63,6 +82,8 @@ def find_robot(settings: Mapping[str, object]) -> Robot:
     source = str(DESCRIPTION.check(settings.get(DESCRIPTION.name, DESCRIPTION.default), 1))
     if source in ROBOTS.names:
         return ROBOTS[source]
+    if source == FROM_TOPIC:
+        raise ParameterError(f"{DESCRIPTION.name}: {FROM_TOPIC} works in nodes only", DESCRIPTION.name)
     joints, locked = settings.get("joints"), str(settings.get(_LOCKED.name, ""))
     chosen = tuple(str(joint) for joint in joints) if isinstance(joints, (list, tuple)) else None
     try:
@@ -126,6 +147,16 @@ def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
             per_joint=True,
         ),
     )
+
+
+def payload_schema(settings: Mapping[str, object], description: str) -> tuple[Parameter, ...]:
+    """Parameters of the group ``payload``; they depend on the robot. `description` is that of ``payload.mass``.
+
+    Raises:
+        ParameterError: see `find_robot`, or no body has the payload's inertia.
+    """
+    check_payload(settings)
+    return payload_parameters(description, isinstance(find_robot(settings), TreeRobot))
 
 
 _inverse = dispatch(kind.inverse_dynamics for kind in _CLOSED_FORMS)

@@ -9,6 +9,7 @@ import numpy as np
 
 from pidtsm_core.family import Member
 from pidtsm_core.parameters import Array, Value, as_float
+from pidtsm_core.robots.payload import Payload
 
 
 @dataclass(frozen=True)
@@ -49,11 +50,13 @@ class Robot(Member):
         joints: default names of its joints; they also define the number of joints.
         effort_limit: default effort limits, N m, one per joint; infinite if there is none.
         initial_position: default start position, rad, one value per joint.
-        half_range: half the distance between the position limits, rad, one value per joint; infinite if there are none.
+        position_limits: smallest and largest position of each joint, rad; infinite if there is none; empty: no limits.
         quantities: names of the parameters that are masses, inertias or lengths; the keys are ``mass``, ``inertia``
             and ``length``.
         dynamics: its compiled functions.
-        load: writes a payload (kg) at the tool to packed parameters.
+        load: adds a payload to packed parameters.
+        slides: whether each joint slides; empty: all turn.
+        continuous: whether each joint turns without end, so that positions a turn apart are the same; empty: none does.
         disturbance: name of the default disturbance of the simulated arm.
         velocity_limit: default velocity limits, rad/s, one per joint; infinite if there is none; empty: no limits.
         friction, damping: Coulomb and viscous friction, N m and N m s/rad, one per joint; the defaults of the simulated
@@ -63,12 +66,14 @@ class Robot(Member):
     joints: tuple[str, ...]
     effort_limit: tuple[float, ...]
     initial_position: tuple[float, ...]
-    half_range: tuple[float, ...]
     quantities: Mapping[str, tuple[str, ...]]
     dynamics: Dynamics
-    load: Callable[[Array, float], None]
+    load: Callable[[Array, Payload], None]
     disturbance: str = "none"
+    position_limits: tuple[tuple[float, float], ...] = ()
     velocity_limit: tuple[float, ...] = ()
+    slides: tuple[bool, ...] = ()
+    continuous: tuple[bool, ...] = ()
     friction: tuple[float, ...] = ()
     damping: tuple[float, ...] = ()
 
@@ -94,10 +99,15 @@ class Robot(Member):
                 packed.append(as_float(value) * factor.get(parameter.name, 1.0))
         return np.array(packed)
 
-    def with_payload(self, model: Array, mass: float) -> Array:
-        """A copy of packed parameters, shape (parameters,), with `mass` (kg) added at the tool."""
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of the position of each joint."""
+        return tuple("m" if slides else "rad" for slides in self.slides or (False,) * len(self.joints))
+
+    def with_payload(self, model: Array, payload: Payload) -> Array:
+        """A copy of packed parameters, shape (parameters,), with a payload at the tool."""
         loaded = model.copy()
-        self.load(loaded, mass)
+        self.load(loaded, payload)
         return loaded
 
     def joint_inertia(self, model: Array, q: Array) -> Array:  # noqa: ARG002

@@ -36,6 +36,7 @@ class Description:
         tool_row: row of the tree of the link that carries the tool.
         tool: origin of the tool frame in that link, shape (3,), m. The tool is the end of the chain of fixed links
             behind the last joint, if that chain does not branch; otherwise the link behind the last joint.
+        tool_rotation: from the tool frame to the frame of that link, shape (3, 3).
     """
 
     joints: tuple[str, ...]
@@ -50,6 +51,7 @@ class Description:
     locked: Mapping[str, float]
     tool_row: int
     tool: Array
+    tool_rotation: Array
 
 
 @dataclass(frozen=True)
@@ -295,6 +297,7 @@ class _Assembly:
             locked=self._locked,
             tool_row=tool.row,
             tool=tool.translation,
+            tool_rotation=tool.rotation,
         )
 
     def _tool(self) -> _Placement:

@@ -13,6 +13,7 @@ from pidtsm_core.robots import tree
 from pidtsm_core.robots.address import SIGNATURE
 from pidtsm_core.robots.base import Dynamics, Robot
 from pidtsm_core.robots.description import Description, read_description
+from pidtsm_core.robots.payload import Payload
 from pidtsm_core.robots.tree.layout import Column, inertia_matrix, rows, set_inertia
 
 
@@ -99,12 +100,14 @@ def _steiner(centre: Array) -> Array:
     return np.asarray(centre @ centre * np.eye(3) - np.outer(centre, centre))
 
 
-def _add_load(description: Description, p: Array, mass: float) -> None:
-    """Add a point mass (kg) at the tool."""
-    row = rows(p)[description.tool_row]
-    row[Column.MASS] += mass
-    row[Column.MOMENT : Column.INERTIA] += mass * description.tool
-    set_inertia(row, inertia_matrix(row) + mass * _steiner(description.tool))
+def _add_load(description: Description, p: Array, payload: Payload) -> None:
+    """Add a payload at the tool."""
+    row, axes = rows(p)[description.tool_row], description.tool_rotation
+    center = description.tool + axes @ payload.center_of_mass
+    row[Column.MASS] += payload.mass
+    row[Column.MOMENT : Column.INERTIA] += payload.mass * center
+    about = axes @ payload.inertia @ axes.T
+    set_inertia(row, inertia_matrix(row) + about + payload.mass * _steiner(center))
 
 
 @lru_cache(maxsize=64)
@@ -144,11 +147,13 @@ def tree_robot(
         joints=found.joints,
         effort_limit=tuple(found.effort.tolist()),
         initial_position=tuple(middle.tolist()),
-        half_range=tuple(half.tolist()),
         quantities={},
         dynamics=TREE,
-        load=lambda p, mass: _add_load(found, p, mass),
+        load=lambda p, payload: _add_load(found, p, payload),
+        position_limits=tuple(zip(found.lower.tolist(), found.upper.tolist(), strict=True)),
         velocity_limit=tuple(found.velocity.tolist()),
+        slides=tuple(found.slides.tolist()),
+        continuous=tuple((~(found.slides | np.isfinite(half))).tolist()),
         friction=tuple(found.friction.tolist()),
         damping=tuple(found.damping.tolist()),
         description=found,

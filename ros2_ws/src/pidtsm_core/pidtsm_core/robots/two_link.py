@@ -5,6 +5,7 @@ import math
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.robots.base import Dynamics, Robot
+from pidtsm_core.robots.payload import Payload
 
 # Order of the packed parameters: m1, m2, r1, r2, j1, j2, g, coriolis (0 paper, 1 lagrange).
 _M2 = 1
@@ -69,9 +70,9 @@ def energy(q: Array, dq: Array, p: Array) -> float:
     return kinetic + (m1 + m2) * r1 * g * math.sin(q[0]) + m2 * r2 * g * math.sin(q[0] + q[1])
 
 
-def load(p: Array, mass: float) -> None:
-    """Add the payload to m2, as in the article's Case 2."""
-    p[_M2] += mass
+def load(p: Array, payload: Payload) -> None:
+    """Add the payload, a point mass, to m2, as in the article's Case 2."""
+    p[_M2] += payload.mass
 
 
 TWO_LINK = Robot(
@@ -96,7 +97,6 @@ TWO_LINK = Robot(
     joints=("joint1", "joint2"),
     effort_limit=(100.0, 50.0),  # Remark 8
     initial_position=(0.0, -0.1),
-    half_range=(math.inf, math.inf),
     quantities={"mass": ("m1", "m2"), "inertia": ("j1", "j2"), "length": ("r1", "r2")},
     dynamics=Dynamics(inverse_dynamics, forward_dynamics, energy),
     load=load,

@@ -9,7 +9,15 @@ import numpy as np
 from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float, joint_array
-from pidtsm_core.robots import Model, find_robot, forward_dynamics, make_model, robot_schema
+from pidtsm_core.robots import (
+    Model,
+    find_robot,
+    forward_dynamics,
+    make_model,
+    payload_of,
+    payload_schema,
+    robot_schema,
+)
 from pidtsm_core.simulation import friction
 from pidtsm_core.simulation.friction import FrictionConfig, add_friction, check_friction, friction_config
 from pidtsm_core.timing import sum_of_times
@@ -17,8 +25,8 @@ from pidtsm_core.timing import sum_of_times
 _QUANTITIES = ("mass", "inertia", "length")
 """Quantities with a possible model error, see `Robot.quantities`."""
 
+_PAYLOAD = "mass picked up at payload.time (Case 2: 0.5)"
 _LOADS = (
-    Parameter("payload.mass", 0.0, "mass picked up at payload.time (Case 2: 0.5)", "kg", minimum=0.0),
     Parameter("payload.time", 0.0, "time from the start at which the payload is picked up", "s", minimum=0.0),
     Parameter(
         "payload.duration", 0.0, "time from picking up the payload to dropping it; 0: never dropped", "s", minimum=0.0
@@ -53,6 +61,7 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
             choices=DISTURBANCES.names,
             read_only=True,
         ),
+        *payload_schema(settings, _PAYLOAD),
         *_LOADS,
         *friction.parameters(robot),
         *_MODEL_ERRORS,
@@ -190,7 +199,7 @@ class Plant:
         pushed = as_float(values["push.time"])
         self.config = PlantConfig(
             model=make_model(robot, model),
-            loaded_model=make_model(robot, robot.with_payload(model, as_float(values["payload.mass"]))),
+            loaded_model=make_model(robot, robot.with_payload(model, payload_of(values))),
             payload_begin=picked_up,
             payload_end=sum_of_times(picked_up, carried) if carried else math.inf,
             disturbance=DISTURBANCES.index(str(values["disturbance.name"])),

@@ -8,13 +8,14 @@ import numpy as np
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array, Parameter, Value, as_float, joint_array
+from pidtsm_core.robots import find_robot
 from pidtsm_core.simulation.randomness import Column
 
 PARAMETERS = (
     Parameter(
         "encoder.bits",
         0,
-        "resolution of the encoders, 2^bits steps per revolution; 0: ideal",
+        "resolution of the encoders, 2^bits steps per revolution, or per metre of a joint that slides; 0: ideal",
         minimum=0,
         maximum=40,
         per_joint=True,
@@ -36,7 +37,7 @@ PARAMETERS = (
 class SensorConfig(NamedTuple):
     """Parameters of a measurement."""
 
-    step: Array  # shape (joints,), rad, 0 for ideal encoders
+    step: Array  # shape (joints,), rad or m, 0 for ideal encoders
     bias: Array  # shape (joints,), rad
     noise: Array  # shape (joints,), rad
     backlash: Array  # shape (joints,), rad
@@ -45,9 +46,10 @@ class SensorConfig(NamedTuple):
 
 
 def sensor_config(values: Mapping[str, Value], joints: int) -> SensorConfig:
-    """Args: values: `PARAMETERS`, as returned by `resolve`."""
+    """Args: values: `PARAMETERS` and those of the robot, as returned by `resolve`."""
     bits = joint_array(values["encoder.bits"], joints)
-    step = np.where(bits > 0, 2.0 * math.pi / 2.0**bits, 0.0)
+    span = np.where(find_robot(values).slides or False, 1.0, 2.0 * math.pi)
+    step = np.where(bits > 0, span / 2.0**bits, 0.0)
     bias, noise, backlash = (
         joint_array(values[name], joints) for name in ("encoder.bias", "noise.std", "backlash.gap")
     )

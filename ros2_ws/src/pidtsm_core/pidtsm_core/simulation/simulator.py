@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.compiled import inlined, njit
+from pidtsm_core.compiled import inlined, njit, outlined
 from pidtsm_core.parameters import Array, Parameter, Value, as_float, joint_array
+from pidtsm_core.robots import GRAVITY, Model, find_robot, inverse_dynamics, make_model
 from pidtsm_core.simulation import actuator, channel, randomness, sensor
 from pidtsm_core.simulation.actuator import ActuatorConfig, actuator_config, drive
 from pidtsm_core.simulation.channel import (
@@ -45,6 +46,7 @@ def simulator_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the simulated robot; they depend on the robot."""
     return (
         *plant_schema(settings),
+        GRAVITY,
         *sensor.PARAMETERS,
         *channel.PARAMETERS,
         _COMMAND_TIMEOUT,
@@ -61,6 +63,8 @@ class SimulatorConfig(NamedTuple):
     commands: ChannelConfig
     patience: int  # samples without a new command after which the brakes engage
     actuator: ActuatorConfig
+    adds_gravity: bool  # the firmware adds the effort that carries the arm
+    firmware: Model  # model of the arm that the firmware uses: without model errors and payload
     plant: PlantConfig
 
 
@@ -75,6 +79,7 @@ class SimulatorState(NamedTuple):
     motor: Array  # position on the motor side of the backlash, shape (joints,), rad
     lagging: Array  # torque of the drives at the end of the sample, shape (joints,), N m
     effort: Array  # torque of the motors over the sample, before the limits, shape (joints,), N m
+    gravity: Array  # scratch of the firmware, shape (2, joints), N m
     arm: PlantState
 
 
@@ -155,6 +160,17 @@ def _brake(state: SimulatorState, dt: float) -> None:
         state.lagging[j] = 0.0
 
 
+@outlined
+def _add_gravity(config: SimulatorConfig, state: SimulatorState, command: Array) -> None:
+    """Write the command plus the effort that carries the arm, by the firmware's model, to ``state.gravity[1]``."""
+    total = state.gravity
+    for j in range(command.size):
+        total[0, j] = 0.0
+    inverse_dynamics(config.firmware, state.arm.position, total[0], total[:1], total[1:])
+    for j in range(command.size):
+        total[1, j] += command[j]
+
+
 @njit
 def act(
     config: SimulatorConfig,
@@ -197,6 +213,9 @@ def act(
         torque = state.command
     _watch(config, state, arrives)
     if state.released[0]:
+        if config.adds_gravity:
+            _add_gravity(config, state, torque)
+            torque = state.gravity[1]
         if not config.actuator.ideal:
             drive(config.actuator, state.lagging, torque, state.arm.position, state.effort)
             torque = state.effort
@@ -239,6 +258,7 @@ class SimulatedRobot:
             motor=self._plant.state.position.copy(),
             lagging=np.zeros(joints),
             effort=np.zeros(joints),
+            gravity=np.zeros((2, joints)),
             arm=self._plant.state,
         )
         self.randomness = Randomness(values, joints)
@@ -247,19 +267,21 @@ class SimulatedRobot:
         self.applied = np.zeros(joints)
 
     def _configure(self, values: Mapping[str, Value]) -> None:
-        timeout = as_float(values[_COMMAND_TIMEOUT.name])
+        timeout, robot = as_float(values[_COMMAND_TIMEOUT.name]), find_robot(values)
         config = self.config = SimulatorConfig(
             sensor=sensor_config(values, self.joints),
             measurements=channel_config(values, ""),
             commands=channel_config(values, "command_"),
             patience=min(round(timeout * 1e9) // self._period if timeout else 2**62, 2**62),
             actuator=actuator_config(values, self.joints),
+            adds_gravity=values[GRAVITY.name] == "added_by_robot",
+            firmware=make_model(robot, robot.pack_model(values)),
             plant=self._plant.config,
         )
         # Ideal hardware skips the compiled functions: passing their many arguments takes longer than the work itself.
         self._ideal = (
             config.sensor.ideal and config.measurements.direct and config.commands.direct and config.actuator.ideal
-        )
+        ) and not config.adds_gravity
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
         """Use other parameters from the next sample on; the state is kept."""

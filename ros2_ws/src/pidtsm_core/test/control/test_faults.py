@@ -406,7 +406,7 @@ def cannot_keep_up(rig: Rig) -> None:
 
 JUDGED = {"plausibility.velocity": 20.0}
 LOST = "stopped: no joint state for {} s; safe torque until ~/reset_fault is called"
-BEYOND = "stopped: joint{} is beyond limits.{}; safe torque until ~/reset_fault is called"
+BEYOND = "stopped: joint{} is beyond {}; safe torque until ~/reset_fault is called"
 TOO_TIGHT = (
     "stopped: limits.effort_rate is too tight for the motion of the arm; safe torque until ~/reset_fault is called"
 )
@@ -473,25 +473,25 @@ ROWS = {
     "`limits.effort_rate` too tight": Row(
         cannot_keep_up, **stopped(Fault.EFFORT_RATE_LIMIT, TOO_TIGHT), settings={"limits.effort_rate": 5.0}
     ),
-    "beyond `limits.position`": Row(
+    "beyond `limits.min_position` or `limits.max_position`": Row(
         leave(0.6, -0.1),
-        **stopped(Fault.POSITION_LIMIT, BEYOND.format(1, "position"), 1),
-        settings={"limits.position": 0.5},
+        **stopped(Fault.POSITION_LIMIT, BEYOND.format(1, "its position limits (limits.*_position)"), 1),
+        settings={"limits.min_position": -0.5, "limits.max_position": 0.5},
     ),
     "beyond `limits.velocity`": Row(
         leave(0.3, -0.1),
-        **stopped(Fault.VELOCITY_LIMIT, BEYOND.format(1, "velocity"), 1),
+        **stopped(Fault.VELOCITY_LIMIT, BEYOND.format(1, "limits.velocity"), 1),
         settings={"limits.velocity": 2.0},
     ),
     "beyond `limits.tracking_error`": Row(
         leave(0.2, -0.25),
-        **stopped(Fault.TRACKING_LIMIT, BEYOND.format(2, "tracking_error"), 2),
+        **stopped(Fault.TRACKING_LIMIT, BEYOND.format(2, "limits.tracking_error"), 2),
         settings={"limits.tracking_error": 0.1},
     ),
     "beyond a limit that only warns": Row(
         leave(0.6, -0.1),
-        log=("a joint is beyond limits.position",),
-        settings={"limits.position": 0.5, "limits.position_action": "warn"},
+        log=("a joint is beyond its position limits (limits.*_position)",),
+        settings={"limits.min_position": -0.5, "limits.max_position": 0.5, "limits.position_action": "warn"},
     ),
 }
 

@@ -24,7 +24,7 @@ def clock(**times: int) -> NDArray[np.int64]:
     ("fault", "text"),
     [
         (Fault.STATE_STALE, "no joint state"),
-        (Fault.POSITION_LIMIT, "elbow is beyond limits.position"),
+        (Fault.POSITION_LIMIT, "elbow is beyond its position limits (limits.*_position)"),
         (Fault.VELOCITY_LIMIT, "elbow is beyond limits.velocity"),
         (Fault.TRACKING_LIMIT, "elbow is beyond limits.tracking_error"),
         (Fault.EFFORT_RATE_LIMIT, "limits.effort_rate is too tight for the motion of the arm"),
@@ -57,14 +57,20 @@ def test_the_causes_are_those_of_all_faults() -> None:
         (
             FOLLOWS,
             [0, 0, 0, Violation.POSITION + Violation.TRACKING],
-            [("warning", "a joint is beyond limits.position"), ("warning", "a joint is beyond limits.tracking_error")],
+            [
+                ("warning", "a joint is beyond its position limits (limits.*_position)"),
+                ("warning", "a joint is beyond limits.tracking_error"),
+            ],
         ),
         (
             FOLLOWS,
             [Mode.STOPPED, Fault.POSITION_LIMIT, 1, Violation.POSITION + Violation.VELOCITY],
             [
                 ("warning", "a joint is beyond limits.velocity"),
-                ("error", f"stopped: shoulder is beyond limits.position{STOPPED}"),
+                (
+                    "error",
+                    f"stopped: shoulder is beyond its position limits (limits.*_position){STOPPED}",
+                ),
             ],
         ),
     ],

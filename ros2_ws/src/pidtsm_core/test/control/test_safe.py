@@ -42,7 +42,7 @@ def fall_silent(ms: int) -> Callable[[Any], None]:
 
 CAUSES = {
     Fault.STATE_STALE: fall_silent(100),
-    Fault.POSITION_LIMIT: limit("position", 1e-3),
+    Fault.POSITION_LIMIT: limit("max_position", 1e-3),
     Fault.VELOCITY_LIMIT: limit("velocity", 1e-3),
     Fault.TRACKING_LIMIT: limit("tracking_error", 1e-9),
     Fault.EFFORT_RATE_LIMIT: limit("effort_rate", 1.0),
@@ -87,7 +87,7 @@ def test_the_torque_makes_no_step_while_joint_states_are_missing_or_when_they_re
     loop = loop_of(heavier, rate, "computed_torque", law__kp=400.0)
     loop.go_on(2000)
     if stopped:
-        limit("position", 1e-3)(loop)
+        limit("max_position", 1e-3)(loop)
         loop.go_on(500)
     before = len(loop.efforts)
     fall_silent(silence)(loop)
@@ -119,7 +119,7 @@ def test_brakes_are_engaged_when_the_arm_has_come_to_rest_and_released_by_the_re
         loop.silent = True
         loop.go_on(30)
     else:
-        limit("position", 1e-3)(loop)
+        limit("max_position", 1e-3)(loop)
         engaged.append(loop.controller.clock(Clock.BRAKES))
         loop.go_on(2000)
     assert not any(engaged)

@@ -31,7 +31,9 @@ ACTIONS = st.lists(
 LIMITED: dict[str, Any] = {"limits.effort_rate": [200.0, 0.0], "limits.tracking_error": 5.0, "limits.velocity": 100.0}
 DAMPED: dict[str, Any] = {**LIMITED, "stop.effort": "gravity_damping", "plausibility.velocity": 0.0}
 WARNED: dict[str, Any] = {
-    **{f"limits.{name}": 0.1 for name in ("position", "velocity", "tracking_error")},
+    "limits.min_position": -0.1,
+    "limits.max_position": 0.1,
+    **{f"limits.{name}": 0.1 for name in ("velocity", "tracking_error")},
     **{f"limits.{name}_action": "warn" for name in ("position", "velocity", "tracking_error")},
 }
 
@@ -78,7 +80,7 @@ def test_the_torque_is_always_sound_and_the_status_consistent(
 
 
 def test_a_removed_limit_is_no_longer_exceeded() -> None:
-    limit = {"limits.position": 0.5, "limits.position_action": "warn"}
+    limit = {"limits.min_position": -0.5, "limits.max_position": 0.5, "limits.position_action": "warn"}
     controller = Controller(resolve(controller_schema, limit, 2))
     controller.position[:] = 0.6
     controller.step(0, -1)

@@ -10,6 +10,7 @@ from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.robots import find_robot, robot_schema
 from pidtsm_core.robots.description import read_description
 from pidtsm_core.robots.errors import DescriptionError
+from pidtsm_core.robots.payload import Payload
 from pidtsm_core.robots.source import read_source
 from pidtsm_core.robots.tree.layout import Column, rows
 
@@ -203,5 +204,5 @@ def test_model_errors_and_payloads_change_the_tree() -> None:
     longer = robot.pack_model(values, factors={"length": 2.0})
     np.testing.assert_allclose(rows(longer)[:, Column.MOMENT], 2.0 * rows(exact)[:, Column.MOMENT])
     np.testing.assert_array_equal(robot.pack_model(values, factors={"mass": 1.0, "inertia": 1.0, "length": 1.0}), exact)
-    loaded = rows(robot.with_payload(exact, 3.0))
+    loaded = rows(robot.with_payload(exact, Payload(3.0)))
     assert loaded[:, Column.MASS].tolist() == pytest.approx([2.0, 5.0])

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.robots import NAMES, Robot, find_robot, forward_dynamics, inverse_dynamics, make_model, robot_schema
+from pidtsm_core.robots.payload import Payload
 from pidtsm_core.simulation.plant import Plant, plant_schema
 
 PROPERTY = settings(deadline=None, max_examples=50)
@@ -164,10 +165,10 @@ def test_a_payload_adds_inertia_and_weight(robot: Robot, seed: int, mass: float,
     q, dq, _ = random_state(robot, seed)
     p = model(robot)
     kept = p.copy()
-    np.testing.assert_array_equal(robot.with_payload(p, 0.0), p)
-    loaded = robot.with_payload(p, mass)
+    np.testing.assert_array_equal(robot.with_payload(p, Payload(0.0)), p)
+    loaded = robot.with_payload(p, Payload(mass))
     np.testing.assert_array_equal(p, kept)
-    twice, both = robot.with_payload(loaded, more), robot.with_payload(p, mass + more)
+    twice, both = robot.with_payload(loaded, Payload(more)), robot.with_payload(p, Payload(mass + more))
     np.testing.assert_allclose(twice, both, rtol=1e-12, atol=1e-15)
     added = inertia(robot, q, dq, loaded) - inertia(robot, q, dq, p)
     assert np.linalg.eigvalsh(0.5 * (added + added.T)).min() > -1e-9

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import ROBOTS
+from pidtsm_core.robots.payload import Payload
 from pidtsm_core.robots.two_link import TWO_LINK
 
 PAPER, LAGRANGE = 0.0, 1.0
@@ -88,7 +89,7 @@ def test_the_defaults_are_those_of_the_article() -> None:
 
 
 def test_the_payload_adds_to_the_second_mass_only() -> None:
-    loaded = TWO_LINK.with_payload(ARTICLE, 0.5)
+    loaded = TWO_LINK.with_payload(ARTICLE, Payload(0.5))
     np.testing.assert_array_equal(loaded, [0.5, 2.0, 1.0, 0.85, 5.0, 5.0, 9.8, PAPER])
 
 
