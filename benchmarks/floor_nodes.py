@@ -40,8 +40,8 @@ class Floor(ManagedNode):
 
     OWN: tuple[Parameter, ...] = ()
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name, lambda _: (AUTOSTART, PRIORITY, *self.OWN), lambda _: len(JOINTS))
+    def __init__(self, name: str, stop: Stop) -> None:
+        super().__init__(name, lambda _: (AUTOSTART, PRIORITY, *self.OWN), lambda _: len(JOINTS), stop)
 
     @property
     def lockstep(self) -> bool:
@@ -58,8 +58,8 @@ class EchoController(Floor):
 
     OWN = (Parameter("match", False, "wait for the reference"),)
 
-    def __init__(self) -> None:
-        super().__init__("echo_controller")
+    def __init__(self, stop: Stop) -> None:
+        super().__init__("echo_controller", stop)
 
     def configure(self) -> None:
         self._command = OutgoingMessage(JointState(name=JOINTS), ("effort",), joints=len(JOINTS))
@@ -91,8 +91,8 @@ class EchoController(Floor):
 class EchoTrajectory(Floor):
     """Publishes a reference for every joint state."""
 
-    def __init__(self) -> None:
-        super().__init__("echo_trajectory")
+    def __init__(self, stop: Stop) -> None:
+        super().__init__("echo_trajectory", stop)
 
     def configure(self) -> None:
         self._message = OutgoingMessage(JointReference(name=JOINTS), MOTION, joints=len(JOINTS))
@@ -106,8 +106,8 @@ class EchoTrajectory(Floor):
 class PlainController(Floor):
     """Like `EchoController`, with message objects."""
 
-    def __init__(self) -> None:
-        super().__init__("plain_controller")
+    def __init__(self, stop: Stop) -> None:
+        super().__init__("plain_controller", stop)
 
     def configure(self) -> None:
         rows = {s.name.lower(): [0.0] * len(JOINTS) for s in Signal}
@@ -127,8 +127,8 @@ class PlainController(Floor):
 class PlainTrajectory(Floor):
     """Like `EchoTrajectory`, with message objects."""
 
-    def __init__(self) -> None:
-        super().__init__("plain_trajectory")
+    def __init__(self, stop: Stop) -> None:
+        super().__init__("plain_trajectory", stop)
 
     def configure(self) -> None:
         self._message = JointReference(name=JOINTS, **{name: [0.0] * len(JOINTS) for name in MOTION})
@@ -145,8 +145,8 @@ class EchoSimulator(Floor):
 
     OWN = (Parameter("samples", 1000, "number of samples"),)
 
-    def __init__(self) -> None:
-        super().__init__("echo_simulator")
+    def __init__(self, stop: Stop) -> None:
+        super().__init__("echo_simulator", stop)
 
     def configure(self) -> None:
         self._state = OutgoingMessage(JointState(name=JOINTS), ("position",), joints=len(JOINTS))
@@ -194,8 +194,8 @@ class Driver(Floor):
     )
     _WARM_UP = 4  # turns
 
-    def __init__(self) -> None:
-        super().__init__("driver")
+    def __init__(self, stop: Stop) -> None:
+        super().__init__("driver", stop)
 
     def configure(self) -> None:
         values = self.values
@@ -266,7 +266,7 @@ class Driver(Floor):
         Path(str(self.values["output"])).write_text(json.dumps(result), encoding="utf-8")
 
 
-NODES: dict[str, Callable[[], ManagedNode]] = {
+NODES: dict[str, process.MakeNode] = {
     "driver": Driver,
     "controller": ControllerNode,
     "trajectory": TrajectoryNode,

@@ -6,11 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rcl_interfaces.srv import GetParameters
+from std_msgs.msg import String
+from testbed import Testbed
 
 from pidtsm_core.experiment import PRACTICAL, make_experiment
 from pidtsm_core.rollout import rollout
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.cli import main
+from pidtsm_ros.qos import KEPT
 
 LINK = (
     '<link name="{0}"><inertial><origin xyz="0.1 0 0.05"/><mass value="{1}"/>'
@@ -64,6 +68,29 @@ def test_it_runs_over_the_nodes_as_in_a_rollout(call: Call) -> None:
     assert recording.joints == ("slew", "lift", "tilt")
     for result in ("report.html", "figures/tracking.png", "params/controller.yaml"):
         assert Path("out", result).is_file()
+
+
+@pytest.mark.parametrize("node", ["simulator", "controller"])
+def test_a_node_takes_its_arm_from_the_topic(testbed: Testbed, node: str) -> None:
+    waiting = testbed.start(node, "robot.description:=topic")
+    publisher = testbed.node.create_publisher(String, "robot_description", KEPT)
+    testbed.spin_until(publisher.get_subscription_count, "the node waits for a description")
+    assert waiting.process.poll() is None
+    publisher.publish(String(data=ARM))
+    request = GetParameters.Request(names=["joints", "robot.description", "limits.effort"])
+    joints, description, effort = testbed.call(GetParameters, f"{node}/get_parameters", request).values
+    assert joints.string_array_value == ["slew", "lift", "tilt"]
+    assert description.string_value == ARM
+    assert effort.double_array_value.tolist() == [60.0, 300.0, 30.0]
+
+
+def test_a_node_that_waits_for_its_arm_ends_when_told(testbed: Testbed) -> None:
+    waiting = testbed.start("controller", "robot.description:=topic")
+    publisher = testbed.node.create_publisher(String, "robot_description", KEPT)
+    testbed.spin_until(publisher.get_subscription_count, "the node waits for a description")
+    waiting.interrupt()
+    assert waiting.wait() == 0
+    assert "Traceback" not in waiting.tail()
 
 
 def test_a_broken_description_starts_nothing_and_is_one_line(call: Call) -> None:

@@ -42,8 +42,8 @@ TOPICS = {**JUDGED, "joint_commands": JointState, "joint_states": JointState}
 class Witness(ManagedNode):
     """Hears what the nodes publish, by stamp in samples, and ends the run when it has heard enough."""
 
-    def __init__(self) -> None:
-        super().__init__("witness", lambda settings: (AUTOSTART,), lambda settings: 0)
+    def __init__(self, stop: Stop) -> None:
+        super().__init__("witness", lambda settings: (AUTOSTART,), lambda settings: 0, stop)
         self.heard: dict[str, dict[int, bytes]] = {topic: {} for topic in TOPICS}
 
     @property
@@ -91,8 +91,8 @@ def over_nodes(settings: dict[str, dict[str, Any]], folder: Path) -> dict[str, d
         words += ["--params-file", str(file)]
     witnesses: list[Witness] = []
 
-    def witness() -> Witness:
-        witnesses.append(Witness())
+    def witness(stop: Stop) -> Witness:
+        witnesses.append(Witness(stop))
         return witnesses[0]
 
     assert run_nodes([witness, SimulatorNode, TrajectoryNode, ControllerNode], Unsignalled(), ["test", *words]) == 0

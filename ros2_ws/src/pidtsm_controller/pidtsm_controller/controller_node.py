@@ -51,8 +51,8 @@ class ControllerNode(ManagedNode):
 
     _controller: Controller
 
-    def __init__(self) -> None:
-        super().__init__("controller", controller_node_schema, robot_joints)
+    def __init__(self, stop: Stop) -> None:
+        super().__init__("controller", controller_node_schema, robot_joints, stop)
         self._diagnostics: Diagnostics | None = None
         self._ticks = 0  # since the last diagnostics
         self._reported = _Reported()

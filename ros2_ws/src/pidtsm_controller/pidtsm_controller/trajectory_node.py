@@ -37,8 +37,8 @@ class TrajectoryNode(ManagedNode):
     the motion comes to rest where the arm is; ``~/begin`` starts the built-in motion again.
     """
 
-    def __init__(self) -> None:
-        super().__init__("trajectory", trajectory_node_schema, reference_joints)
+    def __init__(self, stop: Stop) -> None:
+        super().__init__("trajectory", trajectory_node_schema, reference_joints, stop)
         self._diagnostics: Diagnostics | None = None
 
     @property

@@ -2,11 +2,9 @@
 
 import argparse
 import sys
-from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 
-from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.process import run_nodes
+from pidtsm_ros.process import MakeNode, run_nodes
 from pidtsm_ros.stop import Stop
 
 GROUP = "pidtsm_ros.nodes"
@@ -34,5 +32,5 @@ def run(stop: Stop) -> int:
     return run_nodes([_maker(known[name]) for name in chosen], stop, [sys.argv[0], *ros])
 
 
-def _maker(point: EntryPoint) -> Callable[[], ManagedNode]:
-    return lambda: point.load()()  # noqa: PLW0108  Loads the class when called.
+def _maker(point: EntryPoint) -> MakeNode:
+    return lambda stop: point.load()(stop)  # noqa: PLW0108  Loads the class when called.

@@ -20,7 +20,10 @@ from std_srvs.srv import Trigger
 from pidtsm_core.joints import MessageError
 from pidtsm_core.node_parameters import PRIORITY
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, as_float, resolve
+from pidtsm_core.robots import DESCRIPTION, FROM_TOPIC
 from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, OVERRIDABLE, PUBLISHER, READER, RELIABLE_READER
+from pidtsm_ros.robot_description import receive_description
+from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import deserialize
 
 _REASONS_LOGGED = 100
@@ -102,16 +105,18 @@ class ManagedNode(LifecycleNode):
         retry_activation: a node with automatic activation calls this when activation may have become possible.
     """
 
-    def __init__(self, name: str, schema: Schema, joints: Callable[[Mapping[str, object]], int]) -> None:
+    def __init__(self, name: str, schema: Schema, joints: Callable[[Mapping[str, object]], int], stop: Stop) -> None:
         """Declare the parameters of `schema`.
 
         Args:
             name: name of the node.
             schema: returns all parameters of the node for given settings.
             joints: returns the number of joints for given settings.
+            stop: ends the wait for a robot description.
 
         Raises:
             ParameterError: a parameter set at startup is unknown or has an invalid value.
+            SystemExit: see `receive_description`.
         """
         super().__init__(name, start_parameter_services=False)
         self._schema = schema
@@ -128,6 +133,8 @@ class ManagedNode(LifecycleNode):
         self._own_services: list[Service] = []
         # rclpy has no public access to values given for undeclared parameters; it ignores them silently.
         given = {name: p.value for name, p in self._parameter_overrides.items() if not name.startswith(_OF_ROS)}
+        if given.get(DESCRIPTION.name) == FROM_TOPIC:
+            given[DESCRIPTION.name] = receive_description(self, stop)
         self.values = self.check(given)
         for parameter in self._schema(given):
             self.declare_parameter(

@@ -5,6 +5,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import TypeAlias
 
 import rclpy
 from rclpy.executors import Executor
@@ -37,7 +38,11 @@ def spin_for(executor: Executor, duration: float) -> None:
         duration = end - time.monotonic()
 
 
-def run_nodes(make_nodes: Sequence[Callable[[], ManagedNode]], stop: Stop, args: Sequence[str] | None = None) -> int:
+MakeNode: TypeAlias = Callable[[Stop], ManagedNode]
+"""Creates a node."""
+
+
+def run_nodes(make_nodes: Sequence[MakeNode], stop: Stop, args: Sequence[str] | None = None) -> int:
     """Run nodes in this process until one has finished, or until SIGINT or SIGTERM.
 
     The events executor wakes up for each event instead of rebuilding a wait set for every message.
@@ -58,7 +63,7 @@ def run_nodes(make_nodes: Sequence[Callable[[], ManagedNode]], stop: Stop, args:
     try:
         try:
             for make_node in make_nodes:
-                nodes.append(make_node())
+                nodes.append(make_node(stop))
         except ParameterError as error:
             refuse(error)
         return _spin(nodes, stop)

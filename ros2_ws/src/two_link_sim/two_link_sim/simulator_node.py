@@ -50,8 +50,8 @@ class SimulatorNode(ManagedNode):
     acquisition, and lost joint states are not published.
     """
 
-    def __init__(self) -> None:
-        super().__init__("simulator", simulator_node_schema, robot_joints)
+    def __init__(self, stop: Stop) -> None:
+        super().__init__("simulator", simulator_node_schema, robot_joints, stop)
 
     def configure(self) -> None:
         values = self.values
