@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 from testbed import DEADLINE, Testbed
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from pidtsm_core.experiment import load_ros_parameters, practical_parameters
+from pidtsm_core.experiment import PRACTICAL_FILE, load_ros_parameters
 from pidtsm_core.node_parameters import NODE_SCHEMAS
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.stamps import nanoseconds
@@ -37,7 +37,7 @@ BATCH = 200
 """Messages that are sent before somebody looks whether they were taken."""
 QUEUE = 1000
 """Messages that a reader keeps, so that none is dropped."""
-PRACTICAL = load_ros_parameters(practical_parameters(None))
+PRACTICAL = load_ros_parameters(PRACTICAL_FILE)
 """With the article's own, what a stranger brings about stays in the adaptive gain."""
 LIMITS = (100.0, 50.0)
 NODES = ("simulator", "controller", "trajectory")

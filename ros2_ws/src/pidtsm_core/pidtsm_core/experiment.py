@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,11 +13,13 @@ import yaml
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.default_motion import DURATION, default_motion
 from pidtsm_core.errors import UsageError
+from pidtsm_core.gains import first_gains
 from pidtsm_core.laws import LAWS
 from pidtsm_core.node_parameters import NODE_ONLY
-from pidtsm_core.parameters import ParameterError, Schema, Value
+from pidtsm_core.parameters import ParameterError, Schema, Value, as_float
 from pidtsm_core.robots import DESCRIPTION, NAMES, ROBOTS, find_robot
 from pidtsm_core.rollout import resolve_nodes
+from pidtsm_core.simulation.plant import RATE
 
 Settings = dict[str, dict[str, Any]]
 """Parameter values by node and full name."""
@@ -33,6 +35,7 @@ NODES = ("simulator", "controller", "trajectory")
 _ANY_NAMESPACE = "/**"
 """Prefix of a node name in ROS parameter files."""
 _SCENARIOS, _PARAMETERS = (Path(__file__).with_name(folder) for folder in ("scenarios", "params"))
+PRACTICAL_FILE = _PARAMETERS / f"{PRACTICAL}.yaml"
 _SCENARIO_KEYS = ("description", "duration", *NODES)
 
 
@@ -142,7 +145,7 @@ def make_experiment(
         law: a name in `LAWS`; None: the law of the scenario or parameter files, or else the default law.
         duration: s; replaces the scenario's if given.
         params: paths of ROS parameter files. ``article`` is the article's Table 1 for the law (`law` if given, else the
-            one set by the earlier parts), ``practical`` the set for real sensors and drives.
+            one set by the earlier parts), ``practical`` the set for real sensors and drives (`practical_settings`).
         overrides: texts ``NODE.PARAMETER=VALUE``.
         robot: ``robot.description`` of simulator and controller, see `find_robot`; None: that of the scenario.
 
@@ -162,24 +165,38 @@ def make_experiment(
 
     merge({node: flatten(content.get(node) or {}, f"{file}: {node}") for node in NODES}, file)
     if robot is not None:
-        # The nodes may run in another folder.
-        description = str(Path(robot).resolve()) if robot not in NAMES and Path(robot).is_file() else robot
+        description = resolved_description(robot)
         merge({node: {DESCRIPTION.name: description} for node in ("simulator", "controller")}, Path(robot))
+    chosen = [_parse_override(override) for override in overrides]
     for name in params:
         before = settings["controller"].get("law.name")
         of_law = law or (before if before in LAWS.names else None)
-        of_robot = str(settings["controller"].get(DESCRIPTION.name, DEFAULT_ROBOT))
-        source = _PARAMETER_SETS[name](of_law, of_robot) if name in _PARAMETER_SETS else Path(name)
-        merge(load_ros_parameters(source), source)
+        if name == PRACTICAL:
+            merge(practical_settings(of_law, _overridden(settings, chosen)), Path(name))
+        else:
+            source = article_parameters(of_law) if name == ARTICLE else Path(name)
+            merge(load_ros_parameters(source), source)
     if law is not None:
         settings["controller"]["law.name"] = law
-    for override in overrides:
-        node, name, value = _parse_override(override)
+    for node, name, value in chosen:
         settings[node][name] = value
         files.pop(f"{node}.{name}", None)
     seconds = _positive(content.get("duration"), f"{file}: duration") if duration is None else duration
-    chosen = str(settings["controller"].get("law.name", LAW_NAME.default))
-    return Experiment(file.stem, chosen, seconds, settings, files)
+    name_of_law = str(settings["controller"].get("law.name", LAW_NAME.default))
+    return Experiment(file.stem, name_of_law, seconds, settings, files)
+
+
+def _overridden(settings: Settings, overrides: Iterable[tuple[str, str, Any]]) -> Settings:
+    """A copy of settings in which overrides (node, name, value) are made."""
+    changed = {node: dict(given) for node, given in settings.items()}
+    for node, name, value in overrides:
+        changed[node][name] = value
+    return changed
+
+
+def resolved_description(robot: str) -> str:
+    """``robot.description`` for a name or path: a path is absolute, because nodes may run in another folder."""
+    return str(Path(robot).resolve()) if robot not in NAMES and Path(robot).is_file() else robot
 
 
 def article_parameters(law: str | None) -> Path:
@@ -194,25 +211,29 @@ def article_parameters(law: str | None) -> Path:
     return file
 
 
-def practical_parameters(law: str | None, robot: str = DEFAULT_ROBOT) -> Path:
-    """ROS parameter file for real sensors and drives: observer and bounded adaptation.
+def practical_settings(law: str | None, settings: Settings) -> Settings:
+    """Parameters for real sensors and drives: those of ``practical.yaml``, or for an arm of data its `first_gains`.
 
     Args:
         law: name of the law; None: the default law.
-        robot: ``robot.description`` of the controller.
+        settings: of the experiment without this set; the arm and the rate matter.
 
     Raises:
-        UsageError: the law is not the proposed one.
+        UsageError: the law is not the proposed one, or the arm cannot be used.
     """
     if law not in (None, LAW_NAME.default):
         raise UsageError(
             f"{PRACTICAL} parameters exist only for {LAW_NAME.default}, not for {law}; omit --params {PRACTICAL}, "
             "or specify a file"
         )
-    return _PARAMETERS / (f"{PRACTICAL}.yaml" if robot in ROBOTS.names else f"{PRACTICAL}_arm.yaml")
-
-
-_PARAMETER_SETS = {ARTICLE: lambda law, _: article_parameters(law), PRACTICAL: practical_parameters}
+    controller = settings["controller"]
+    if str(controller.get(DESCRIPTION.name, DEFAULT_ROBOT)) in ROBOTS.names:
+        return load_ros_parameters(PRACTICAL_FILE)
+    try:
+        gains = first_gains(controller, rate=as_float(RATE.check(settings["simulator"].get("rate", RATE.default), 1)))
+    except ParameterError as error:
+        raise UsageError(str(error)) from None
+    return {"controller": {gain.name: gain.value for gain in gains}}
 
 
 def load_ros_parameters(file: Path) -> Settings:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import Phase, settings
 
-from pidtsm_core.experiment import load_ros_parameters, practical_parameters
+from pidtsm_core.experiment import PRACTICAL_FILE, load_ros_parameters
 from pidtsm_core.rollout import Rollout, rollout
 
 settings.register_profile("compiled", deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
@@ -18,7 +18,7 @@ settings.load_profile("compiled")
 @pytest.fixture(scope="session")
 def practical() -> dict[str, Any]:
     """Parameters of the controller for arms with encoders, delays and a roughly correct model."""
-    return load_ros_parameters(practical_parameters(None))["controller"]
+    return load_ros_parameters(PRACTICAL_FILE)["controller"]
 
 
 @pytest.fixture(scope="session")

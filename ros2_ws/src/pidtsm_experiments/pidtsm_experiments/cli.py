@@ -14,6 +14,7 @@ _COMMANDS = {
     "demo": "run the article's Case 1 with the proposed law and the real nodes: table, figures, bag",
     "run": "run any scenario and law with the real nodes",
     "rollout": "run the same loop without ROS",
+    "gains": "compute a first set of gains for an arm, with the reason for each number",
     "reproduce": "compare both cases and all laws with the article",
     "robustness": "measure how much imperfection of sensors, drives and model each controller tolerates",
     "analyze": "compute the metrics of a recorded bag",

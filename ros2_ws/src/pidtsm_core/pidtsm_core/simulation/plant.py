@@ -25,6 +25,7 @@ from pidtsm_core.timing import sum_of_times
 _QUANTITIES = ("mass", "inertia", "length")
 """Quantities with a possible model error, see `Robot.quantities`."""
 
+RATE = Parameter("rate", 1000, "samples per second", "Hz", minimum=1, maximum=100_000, read_only=True)
 _PAYLOAD = "mass picked up at payload.time (Case 2: 0.5)"
 _LOADS = (
     Parameter("payload.time", 0.0, "time from the start at which the payload is picked up", "s", minimum=0.0),
@@ -52,7 +53,7 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     robot = find_robot(settings)
     return (
         *robot_schema(settings),
-        Parameter("rate", 1000, "samples per second", "Hz", minimum=1, maximum=100_000, read_only=True),
+        RATE,
         Parameter("initial_position", robot.initial_position, "joint positions at the start", "rad", per_joint=True),
         Parameter(
             "disturbance.name",

@@ -1,0 +1,87 @@
+"""``./pidtsm gains``: a first set of gains for an arm."""
+
+import argparse
+import json
+from pathlib import Path
+from textwrap import fill
+
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import resolved_description
+from pidtsm_core.gains import BITS, DELAY, RATE, Gain, first_gains
+from pidtsm_core.parameters import ParameterError, Value
+from pidtsm_core.robots import DESCRIPTION
+from pidtsm_experiments.commands.options import add_robot_argument
+
+_EPILOG = """The rule needs the inertias of the arm and the quality of its sensors. It is a start; docs/tuning.md shows
+how to go on.
+
+example:
+  ./pidtsm gains --robot panda --encoder-bits 17 --delay 2 --out panda.yaml
+  ./pidtsm rollout --robot panda --params panda.yaml --set simulator.encoder.bits=17
+"""
+_WIDTH = 100
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.epilog = _EPILOG
+    add_robot_argument(parser)
+    parser.add_argument(
+        "--encoder-bits",
+        type=int,
+        default=BITS,
+        metavar="N",
+        help="resolution of the encoders, 2^N steps per revolution, or per metre; 0: ideal (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--delay",
+        type=float,
+        default=1e3 * DELAY,
+        metavar="MS",
+        help="from a position to its joint state plus from a command to its torque, ms (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--rate", type=float, default=RATE, metavar="HZ", help="joint states per second (default: %(default)g)"
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write a parameter file for --params and for the node")
+    parser.add_argument("--json", action="store_true", help="print one JSON object: by parameter, value and reason")
+
+
+def execute(options: argparse.Namespace) -> int:
+    if not 0 <= options.encoder_bits <= 40:
+        raise UsageError(f"--encoder-bits {options.encoder_bits}: must be from 0 to 40")
+    if not 0.0 <= options.delay <= 1000.0:
+        raise UsageError(f"--delay {options.delay:g}: must be from 0 to 1000 ms")
+    if not 1.0 <= options.rate <= 100_000.0:
+        raise UsageError(f"--rate {options.rate:g}: must be from 1 to 100000 Hz")
+    robot = {} if options.robot is None else {DESCRIPTION.name: resolved_description(options.robot)}
+    try:
+        gains = first_gains(robot, options.encoder_bits, 1e-3 * options.delay, options.rate)
+    except ParameterError as error:
+        raise UsageError(str(error)) from None
+    text = _parameter_file(gains)
+    if options.json:
+        print(json.dumps({gain.name: {"value": gain.value, "reason": gain.reason} for gain in gains}))
+    else:
+        print(text, end="")
+    if options.out is not None:
+        try:
+            options.out.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f"--out {options.out}: {error.strerror}") from None
+    return 0
+
+
+def _parameter_file(gains: tuple[Gain, ...]) -> str:
+    """ROS parameter file of the controller, with the reason above each parameter."""
+    lines = ["controller:", "  ros__parameters:"]
+    for gain in gains:
+        lines.append(fill(gain.reason, _WIDTH, initial_indent="    # ", subsequent_indent="    # "))
+        lines.append(f"    {gain.name}: {_text(gain.value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: Value) -> str:
+    """A value in YAML."""
+    if isinstance(value, str):
+        return value
+    return json.dumps(list(value) if isinstance(value, tuple) else value)
