@@ -43,16 +43,16 @@ class Scratch(IntEnum):
     BIAS = 18  # 6 numbers: force v x* I v, in forward dynamics the bias force of the articulated body
     ACCELERATION = 24  # 6 numbers
     FORCE = 30  # 6 numbers
-    ANGULAR = 36  # 9 numbers: blocks of the articulated or composite inertia ((ANGULAR, MIXED), (MIXED', LINEAR))
-    MIXED = 45
-    LINEAR = 54
-    PRODUCT = 63  # 6 numbers: inertia times motion subspace, U = I S
+    ANGULAR = 36  # 6 numbers: articulated or composite inertia ((ANGULAR, MIXED), (MIXED', LINEAR)), see body_inertia
+    MIXED = 42  # 9 numbers
+    LINEAR = 51  # 6 numbers
+    PRODUCT = 57  # 6 numbers: inertia times motion subspace, U = I S
 
 
 GRAVITY = 3
 """Numbers before the first row: the acceleration of gravity in the base frame, m/s^2."""
 ROW = 26
-SPACE = 69
+SPACE = 63
 
 
 def size(joints: int) -> int:
