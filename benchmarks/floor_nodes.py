@@ -22,6 +22,7 @@ from pidtsm_controller.trajectory_node import TrajectoryNode
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.node_parameters import AUTOSTART, PRIORITY
 from pidtsm_core.parameters import Parameter, as_float, names
+from pidtsm_core.robots import DESCRIPTION, find_robot
 from pidtsm_core.signals import Signal
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros import process
@@ -182,11 +183,20 @@ class EchoSimulator(Floor):
             self.finished = True
 
 
+def _at_rest(description: str) -> OutgoingMessage:
+    """The joint state of a robot at its start position."""
+    robot = find_robot({DESCRIPTION.name: description})
+    message = OutgoingMessage(JointState(name=list(robot.joints)), ("position",), joints=len(robot.joints))
+    message.arrays[0] = robot.initial_position
+    return message
+
+
 class Driver(Floor):
     """Measures round trips: publishes joint states at a constant rate to the namespaces in turn."""
 
     OWN = (
         Parameter("targets", ("law", "echo"), "namespaces"),
+        Parameter("robots", ("two_link",), "robot.description by namespace; one: that of all"),
         Parameter("rate", 1000, "samples per second", "Hz"),
         Parameter("turn", 250, "consecutive samples to one namespace"),
         Parameter("turns", 40, "turns of each namespace"),
@@ -203,8 +213,8 @@ class Driver(Floor):
         self._period = round(1e9 / as_float(values["rate"]))
         self._turn, turns = int(as_float(values["turn"])), int(as_float(values["turns"])) + self._WARM_UP
         self._total = self._turn * turns * len(self._targets)
-        self._message = OutgoingMessage(JointState(name=JOINTS), ("position",), joints=len(JOINTS))
-        self._message.arrays[0] = [0.1, -0.1]
+        robots = list(names(values["robots"]))
+        self._messages = [_at_rest(robot) for robot in robots * (len(self._targets) // len(robots))]
         self._states = [self.advertise(JointState, f"{t}/joint_states") for t in self._targets]
         self._sources = [
             self.listen(JointState, f"{t}/joint_commands", self._on_command, raw=True) for t in self._targets
@@ -226,11 +236,11 @@ class Driver(Floor):
                 self._write()
                 self.finished = True
                 return 0.0
-            stamp = time.time_ns()
-            data = self._message.to_bytes(stamp)
+            stamp, target = time.time_ns(), self._k // self._turn % len(self._targets)
+            data = self._messages[target].to_bytes(stamp)
             self._number[stamp] = self._k
             self._sent[self._k] = time.perf_counter_ns()
-            self._states[self._k // self._turn % len(self._targets)].publish(data)
+            self._states[target].publish(data)
             self._k += 1
             self._due = max(self._due + self._period, now + self._period // 2)
             if self._k >= self._total:

@@ -15,12 +15,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from rosbags.highlevel import AnyReader
 from watching import FLOOR_NODES, watched
 
-from pidtsm_core.experiment import make_experiment
+from pidtsm_core.experiment import make_experiment, ros_parameters
 from pidtsm_core.summary import summarize
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.reader import read_recording
@@ -90,8 +90,15 @@ def _wait(process: Any, within: float, folder: Path) -> None:
         raise RuntimeError(f"a benchmark process ended with {code}:\n{logs}")
 
 
-def _namespace(*nodes: str, to: str) -> list[str]:
-    return [word for node in nodes for word in ("-r", f"{node}:__ns:=/{to}")]
+def _arguments(name: str, folder: Path) -> list[str]:
+    """Arguments that put nodes of `ANSWERERS` into their namespace and give them their parameters, by a file."""
+    nodes, _, parameters = ANSWERERS[name]
+    words = [word for node in nodes for word in ("-r", f"{node}:__ns:=/{name}")]
+    if not parameters:
+        return words
+    file = folder / f"{name}.yaml"
+    file.write_text("".join(ros_parameters(f"/{name}/{node}", its) for node, its in parameters.items()))
+    return [*words, "--params-file", str(file)]
 
 
 def run(quick: bool) -> Iterator[Row]:
@@ -193,20 +200,20 @@ def _rate_rows(result: dict[str, Any]) -> Iterator[Row]:
     yield Row("highest rate sustained", result["highest_sustained"] or 0, "Hz")
 
 
-_RELIABLE = [
-    word
-    for node, topic in (("controller", "joint_states"), ("controller", "reference"), ("trajectory", "joint_states"))
-    for word in ("-p", f"{node}:qos_overrides./reliable/{topic}.subscription.reliability:=reliable")
-]
-# Nodes by namespace, with their alternative and further arguments.
-_ANSWERERS: dict[str, tuple[tuple[str, str], str, list[str]]] = {
-    "law": (("controller", "trajectory"), "", []),
-    "echo": (("echo_controller", "echo_trajectory"), "", []),
-    "plain": (("plain_controller", "plain_trajectory"), "", []),
-    "unfrozen": (("controller", "trajectory"), "+unfrozen", []),
-    "wait_set": (("controller", "trajectory"), "+wait_set", []),
+Parameters: TypeAlias = dict[str, dict[str, Any]]
+_RELIABLE: Parameters = {
+    node: {f"qos_overrides./reliable/{topic}.subscription.reliability": "reliable" for topic in topics}
+    for node, topics in {"controller": ("joint_states", "reference"), "trajectory": ("joint_states",)}.items()
+}
+ANSWERERS: dict[str, tuple[tuple[str, str], str, Parameters]] = {
+    "law": (("controller", "trajectory"), "", {}),
+    "echo": (("echo_controller", "echo_trajectory"), "", {}),
+    "plain": (("plain_controller", "plain_trajectory"), "", {}),
+    "unfrozen": (("controller", "trajectory"), "+unfrozen", {}),
+    "wait_set": (("controller", "trajectory"), "+wait_set", {}),
     "reliable": (("controller", "trajectory"), "", _RELIABLE),
 }
+"""Nodes by namespace, with their alternative, and parameters by node."""
 
 
 def round_trips(
@@ -214,6 +221,7 @@ def round_trips(
     composed: bool = False,
     rate: int = 1000,
     names: Sequence[str] = ("law", "echo", "plain"),
+    robots: Sequence[str] = ("two_link",),
 ) -> dict[str, Any]:
     """Time from state to command at the sender of the state: project, echo, and echo with message objects.
 
@@ -221,28 +229,30 @@ def round_trips(
         seconds: duration of the samples for each, s.
         composed: run everything in one process.
         rate: Hz.
-        names: keys of `_ANSWERERS`.
+        names: keys of `ANSWERERS`.
+        robots: arm of each; one: that of all.
     """
     turn = rate // 4
     with _place() as (folder, environment):
         output = folder / "round_trips.json"
         driver = {
             "targets": f"[{','.join(names)}]",
+            "robots": f"[{','.join(robots)}]",
             "rate": rate,
             "turn": turn,
             "turns": max(1, round(seconds * rate / turn)),
             "output": output,
         }
         driver_words = [word for name, value in driver.items() for word in ("-p", f"driver:{name}:={value}")]
-        spaces = {name: _namespace(*_ANSWERERS[name][0], to=name) for name in names}
+        spaces = {name: _arguments(name, folder) for name in names}
         if composed:
-            members = ",".join(["driver", *(node for name in names for node in _ANSWERERS[name][0])])
+            members = ",".join(["driver", *(node for name in names for node in ANSWERERS[name][0])])
             groups = [[members, "--ros-args", *driver_words, *(w for words in spaces.values() for w in words)]]
         else:
             groups = [["driver", "--ros-args", *driver_words]]
             for name in names:
-                nodes, alternative, words = _ANSWERERS[name]
-                groups += [[node + alternative, "--ros-args", *spaces[name], *words] for node in nodes]
+                nodes, alternative, _ = ANSWERERS[name]
+                groups += [[node + alternative, "--ros-args", *spaces[name]] for node in nodes]
         with _started(folder, environment, groups) as processes:
             _wait(processes[0], len(names) * seconds * 1.5 + _START_WITHIN, folder)
         return dict(json.loads(output.read_text(encoding="utf-8")))
