@@ -14,8 +14,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from joblib import Parallel, delayed, effective_n_jobs
 
-from pidtsm_core.metrics import JointMetrics, metrics
+from pidtsm_core.metrics import JointMetrics, metrics, tracking_error
 from pidtsm_core.parameters import Array, ParameterError
+from pidtsm_core.robots import find_robot
 from pidtsm_core.rollout import DivergedError, Rollout, rollout
 from pidtsm_core.signals import Signal
 
@@ -32,8 +33,8 @@ class Trajectory:
 
     Attributes:
         time: s, shape (samples,).
-        error: e = q - q_d, rad, shape (samples, joints).
-        effort: applied torque, N m, shape (samples, joints).
+        error: e = q - q_d, rad or m, shape (samples, joints).
+        effort: applied effort, N m or N, shape (samples, joints).
     """
 
     time: Array
@@ -115,7 +116,7 @@ def _run(
         run = rollout(settings, duration)
     except (ParameterError, DivergedError) as reason:
         return _Outcome(failure=str(reason))
-    error = run.position - run.reference[:, 0]
+    error = tracking_error(run.position, run.reference[:, 0], find_robot(run.robot).continuous)
     found = metrics(run.time, error, run.effort, run.signals[:, Signal.SATURATED], event_time)
     if measure is not None:
         found |= measure(run)

@@ -1,5 +1,7 @@
 """Metrics of a run: errors, effort, settling and chattering, each per joint."""
 
+import math
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -14,12 +16,30 @@ SETTLED_SHARE = 0.02
 """Share of the initial error below which a joint counts as settled."""
 
 RECOVERED_ERROR = 1e-3
-"""Error below which a joint counts as recovered from an event, rad."""
+"""Error below which a joint counts as recovered from an event, rad or m."""
 
 TORQUE_JUMP = 5.0
-"""Change between consecutive samples above which the torque counts as jumping, N m."""
+"""Change between consecutive samples above which the effort counts as jumping, N m or N."""
 
 JointMetrics: TypeAlias = dict[str, list[float | None]]
+
+
+def tracking_error(position: Array, desired: Array, continuous: Sequence[bool]) -> Array:
+    """e = q - q_d, eq. (7), shape (samples, joints).
+
+    That of a continuous joint begins with the shorter way, and the whole turns by which it jumps are removed, because
+    an angle may be given within one turn.
+
+    Args:
+        position: q, shape (samples, joints), rad or m.
+        desired: q_d, likewise.
+        continuous: whether each joint is continuous; empty: none is.
+    """
+    error = position - desired
+    for joint in np.flatnonzero(continuous):
+        unwound = np.unwrap(error[:, joint])
+        error[:, joint] = unwound - 2.0 * math.pi * np.round(unwound[0] / (2.0 * math.pi))
+    return error
 
 
 def metrics(
@@ -30,12 +50,12 @@ def metrics(
     Args:
         time: of the samples, s, shape (samples,), increasing.
         error: e = q - q_d, rad, shape (samples, joints).
-        effort: applied torque, N m, shape (samples, joints).
-        saturated: not 0 where the torque is at its limit, shape (samples, joints).
+        effort: applied effort, N m, shape (samples, joints).
+        saturated: not 0 where the effort is at its limit, shape (samples, joints).
         event_time: time of an event that affects the arm, s, on the axis of `time`.
 
     Returns:
-        One value per joint, None if it does not exist:
+        One value per joint, None if it does not exist; for a joint that slides, rad is m, and N m is N:
 
         * rmse: sqrt(mean(e^2)), rad, eq. (53).
         * eci: mean |tau|, N m, eq. (54).
@@ -44,7 +64,7 @@ def metrics(
         * recovery_time: from the event until |e| stays below 1e-3 rad, s; only with an event.
         * torque_variation: mean |tau_k - tau_(k-1)|, N m.
         * torque_variation_rate: the same divided by the mean period, N m/s, to compare runs at different rates.
-        * torque_jumps: number of samples at which the torque changed by more than 5 N m.
+        * torque_jumps: number of samples at which the effort changed by more than 5 N m.
         * saturation: share of the samples at a limit.
 
     Raises:

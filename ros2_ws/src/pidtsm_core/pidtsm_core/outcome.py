@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from pidtsm_core.control.report import LIMITS, cause
 from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
+from pidtsm_core.units import either, joint_units
 
 FOLLOWED, HELD, STOPPED, RAN_AWAY = "followed", "held", "stopped", "ran away"
 """Possible outcomes of a run."""
 
 ASTRAY = np.pi
-"""With a larger error, the arm no longer tracks its reference, rad."""
+"""With a larger error, the arm no longer tracks its reference, rad or m."""
 
 OF_TRACKING = ("rmse", "eci", "steady_state_error")
 """Metrics that are meaningless if the arm ran away."""
@@ -108,7 +109,7 @@ def what_happened(metrics: Mapping[str, Any]) -> list[str]:
     Args:
         metrics: as in metrics.json.
     """
-    events = [] if metrics["outcome"] == FOLLOWED else [_OUTCOMES[metrics["outcome"]]]
+    events = [] if metrics["outcome"] == FOLLOWED else [_outcome(metrics)]
     events += [_fault(fault) for fault in metrics["faults"]]
     for violation in metrics["violations"]:
         limit, time, duration = (violation[key] for key in ("limit", "time", "duration"))
@@ -124,7 +125,7 @@ def what_happened(metrics: Mapping[str, Any]) -> list[str]:
 
 
 _OUTCOMES = {
-    RAN_AWAY: f"ran away: a joint was more than {ASTRAY:.3g} rad from its reference",
+    RAN_AWAY: f"ran away: a joint was more than {ASTRAY:.3g} {{unit}} from its reference",
     HELD: "does not follow at the end: holds its position, because the reference is missing or too old",
     STOPPED: "does not follow at the end: stopped, with the safe torque",
 }
@@ -141,7 +142,12 @@ def why_not_followed(metrics: Mapping[str, Any]) -> str:
     faults: Sequence[Mapping[str, Any]] = metrics["faults"]
     if metrics["outcome"] == STOPPED and faults:
         return _fault(faults[-1])
-    return _OUTCOMES[metrics["outcome"]]
+    return _outcome(metrics)
+
+
+def _outcome(metrics: Mapping[str, Any]) -> str:
+    units = joint_units(metrics["slides"], len(metrics["joints"]))
+    return _OUTCOMES[metrics["outcome"]].format(unit=either(unit.position for unit in units))
 
 
 def _fault(fault: Mapping[str, Any]) -> str:

@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +22,7 @@ from pidtsm_core.references import (
     reference_joints,
     reference_schema,
 )
-from pidtsm_core.robots import robot_joints
+from pidtsm_core.robots import robot_joints, robot_parameters
 from pidtsm_core.signals import Signal, Status
 from pidtsm_core.simulation.simulator import (
     SimulatedRobot,
@@ -56,12 +56,13 @@ class Rollout:
     Attributes:
         joints: names, in the order of the simulator.
         time: s, shape (samples,).
-        position, velocity: true q (rad), q' (rad/s), shape (samples, joints).
-        effort: torque applied from time[k] on, N m, shape (samples, joints).
+        position, velocity: true q (rad or m), q' (rad/s or m/s), shape (samples, joints).
+        effort: effort applied from time[k] on, N m or N, shape (samples, joints).
         reference: q_d, q_d', q_d'', shape (samples, 3, joints).
         signals: signals that the controller computed from the measurement of this sample; if none reached it, the
             last ones, shape (samples, len(Signal), joints), order of `Signal`.
         status: status of the controller, likewise, shape (samples, len(Status)), order of `Status`.
+        robot: parameters of the simulated arm, as returned by `robot_parameters`.
     """
 
     joints: tuple[str, ...]
@@ -72,6 +73,7 @@ class Rollout:
     reference: Array
     signals: Array
     status: NDArray[np.uint8]
+    robot: Mapping[str, Value] = field(default_factory=dict)
 
 
 class _Samples(NamedTuple):
@@ -283,7 +285,7 @@ def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollo
     done = _simulate(loop, robot.randomness.draw(count), samples)
     if done < count:
         raise DivergedError(f"the loop is not finite any more after {seconds(done * period):g} s")
-    result = Rollout(joints["simulator"], *samples)
+    result = Rollout(joints["simulator"], *samples, robot_parameters(values["simulator"]))
     for node, table in (("controller", result.signals), ("trajectory", result.reference)):
         if joints[node] != result.joints:
             table[:] = table[..., JointOrder(result.joints).match(joints[node])]

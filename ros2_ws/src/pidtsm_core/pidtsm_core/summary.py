@@ -12,6 +12,7 @@ from pidtsm_core.metrics import metrics
 from pidtsm_core.outcome import happenings, time_at_limits
 from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
+from pidtsm_core.units import SLIDES
 
 
 def summarize(recording: Recording) -> dict[str, Any]:
@@ -30,6 +31,7 @@ def summarize(recording: Recording) -> dict[str, Any]:
         "duration": span / 1e9,
         "samples": len(stamps),
         "joints": list(recording.joints),
+        "slides": [units == SLIDES for units in recording.units],
         **happenings(recording),
         **metrics(recording.time, recording.error, recording.effort, saturated, recording.event_time),
         **time_at_limits(recording),

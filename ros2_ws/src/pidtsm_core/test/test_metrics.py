@@ -1,6 +1,7 @@
 """Metrics against values calculated by hand, and properties that hold for every run."""
 
 import json
+import math
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from pidtsm_core.metrics import metrics
+from pidtsm_core.metrics import metrics, tracking_error
 from pidtsm_core.parameters import Array
 
 TIME = np.arange(10) / 10.0
@@ -168,3 +169,21 @@ def test_sizes_scale_with_the_signal_and_times_do_not(
         assert other[name] == pytest.approx(abs(factor) * np.array(one[name]), rel=1e-12)
     assert other["settling_time"] == one["settling_time"]
     assert other["saturation"] == one["saturation"]
+
+
+@pytest.mark.parametrize("begin", [-2, 0, 1])
+@pytest.mark.parametrize("turning", [0.0, 3.0, -8.0])
+def test_whole_turns_are_no_error_of_a_continuous_joint(begin: int, turning: float) -> None:
+    time = np.linspace(0.0, 5.0, 5001)
+    small = 0.1 * np.sin(time)
+    motion = turning * time
+    position = np.column_stack([motion + small + 2.0 * math.pi * begin, motion + small])
+    for desired in (motion, np.remainder(motion + 1.0, 2.0 * math.pi) - 1.0):
+        error = tracking_error(position, np.column_stack([desired, motion]), (True, False))
+        np.testing.assert_allclose(error, np.column_stack([small, small]), atol=1e-12)
+
+
+def test_a_continuous_joint_that_spins_away_has_a_growing_error() -> None:
+    spinning = np.linspace(0.0, 20.0, 1001)[:, None]
+    np.testing.assert_allclose(tracking_error(spinning, 0.0 * spinning, (True,)), spinning)
+    np.testing.assert_array_equal(tracking_error(spinning, 0.0 * spinning, ()), spinning)

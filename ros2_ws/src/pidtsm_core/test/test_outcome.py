@@ -108,6 +108,24 @@ def test_an_error_beyond_half_a_turn_always_counts_as_running_away(run: Rollout)
     assert max(values["rmse"]) > 0.0
 
 
+@pytest.mark.parametrize(
+    ("slides", "unit"), [((), "rad"), ((False, True), "rad or m"), ((True, True), "m")], ids=("turn", "both", "slide")
+)
+def test_the_units_are_those_of_the_joints(run: Rollout, slides: tuple[bool, ...], unit: str) -> None:
+    values = summarize(recording(run, position=run.position + 4.0, slides=slides))
+    assert values["slides"] == list(slides or (False, False))
+    assert f"more than 3.14 {unit} from" in why_not_followed(values)
+
+
+def test_a_rollout_knows_its_arm() -> None:
+    settings = {"robot.description": "scara", "joints": ["joint3", "joint1", "joint2"]}
+    swing = {"reference.name": "sines", "reference.amplitude": 0.0}
+    made = rollout({"simulator": settings, "controller": settings, "trajectory": swing}, 0.01)
+    kept = Recording.of_rollout(made, "at rest", "piddtsm", None)
+    assert (kept.slides, kept.continuous) == ((True, False, False), (False, False, False))
+    assert dict(kept.robot)["robot.description"] == "scara"
+
+
 def test_limits_of_effort_and_rate_are_distinguished(run: Rollout) -> None:
     signals = run.signals.copy()
     signals[:, Signal.SATURATED] = 0.0

@@ -203,7 +203,7 @@ class Controller:
             return ""
         joint = int(distances.argmax())
         return (
-            f"{self._names[joint]} is {farthest:.3g} {self._units[joint]} from its reference "
+            f"{self._names[joint]} is {farthest:.3g} {self._units[joint].position} from its reference "
             f"(activation.distance {self.config.distance:g})"
         )
 

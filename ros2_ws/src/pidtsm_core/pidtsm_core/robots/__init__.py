@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.family import Family, dispatch
-from pidtsm_core.parameters import Array, Parameter, ParameterError, prefixed
+from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, prefixed
 from pidtsm_core.robots.address import forward_at, inverse_at
 from pidtsm_core.robots.base import Dynamics, Model, Robot
 from pidtsm_core.robots.errors import DescriptionError
@@ -31,6 +31,7 @@ __all__ = [
     "payload_of",
     "payload_schema",
     "robot_joints",
+    "robot_parameters",
     "robot_schema",
 ]
 
@@ -111,6 +112,11 @@ def make_model(robot: Robot, parameters: Array) -> Model:
 def robot_joints(settings: Mapping[str, object]) -> int:
     """Number of joints of the robot."""
     return len(find_robot(settings).joints)
+
+
+def robot_parameters(values: Mapping[str, Value]) -> dict[str, Value]:
+    """Those of a node's parameters that define its robot: ``joints`` and the group ``robot``."""
+    return {name: value for name, value in values.items() if name == "joints" or name.startswith("robot.")}
 
 
 def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 from pidtsm_core.family import Member
 from pidtsm_core.parameters import Array, Value, as_float
 from pidtsm_core.robots.payload import Payload
+from pidtsm_core.units import JointUnits, joint_units
 
 
 @dataclass(frozen=True)
@@ -100,9 +101,9 @@ class Robot(Member):
         return np.array(packed)
 
     @property
-    def units(self) -> tuple[str, ...]:
-        """Unit of the position of each joint."""
-        return tuple("m" if slides else "rad" for slides in self.slides or (False,) * len(self.joints))
+    def units(self) -> tuple[JointUnits, ...]:
+        """Units of each joint."""
+        return joint_units(self.slides, len(self.joints))
 
     def with_payload(self, model: Array, payload: Payload) -> Array:
         """A copy of packed parameters, shape (parameters,), with a payload at the tool."""

@@ -23,6 +23,8 @@ class RunMetadata:
         event_time: time of an event that changes the arm, s.
         trajectory: parameters of the trajectory node by name; not validated.
         namespace: namespace of the nodes if the topic names omit it, else empty.
+        robot: parameters of the simulated arm by name, not validated; empty if the bag does not contain them.
+        sliding, continuous: names of the joints that slide, and of those that turn without end.
     """
 
     scenario: str | None
@@ -31,6 +33,9 @@ class RunMetadata:
     event_time: float | None
     trajectory: object
     namespace: str
+    robot: Mapping[str, object]
+    sliding: tuple[str, ...]
+    continuous: tuple[str, ...]
 
 
 def run_metadata(path: Path, bag: Readable) -> RunMetadata:
@@ -54,6 +59,9 @@ def run_metadata(path: Path, bag: Readable) -> RunMetadata:
             event_time=None if event_time is None else float(event_time),
             trajectory=values.get("trajectory"),
             namespace=str(values.get("namespace", "")),
+            robot=dict(values.get("robot", {})),
+            sliding=tuple(values.get("sliding", ())),
+            continuous=tuple(values.get("continuous", ())),
         )
     except (AttributeError, TypeError, ValueError) as error:
         raise RecordingError(f"custom data {METADATA_KEY} does not have the recorder's form: {error}") from None

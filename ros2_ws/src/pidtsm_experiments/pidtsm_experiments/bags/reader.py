@@ -89,6 +89,9 @@ def _read(path: Path, only: frozenset[str] | None) -> Recording:
         event_time=metadata.event_time,
         lost=_lost(moments, unsent, answers, known),
         rejected=rejected,
+        slides=tuple(joint in metadata.sliding for joint in joints),
+        continuous=tuple(joint in metadata.continuous for joint in joints),
+        robot=metadata.robot,
     )
 
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
+from itertools import compress
 from pathlib import Path
 from types import TracebackType
 
@@ -20,7 +21,8 @@ from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import Experiment, Settings, ros_parameters
 from pidtsm_core.node_parameters import NODE_SCHEMAS
-from pidtsm_core.parameters import Value, as_float
+from pidtsm_core.parameters import Value, as_float, names
+from pidtsm_core.robots import find_robot, robot_parameters
 from pidtsm_core.rollout import EXPERIMENT
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.domain import own_domain
@@ -195,8 +197,10 @@ def run(
         (out / "log" / "place.txt").write_text(place + "\n", encoding="utf-8")
         announce(place)
         processes = stack.enter_context(Processes())
-        metadata = _quoted(bag_metadata(experiment, clock, namespace))
-        arguments = {"recorder": ["-p", f"output:={bag}", "-p", f"metadata:={metadata}", "-p", "plain_names:=true"]}
+        metadata = out / "log" / "metadata.yaml"  # The text of a robot may be too long for the command line.
+        known = {"metadata": bag_metadata(experiment, clock, namespace)}
+        metadata.write_text(ros_parameters("recorder", known), encoding="utf-8")
+        arguments = {"recorder": ["--params-file", str(metadata), "-p", f"output:={bag}", "-p", "plain_names:=true"]}
         for node, values in parameters.items():
             file = out / "params" / f"{node}.yaml"
             file.write_text(ros_parameters(node, values), encoding="utf-8")
@@ -245,20 +249,21 @@ def bag_metadata(experiment: Experiment, clock: str, namespace: str = "") -> str
     Raises:
         UsageError: see `node_parameters`.
     """
+    parameters = node_parameters(experiment, clock)
+    given = robot_parameters(parameters["simulator"])
+    joints, robot = names(given["joints"]), find_robot(given)
     known = {
         "scenario": experiment.scenario,
         "law": experiment.law,
         "clock": clock,
         "event_time": experiment.event_time,
         **({"namespace": namespace} if namespace else {}),
-        "trajectory": node_parameters(experiment, clock)["trajectory"],
+        "trajectory": parameters["trajectory"],
+        "robot": given,
+        "sliding": list(compress(joints, robot.slides)),
+        "continuous": list(compress(joints, robot.continuous)),
     }
     return json.dumps(known)
-
-
-def _quoted(text: str) -> str:
-    """A text as a YAML string for the command line of ROS."""
-    return "'" + text.replace("'", "''") + "'"
 
 
 def node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, Value]]:

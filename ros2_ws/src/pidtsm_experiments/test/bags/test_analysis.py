@@ -22,6 +22,7 @@ KEYS = [
     "duration",
     "samples",
     "joints",
+    "slides",
     "outcome",
     "faults",
     "violations",

@@ -44,7 +44,7 @@ def run() -> Rollout:
 
 def first(run: Rollout, samples: int) -> Rollout:
     """The first samples of a run."""
-    arrays = {f.name: getattr(run, f.name)[:samples] for f in fields(run) if f.name != "joints"}
+    arrays = {f.name: getattr(run, f.name)[:samples] for f in fields(run) if f.name not in ("joints", "robot")}
     return replace(run, **arrays)
 
 
@@ -100,7 +100,7 @@ def test_time_counts_from_the_first_ground_truth(tmp_path: Path, run: Rollout, w
         return replace(message, header=replace(message.header, stamp=stamp))
 
     recording = read_recording(write_bag(tmp_path / "bag", run, edit=edit))
-    assert_is(recording, replace(run, **{f: getattr(run, f)[3:] for f in vars(run) if f != "joints"}))
+    assert_is(recording, replace(run, **{f: getattr(run, f)[3:] for f in vars(run) if f not in ("joints", "robot")}))
     assert recording.stamps_ns[0] == start + 3_000_000
 
 
@@ -179,6 +179,14 @@ def test_only_what_is_needed_must_be_there(tmp_path: Path, run: Rollout, write_b
 def test_foreign_bags_have_no_metadata_of_the_run(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
     recording = read_recording(write_bag(tmp_path / "bag", run, metadata=None))
     assert (recording.scenario, recording.law, recording.clock, recording.event_time) == (None,) * 4
+    assert (recording.robot, recording.slides) == ({}, (False, False))
+
+
+def test_the_arm_comes_from_the_recorder(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+    known = {"robot": {"robot.description": "gone.urdf"}, "sliding": ["joint2"], "continuous": ["joint1"]}
+    recording = read_recording(write_bag(tmp_path / "bag", run, metadata=known))
+    assert recording.robot == known["robot"]
+    assert (recording.slides, recording.continuous) == ((False, True), (True, False))
 
 
 def test_the_event_comes_from_the_recorder(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
@@ -690,7 +698,7 @@ def test_topics_without_common_stamps_are_reported(tmp_path: Path, run: Rollout,
         read_recording(path)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"event_time": "soon"}'])
+@pytest.mark.parametrize("text", ["{", "[]", '{"event_time": "soon"}', '{"robot": "scara"}'])
 def test_bad_metadata_is_reported(tmp_path: Path, run: Rollout, write_bag: Any, text: str) -> None:
     path = write_bag(tmp_path / "bag", run, metadata=text)
     with pytest.raises(RecordingError, match="custom data"):

@@ -6,6 +6,7 @@ from pathlib import Path
 from pidtsm_core.experiment import make_experiment, ros_parameters
 from pidtsm_core.node_parameters import NODE_ONLY, NODE_SCHEMAS
 from pidtsm_core.parameters import resolve
+from pidtsm_core.robots import find_robot
 from pidtsm_core.rollout import SCHEMAS
 from pidtsm_experiments.runs.runner import bag_metadata, node_parameters
 
@@ -26,3 +27,9 @@ def test_the_metadata_contains_the_parameters_of_the_trajectory() -> None:
     known = json.loads(bag_metadata(experiment, "lockstep"))["trajectory"]
     expected = node_parameters(experiment, "lockstep")["trajectory"]
     assert resolve(NODE_SCHEMAS["trajectory"], known, 2) == expected
+
+
+def test_the_metadata_contains_the_arm() -> None:
+    known = json.loads(bag_metadata(make_experiment(None, robot="scara"), "lockstep"))
+    assert find_robot(known["robot"]).joints == ("joint1", "joint2", "joint3", "joint4")
+    assert known["sliding"] == ["joint3"]
