@@ -1,6 +1,6 @@
 """The metrics of a run as a table on the terminal."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rich import box
@@ -9,16 +9,17 @@ from rich.markup import escape
 from rich.table import Table
 
 from pidtsm_core.outcome import OF_TRACKING, RAN_AWAY, what_happened
+from pidtsm_core.units import alike, joint_units
 
 _ROWS = (
-    ("rmse", "RMSE", "rad"),
-    ("eci", "ECI, mean |torque|", "N m"),
-    ("steady_state_error", "steady-state error", "rad"),
+    ("rmse", "RMSE", "{position}"),
+    ("eci", "ECI, mean |effort|", "{effort}"),
+    ("steady_state_error", "steady-state error", "{position}"),
     ("settling_time", "settling time", "s"),
     ("recovery_time", "recovery time", "s"),
-    ("torque_variation", "torque variation", "N m"),
-    ("torque_variation_rate", "torque variation per second", "N m/s"),
-    ("torque_jumps", "torque jumps", ""),
+    ("torque_variation", "effort variation", "{effort}"),
+    ("torque_variation_rate", "effort variation rate", "{effort}/s"),
+    ("torque_jumps", "effort jumps", ""),
     ("saturation", "saturated", "%"),
     ("time_at_effort_limit", "at the effort limit", "s"),
     ("time_at_rate_limit", "at the rate limit", "s"),
@@ -26,30 +27,36 @@ _ROWS = (
 )
 _FACTOR = {"saturation": 100.0}
 _ONLY_IF_ANY = ("time_at_effort_limit", "time_at_rate_limit")
-_COLUMNS = 3
-"""Largest number of joints beside each other, so that a table fits into 80 characters."""
+_LABELS, _CELL = 35, 10
+"""Widths of the metrics with their units, and of a value, characters."""
 
 
-def metrics_table(metrics: Mapping[str, Any], first: int = 0) -> Table:
-    """The metrics with one column per joint.
+def metrics_tables(metrics: Mapping[str, Any], width: int = 80) -> Iterator[Table]:
+    """The metrics with one column per joint, in tables of joints with the same units.
 
     Args:
         metrics: as in metrics.json.
-        first: index of the first joint; the table has at most `_COLUMNS`.
+        width: largest width of a table that has more than one joint, characters.
     """
-    shown = slice(first, first + _COLUMNS)
+    joints = metrics["joints"]
+    columns = (width - _LABELS) // (max(_CELL, *map(len, joints)) + 3)
     labels = [str(metrics[key]) for key in ("scenario", "law", "clock") if metrics[key] is not None]
     run = f"{_number(metrics['duration'])} s, {metrics['samples']} samples"
-    title = ": ".join(filter(None, (", ".join(labels), run)))
-    table = Table(title=None if first else escape(title), title_style="bold", box=box.SIMPLE_HEAD)
-    table.add_column("metric")
-    table.add_column("unit")
-    for joint in metrics["joints"][shown]:
-        table.add_column(escape(joint), justify="right")
-    for key, label, unit in _ROWS:
-        if key in metrics and (key not in _ONLY_IF_ANY or any(metrics[key])):
-            table.add_row(label, unit, *_cells(metrics, key)[shown])
-    return table
+    title: str | None = escape(": ".join(filter(None, (", ".join(labels), run))))
+    units = joint_units(metrics["slides"], len(joints))
+    for group in alike(units, max(1, columns)):
+        table = Table(title=title, title_style="bold", box=box.SIMPLE_HEAD)
+        title = None
+        table.add_column("metric")
+        table.add_column("unit")
+        for joint in group:
+            table.add_column(escape(joints[joint]), justify="right")
+        for key, label, unit in _ROWS:
+            if key in metrics and (key not in _ONLY_IF_ANY or any(metrics[key])):
+                cells = _cells(metrics, key)
+                of_group = unit.format(**units[group[0]]._asdict())
+                table.add_row(label, of_group, *(cells[joint] for joint in group))
+        yield table
 
 
 def _cells(metrics: Mapping[str, Any], key: str) -> list[str]:
@@ -67,8 +74,8 @@ def print_metrics(metrics: Mapping[str, Any], console: Console | None = None) ->
         console: output, by default standard output.
     """
     console = console or Console()
-    for first in range(0, len(metrics["joints"]), _COLUMNS):
-        console.print(metrics_table(metrics, first))
+    for table in metrics_tables(metrics, console.width):
+        console.print(table)
     timing = metrics["timing"]
     tick = " / ".join(_number(timing["compute_time"][key], 1e6) for key in ("p50", "p99", "max"))
     console.print(

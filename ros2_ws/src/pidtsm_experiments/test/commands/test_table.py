@@ -9,7 +9,7 @@ from rich.console import Console
 
 from pidtsm_core.rollout import Rollout
 from pidtsm_experiments.bags.analysis import analyze
-from pidtsm_experiments.commands.table import metrics_table, print_metrics
+from pidtsm_experiments.commands.table import metrics_tables, print_metrics
 
 
 @pytest.fixture
@@ -17,9 +17,9 @@ def values(tmp_path: Path, run: Rollout, write_bag: Any) -> dict[str, Any]:
     return analyze(write_bag(tmp_path / "bag", run))
 
 
-def printed(values: dict[str, Any]) -> list[str]:
+def printed(values: dict[str, Any], width: int = 80) -> list[str]:
     text = io.StringIO()
-    print_metrics(values, Console(file=text))
+    print_metrics(values, Console(file=text, width=width))
     assert "\x1b" not in text.getvalue()
     return text.getvalue().splitlines()
 
@@ -34,7 +34,37 @@ def test_there_is_one_column_per_joint_with_units(values: dict[str, Any]) -> Non
     assert lines[0].strip() == "case1, piddtsm, lockstep: 2 s, 2000 samples"
     assert row(lines, "metric") == ["unit", "joint1", "joint2"]
     assert row(lines, "RMSE") == ["rad", "0.03795", "1.234e-05"]
-    assert row(lines, "torque jumps") == [str(count) for count in values["torque_jumps"]]
+    assert row(lines, "effort jumps") == [str(count) for count in values["torque_jumps"]]
+
+
+SEVEN = [f"panda_joint{j}" for j in range(1, 8)]
+
+
+def of_joints(values: dict[str, Any], joints: list[str], slides: list[bool]) -> dict[str, Any]:
+    """The metrics with other joints, which have the same values in turn."""
+    per_joint = {key: (value * 4)[: len(joints)] for key, value in values.items() if isinstance(value, list) and value}
+    return {**values, **per_joint, "joints": joints, "slides": slides}
+
+
+def test_sliding_joints_have_their_units_in_a_table_of_their_own(values: dict[str, Any]) -> None:
+    lines = printed(of_joints(values, ["a", "b", "c", "d"], [False, True, False, True]))
+    _, turning, sliding = " ".join(" ".join(lines).split()).split("metric unit ")
+    assert turning.startswith("a c ")
+    assert sliding.startswith("b d ")
+    for label, unit, other in (("RMSE", "rad", "m"), ("ECI, mean |effort|", "N m", "N"), ("settling time", "s", "s")):
+        assert f" {label} {unit} " in turning
+        assert f" {label} {other} " in sliding
+    assert " effort variation rate N/s " in sliding
+    assert " N m " not in sliding
+
+
+@pytest.mark.parametrize(("width", "tables"), [(80, 3), (150, 1), (20, 7)])
+def test_joints_that_do_not_fit_go_into_further_tables(values: dict[str, Any], width: int, tables: int) -> None:
+    made = list(metrics_tables(of_joints(values, SEVEN, [False] * 7), width))
+    assert len(made) == tables
+    assert [column.header for table in made for column in list(table.columns)[2:]] == SEVEN
+    if tables < 7:
+        assert max(Console(width=500).measure(table).maximum for table in made) <= width
 
 
 def test_saturation_is_in_percent(values: dict[str, Any]) -> None:
@@ -68,7 +98,7 @@ def test_events_are_printed(values: dict[str, Any]) -> None:
 
 def test_a_run_that_ran_away_has_no_errors_to_compare(values: dict[str, Any]) -> None:
     lines = printed({**values, "outcome": "ran away"})
-    for label, unit in (("RMSE", "rad"), ("ECI, mean |torque|", "N m"), ("steady-state error", "rad")):
+    for label, unit in (("RMSE", "rad"), ("ECI, mean |effort|", "N m"), ("steady-state error", "rad")):
         assert row(lines, label) == [*unit.split(), "ran", "away", "ran", "away"]
     assert lines[-1].startswith("ran away: a joint was more than 3.14 rad from its reference")
 
@@ -85,7 +115,7 @@ def test_two_joints_need_eighty_columns_at_most(values: dict[str, Any]) -> None:
     longest = {key: [-1.234e-05] * 2 for key in ("rmse", "torque_variation_rate", "recovery_time", "adaptive_gain")}
     limits = {"time_at_effort_limit": [0.12345] * 2, "time_at_rate_limit": [0.12345] * 2}
     for outcome in ("followed", "ran away"):
-        table = metrics_table({**values, **longest, **limits, "outcome": outcome})
+        (table,) = metrics_tables({**values, **longest, **limits, "outcome": outcome})
         assert Console(width=200).measure(table).maximum <= 80
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
+from pidtsm_core.units import alike
 
 Table: TypeAlias = NDArray[np.object_]
 """Axes, shape (rows, columns)."""
@@ -50,19 +52,18 @@ MARK: dict[str, Any] = {
 }
 """Line above a panel that marks time intervals."""
 
-# Units of s, sigma and Y, which depend on the surface and the manifold of the law.
-_UNITS = {
-    "piddtsm": ("rad/s", "rad/s$^2$", "rad/s$^3$"),
-    "dtsm": ("rad/s", "rad/s", "rad/s$^2$"),
-    "pidnftsm": ("rad", "rad/s", "rad/s$^2$"),
+# What follows the unit of the position in those of s, sigma and Y, which depend on the law's surface and manifold.
+_PER_TIME = {
+    "piddtsm": ("/s", "/s$^2$", "/s$^3$"),
+    "dtsm": ("/s", "/s", "/s$^2$"),
+    "pidnftsm": ("", "/s", "/s$^2$"),
 }
-_ANY_UNIT = ("SI unit", "SI unit", "SI unit")
 PARTS = 500
 """Number of parts of the time axis; a line keeps the extremes of each part."""
 
 _WIDTH = 7.0  # inch
-_BESIDE_TITLE = 5
-"""Largest number of legend entries beside the title; more are below the figure."""
+_TOGETHER = 3
+"""Largest number of joints in a panel; more lines could not be told apart."""
 _START = 1.0  # duration of the start of a run, s
 
 
@@ -104,65 +105,70 @@ def save_figures(drawings: Mapping[str, Callable[[], Figure]], directory: Path) 
 def tracking(recording: Recording) -> Figure:
     """True position and reference, one panel per joint."""
     figure, table = panels(len(recording.joints))
+    desired = recording.desired
     for j, (ax, joint) in enumerate(zip(table[:, 0], recording.joints, strict=True)):
         line(ax, recording.time, recording.position[:, j], 0, "$q$")
-        line(ax, recording.time, recording.reference[:, 0, j], 1, "$q_d$")
-        ax.set_ylabel(f"$q$ of {joint} (rad)")
+        line(ax, recording.time, desired[:, j], 1, "$q_d$")
+        ax.set_ylabel(f"{joint}\n$q$ ({recording.units[j].position})")
     return finished(figure, table, recording)
 
 
 def error(recording: Recording) -> Figure:
     """True tracking error, eq. (7), and its magnitude on a logarithmic scale."""
-    figure, table = panels(2)
-    for j, joint in enumerate(recording.joints):
-        line(table[0, 0], recording.time, recording.error[:, j], j, joint)
-        line(table[1, 0], *envelope(recording.time, np.abs(recording.error[:, j])), j, joint)
-    table[0, 0].set_ylabel("$e = q - q_d$ (rad)")
-    table[1, 0].set_ylabel("$|e|$, envelope (rad)")
-    logarithmic(table[1, 0])
-    return finished(figure, table, recording)
+    groups, error = alike(recording.units, _TOGETHER), recording.error
+    figure, table = panels(2 * len(groups))
+    for group, (signed, size) in zip(groups, table.reshape(-1, 2), strict=True):
+        for style, j in enumerate(group):
+            line(signed, recording.time, error[:, j], style, recording.joints[j])
+            line(size, *envelope(recording.time, np.abs(error[:, j])), style, recording.joints[j])
+        unit = recording.units[group[0]].position
+        signed.set_ylabel(f"$e = q - q_d$ ({unit})")
+        size.set_ylabel(f"$|e|$, envelope ({unit})")
+        logarithmic(size)
+    return finished(figure, table, recording, groups=len(groups))
 
 
 def torque(recording: Recording) -> Figure:
-    """Applied torque, one row per joint: the whole run and its start; marks show when the torque is at its limit."""
+    """Applied effort, one row per joint: the whole run and its start; marks show when the effort is at its limit."""
     figure, table = panels(len(recording.joints), width_ratios=(3, 1))
     for j, (row, joint) in enumerate(zip(table, recording.joints, strict=True)):
         for ax, shown in zip(row, (slice(None), _start(recording)), strict=True):
             time = recording.time[shown]
-            line(ax, time, recording.effort[shown, j], 0, "applied torque")
+            line(ax, time, recording.effort[shown, j], 0, "applied effort")
             _mark(ax, time, recording.signals[shown, Signal.SATURATED, j] != 0.0, "at its limit")
-        row[0].set_ylabel(rf"$\tau$ of {joint} (N m)")
+        row[0].set_ylabel(f"{joint}\n$\\tau$ ({recording.units[j].effort})")
         row[1].sharey(row[0])
     return finished(figure, table, recording)
 
 
 def sliding_variables(recording: Recording) -> Figure:
     """Sliding variable s, eq. (11), and manifold variable sigma, eq. (10): magnitude, and the start with sign."""
-    unit_s, unit_sigma, _ = _UNITS.get(recording.law or "", _ANY_UNIT)
-    rows = ((Signal.SLIDING_VARIABLE, "s", unit_s), (Signal.MANIFOLD_VARIABLE, r"\sigma", unit_sigma))
-    figure, table = panels(len(rows), width_ratios=(2, 1))
+    groups = alike(recording.units, _TOGETHER)
+    figure, table = panels(2 * len(groups), width_ratios=(2, 1))
     start = _start(recording)
-    for (size, signed), (signal, name, unit) in zip(table, rows, strict=True):
-        for j, joint in enumerate(recording.joints):
+    variables = ((Signal.SLIDING_VARIABLE, "s"), (Signal.MANIFOLD_VARIABLE, r"\sigma"))
+    for (size, signed), (group, (signal, name)) in zip(table, product(groups, variables), strict=True):
+        for style, j in enumerate(group):
             values = recording.signals[:, signal, j]
-            line(size, *envelope(recording.time, np.abs(values)), j, joint)
-            line(signed, recording.time[start], values[start], j, joint)
+            line(size, *envelope(recording.time, np.abs(values)), style, recording.joints[j])
+            line(signed, recording.time[start], values[start], style, recording.joints[j])
+        unit = _unit(recording, group, signal)
         logarithmic(size)
         size.set_ylabel(f"$|{name}|$, envelope ({unit})")
         signed.set_ylabel(f"${name}$ ({unit})")
-    return finished(figure, table, recording)
+    return finished(figure, table, recording, groups=len(groups))
 
 
 def adaptive_gain(recording: Recording) -> Figure:
     """Adaptive gain Y, eq. (27), and switching term tau_sw, eq. (25)."""
-    _, unit_sigma, unit_gain = _UNITS.get(recording.law or "", _ANY_UNIT)
-    rows = ((Signal.ADAPTIVE_GAIN, f"$Y$ ({unit_gain})"), (Signal.SWITCHING_TERM, rf"$\tau_{{sw}}$ ({unit_sigma})"))
-    figure, table = panels(len(rows))
-    for ax, (signal, label) in zip(table[:, 0], rows, strict=True):
-        for j, joint in enumerate(recording.joints):
-            line(ax, recording.time, recording.signals[:, signal, j], j, joint)
-        ax.set_ylabel(label)
-    return finished(figure, table, recording)
+    groups = alike(recording.units, _TOGETHER)
+    figure, table = panels(2 * len(groups))
+    terms = ((Signal.ADAPTIVE_GAIN, "Y"), (Signal.SWITCHING_TERM, r"\tau_{sw}"))
+    for ax, (group, (signal, name)) in zip(table[:, 0], product(groups, terms), strict=True):
+        for style, j in enumerate(group):
+            line(ax, recording.time, recording.signals[:, signal, j], style, recording.joints[j])
+        ax.set_ylabel(f"${name}$ ({_unit(recording, group, signal)})")
+    return finished(figure, table, recording, groups=len(groups))
 
 
 FIGURES: dict[str, Callable[[Recording], Figure]] = {
@@ -173,6 +179,14 @@ FIGURES: dict[str, Callable[[Recording], Figure]] = {
     "adaptive_gain": adaptive_gain,
 }
 """Every figure by file name."""
+
+
+def _unit(recording: Recording, group: Sequence[int], signal: Signal) -> str:
+    """Unit of a signal of the law for a group of joints with the same units."""
+    if recording.law not in _PER_TIME:
+        return "SI unit"
+    s, sigma, gain = (recording.units[group[0]].position + per_time for per_time in _PER_TIME[recording.law])
+    return {Signal.SLIDING_VARIABLE: s, Signal.ADAPTIVE_GAIN: gain}.get(signal, sigma)
 
 
 def _start(recording: Recording) -> slice:
@@ -194,14 +208,15 @@ def panels(rows: int, width_ratios: Sequence[float] = (1,)) -> tuple[Figure, Tab
     return figure, figure.subplots(rows, len(width_ratios), sharex="col", squeeze=False, width_ratios=width_ratios)
 
 
-def finished(figure: Figure, table: Table, recording: Recording, title: str | None = None) -> Figure:
-    """Add the common elements of all figures: event, title, legend, label and end of the time axis.
+def finished(figure: Figure, table: Table, recording: Recording, title: str | None = None, groups: int = 1) -> Figure:
+    """Add the common elements of all figures: event, title, legends, label and end of the time axis.
 
     Args:
         figure: created by `panels`.
         table: its axes, shape (rows, columns).
         recording: the run.
         title: title; None: scenario, law and clock of the run.
+        groups: number of groups of joints, below each other; each has a legend.
 
     Returns:
         The figure.
@@ -211,13 +226,12 @@ def finished(figure: Figure, table: Table, recording: Recording, title: str | No
             ax.axvline(recording.event_time, color="0.35", linewidth=0.8, linestyle=":", label="event")
     run = ", ".join(filter(None, (recording.scenario, recording.law, recording.clock)))
     table[0, 0].set_title(title or run, loc="left")
-    lines, labels = table[0, 0].get_legend_handles_labels()
-    if len(labels) > _BESIDE_TITLE:
-        figure.legend(lines, labels, loc="outside lower center", ncols=4)
-    else:
-        beside = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": _BESIDE_TITLE, "borderaxespad": 0.1}
-        legend = table[0, -1].legend(lines, labels, **beside)
-        legend.set_in_layout(False)  # next to the title, above all columns
+    for row in range(0, len(table), len(table) // groups):
+        lines, labels = table[row, 0].get_legend_handles_labels()
+        above = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": len(labels), "borderaxespad": 0.1}
+        table[row, -1].legend(lines, labels, **above).set_in_layout(False)  # next to the title, above all columns
+        if row > 0:
+            table[row, 0].set_title(" ")  # space for the legend
     for ax in table[-1]:
         ax.set_xlabel("time (s)")
     if recording.time.size > 1:  # the last sample lasts for the median of the periods
