@@ -102,6 +102,10 @@ class Page:
 
     def click(self, selector: str) -> None:
         """Press the mouse in the middle of an element."""
+        self.drag(selector, 0, 0)
+
+    def drag(self, selector: str, right: int, down: int) -> None:
+        """Press the mouse in the middle of an element, move it by these pixels, and release it."""
         script = f"""(() => {{
             const element = document.querySelector({selector!r});
             element.scrollIntoView({{block: "center", behavior: "instant"}});
@@ -109,8 +113,9 @@ class Page:
             return [box.left + box.width / 2, box.top + box.height / 2];
         }})()"""
         x, y = self.evaluate(script)
-        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
-            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+        for kind, far in (("mouseMoved", 0), ("mousePressed", 0), ("mouseMoved", 1), ("mouseReleased", 1)):
+            place = {"x": x + far * right, "y": y + far * down}
+            self.call("Input.dispatchMouseEvent", type=kind, button="left", clickCount=1, **place)
 
     def screenshot(self, path: Path) -> None:
         path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))

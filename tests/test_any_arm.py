@@ -66,8 +66,12 @@ def test_it_runs_over_the_nodes_as_in_a_rollout(call: Call) -> None:
     settings = make_experiment(None, robot="crane.urdf", params=[PRACTICAL], overrides=ROTORS).settings
     np.testing.assert_array_equal(recording.effort, rollout(settings, 1.0).effort)
     assert recording.joints == ("slew", "lift", "tilt")
-    for result in ("report.html", "figures/tracking.png", "params/controller.yaml"):
+    assert (recording.slides, recording.continuous) == ((False, True, False), (True, False, False))
+    for result in ("figures/tracking.png", "params/controller.yaml"):
         assert Path("out", result).is_file()
+    report = Path("out/report.html").read_text(encoding="utf-8")
+    assert "<td>lift</td><td>m</td>" in report
+    assert '"sliding":[1]' in report  # The arm is animated.
 
 
 @pytest.mark.parametrize("node", ["simulator", "controller"])

@@ -34,7 +34,7 @@ class KnownMotion:
     start: int
 
     def at(self, stamps: Stamps) -> Array:
-        """q_d, q_d', q_d'', bit for bit as in the trajectory node, rad and s, shape (3, stamps, joints)."""
+        """q_d, q_d', q_d'', bit for bit as in the trajectory node, rad or m, and s, shape (3, stamps, joints)."""
         desired = np.zeros((3, self.motion.joints))
         values = np.empty((3, stamps.size, self.places.size))
         for k, elapsed in enumerate((stamps - self.start).tolist()):
@@ -60,7 +60,7 @@ def known_motion(
         joints: names, in the order of the recording.
         start: stamp of the first reference, with or without values, ns.
         stamps: stamps of the recorded references, ns, increasing, shape (stamps,).
-        values: recorded references, rad and s, shape (3, stamps, joints).
+        values: recorded references, rad or m, and s, shape (3, stamps, joints).
         lacking: stamps without a reference, ns, shape (lacking,).
     """
     motion = _motion(parameters)
@@ -122,7 +122,7 @@ def interpolated(stamps: Stamps, values: Array, lacking: Stamps) -> Array:
 
     Args:
         stamps: stamps of the recorded references, ns, increasing, at least two, shape (stamps,).
-        values: recorded references, rad and s, shape (3, stamps, joints).
+        values: recorded references, rad or m, and s, shape (3, stamps, joints).
         lacking: stamps without a reference, ns, shape (lacking,).
     """
     from scipy.interpolate import CubicHermiteSpline  # rarely needed and slow to import

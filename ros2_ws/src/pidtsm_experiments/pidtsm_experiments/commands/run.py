@@ -4,7 +4,6 @@ import argparse
 from pathlib import Path
 
 from pidtsm_core.experiment import Experiment
-from pidtsm_core.parameters import as_float
 from pidtsm_core.summary import summarize, write_metrics
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.reader import read_recording
@@ -73,9 +72,7 @@ def run_and_report(experiment: Experiment, clock: str, out: Path, composed: bool
         metrics = summarize(recording)
         write_metrics(metrics, folder / "metrics.json")
         write_figures(recording, folder / "figures")
-        arm = parameters["simulator"]
-        links = [as_float(arm[name]) for name in ("robot.r1", "robot.r2") if name in arm]
-        write_report(folder / "report.html", (recording, metrics), links=links)
+        write_report(folder / "report.html", (recording, metrics))
     show_metrics(metrics, as_json=False)
     CONSOLE.print(f"{out}: report.html metrics.json figures/ bag/ params/ log/", highlight=False)
     require_followed(metrics)

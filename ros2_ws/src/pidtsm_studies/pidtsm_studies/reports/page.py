@@ -58,7 +58,7 @@ def write_page(
             sections=[section for section in sections if section.content],
             data={"figures": {name: figure.to_dict() for name, figure in figures.items()}, "arm": arm},
             style=_text("report.css"),
-            script=_text("report.js"),
+            script=_text("report.js") + (_text("arm.js") if arm else ""),
             plotly=get_plotlyjs(),
         )
     )

@@ -17,7 +17,7 @@ from pidtsm_studies.reports.figures import COLOURS, DASHES, decimated
 from pidtsm_studies.reports.labels import label
 
 _PARTS = 1000  # parts of the time axis; a line keeps the extremes of each part
-_LINE_WIDTH = 1.8  # pixels
+_LINE_WIDTH, _GAP, _TOP, _BOTTOM = 1.8, 25.5, 30, 45  # pixels
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Quantity:
     Attributes:
         name: name used in ids.
         title: title of the plot.
-        axis: label of the vertical axes, in plotly's markup.
+        axis: label of the vertical axes, in plotly's markup; {position} and {effort} are units of the joint.
         values: returns the values of a run, shape (samples, joints).
         signed: whether to offer its magnitude on a logarithmic axis.
     """
@@ -44,9 +44,11 @@ def _signal(signal: Signal) -> Callable[[Recording], Array]:
 
 
 QUANTITIES = (
-    Quantity("tracking", "Tracking", "q (rad)", lambda recording: recording.position),
-    Quantity("error", "Tracking error", "e = q − q<sub>d</sub> (rad)", lambda recording: recording.error, signed=True),
-    Quantity("torque", "Applied torque", "τ (N m)", lambda recording: recording.effort),
+    Quantity("tracking", "Tracking", "q ({position})", lambda recording: recording.position),
+    Quantity(
+        "error", "Tracking error", "e = q − q<sub>d</sub> ({position})", lambda recording: recording.error, signed=True
+    ),
+    Quantity("torque", "Applied effort", "τ ({effort})", lambda recording: recording.effort),
     Quantity("sliding", "Sliding variable s, in the unit of the law's surface", "s", _signal(Signal.SLIDING_VARIABLE)),
     Quantity("manifold", "Manifold variable σ, in the unit of the law", "σ", _signal(Signal.MANIFOLD_VARIABLE)),
     Quantity("gain", "Adaptive gain Υ, in the unit of σ per second", "Υ", _signal(Signal.ADAPTIVE_GAIN)),
@@ -70,11 +72,13 @@ def plot(quantity: Quantity, runs: Mapping[str, Run], styles: Mapping[str, int])
     if not shown:
         return None
     first = next(iter(runs.values()))[0]
-    figure = make_subplots(rows=len(first.joints), cols=1, shared_xaxes=True, vertical_spacing=0.06)
-    for j in range(len(first.joints)):
-        if quantity.name == "tracking":
-            line = {"color": "#bdbdbd", "width": 5}
-            figure.add_trace(_trace(first.time, first.reference[:, 0, j], "reference", line, j == 0), j + 1, 1)
+    height = 120 + 190 * len(first.joints)
+    gap = _GAP / (height - _TOP - _BOTTOM)
+    figure = make_subplots(rows=len(first.joints), cols=1, shared_xaxes=True, vertical_spacing=gap)
+    if quantity.name == "tracking":
+        line = {"color": "#bdbdbd", "width": 5}
+        for j, desired in enumerate(first.desired.T):
+            figure.add_trace(_trace(first.time, desired, "reference", line, j == 0), j + 1, 1)
     for law in shown:
         line = line_style(colour(styles[law]), DASHES[styles[law] % len(DASHES)])
         for j in range(len(first.joints)):
@@ -82,10 +86,11 @@ def plot(quantity: Quantity, runs: Mapping[str, Run], styles: Mapping[str, int])
             figure.add_trace(trace, j + 1, 1)
     if first.event_time is not None:
         figure.add_vline(first.event_time, line={"color": "#595959", "width": 1, "dash": "dot"})
-    set_style(figure, 120 + 190 * len(first.joints))
+    set_style(figure, height)
     figure.update_xaxes(title_text="time (s)", row=len(first.joints), col=1)
-    for j, joint in enumerate(first.joints):
-        figure.update_yaxes(title_text=f"{escape(joint)}: {quantity.axis}", row=j + 1, col=1)
+    for j, (joint, units) in enumerate(zip(first.joints, first.units, strict=True)):
+        axis = quantity.axis.format(**units._asdict())
+        figure.update_yaxes(title_text=f"{escape(joint)}<br>{axis}", row=j + 1, col=1)
     return figure
 
 
@@ -99,7 +104,7 @@ def set_style(figure: Any, height: int) -> None:
     figure.update_layout(
         template="plotly_white",
         height=height,
-        margin={"l": 70, "r": 12, "t": 30, "b": 45},
+        margin={"l": 70, "r": 12, "t": _TOP, "b": _BOTTOM},
         font={"color": "#1a1a1a", "size": 13},
         hovermode="x unified",
         legend={"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "itemdoubleclick": False},

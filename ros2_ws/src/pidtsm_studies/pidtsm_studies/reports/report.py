@@ -6,31 +6,31 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from pidtsm_core.outcome import OF_TRACKING, RAN_AWAY, what_happened
+from pidtsm_core.parameters import ParameterError
 from pidtsm_core.recording import Recording
+from pidtsm_core.units import either
 from pidtsm_studies.article.claims import Comparison, Reproduction, Run
 from pidtsm_studies.reports.animation import animation
 from pidtsm_studies.reports.labels import CASES, label, style_indices, value_text
 from pidtsm_studies.reports.page import Section, write_page
 from pidtsm_studies.reports.plots import QUANTITIES, colour, plot
 
-LINKS = (1.0, 0.85)
-"""Lengths of the article's two links, m."""
-
 _Cases: TypeAlias = Mapping[str, Mapping[str, Run]]
 """The finished runs, by case and law."""
 
+# Key, name, unit and factor. In a name, {position} and {effort} are the units of all joints, in a unit those of one.
 _METRICS = (
-    ("rmse", "RMSE, root of the mean of e²", "rad", 1.0),
-    ("eci", "ECI, mean |τ|", "N m", 1.0),
-    ("steady_state_error", "steady-state error, max |e| over the last 40 % of the run", "rad", 1.0),
+    ("rmse", "RMSE, root of the mean of e²", "{position}", 1.0),
+    ("eci", "ECI, mean |τ|", "{effort}", 1.0),
+    ("steady_state_error", "steady-state error, max |e| over the last 40 % of the run", "{position}", 1.0),
     ("settling_time", "settling time, until |e| stays below 2 % of its start", "s", 1.0),
-    ("recovery_time", "recovery time, from the event until |e| stays below 1e-3 rad", "s", 1.0),
-    ("torque_variation", "torque variation, mean change from sample to sample", "N m", 1.0),
-    ("torque_variation_rate", "torque variation per second", "N m/s", 1.0),
-    ("torque_jumps", "torque jumps, samples at which it changes by more than 5 N m", "", 1.0),
-    ("saturation", "torque at its limit or that of its rate, share of the samples", "%", 100.0),
-    ("time_at_effort_limit", "torque at its limit", "s", 1.0),
-    ("time_at_rate_limit", "torque at the limit of its rate", "s", 1.0),
+    ("recovery_time", "recovery time, from the event until |e| stays below 1e-3 {position}", "s", 1.0),
+    ("torque_variation", "effort variation, mean change from sample to sample", "{effort}", 1.0),
+    ("torque_variation_rate", "effort variation per second", "{effort}/s", 1.0),
+    ("torque_jumps", "effort jumps, samples at which it changes by more than 5 {effort}", "", 1.0),
+    ("saturation", "effort at its limit or that of its rate, share of the samples", "%", 100.0),
+    ("time_at_effort_limit", "effort at its limit", "s", 1.0),
+    ("time_at_rate_limit", "effort at the limit of its rate", "s", 1.0),
     ("adaptive_gain", "adaptive gain Υ at the end", "", 1.0),
 )
 
@@ -40,16 +40,16 @@ def write_report(
     runs: Reproduction | Run,
     comparisons: Sequence[Comparison] = (),
     notes: Sequence[str] = (),
-    links: Sequence[float] = LINKS,
 ) -> None:
     """Write the report; the same runs give the same file.
+
+    The arm is animated if the descriptions of all arms can be read; otherwise a sentence gives the reason.
 
     Args:
         path: the HTML file.
         runs: a reproduction, or a single run.
         comparisons: comparisons with the article, as returned by `claims.compare`; empty: a report without the article.
         notes: further notes on the deviations, each a sentence or a paragraph.
-        links: lengths of the links of a planar arm, m; the arm is drawn if their number equals that of the joints.
     """
     reproduction = {_key(runs[0]): runs} if isinstance(runs, tuple) else runs
     done = {key: run for key, run in reproduction.items() if not isinstance(run, str)}
@@ -65,10 +65,10 @@ def write_report(
         for quantity in QUANTITIES
         if (figure := plot(quantity, by_law, styles)) is not None
     }
-    arm = animation(cases, styles, links)
+    arm, reason = _animation(cases, styles)
     sections = (
         _section("happened", "What happened", _happenings(done)),
-        _section("arm", "The arm", _arm(cases) if arm else None),
+        _section("arm", "The arm", _arm(cases, arm, reason) if cases else None),
         _section("article", "Article and project", _comparison_tables(comparisons)),
         _section("metrics", "Metrics", _metrics(cases, failed)),
         _section("plots", "Plots", _plots(cases, figures, styles) if cases else None),
@@ -117,10 +117,25 @@ def _happenings(done: Mapping[tuple[str, str], Run]) -> list[dict[str, Any]]:
     ]
 
 
-def _arm(cases: _Cases) -> dict[str, Any]:
-    """Choices for the animation."""
+def _animation(cases: _Cases, styles: Mapping[str, int]) -> tuple[dict[str, Any] | None, str]:
+    """The data of the animation, or the reason why there is none."""
+    if not cases:
+        return None, ""
+    try:
+        return animation(cases, styles), ""
+    except ParameterError as error:
+        return None, str(error)
+
+
+def _arm(cases: _Cases, arm: Mapping[str, Any] | None, reason: str) -> dict[str, Any]:
+    """Choices for the animation, and its grid."""
     laws = dict.fromkeys(law for by_law in cases.values() for law in by_law)
-    return {"cases": {case: _case_name(case) for case in cases}, "laws": {law: label(law) for law in laws}}
+    return {
+        "reason": reason,
+        "grid": f"{arm['grid']:g}" if arm else "",
+        "cases": {case: _case_name(case) for case in cases},
+        "laws": {law: label(law) for law in laws},
+    }
 
 
 def _comparison_tables(comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
@@ -173,14 +188,19 @@ def _metrics_tables(cases: _Cases) -> list[dict[str, Any]]:
     """One table per case, with one line per metric and joint, and one cell per law."""
     tables = []
     for case, runs in cases.items():
-        joints = next(iter(runs.values()))[0].joints
+        first = next(iter(runs.values()))[0]
         every = [metrics for _, metrics in runs.values()]
+        position, effort = (either(units) for units in zip(*first.units, strict=True))
         rows = [
             {
-                "metric": f"{name} ({unit})" if unit else name,
+                "metric": name.format(position=position, effort=effort),
                 "joints": [
-                    {"name": joint, "cells": [_cell(metrics, key, j, factor) for metrics in every]}
-                    for j, joint in enumerate(joints)
+                    {
+                        "name": joint,
+                        "unit": unit.format(**units._asdict()),
+                        "cells": [_cell(metrics, key, j, factor) for metrics in every],
+                    }
+                    for j, (joint, units) in enumerate(zip(first.joints, first.units, strict=True))
                 ],
             }
             for key, name, unit, factor in _METRICS

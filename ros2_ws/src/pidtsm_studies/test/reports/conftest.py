@@ -6,6 +6,7 @@ from typing import TypeAlias
 
 import pytest
 
+from pidtsm_core.experiment import PRACTICAL, make_experiment
 from pidtsm_core.recording import Recording
 from pidtsm_core.rollout import rollout
 from pidtsm_core.summary import summarize
@@ -46,7 +47,19 @@ def report(tmp_path_factory: pytest.TempPathFactory, reproduction: dict[tuple[st
 
 
 @pytest.fixture(scope="session")
-def single(tmp_path_factory: pytest.TempPathFactory, run_of: RunOf) -> Path:
-    path = tmp_path_factory.mktemp("single") / "report.html"
-    write_report(path, run_of("case1", "piddtsm"))
-    return path
+def recordings(run_of: RunOf) -> dict[str, Recording]:
+    """A short run of each of several arms."""
+    found = {"two_link": run_of("case1", "piddtsm")[0]}
+    for robot in ("panda", "scara"):
+        settings = make_experiment(None, robot=robot, params=[PRACTICAL]).without_node_parameters().settings
+        found[robot] = Recording.of_rollout(rollout(settings, 1.0), robot, "piddtsm", None)
+    return found
+
+
+@pytest.fixture(scope="session")
+def arms(tmp_path_factory: pytest.TempPathFactory, recordings: dict[str, Recording]) -> dict[str, Path]:
+    """A report of each of `recordings` alone."""
+    folder = tmp_path_factory.mktemp("arms")
+    for robot, recording in recordings.items():
+        write_report(folder / f"{robot}.html", (recording, summarize(recording)))
+    return {robot: folder / f"{robot}.html" for robot in recordings}

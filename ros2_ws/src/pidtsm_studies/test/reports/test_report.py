@@ -125,11 +125,15 @@ def test_a_long_reproduction_stays_small(tmp_path: Path, run_of: RunOf) -> None:
     assert (tmp_path / "report.html").stat().st_size < 12e6
 
 
-def test_a_single_run_has_no_comparison(single: Path) -> None:
-    outline = Outline(single)
+def test_a_single_run_has_no_comparison(arms: dict[str, Path]) -> None:
+    outline = Outline(arms["two_link"])
     assert outline.ids("h2") == ["arm", "metrics", "plots"]
     assert "Case 1, PIDDTSM" in outline.text
     assert ("input", "law") not in [(tag, attributes.get("name")) for tag, attributes in outline.tags]
+
+
+def renamed(recording: Recording, *joints: str) -> Recording:
+    return replace(recording, joints=joints, robot={**recording.robot, "joints": joints})
 
 
 def happened(path: Path) -> str:
@@ -141,7 +145,7 @@ def test_unusual_events_come_first(tmp_path: Path, run_of: RunOf) -> None:
     recording, _ = run_of("case1", "piddtsm")
     status = recording.status.copy()
     status[500:700] = (Mode.STOPPED, Fault.VELOCITY_LIMIT, 1, Violation.VELOCITY)
-    odd = replace(recording, joints=("<b>", "joint2"), status=status, rejected={"controller": 2})
+    odd = replace(renamed(recording, "<b>", "joint2"), status=status, rejected={"controller": 2})
     write_report(tmp_path / "report.html", (odd, summarize(odd)))
     assert Outline(tmp_path / "report.html").ids("h2") == ["happened", "arm", "metrics", "plots"]
     section = happened(tmp_path / "report.html")
@@ -174,16 +178,41 @@ def test_a_run_without_metadata_is_reported(tmp_path: Path, run_of: RunOf) -> No
     assert "unknown law" in Outline(tmp_path / "report.html").text
 
 
-def test_an_arm_with_other_joints_than_links_is_not_drawn(tmp_path: Path, run_of: RunOf) -> None:
-    write_report(tmp_path / "report.html", run_of("case1", "piddtsm"), links=(1.0, 1.0, 1.0))
-    assert "arm" not in Outline(tmp_path / "report.html").ids("h2")
+def test_an_arm_whose_description_is_gone_is_not_drawn(tmp_path: Path, run_of: RunOf) -> None:
+    recording, metrics = run_of("case1", "piddtsm")
+    gone = replace(recording, robot={**recording.robot, "robot.description": "/gone/<b>.urdf"})
+    write_report(tmp_path / "report.html", (gone, metrics))
+    outline = Outline(tmp_path / "report.html")
+    assert outline.ids("h2") == ["arm", "metrics", "plots"]
+    assert outline.ids("svg") == []
+    assert outline.data["arm"] is None
+    assert "No animation: robot.description: /gone/<b>.urdf: No such file or directory" in outline.text
+
+
+def test_each_joint_has_its_own_units(tmp_path: Path, run_of: RunOf) -> None:
+    recording = replace(run_of("case2", "piddtsm")[0], slides=(False, True))
+    write_report(tmp_path / "report.html", (recording, summarize(recording)))
+    outline = Outline(tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    for units, metrics in ((("rad", "m"), 2), (("N m", "N"), 2), (("N m/s", "N/s"), 1)):
+        for joint, unit in zip(recording.joints, units, strict=True):
+            assert page.count(f"<td>{joint}</td><td>{unit}</td>") == metrics
+    assert "below 1e-3 rad or m" in outline.text
+    assert "more than 5 N m or N" in outline.text
+    for plot, units in (("tracking", ("rad", "m")), ("error", ("rad", "m")), ("torque", ("N m", "N"))):
+        layout = outline.data["figures"][f"case2-{plot}"]["layout"]
+        titles = [layout[axis]["title"]["text"] for axis in ("yaxis", "yaxis2")]
+        for title, joint, unit in zip(titles, recording.joints, units, strict=True):
+            assert title.startswith(joint)
+            assert title.endswith(f"({unit})")
 
 
 def test_names_cannot_break_the_page(tmp_path: Path, run_of: RunOf) -> None:
     recording, _ = run_of("case1", "piddtsm")
-    odd = replace(recording, scenario="</script><b>", law='a"><script>alert(1)</script>', joints=("<i>", "&amp;"))
+    odd = replace(renamed(recording, "<i>", "&amp;"), scenario="</script><b>", law='a"><script>alert(1)</script>')
     write_report(tmp_path / "report.html", (odd, summarize(odd)))
     plain = Outline(tmp_path / "report.html")
     assert not {"b", "i"} & {tag for tag, _ in plain.tags}
     assert [tag for tag, _ in plain.tags].count("script") == 3
+    assert plain.data["arm"] is not None
     assert "<i>" in plain.text

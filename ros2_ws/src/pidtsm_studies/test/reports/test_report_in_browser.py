@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from devtools import CHROMIUM, Page
 
+from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
-from pidtsm_studies.article.claims import Run
 from pidtsm_studies.reports.labels import CASES
-from pidtsm_studies.reports.report import LINKS
+from pidtsm_studies.reports.skeleton import find_skeleton
 
 PLOTS = 6  # a case
 LAWS = 3
@@ -47,9 +47,27 @@ def lines(page: Page, plot: str) -> int:
     return int(page.evaluate(f"document.querySelectorAll('#{plot} .scatterlayer .trace .js-line').length"))
 
 
-def arm(page: Page, part: str = "links") -> list[tuple[float, float]]:
-    points = page.evaluate(f"document.getElementById('arm-{part}').getAttribute('points')")
-    return [(float(x), float(y)) for x, y in (point.split(",") for point in points.split())]
+def arm(page: Page, part: str = "links") -> Array:
+    """Points of a part of the drawing, shape (points, 2)."""
+    path = page.evaluate(f"document.getElementById('arm-{part}').getAttribute('d')")
+    return np.array(re.findall(r"[-\d.]+", path), dtype=np.float64).reshape(-1, 2)
+
+
+def seen(page: Page, points: Array, azimuth: float, elevation: float) -> Array:
+    """Where the page must draw points, shape (points, 3), that are seen from a direction (degrees)."""
+    centre, radius = page.evaluate("[data.arm.centre, data.arm.radius]")
+    a, e = math.radians(azimuth), math.radians(elevation)
+    right = -math.sin(a), math.cos(a), 0.0
+    up = -math.cos(a) * math.sin(e), -math.sin(a) * math.sin(e), math.cos(e)
+    return (points - centre) / radius @ np.array([right, up]).T * [1.0, -1.0]
+
+
+def at_the_end(page: Page, recording: Recording) -> int:
+    """Move the slider to the end; returns the sample of the run."""
+    page.focus("#arm-time")
+    page.key("End", 35)
+    page.wait(f"Number(document.getElementById('arm-time').value) > {recording.time[-1] - 0.1}")
+    return round(page.evaluate("Number(document.getElementById('arm-time').value)") * 1000)
 
 
 def test_a_browser_draws_everything_without_complaint_or_network(opened: Page, report: Path) -> None:
@@ -99,25 +117,68 @@ def test_the_error_is_shown_on_both_scales(opened: Page) -> None:
     assert opened.evaluate(smallest) < 0.0
 
 
-def test_the_slider_moves_the_arm_to_where_it_was(opened: Page, reproduction: dict[tuple[str, str], Run | str]) -> None:
-    recording = reproduction["case1", "piddtsm"][0]
-    assert isinstance(recording, Recording)
+VIEWS = {"two_link": (-90.0, 0.0), "panda": (-60.0, 20.0), "scara": (-60.0, 20.0)}
+"""Azimuth and elevation of the first view, degrees."""
+
+
+@pytest.mark.parametrize("robot", VIEWS)
+def test_every_arm_is_drawn_where_it_was_and_can_be_turned(
+    page: Page, arms: dict[str, Path], recordings: dict[str, Recording], robot: str
+) -> None:
+    recording, (azimuth, elevation) = recordings[robot], VIEWS[robot]
+    page.open(arms[robot])
+    start = arm(page)
+    sample = at_the_end(page, recording)
+    skeleton = find_skeleton(recording.robot)
+    reached, reference = (skeleton.points(q[sample : sample + 1])[0] for q in (recording.position, recording.desired))
+
+    def check() -> None:
+        for part, points in (("links", reached), ("reference", reference)):
+            bones = np.stack([np.vstack([np.zeros((1, 3)), points[:-1]]), points], axis=1).reshape(-1, 3)
+            np.testing.assert_allclose(arm(page, part), seen(page, bones, azimuth, elevation), atol=3e-5)
+        assert len(arm(page, "sliding")) == 2 * sum(recording.slides)
+
+    check()
+    assert np.abs(arm(page) - start).max() > 0.01
+    page.focus("#arm-drawing")
+    for key, code in (("ArrowLeft", 37), ("ArrowDown", 40), ("ArrowDown", 40)):
+        page.key(key, code)
+    azimuth, elevation = azimuth + 5.0, elevation + 10.0
+    check()
+    page.drag("#arm-drawing", 40, -25)
+    height = page.evaluate("document.getElementById('arm-drawing').clientHeight")
+    azimuth, elevation = azimuth - 40.0 / height * 180.0, elevation - 25.0 / height * 180.0
+    check()
+    for joint, unit in enumerate(recording.units):
+        number, shown = page.evaluate(f"document.getElementById('arm-error-{joint}').value").split()
+        assert shown == unit.position
+        assert float(number) == pytest.approx(recording.error[sample, joint], rel=1e-2)
+    distance = 1000.0 * np.linalg.norm(reached[-1] - reference[-1])
+    text = page.evaluate("document.getElementById('arm-distance').value")
+    assert float(text.removesuffix(" mm")) == pytest.approx(distance, rel=1e-2)
+    assert page.complaints == []
+
+
+def test_the_keys_that_turn_the_arm_do_not_scroll_the_page(opened: Page) -> None:
+    opened.evaluate("document.getElementById('arm').scrollIntoView()")
+    before = opened.evaluate("scrollY")
+    opened.focus("#arm-drawing")
+    opened.key("ArrowDown", 40)
+    opened.evaluate("new Promise(requestAnimationFrame)")
+    assert opened.evaluate("[scrollY, data.arm.view[1]]") == [before, pytest.approx(math.pi / 36)]
+    for _ in range(20):
+        opened.key("ArrowDown", 40)
+    assert opened.evaluate("data.arm.view[1]") == pytest.approx(0.5 * math.pi)  # from above, not upside down
+
+
+def test_the_slider_moves_the_arm_through_its_run(opened: Page, recordings: dict[str, Recording]) -> None:
     start = arm(opened)
-    opened.focus("#arm-time")
-    opened.key("End", 35)
-    opened.wait(f"Number(document.getElementById('arm-time').value) > {recording.time[-1] - 0.1}")
-    for part, angles in (("links", recording.position), ("reference", recording.reference[:, 0])):
-        sample = round(opened.evaluate("Number(document.getElementById('arm-time').value)") * 1000)
-        sums = np.cumsum(angles[sample])
-        tip = [np.dot(LINKS, np.cos(sums)), -np.dot(LINKS, np.sin(sums))]
-        np.testing.assert_allclose(arm(opened, part)[-1], tip, atol=2e-5)
-    assert arm(opened) != start
-    shown = opened.evaluate("document.getElementById('arm-error-0').value")
-    assert float(shown.removesuffix(" rad")) == pytest.approx(recording.error[sample, 0], rel=1e-2)
+    sample = at_the_end(opened, recordings["two_link"])
     assert opened.evaluate("document.getElementById('arm-clock').value").startswith(f"{sample / 1000:.2f}")
+    assert np.abs(arm(opened) - start).max() > 0.01
     opened.key("Home", 36)
     opened.wait("document.getElementById('arm-time').value === '0'")
-    assert arm(opened) == start
+    np.testing.assert_array_equal(arm(opened), start)
 
 
 def test_play_and_pause_work_from_the_keyboard(opened: Page) -> None:
@@ -129,7 +190,7 @@ def test_play_and_pause_work_from_the_keyboard(opened: Page) -> None:
     assert opened.evaluate("document.getElementById('arm-play').textContent") == "Play"
     paused = arm(opened)
     opened.evaluate("new Promise(resolve => setTimeout(resolve, 200))")
-    assert arm(opened) == paused
+    np.testing.assert_array_equal(arm(opened), paused)
     opened.evaluate("document.getElementById('arm-speed').value = '10'")
     opened.key(" ", 32, " ")
     opened.wait("document.getElementById('arm-play').textContent === 'Play'")  # it stops at the end
@@ -145,7 +206,7 @@ def test_case_and_law_of_the_arm_are_chosen(opened: Page) -> None:
     opened.focus("#arm-law")
     opened.key("ArrowDown", 40)
     opened.wait("document.getElementById('arm-law').value === 'pidnftsm'")
-    assert arm(opened) != first
+    assert np.abs(arm(opened) - first).max() > 1e-3
     opened.focus("#arm-case")
     opened.key("ArrowDown", 40)
     opened.wait("document.getElementById('arm-event').checkVisibility()")
@@ -161,16 +222,15 @@ def test_the_page_is_as_wide_as_the_window(page: Page, report: Path, width: int)
     assert 0.8 * width < widest <= width
 
 
-def test_a_single_run_works_alone(page: Page, single: Path) -> None:
-    page.open(single)
+def test_a_single_run_of_seven_joints_works_alone(page: Page, arms: dict[str, Path]) -> None:
+    page.open(arms["panda"])
     show_all_plots(page)
-    assert traces(page, "piddtsm") == PLOTS * 2
-    toggles = "document.querySelector('#case1-error .legendtoggle')"
+    assert traces(page, "piddtsm") == PLOTS * 7
+    toggles = "document.querySelector('#panda-error .legendtoggle')"
     page.evaluate(f"{toggles}.setAttribute('data-test', 'own')")
     page.click('[data-test="own"]')
-    page.wait("document.querySelectorAll('#case1-error .scatterlayer .js-line').length === 0")
+    page.wait("document.querySelectorAll('#panda-error .scatterlayer .js-line').length === 0")
     assert page.complaints == []
-    assert math.isclose(math.hypot(*arm(page)[1]), LINKS[0], abs_tol=1e-4)
 
 
 def test_text_is_dark_on_light(opened: Page) -> None:
