@@ -34,6 +34,9 @@ _HEAD = """# Reference
 information. A parameter *per joint* takes one number for all joints, or one number per joint. A parameter marked
 *start* is read when the node is configured; all others can be changed while the node runs. In `--set`, in scenarios
 and in a launch, put the name of the node in front: `controller.law.k1=4.0`.
+
+Units are those of joints that turn. For a joint that slides, rad is m, N m is N and kg m^2 is kg, except in bandwidths
+and cutoffs.
 """
 _LEFT_OUT = """## Parameters that a rollout does not have
 

@@ -17,7 +17,19 @@ FILES = sorted(
 ELSEWHERE = re.compile(r"\b[Ss]ee `|[Aa]rguments as those of `")
 FAMILIES = ("surfaces", "reaching", "laws", "estimators", "disturbances", "robots", "references")
 FROM_LITERATURE = FAMILIES[:-1]
-SHARED = ("__init__", "address", "base", "baseline", "description", "errors", "none", "source", "tree_robot", "urdf")
+SHARED = (
+    "__init__",
+    "address",
+    "base",
+    "baseline",
+    "description",
+    "errors",
+    "none",
+    "payload",
+    "source",
+    "tree_robot",
+    "urdf",
+)
 SOURCE = re.compile(r"eqs?\. \(|article|Remark \d|\b(19|20)\d\d\b")
 
 Definition = ast.FunctionDef | ast.AsyncFunctionDef

@@ -241,7 +241,7 @@ class Controller:
 
     def warnings(self) -> list[str]:
         """Warnings about parameters that are allowed but unsuitable."""
-        return tight_rates(self.config, self._names)
+        return tight_rates(self.config, self._names, self._units)
 
     def tick(self, q: Array, desired: Array, dt: float) -> Array:
         """Run only estimator, law and model, with the effort limit but no other safety function; see `tick`.

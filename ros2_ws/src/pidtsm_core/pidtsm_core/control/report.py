@@ -11,6 +11,7 @@ from pidtsm_core.control.state import Clock, ControllerConfig
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Fault, Mode, Status, Violation
 from pidtsm_core.timing import seconds
+from pidtsm_core.units import JointUnits
 
 LIMITS = {
     Violation.POSITION: "position",
@@ -103,10 +104,10 @@ def _changes(
         yield Change("warning", f"holding position: {late}")
 
 
-def tight_rates(config: ControllerConfig, joints: Sequence[str]) -> list[str]:
-    """Warnings about rate limits that are too low: gravity moves the joint by a radian before the effort can hold it.
+def tight_rates(config: ControllerConfig, joints: Sequence[str], units: Sequence[JointUnits]) -> list[str]:
+    """Warnings about rate limits that are too low: gravity moves the joint far before the effort can hold it.
 
-    Computed from rest, in the worst of many random configurations with a constant seed.
+    Far means a radian, or a metre. Computed from rest, in the worst of many random configurations with a constant seed.
     """
     random, still, found = np.random.default_rng(0), np.zeros(len(joints)), []
     accelerations, efforts = np.zeros((2, len(joints))), np.zeros((2, len(joints)))
@@ -121,11 +122,11 @@ def tight_rates(config: ControllerConfig, joints: Sequence[str]) -> list[str]:
             if gravity > needed[1, j]:
                 fall = math.sqrt(2.0 * _FALL * inertia / gravity)
                 needed[:, j] = gravity / fall, gravity, fall
-    for joint, rate, (least, effort, fall) in zip(joints, config.effort_rate, needed.T, strict=True):
+    for joint, unit, rate, (least, effort, fall) in zip(joints, units, config.effort_rate, needed.T, strict=True):
         if 0.0 < rate < least:
             found.append(
-                f"limits.effort_rate of {joint} is {rate:g} N m/s: the torque that carries it, up to {effort:.3g} N m, "
-                f"takes {effort / rate:.2g} s, and gravity moves it by {_FALL:g} rad in {fall:.2g} s; at least "
-                f"{least:.2g} N m/s would hold it"
+                f"limits.effort_rate of {joint} is {rate:g} {unit.effort}/s: the effort that carries it, up to "
+                f"{effort:.3g} {unit.effort}, takes {effort / rate:.2g} s, and gravity moves it by {_FALL:g} "
+                f"{unit.position} in {fall:.2g} s; at least {least:.2g} {unit.effort}/s would hold it"
             )
     return found

@@ -103,8 +103,8 @@ def plan(times: Array, points: Array, elapsed: float, present: Array, tolerance:
     passed = int(np.searchsorted(times, elapsed, side="right"))
     if passed and (distance := np.abs(points[passed - 1, 0] - present[0]).max()) > tolerance:
         raise TrajectoryError(
-            f"point {passed} is due now, and {distance:.3g} rad from the present reference "
-            f"{present[0].tolist()}; at most {tolerance:g} rad are allowed (start_tolerance)"
+            f"point {passed} is due now, and {distance:.3g} from the present reference "
+            f"{present[0].tolist()}; at most {tolerance:g} is allowed (start_tolerance)"
         )
 
     times = np.concatenate([[elapsed], times[passed:]])

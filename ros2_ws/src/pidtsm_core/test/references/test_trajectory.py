@@ -76,8 +76,8 @@ def test_with_velocities_the_segments_are_cubics() -> None:
         ([1.0, 2.0, 4.0], POINTS, 4.0, "it is over: it started 4 s ago and takes 4 s"),
         ([0.0], POINTS[-1:], 0.0, "takes no time"),
         ([1.0, 2.0], POINTS[:2], 0.0, "must end at rest"),
-        ([0.0, 1.0], [[[0.06, 0.3]], [[1.0, 1.0]]], 0.0, "point 1 is due now, and 0.3 rad from the present"),
-        ([0.0, 1.0, 2.0], [[[0.0, 0.0]], [[0.3, 0.0]], [[1.0, 1.0]]], 1.5, "point 2 is due now, and 0.3 rad"),
+        ([0.0, 1.0], [[[0.06, 0.3]], [[1.0, 1.0]]], 0.0, "point 1 is due now, and 0.3 from the present"),
+        ([0.0, 1.0, 2.0], [[[0.0, 0.0]], [[0.3, 0.0]], [[1.0, 1.0]]], 1.5, "point 2 is due now, and 0.3 from"),
     ],
 )
 def test_trajectories_that_cannot_be_followed_are_refused(

@@ -17,7 +17,6 @@ from pidtsm_core.signals import Signal, Status
 from pidtsm_studies.reports import skeleton
 from pidtsm_studies.reports.animation import animation
 
-TOOLS = {"z1": "link06"}  # Behind it are two links, the gripper and the tool.
 """Link with the tool, where it is not ``tool``."""
 SAMPLES = 40
 RATE = 50.0  # of the animation, 1/s
@@ -83,7 +82,7 @@ def judged(name: str, joints: tuple[str, ...], q: Array) -> tuple[Array, Array]:
     ids = [model.joint(joint).id for joint in joints]
     data.qpos[ids] = q
     mujoco.mj_kinematics(model, data)
-    return data.xanchor[ids], data.body(TOOLS.get(name, "tool")).xpos
+    return data.xanchor[ids], data.body("tool").xpos
 
 
 @pytest.mark.parametrize("backwards", [False, True])
