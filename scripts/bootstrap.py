@@ -1,7 +1,5 @@
 """`./pidtsm`: set up the checkout if anything is missing, then start the command line in its environment."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -110,7 +110,7 @@ class Checkout:
         environment.write(
             self.layout,
             environment.wanted(self.layout) | {"Python": os.path.realpath(self.layout.python)},
-            workspace=environment.workspace_digest(self.layout.workspace / "src"),
+            workspace=environment.workspace_digest(self.layout, WHEELS),
             paths=paths,
         )
 
@@ -434,6 +434,31 @@ def test_the_content_of_a_module_needs_no_build_and_that_of_a_message_does(check
     assert checkout.missing() == ("workspace", "the workspace is new or has changed")
 
 
+@pytest.mark.parametrize(
+    ("ros", "theirs", "built"),
+    [
+        (WHEELS, {}, True),
+        (WHEELS, {"opt": "tf2_msgs"}, True),  # The wheels do not see another ROS.
+        (WHEELS, {"checkout/.venv": "tf2_msgs"}, False),
+        ("/opt/ros", {"opt": "tf2_msgs"}, False),
+        ("/opt/ros", {"opt": "geometry_msgs"}, True),
+        ("/opt/ros", {"checkout/ros2_ws/install/tf2_msgs": "tf2_msgs"}, True),  # Our own does not count.
+    ],
+)
+def test_interfaces_are_built_where_ros_lacks_them(
+    checkout: Checkout, monkeypatch: pytest.MonkeyPatch, ros: str, theirs: dict[str, str], built: bool
+) -> None:
+    interface = checkout.layout.workspace / "interfaces" / "tf2_msgs"
+    interface.mkdir(parents=True)
+    (interface / "package.xml").write_text("<package/>")
+    prefixes = [checkout.root.parent / prefix for prefix in theirs]
+    for prefix, package in zip(prefixes, theirs.values(), strict=True):
+        (prefix / "share" / package).mkdir(parents=True)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join(map(str, prefixes)))
+    folders = [package.name for package in environment.packages(checkout.layout, ros)]
+    assert folders == ["demo", *(["tf2_msgs"] if built else [])]
+
+
 # --- where ROS 2 comes from, what reaches the environment -----------------------------------------------------------
 
 
@@ -640,7 +665,7 @@ def test_the_interactive_bash_keeps_the_environment_behind_a_bashrc_that_covers_
 
 @pytest.mark.skipif(not Layout(ROOT).state.exists(), reason="this checkout was not set up by ./pidtsm")
 def test_the_shell_of_this_checkout_imports_ros_and_the_messages() -> None:
-    code = "import sys, rclpy, pidtsm_msgs.msg; print(sys.prefix)"
+    code = "import sys, rclpy, pidtsm_msgs.msg, tf2_msgs.msg; print(sys.prefix)"
     done = subprocess.run(
         [str(ROOT / "pidtsm"), "shell", "-c", f'python -c "{code}"'],
         capture_output=True,

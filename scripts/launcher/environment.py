@@ -1,7 +1,5 @@
 """The environment of a checkout: its required and its current state, the difference, and its variables."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -48,10 +46,9 @@ def sourced_jazzy(layout: Layout) -> str | None:
     """The rclpy folder of a sourced ROS 2 Jazzy, if this interpreter can import it (without importing it)."""
     sourced = os.environ.get("ROS_DISTRO") == "jazzy" and os.environ.get("AMENT_PREFIX_PATH")
     rclpy = find_spec("rclpy") if sourced else None
-    for folder in (rclpy and rclpy.submodule_search_locations) or []:
-        if not Path(folder).is_relative_to(layout.venv) and PathFinder.find_spec("_rclpy_pybind11", [folder]):
-            return folder
-    return None
+    folders = (rclpy and rclpy.submodule_search_locations) or []
+    outside = [folder for folder in folders if not Path(folder).is_relative_to(layout.venv)]
+    return next((folder for folder in outside if PathFinder.find_spec("_rclpy_pybind11", [folder])), None)
 
 
 def wanted(layout: Layout) -> dict[str, Any]:
@@ -70,11 +67,19 @@ def wanted(layout: Layout) -> dict[str, Any]:
     }
 
 
-def workspace_digest(source: Path) -> str:
-    """Digest of everything below `source` that requires a new build: build inputs and the list of file names."""
+def packages(layout: Layout, ros: str) -> list[Path]:
+    """Folders of the packages to build: those of the workspace, and interfaces that ROS 2 from `ros` lacks."""
+    prefixes = [str(layout.venv)] if ros == WHEELS else entries(dict(os.environ), "AMENT_PREFIX_PATH")
+    shares = [Path(prefix, "share") for prefix in prefixes if not Path(prefix).is_relative_to(layout.workspace)]
+    own, interfaces = (sorted(layout.workspace.glob(f"{folder}/*/package.xml")) for folder in ("src", "interfaces"))
+    return [f.parent for f in own + interfaces if f in own or not any((s / f.parent.name).is_dir() for s in shares)]
+
+
+def workspace_digest(layout: Layout, ros: str) -> str:
+    """Digest of all that requires a new build of `packages`: build inputs and the list of file names."""
     digest = hashlib.sha256()
-    for path in sorted(source.rglob("*")):
-        name = str(path.relative_to(source))
+    for path in sorted(path for package in packages(layout, ros) for path in package.rglob("*")):
+        name = str(path.relative_to(layout.workspace))
         if not _NO_SOURCE.search(name) and path.is_file():
             digest.update(os.fsencode(name) + b"\0" + (path.read_bytes() if name.endswith(_BUILD_INPUTS) else b""))
     return digest.hexdigest()
@@ -99,10 +104,9 @@ def missing(layout: Layout, want: dict[str, Any], have: dict[str, Any]) -> tuple
     """The first of STEPS that must be done (and all after it), and the reason; None if nothing is missing."""
     if not have:
         return "environment", "the set-up was not finished" if layout.venv.exists() else "this is the first call"
-    changed = [name for name in want if have.get(name) != want[name]]
-    if changed:
+    if changed := [name for name in want if have.get(name) != want[name]]:
         return "packages" if changed == ["lock file"] else "environment", f"the {changed[0]} has changed"
-    if have.get("workspace") != workspace_digest(layout.workspace / "src"):
+    if have.get("workspace") != workspace_digest(layout, want["ROS 2"]):
         return "workspace", "the workspace is new or has changed"
     return None
 

@@ -1,7 +1,5 @@
 """Set-up: check the machine, create the environment, install packages, build the workspace, record the state."""
 
-from __future__ import annotations
-
 import ast
 import fcntl
 import os
@@ -62,8 +60,7 @@ def find_cause(output: str) -> str:
 def uv_variables(pip_configuration: str) -> dict[str, str]:
     """Variables that make uv use pip's package index, from the output of `pip config list`."""
     given = dict(line.split("=", 1) for line in pip_configuration.splitlines())
-    # With several indexes, pip takes a package from any of them, uv from the first one that has the name.
-    found = {"UV_INDEX_STRATEGY": "unsafe-best-match"}
+    found = {"UV_INDEX_STRATEGY": "unsafe-best-match"}  # pip takes a package from any index, uv from the first with it
     for option, variable in _UV_VARIABLES.items():
         for section in ("global", "install", ":env:"):  # later ones override earlier ones, as in pip
             if value := given.get(f"{section}.{option}"):
@@ -115,13 +112,14 @@ class Installer(NamedTuple):
 
     def build(self) -> None:
         """Build the workspace and record the search paths set by its set-up script."""
-        digest = environment.workspace_digest(self.layout.workspace / "src")
+        digest = environment.workspace_digest(self.layout, self.want["ROS 2"])
         environment.write(self.layout, self.want)  # until the build is complete, no workspace is recorded
-        for package in self.layout.workspace.glob("install/*/"):
-            if not (self.layout.workspace / "src" / package.name).is_dir():  # no longer in the workspace
-                shutil.rmtree(package)
+        packages = [str(package) for package in environment.packages(self.layout, self.want["ROS 2"])]
+        for share in self.layout.workspace.glob("install/*/share"):
+            if share.parent.name not in map(os.path.basename, packages):  # no longer built
+                shutil.rmtree(share.parent)
         cmake = ["--cmake-args", "-G", "Ninja", f"-DPython3_EXECUTABLE={self.layout.python}"]
-        self._run("building the workspace", ["colcon", "build", "--symlink-install", *cmake])
+        self._run("building the workspace", ["colcon", "build", "--symlink-install", "--base-paths", *packages, *cmake])
         env = {name: os.pathsep.join(entries) for name, entries in self._paths().items()}
         script = ["/bin/sh", "-c", ". install/local_setup.sh && /usr/bin/env -0"]
         output = check_output(script, env=env, cwd=self.layout.workspace, text=True)
