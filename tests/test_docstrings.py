@@ -26,6 +26,7 @@ SHARED = (
     "errors",
     "none",
     "payload",
+    "placement",
     "source",
     "tree_robot",
     "urdf",

@@ -27,14 +27,14 @@ def numbers(element: ElementTree.Element, path: str, attribute: str) -> list[flo
 
 def test_numbers_are_those_of_the_robot_model() -> None:
     robot = ElementTree.parse(URDF).getroot()
-    joints = [j.attrib["name"] for j in robot.findall("joint")]
+    joints = [j.attrib["name"] for j in robot.findall("joint") if j.attrib["type"] != "fixed"]
     ends = [e.attrib["xyz"].split() for e in robot.findall("link/inertial/origin")]
 
     assert robot.attrib["name"] == TWO_LINK.name
     assert joints == list(TWO_LINK.joints)
     assert numbers(robot, "link/inertial/mass", "value") == [DEFAULTS["m1"], DEFAULTS["m2"]]
     assert [float(x) for x, _, _ in ends] == [DEFAULTS["r1"], DEFAULTS["r2"]]
-    assert robot.findall("joint/origin")[1].attrib["xyz"].split() == ends[0]
+    assert [o.attrib["xyz"].split() for o in robot.findall("joint/origin")[1:]] == ends  # elbow, tool
     assert numbers(robot, "joint/limit", "effort") == list(TWO_LINK.effort_limit)
     rotors = ElementTree.parse(SRDF).getroot()
     assert [j.attrib["name"] for j in rotors.findall("rotor_params/joint")] == joints

@@ -7,6 +7,7 @@ from pidtsm_core.family import Family, dispatch
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, prefixed
 from pidtsm_core.robots.address import forward_at, inverse_at
 from pidtsm_core.robots.base import Dynamics, Model, Robot
+from pidtsm_core.robots.description import Description, read_description
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.payload import check_payload, payload_of, payload_parameters
 from pidtsm_core.robots.source import ARMS, read_source
@@ -19,11 +20,14 @@ __all__ = [
     "GRAVITY",
     "NAMES",
     "ROBOTS",
+    "Description",
     "DescriptionError",
     "Dynamics",
     "Model",
     "Robot",
     "TreeRobot",
+    "description_schema",
+    "find_description",
     "find_robot",
     "forward_dynamics",
     "inverse_dynamics",
@@ -93,6 +97,26 @@ def find_robot(settings: Mapping[str, object]) -> Robot:
         raise ParameterError(f"{DESCRIPTION.name}: {error}", DESCRIPTION.name) from None
 
 
+def find_description(settings: Mapping[str, object]) -> Description:
+    """A description of the robot of `find_robot`, for viewers.
+
+    Its joints are in the robot's order; those of a closed form may have other names than in `settings`.
+
+    Raises:
+        ParameterError: see `find_robot`, or the robot is a closed form without a URDF.
+    """
+    robot = find_robot(settings)
+    if isinstance(robot, TreeRobot):
+        return robot.description
+    if not robot.urdf:
+        reason = f"{robot.name} is a closed form without a URDF, so there is nothing to show"
+        raise ParameterError(f"{DESCRIPTION.name}: {reason}", DESCRIPTION.name)
+    try:
+        return read_description(read_source(robot.urdf)[1], robot.joints)
+    except DescriptionError as error:
+        raise ParameterError(f"{DESCRIPTION.name}: {error}", DESCRIPTION.name) from None
+
+
 def _positions(text: str) -> tuple[tuple[str, float], ...]:
     """The positions in the text of `_LOCKED`."""
     try:
@@ -119,6 +143,19 @@ def robot_parameters(values: Mapping[str, Value]) -> dict[str, Value]:
     return {name: value for name, value in values.items() if name == "joints" or name.startswith("robot.")}
 
 
+def description_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    """Parameters that choose the robot and its joints.
+
+    Raises:
+        ParameterError: see `find_robot`.
+    """
+    robot = find_robot(settings)
+    joints = Parameter(
+        "joints", robot.joints, "names of the joints, in the order of the robot model", per_joint=True, read_only=True
+    )
+    return joints, DESCRIPTION, *((_LOCKED,) if isinstance(robot, TreeRobot) else ())
+
+
 def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the group ``robot``, and those that depend on the robot: ``joints`` and ``limits.effort``.
 
@@ -133,15 +170,7 @@ def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
             "limits.effort",
         )
     return (
-        Parameter(
-            "joints",
-            robot.joints,
-            "names of the joints, in the order of the robot model",
-            per_joint=True,
-            read_only=True,
-        ),
-        DESCRIPTION,
-        *((_LOCKED,) if isinstance(robot, TreeRobot) else ()),
+        *description_schema(settings),
         *prefixed("robot", robot.parameters),
         Parameter(
             "limits.effort",

@@ -62,6 +62,7 @@ class Robot(Member):
         velocity_limit: default velocity limits, rad/s, one per joint; infinite if there is none; empty: no limits.
         friction, damping: Coulomb and viscous friction, N m and N m s/rad, one per joint; the defaults of the simulated
             arm and of the controller; empty: none.
+        urdf: source of a URDF with these joints, see `read_source`, which viewers show; empty: they show nothing.
     """
 
     joints: tuple[str, ...]
@@ -77,6 +78,7 @@ class Robot(Member):
     continuous: tuple[bool, ...] = ()
     friction: tuple[float, ...] = ()
     damping: tuple[float, ...] = ()
+    urdf: str = ""
 
     def pack_model(
         self, values: Mapping[str, Value], group: str = "robot", factors: Mapping[str, float] | None = None

@@ -20,6 +20,24 @@ _CONNECT, _WELD, _COUPLE = 0, 1, 2  # mjtEq
 
 
 @dataclass(frozen=True)
+class Links:
+    """The links of a description, parents before their children, for pictures: see `placement`.
+
+    Attributes:
+        names: their names; the first is the base.
+        parents: index of the parent, shape (links,); -1 for the base.
+        rows: row of the tree that the link moves with, shape (links,); -1: it does not move.
+        placements: from the frame of the link to that of this row, shape (links, 3, 4): rotation and, in the last
+            column, translation (m).
+    """
+
+    names: tuple[str, ...]
+    parents: NDArray[np.int_]
+    rows: NDArray[np.int_]
+    placements: Array
+
+
+@dataclass(frozen=True)
 class Description:
     """An arm as data; every array is in the order of `joints`.
 
@@ -37,6 +55,8 @@ class Description:
         tool: origin of the tool frame in that link, shape (3,), m. The tool is the end of the chain of fixed links
             behind the last joint, if that chain does not branch; otherwise the link behind the last joint.
         tool_rotation: from the tool frame to the frame of that link, shape (3, 3).
+        links: all links, also those that the tree does not keep.
+        urdf: the text of the description, if it is a URDF; empty: it is an MJCF.
     """
 
     joints: tuple[str, ...]
@@ -52,6 +72,8 @@ class Description:
     tool_row: int
     tool: Array
     tool_rotation: Array
+    links: Links
+    urdf: str
 
 
 @dataclass(frozen=True)
@@ -59,14 +81,18 @@ class _Model:
     """A compiled model, and what MuJoCo's compiler does not read from a URDF.
 
     Attributes:
-        model: of type ``mujoco.MjModel``.
+        model: of type ``mujoco.MjModel``. Its first body is the world.
         names: names of the joints.
+        base: body that is the base: 0, the world, in an MJCF; 1 in a URDF, unless its base is called world.
         limits: by joint of a URDF, the attributes of its element ``limit``.
+        urdf: the text of a URDF; empty for an MJCF.
     """
 
     model: Any
     names: tuple[str, ...]
+    base: int
     limits: Mapping[str, Mapping[str, float]]
+    urdf: str
 
 
 def read_description(
@@ -100,8 +126,10 @@ def _compile(text: str) -> _Model:
         raise DescriptionError(f"the description is neither URDF nor MJCF: its root element is <{root.tag}>")
     limits: Mapping[str, Mapping[str, float]] = {}
     rotors: Mapping[str, float] = {}
+    base = 0
     if root.tag == "robot":
         check_urdf(root)
+        base = 0 if "world" in {link.get("name") for link in root.findall("link")} else 1
         limits, rotors = joint_limits(root), rotor_inertias(root)
         strip(root)
     try:
@@ -116,7 +144,7 @@ def _compile(text: str) -> _Model:
     for name, inertia in rotors.items():
         if name in names:
             model.dof_armature[model.joint(name).dofadr] = inertia
-    return _Model(model, names, limits)
+    return _Model(model, names, base, limits, text if root.tag == "robot" else "")
 
 
 def _cause(message: str) -> str:
@@ -298,6 +326,20 @@ class _Assembly:
             tool_row=tool.row,
             tool=tool.translation,
             tool_rotation=tool.rotation,
+            links=self._links(),
+            urdf=self._compiled.urdf,
+        )
+
+    def _links(self) -> Links:
+        m, base = self._model, self._compiled.base
+        placements = self._bodies[base:]
+        parents = m.body_parentid[base:].astype(int) - base
+        parents[0] = -1
+        return Links(
+            names=tuple(m.body(body).name or f"body{body}" for body in range(base, m.nbody)),
+            parents=parents,
+            rows=np.array([each.row for each in placements]),
+            placements=np.array([np.column_stack([each.rotation, each.translation]) for each in placements]),
         )
 
     def _tool(self) -> _Placement:

@@ -101,4 +101,5 @@ TWO_LINK = Robot(
     dynamics=Dynamics(inverse_dynamics, forward_dynamics, energy),
     load=load,
     disturbance="article",
+    urdf="package://two_link_sim/urdf/two_link.urdf",
 )
