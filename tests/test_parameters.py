@@ -19,7 +19,7 @@ BAD_AT_START = [
     ("simulator", "robot.r1:=0.0", "robot.r1 (m): 0.0 must be > 0"),
     ("trajectory", "reference.name:=circle", "reference.name: 'circle' must be one of"),
     ("recorder", "max_bag_size:=-1", "max_bag_size out of range"),
-    ("visualization", "robot_description:=3", "'robot_description' to '3' of type 'INTEGER', expecting type 'STRING'"),
+    ("visualization", "robot.description:=3", "robot.description: 3 must be text"),
 ]
 
 

@@ -22,8 +22,6 @@ from pidtsm_ros.security import ENCLAVES, SecurityError, require_security
 ROOT = Path(__file__).parents[1]
 POLICY = ROOT / "security" / "policies" / "pidtsm.policy.xml"
 MANAGED = ("simulator", "controller", "trajectory")
-WITHOUT_TF2 = {"/tf"}
-"""Not there where tf2_msgs is not installed."""
 
 KINDS = ("publish", "subscribe", "reply", "request")
 Rules = dict[str, set[str]]
@@ -81,7 +79,7 @@ def test_policy_is_exactly_what_the_nodes_use(testbed: Testbed) -> None:
             for kind in KINDS:
                 used = has.get(kind, set())
                 found += [f"{node} may not {kind} {name}" for name in used - rules[kind]]
-                found += [f"{node} does not {kind} {name}" for name in rules[kind] - used - WITHOUT_TF2]
+                found += [f"{node} does not {kind} {name}" for name in rules[kind] - used]
         return found
 
     try:

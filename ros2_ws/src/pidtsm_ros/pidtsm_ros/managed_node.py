@@ -1,11 +1,10 @@
 """Base of the nodes: a lifecycle node whose ROS parameters come from a schema of `pidtsm_core`."""
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -19,10 +18,9 @@ from std_srvs.srv import Trigger
 
 from pidtsm_core.joints import MessageError
 from pidtsm_core.node_parameters import PRIORITY
-from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value, as_float, resolve
-from pidtsm_core.robots import DESCRIPTION, FROM_TOPIC
+from pidtsm_core.parameters import ParameterError, Schema, Value, as_float, resolve
+from pidtsm_ros.parameters import declare
 from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, OVERRIDABLE, PUBLISHER, READER, RELIABLE_READER
-from pidtsm_ros.robot_description import receive_description
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import deserialize
 
@@ -30,38 +28,6 @@ _REASONS_LOGGED = 100
 _LONGEST_REASON = 200  # characters; a message can contain many long names
 _FLUSH_TIME = Duration(seconds=2)
 """Readers acknowledge within 0.1 s (see fastdds.xml) unless they lag behind or were killed."""
-_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-
-
-def descriptor(parameter: Parameter) -> ParameterDescriptor:
-    """Descriptor of a parameter, as shown by ``ros2 param describe``."""
-    unit = f" [{parameter.unit}]" if parameter.unit else ""
-    constraints = [parameter.range_text()]
-    if parameter.per_joint and not isinstance(parameter.default, tuple):
-        constraints.append("one number for all joints, or one per joint")
-    if parameter.read_only:
-        constraints.append("can only be set at startup")
-    described = ParameterDescriptor(
-        name=parameter.name,
-        description=parameter.description + unit,
-        additional_constraints="; ".join(c for c in constraints if c),
-        read_only=parameter.read_only,
-        # Allows one number for all joints, and an integer for a float; the schema checks the rest.
-        dynamic_typing=isinstance(parameter.default, (float, tuple)),
-    )
-    low, high = parameter.minimum, parameter.maximum
-    if low is None and high is None:
-        return described
-    if isinstance(parameter.default, int):
-        top = 2**62 if high is None else int(high)
-        described.integer_range = [IntegerRange(from_value=int(low or 0), to_value=top, step=0)]
-    else:
-        described.floating_point_range = [
-            FloatingPointRange(
-                from_value=-math.inf if low is None else low, to_value=math.inf if high is None else high, step=0.0
-            )
-        ]
-    return described
 
 
 class _ParameterService(ParameterService):
@@ -116,7 +82,7 @@ class ManagedNode(LifecycleNode):
 
         Raises:
             ParameterError: a parameter set at startup is unknown or has an invalid value.
-            SystemExit: see `receive_description`.
+            SystemExit: see `declare`.
         """
         super().__init__(name, start_parameter_services=False)
         self._schema = schema
@@ -131,15 +97,7 @@ class ManagedNode(LifecycleNode):
         self._own_publishers: list[Publisher] = []
         self._own_subscriptions: list[Subscription] = []
         self._own_services: list[Service] = []
-        # rclpy has no public access to values given for undeclared parameters; it ignores them silently.
-        given = {name: p.value for name, p in self._parameter_overrides.items() if not name.startswith(_OF_ROS)}
-        if given.get(DESCRIPTION.name) == FROM_TOPIC:
-            given[DESCRIPTION.name] = receive_description(self, stop)
-        self.values = self.check(given)
-        for parameter in self._schema(given):
-            self.declare_parameter(
-                parameter.name, _ros_value(self.values[parameter.name]), descriptor(parameter), ignore_override=True
-            )
+        self.values = declare(self, schema, joints, stop)
         self._parameter_services = _ParameterService(self)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
@@ -359,7 +317,3 @@ class ManagedNode(LifecycleNode):
             return
         self.values = self.check(self._settings(changes))
         self.parameters_changed()
-
-
-def _ros_value(value: Value) -> Any:
-    return list(value) if isinstance(value, tuple) else value

@@ -1,0 +1,137 @@
+"""What viewers show of an arm: the frames of its links, its skeleton and its efforts."""
+
+import math
+
+import numpy as np
+from geometry_msgs.msg import Point, TransformStamped
+from scipy.spatial.transform import Rotation
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker
+
+from pidtsm_core.parameters import Array
+from pidtsm_core.robots import Description
+from pidtsm_core.robots.description import Links
+from pidtsm_core.robots.placement import link_placements
+
+GHOST = "reference"
+"""TF prefix and namespace of the second arm, which shows the reference."""
+
+# Lengths as shares of the reach of the arm.
+_BONE_WIDTH = 0.02
+_ARC_RADIUS = 0.1
+_ARC_WIDTH = 0.01
+_ARROW_LENGTH = 0.25  # for an effort at its limit
+_ARROW_WIDTHS = 0.02, 0.04  # shaft, head
+
+_FULL_ARC = 1.5 * math.pi  # rad, for an effort at its limit
+_ARC_POINTS = 24
+_ARM_COLOR = ColorRGBA(r=0.15, g=0.3, b=0.5, a=1.0)
+_GHOST_COLOR = ColorRGBA(r=0.4, g=0.4, b=0.4, a=0.5)
+
+
+def reach(arm: Description) -> float:
+    """Longest way along the links from the base to another link, m, with all joints at 0."""
+    links, placements = arm.links, link_placements(arm, np.zeros(len(arm.joints)))
+    way = np.zeros(len(links.names))
+    for link, parent in enumerate(links.parents[1:], start=1):
+        way[link] = way[parent] + np.linalg.norm(placements[link, :, 3] - placements[parent, :, 3])
+    return float(way.max())
+
+
+def transforms(links: Links, placements: Array, header: Header, prefix: str) -> list[TransformStamped]:
+    """Transform of every link relative to its parent.
+
+    Args:
+        links: the links.
+        placements: as returned by `link_placements`, shape (links, 3, 4).
+        header: provides the stamp.
+        prefix: prefix of every frame name; the base of an arm with a prefix coincides with that of the arm without.
+    """
+    parents = placements[np.maximum(links.parents, 0)]
+    inverse = parents[:, :, :3].transpose(0, 2, 1)
+    places = (inverse @ (placements - parents)[:, :, 3:])[:, :, 0].tolist()
+    turns = Rotation.from_matrix(inverse @ placements[:, :, :3]).as_quat().tolist()
+    frames = []
+    for name, parent, place, turn in zip(links.names, links.parents, places, turns, strict=True):
+        if parent < 0 and not prefix:
+            continue
+        above = links.names[0] if parent < 0 else prefix + links.names[parent]
+        frame = TransformStamped(header=Header(stamp=header.stamp, frame_id=above), child_frame_id=prefix + name)
+        to, by = frame.transform.translation, frame.transform.rotation
+        to.x, to.y, to.z = place
+        by.x, by.y, by.z, by.w = turn
+        frames.append(frame)
+    return frames
+
+
+def skeleton(links: Links, placements: Array, header: Header, size: float, ghost: bool) -> Marker:
+    """Lines from link to link, for viewers without the meshes of the arm.
+
+    Args:
+        links: the links.
+        placements: as returned by `link_placements`, shape (links, 3, 4).
+        header: provides the stamp.
+        size: reach of the arm, m.
+        ghost: whether this is the arm that shows the reference.
+    """
+    origins = placements[:, :, 3]
+    ends = np.stack([origins[links.parents[1:]], origins[1:]], axis=1).reshape(-1, 3)
+    marker = _marker(header, links.names[0], GHOST if ghost else "arm", Marker.LINE_LIST, ends)
+    marker.scale.x = _BONE_WIDTH * size
+    marker.color = _GHOST_COLOR if ghost else _ARM_COLOR
+    return marker
+
+
+def effort_markers(arm: Description, placements: Array, efforts: Array, header: Header, size: float) -> list[Marker]:
+    """An arc about each joint that turns, an arrow along each joint that slides, in the direction of its effort.
+
+    Its length is the share of the effort in the effort limit; its colour turns from green to red at the limit.
+
+    Args:
+        arm: the arm.
+        placements: as returned by `joint_placements`, shape (joints, 3, 4).
+        efforts: in the order of the joints, shape (joints,), N m or N; a joint without an effort (nan) or without an
+            effort limit has no marker.
+        header: provides the stamp.
+        size: reach of the arm, m.
+    """
+    shares = np.clip(efforts / np.where(np.isfinite(arm.effort), arm.effort, np.nan), -1.0, 1.0)
+    markers = []
+    for joint in np.flatnonzero(np.isfinite(shares)):
+        share, base = float(shares[joint]), arm.links.names[0]
+        if arm.slides[joint]:
+            marker = _marker(header, base, "effort", Marker.ARROW, _arrow(placements[joint], share * size))
+            marker.scale.x, marker.scale.y = (width * size for width in _ARROW_WIDTHS)
+        else:
+            marker = _marker(header, base, "effort", Marker.LINE_STRIP, _arc(placements[joint], share, size))
+            marker.scale.x = _ARC_WIDTH * size
+        marker.id = int(joint)
+        marker.color = ColorRGBA(r=abs(share), g=1.0 - abs(share), b=0.0, a=1.0)
+        markers.append(marker)
+    return markers
+
+
+def _marker(header: Header, frame: str, namespace: str, kind: int, points: Array) -> Marker:
+    """A marker with these points, shape (points, 3), m."""
+    marker = Marker(
+        header=Header(stamp=header.stamp, frame_id=frame),
+        ns=namespace,
+        type=kind,
+        points=[Point(x=x, y=y, z=z) for x, y, z in points.tolist()],
+    )
+    marker.pose.orientation.w = 1.0
+    return marker
+
+
+def _arc(placement: Array, share: float, size: float) -> Array:
+    """Points about the z axis of a frame, shape (points, 3), m."""
+    # From the y axis of the frame, which is the x axis of a link that turns about its y or z axis.
+    angles = np.linspace(0.0, share * _FULL_ARC, _ARC_POINTS)
+    circle = np.stack([-np.sin(angles), np.cos(angles), np.zeros(_ARC_POINTS)], axis=1)
+    return np.asarray(_ARC_RADIUS * size * circle @ placement[:, :3].T + placement[:, 3])
+
+
+def _arrow(placement: Array, length: float) -> Array:
+    """Both ends of an arrow along the z axis of a frame, shape (2, 3), m."""
+    start = placement[:, 3]
+    return np.stack([start, start + _ARROW_LENGTH * length * placement[:, 2]])
