@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("launch_ros") is None, reason="launch_ros is not installed: the wheels have none"
 )
 
-LAUNCH_FILE = Path(get_package_share_directory("pidtsm_experiments"), "launch", "two_link.launch.py")
+LAUNCH_FILE = Path(get_package_share_directory("pidtsm_experiments"), "launch", "arm.launch.py")
 # What `ros2 launch` does; ros2 itself need not be there.
 PROGRAM = """
 import sys
@@ -124,6 +124,22 @@ def test_a_launch_file_that_includes_ours_has_arguments_of_its_own(testbed: Test
     done = launch(testbed, "camera:=left", file=parent)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "done: 100 samples" in done.stdout + done.stderr
+
+
+def test_rviz_and_the_visualization_show_the_robot(testbed: Testbed) -> None:
+    prefix = testbed.folder / "prefix"
+    rviz, index = prefix / "lib" / "rviz2" / "rviz2", prefix / "share" / "ament_index" / "resource_index" / "packages"
+    for folder in (rviz.parent, index):
+        folder.mkdir(parents=True)
+    (index / "rviz2").touch()
+    rviz.write_text('#!/bin/sh\necho "RViz: $*" >&2\nexec sleep 60\n')  # Stands in for a window.
+    rviz.chmod(0o755)
+    testbed.environment["AMENT_PREFIX_PATH"] = f"{prefix}:{testbed.environment['AMENT_PREFIX_PATH']}"
+    done = launch(testbed, "robot:=panda", "clock:=lockstep", "duration:=0.2", "viewer:=rviz")
+    said = done.stdout + done.stderr
+    assert done.returncode == 0, said
+    assert "arm.rviz -f world" in said, said
+    assert "[visualization]: the fixed frame is world" in said, said
 
 
 @pytest.mark.skipif(shutil.which("rviz2") is not None, reason="RViz is installed")

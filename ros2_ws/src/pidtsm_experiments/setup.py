@@ -3,7 +3,13 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "pidtsm_experiments"
-VIEWERS = ("rviz", "foxglove", "plotjuggler")
+SHARED = ("launch", "rviz", "foxglove", "plotjuggler")
+
+
+def files(folder: str) -> list[str]:
+    """Files of a folder, without the dangling links that colcon leaves of renamed ones in its build folder."""
+    return sorted(str(path) for path in Path(folder).iterdir() if path.is_file())
+
 
 setup(
     name=NAME,
@@ -13,8 +19,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/launch", sorted(map(str, Path("launch").glob("*.launch.py")))),
-        *((f"share/{NAME}/{viewer}", sorted(map(str, Path(viewer).iterdir()))) for viewer in VIEWERS),
+        *((f"share/{NAME}/{folder}", files(folder)) for folder in SHARED),
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},

@@ -1,4 +1,4 @@
-"""Layouts of RViz, Foxglove and PlotJuggler are readable, and their topics and fields exist."""
+"""Layouts of RViz, Foxglove and PlotJuggler are readable, their topics and fields exist, and they serve any arm."""
 
 import json
 import re
@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import pytest
 import yaml
 from ament_index_python.packages import get_package_share_directory
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
+from pidtsm_core.robots import NAMES, find_robot
 from pidtsm_experiments.bags.recorder_node import TOPICS
-from two_link_sim.visualization_node import GHOST
+from two_link_sim.drawing import GHOST
 
 SHARE = Path(get_package_share_directory("pidtsm_experiments"))
 KNOWN = {f"/{topic}": kind for topic, kind in TOPICS.items()} | {
@@ -24,22 +24,24 @@ KNOWN = {f"/{topic}": kind for topic, kind in TOPICS.items()} | {
 
 
 def foxglove() -> dict[str, Any]:
-    return json.loads((SHARE / "foxglove" / "two_link.json").read_text(encoding="utf-8"))
+    return json.loads((SHARE / "foxglove" / "arm.json").read_text(encoding="utf-8"))
 
 
 def rviz() -> dict[str, Any]:
-    return yaml.safe_load((SHARE / "rviz" / "two_link.rviz").read_text(encoding="utf-8"))["Visualization Manager"]
+    return yaml.safe_load((SHARE / "rviz" / "arm.rviz").read_text(encoding="utf-8"))["Visualization Manager"]
 
 
-def plotted() -> Iterator[tuple[str, str]]:
-    """Topic and field of every curve of Foxglove and PlotJuggler."""
+def plots() -> Iterator[list[tuple[str, str]]]:
+    """Topic and field of every curve, by plot of Foxglove and PlotJuggler."""
     for panel in foxglove()["configById"].values():
-        for path in panel.get("paths", ()):
-            topic, field = path["value"].split(".")
-            yield topic, field
-    for curve in ElementTree.parse(SHARE / "plotjuggler" / "two_link.xml").iter("curve"):
-        topic, field = curve.attrib["name"].rsplit("/", 1)
-        yield topic, field
+        yield [_halves(path["value"], ".") for path in panel.get("paths", ())]
+    for plot in ElementTree.parse(SHARE / "plotjuggler" / "arm.xml").iter("plot"):
+        yield [_halves(curve.attrib["name"], "/") for curve in plot.iter("curve")]
+
+
+def _halves(path: str, separator: str) -> tuple[str, str]:
+    topic, _, field = path.rpartition(separator)
+    return topic, field
 
 
 def shown() -> Iterator[str]:
@@ -52,16 +54,26 @@ def shown() -> Iterator[str]:
     yield from space["topics"]
     for layer in space["layers"].values():
         yield layer["topic"]
-        yield layer.get("jointStatesTopic", "/joint_states")
 
 
-@pytest.mark.parametrize(("topic", "field"), sorted(set(plotted())))
-def test_a_curve_is_a_field_of_a_topic(topic: str, field: str) -> None:
-    matched = re.fullmatch(r"(\w+)(\[[01]\])?", field)
-    assert matched
-    name, index = matched.groups()
-    kind = KNOWN[topic].get_fields_and_field_types()[name]
-    assert kind == ("sequence<double>" if index else "double")
+def test_a_curve_is_a_field_of_a_topic() -> None:
+    """Of PlotJuggler's joint states, the fields have the names of joints, so no curve is one of those."""
+    for topic, field in (curve for plot in plots() for curve in plot):
+        matched = re.fullmatch(r"(\w+)(\[\d\])?", field)
+        assert matched, field
+        name, index = matched.groups()
+        kind = KNOWN[topic].get_fields_and_field_types()[name]
+        assert kind == ("sequence<double>" if index else "double"), f"{topic} {field}"
+        assert topic != "/joint_states"
+
+
+def test_plots_have_a_curve_for_every_joint_of_every_arm() -> None:
+    joints = max(len(find_robot({"robot.description": name}).joints) for name in NAMES)
+    for plot in plots():
+        series = {(topic, field.partition("[")[0]) for topic, field in plot if "[" in field}
+        assert {curve for curve in plot if "[" in curve[1]} == {
+            (topic, f"{name}[{i}]") for topic, name in series for i in range(joints)
+        }
 
 
 def test_3d_views_show_existing_topics() -> None:
@@ -78,7 +90,7 @@ def test_foxglove_lays_out_every_panel() -> None:
 
 def test_launch_remaps_what_rviz_shows() -> None:
     """Otherwise two systems in namespaces would be shown in one window."""
-    text = (SHARE / "launch" / "two_link.launch.py").read_text(encoding="utf-8")
+    text = (SHARE / "launch" / "arm.launch.py").read_text(encoding="utf-8")
     remapped = re.search(r"^_VIEWED = \((.*)\)$", text, re.MULTILINE)
     assert remapped
     topics = {d[key]["Value"] for d in rviz()["Displays"] for key in ("Topic", "Description Topic") if key in d}

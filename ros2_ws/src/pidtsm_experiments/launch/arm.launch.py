@@ -22,7 +22,7 @@ from rclpy.validate_namespace import validate_namespace
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import DEFAULT_SCENARIO, make_experiment, scenario_names
 from pidtsm_core.laws import LAWS
-from pidtsm_core.robots import NAMES
+from pidtsm_core.robots import NAMES, description_schema, find_description
 from pidtsm_experiments.commands.options import seconds
 from pidtsm_experiments.runs.runner import EXECUTABLES, bag_metadata, node_parameters
 
@@ -166,19 +166,21 @@ def _actions(context: LaunchContext) -> list[Node]:
     parameters = node_parameters(experiment, clock)
     actions: list[Node] = []
     if viewed:
-        configuration = Path(get_package_share_directory("pidtsm_experiments"), "rviz", "two_link.rviz")
+        controlled = parameters["controller"]
+        chosen = {parameter.name: controlled[parameter.name] for parameter in description_schema(controlled)}
+        configuration = Path(get_package_share_directory("pidtsm_experiments"), "rviz", "arm.rviz")
         # First, so that nothing keeps running if RViz is not installed.
         actions.append(
             Node(
                 package="rviz2",
                 executable="rviz2",
                 namespace=namespace,
-                arguments=["-d", str(configuration)],
+                arguments=["-d", str(configuration), "-f", find_description(chosen).links.names[0]],
                 parameters=[{"use_sim_time": clock == "lockstep"}],
                 remappings=[(topic, topic.lstrip("/")) for topic in _VIEWED],
             )
         )
-        actions.append(node("visualization", {}))
+        actions.append(node("visualization", chosen))
     end = _End()
     loop = [node(name, values, LifecycleNode, on_exit=end) for name, values in parameters.items()]
     end.loop.update(loop)
@@ -191,5 +193,5 @@ def _actions(context: LaunchContext) -> list[Node]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Description for ``ros2 launch pidtsm_experiments two_link.launch.py``."""
+    """Description for ``ros2 launch pidtsm_experiments arm.launch.py``."""
     return LaunchDescription([*_ARGUMENTS, OpaqueFunction(function=_actions)])
