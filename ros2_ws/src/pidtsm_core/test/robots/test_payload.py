@@ -5,12 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pidtsm_core.control import controller_schema
+from pidtsm_core.control import Controller, controller_schema
+from pidtsm_core.experiment import make_experiment
 from pidtsm_core.parameters import ParameterError, Schema, resolve
+from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.robots import find_robot, payload_of, tree
 from pidtsm_core.robots.source import read_source
 from pidtsm_core.simulation.plant import plant_schema
+from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 
+MS = 1_000_000
 CENTER, INERTIA = (0.03, -0.02, 0.08), (0.004, 0.005, 0.003, 0.0004, -0.0002, 0.0003)
 BODY = (
     '<link name="load"><inertial><origin xyz="{} {} {}"/><mass value="1.7"/>'
@@ -53,3 +57,28 @@ def test_a_centre_of_mass_has_three_finite_coordinates(value: object) -> None:
 def test_the_load_of_a_closed_form_is_a_point() -> None:
     with pytest.raises(ParameterError, match="unknown parameter"):
         resolve(plant_schema, {"payload.center_of_mass": CENTER}, 2)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_load_is_picked_up_changed_and_dropped_while_the_arm_moves(known: bool) -> None:
+    settings = make_experiment(None, law="computed_torque", robot="panda").settings
+    controller, simulator = settings["controller"], settings["simulator"]
+    controller["estimator.name"] = "extended_state_observer"
+    names = list(find_robot(controller).joints)
+    control = Controller(resolve(controller_schema, controller, 7))
+    robot = SimulatedRobot(resolve(simulator_schema, simulator, 7))
+    motion = ReferenceMotion(resolve(reference_schema, {**settings["trajectory"], "joints": names}, 7))
+    loads = {500: LOADED, 1000: {**LOADED, "payload.mass": 0.6}, 1500: {}}
+    errors = np.zeros((2000, 7))
+    for k in range(2000):
+        if k in loads:
+            robot.set_parameters(resolve(simulator_schema, {**simulator, **loads[k]}, 7))
+            if known:
+                control.set_parameters(resolve(controller_schema, {**controller, **loads[k]}, 7))
+        motion.evaluate(k * 1e-3, control.reference)
+        control.position[:] = robot.state.arm.position
+        errors[k] = control.position - control.reference[0]
+        control.step(1 + k * MS, 1 + k * MS)
+        robot.act(k, True, control.effort)
+    worst = np.abs(errors[500:]).max()
+    assert worst < 2e-3 if known else worst > 5e-3
