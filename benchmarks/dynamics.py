@@ -24,6 +24,8 @@ JOINTS = 7
 PERIOD = 1_000_000
 """ns."""
 
+TAKES = 30.0  # s
+
 
 def run(quick: bool) -> Iterator[Row]:
     """Microseconds per call from Python, all in turns; then milliseconds per rollout."""

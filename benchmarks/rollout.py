@@ -42,6 +42,9 @@ def _rmse(position: Array, desired: Array) -> Array:
     return value
 
 
+TAKES = 40.0  # s
+
+
 def run(quick: bool) -> Iterator[Row]:
     """Rollouts of 30 s; slow implementations with equal steps run only a part of it, and their time is scaled."""
     samples, repetitions, part = (1000, 3, 20) if quick else (30_000, 15, 1000)

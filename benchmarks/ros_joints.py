@@ -18,6 +18,9 @@ def _parameters() -> Parameters:
     return {"controller": {"robot.description": ARM}, "trajectory": motion}
 
 
+TAKES = 150.0  # s
+
+
 def run(quick: bool) -> Iterator[Row]:
     """Nodes in separate processes."""
     ANSWERERS[ARM] = (*ANSWERERS["law"][:2], _parameters())

@@ -31,6 +31,9 @@ def _growth(looks: Looks, minute: float) -> float:
     return float(np.polynomial.Polynomial.fit(when, size, 1).convert().coef[1]) * 3600.0 / _MEGABYTE
 
 
+TAKES = 1860.0  # s
+
+
 def run(quick: bool) -> Iterator[Row]:
     """Sinusoidal motion with 14-bit encoders, delay, losses and the practical parameters."""
     duration = 12.0 if quick else DURATION

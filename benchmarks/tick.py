@@ -37,6 +37,9 @@ def _steps(config: PlantConfig, state: PlantState, effort: Array, count: int) ->
         step(config, state, effort, k * DT, DT)
 
 
+TAKES = 30.0  # s
+
+
 def run(quick: bool) -> Iterator[Row]:
     """Nanoseconds per step; the lower bound from Python is the cheapest call of a compiled function with arrays."""
     count, repetitions = (1000, 3) if quick else (20_000, 15)

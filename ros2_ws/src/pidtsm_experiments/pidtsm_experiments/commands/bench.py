@@ -1,7 +1,7 @@
 """``./pidtsm bench``: each figure next to a lower bound or another implementation, measured in the same run.
 
 A benchmark is a file ``NAME.py`` in the folder ``benchmarks`` of the checkout. Its function ``run(quick: bool)`` yields
-the rows.
+the rows; ``TAKES`` is how long that takes without ``quick`` on two cores, s.
 """
 
 import argparse
@@ -12,16 +12,14 @@ import platform
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, cast
-
-from rich import box
-from rich.console import Console
-from rich.table import Table
+from textwrap import wrap
+from typing import Any
 
 from pidtsm_core.errors import UsageError
+from pidtsm_experiments.commands.bench_against import compare
 from pidtsm_experiments.commands.options import CONSOLE
 
 _LONG = "soak"
@@ -76,46 +74,75 @@ def medians(repetitions: int, *functions: Callable[[], object]) -> list[float]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print only the figures, as one JSON object")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="also write DIR/bench.json")
-    parser.add_argument("--only", nargs="+", metavar="NAME", help=f"benchmarks to run (default: all but {_LONG})")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="also write DIR/bench.json, after every row")
+    parser.add_argument(
+        "--only",
+        nargs="*",
+        metavar="NAME",
+        help=f"benchmarks to run (default: all but {_LONG}); without NAME: list them",
+    )
     parser.add_argument(
         "--quick", action="store_true", help="short and coarse: checks that everything runs, without judging the ratios"
+    )
+    parser.add_argument(
+        "--against",
+        metavar="COMMIT",
+        help="run the benchmarks of that commit too, in turns with these, and print the ratio of each figure",
     )
 
 
 def execute(options: argparse.Namespace) -> int:
     files = _files()
+    if options.only == []:
+        print("\n".join(f"{name}: {_minutes(_load(name, file).TAKES)}" for name, file in files.items()))
+        return 0
     names = options.only or [name for name in files if name != _LONG]
     if unknown := [name for name in names if name not in files]:
         raise UsageError(f"unknown benchmark {', '.join(unknown)}; known: {', '.join(files)}")
-    rows: dict[str, list[Row]] = {}
-    for name in names:
-        with CONSOLE.status(name):
-            rows[name] = list(_load(name, files[name])(options.quick))
-    result = {
-        "machine": {
-            "processor": platform.machine(),
-            "cores": os.cpu_count(),
-            "load": os.getloadavg()[0],
-            "python": platform.python_version(),
-        },
-        "quick": options.quick,
-        "rows": [
-            {"benchmark": name, **asdict(row), "met": None if options.quick else row.met}
-            for name in rows
-            for row in rows[name]
-        ],
-    }
-    text = json.dumps(result, indent=2, allow_nan=False)
+    if options.against is not None:
+        return compare(options.against, names, options.quick, options.json)
+    _measure({name: _load(name, files[name]) for name in names}, options)
+    return 0
+
+
+def _measure(modules: Mapping[str, Any], options: argparse.Namespace) -> None:
+    """Run the benchmarks; every row is printed, and written to ``bench.json``, when it is measured."""
+    result: dict[str, Any] = {"machine": _machine(), "quick": options.quick, "complete": False, "rows": []}
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
-        (options.out / "bench.json").write_text(text + "\n", encoding="utf-8")
+    if not options.quick:
+        CONSOLE.print(f"{', '.join(modules)}: {_minutes(sum(module.TAKES for module in modules.values()))}")
+    for name, module in modules.items():
+        if not options.json:
+            print(f"\n{name}", flush=True)
+        for row in module.run(options.quick):
+            result["rows"].append({"benchmark": name, **asdict(row), "met": None if options.quick else row.met})
+            if not options.json:
+                print(_lines(row, judged=not options.quick), flush=True)
+            _write(result, options.out)
+    result["complete"] = True
+    _write(result, options.out)
     if options.json:
-        print(text)
-    else:
-        for name, some in rows.items():
-            Console().print(_table(name, some, judged=not options.quick))
-    return 0
+        print(json.dumps(result, indent=2, allow_nan=False))
+
+
+def _write(result: Mapping[str, Any], folder: Path | None) -> None:
+    if folder is not None:
+        text = json.dumps(result, indent=2, allow_nan=False) + "\n"
+        (folder / "bench.json").write_text(text, encoding="utf-8")
+
+
+def _machine() -> dict[str, Any]:
+    return {
+        "processor": platform.machine(),
+        "cores": os.cpu_count(),
+        "load": os.getloadavg()[0],
+        "python": platform.python_version(),
+    }
+
+
+def _minutes(seconds: float) -> str:
+    return f"about {max(1, round(seconds / 60.0))} min"
 
 
 def _files() -> dict[str, Path]:
@@ -128,36 +155,25 @@ def _files() -> dict[str, Path]:
     return {file.stem: file for file in sorted(folder.glob("*.py")) if "\ndef run(" in file.read_text("utf-8")}
 
 
-def _load(name: str, file: Path) -> Callable[[bool], Iterable[Row]]:
+def _load(name: str, file: Path) -> Any:
+    """The module of a benchmark: its function ``run``, and ``TAKES``, how long that takes, s."""
     spec = importlib.util.spec_from_file_location(f"benchmarks_{name}", file)
     assert spec is not None
     assert spec.loader is not None
-    module: Any = importlib.util.module_from_spec(spec)
+    module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # needed by dataclasses and pickle
     if str(file.parent) not in sys.path:
         sys.path.append(str(file.parent))  # for their helpers
     spec.loader.exec_module(module)
-    return cast(Callable[[bool], Iterator[Row]], module.run)
+    return module
 
 
-def _table(name: str, rows: Iterable[Row], judged: bool) -> Table:
-    table = Table(title=name, title_style="bold", title_justify="left", box=box.SIMPLE_HEAD)
-    for column in ("figure", "", "unit", "compared with", "", "ratio", "target"):
-        table.add_column(column, justify="right" if column in ("", "ratio", "target") else "left")
-    for row in rows:
-        style = {True: "green", False: "bold red", None: ""}[row.met if judged else None]
-        numbers = ("" if n is None else f"{n:.4g}" for n in (row.figure, row.floor_figure, row.ratio))
-        figure, floor, ratio = numbers
-        label = f"{row.name}\n[dim]{row.note}[/]" if row.note else row.name
-        target = row.target or ""
-        missed = " missed" if judged and row.met is False else ""
-        table.add_row(
-            label,
-            figure,
-            row.unit,
-            row.floor or "",
-            floor,
-            f"[{style}]{ratio}[/]" if style else ratio,
-            f"{target}{missed}",
-        )
-    return table
+def _lines(row: Row, judged: bool) -> str:
+    """A row as text that fits into 80 columns."""
+    lines = [f"  {row.name}: {row.figure:.4g} {row.unit}".rstrip()]
+    if row.floor is not None:
+        target = f" ({row.target}{': missed' if judged and row.met is False else ''})" if row.target else ""
+        lines.append(f"    {row.floor}: {row.floor_figure:.4g} {row.unit}; ratio {row.ratio:.4g}{target}")
+    if row.note:
+        lines += wrap(row.note, 74, initial_indent="    ", subsequent_indent="    ")
+    return "\n".join(lines)

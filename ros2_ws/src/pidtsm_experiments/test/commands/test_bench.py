@@ -1,6 +1,7 @@
 """The benchmark command: fields of the rows, and checked names. The measured values are not judged here."""
 
 import json
+import signal
 import subprocess
 import sys
 from dataclasses import fields
@@ -10,6 +11,7 @@ import pytest
 
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.commands.bench import Row, medians
+from pidtsm_experiments.commands.bench_against import show
 
 FIELDS = {"benchmark", "met", *(field.name for field in fields(Row))}
 OWN = ["analyze", "batch", "dynamics", "rollout", "tick"]
@@ -36,11 +38,50 @@ def test_a_quick_run_yields_rows(tmp_path: Path, capfd: pytest.CaptureFixture[st
         assert row["met"] is None
 
 
-def test_the_table_names_figure_floor_and_target(capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_rows_name_figure_floor_and_target(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "--quick", "--only", "batch"]) == 0
     out = capfd.readouterr().out
     assert "one core" in out
     assert "ratio" in out
+    assert max(map(len, out.splitlines())) <= 80
+
+
+def test_an_interrupted_run_keeps_its_rows(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "pidtsm_experiments.cli", "bench", "--quick", "--only", "tick", "soak"]
+    with subprocess.Popen([*command, "--out", str(tmp_path)], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        shown = []
+        for line in process.stdout:
+            shown.append(line)
+            if line == "soak\n":
+                process.send_signal(signal.SIGINT)
+        assert process.wait() == 130
+    kept = json.loads((tmp_path / "bench.json").read_text())
+    assert not kept["complete"]
+    assert {row["benchmark"] for row in kept["rows"]} == {"tick"}
+    for row in kept["rows"]:
+        assert any(row["name"] in line for line in shown)
+
+
+def test_without_a_name_only_lists_the_benchmarks(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--only"]) == 0
+    lines = capfd.readouterr().out.splitlines()
+    assert set(OWN) < {line.split(":")[0] for line in lines}
+    assert all("about" in line and line.endswith("min") for line in lines)
+
+
+def test_figures_of_two_commits_are_set_against_each_other(capfd: pytest.CaptureFixture[str]) -> None:
+    old, new = {("tick", "a"): [4.0, 2.0, 3.0], ("tick", "gone"): [1.0]}, {("tick", "a"): [1.0, 1.5, 2.0]}
+    show("abc", old, new, as_json=True)
+    result = json.loads(capfd.readouterr().out)
+    assert result["rows"] == [{"benchmark": "tick", "name": "a", "before": 3.0, "now": 1.5, "ratio": 0.5}]
+    show("abc", old, new, as_json=False)
+    assert "3 -> 1.5; ratio 0.500" in capfd.readouterr().out
+
+
+def test_a_commit_that_does_not_exist_is_refused(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--only", "tick", "--against", "nowhere"]) == 2
+    assert "nowhere" in capfd.readouterr().err
 
 
 def test_an_unknown_benchmark_is_rejected_with_a_list_of_the_known_ones(capfd: pytest.CaptureFixture[str]) -> None:
