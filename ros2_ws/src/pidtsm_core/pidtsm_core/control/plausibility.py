@@ -8,7 +8,7 @@ from pidtsm_core.signals import Signal
 _SLACK = 0.01
 """rad; a deviation up to this is always plausible."""
 TOLERATED = 5
-"""Number of consecutive implausible measurements that are replaced; with one more, the measurement is accepted."""
+"""Number of consecutive implausible measurements of a joint that are replaced; the next one is accepted."""
 
 
 @inlined
@@ -21,22 +21,20 @@ def doubt(config: ControllerConfig, state: ControllerState, dt: float) -> int:
         The joint, counted from 1, with too many consecutive implausible measurements: its measurement is accepted, and
         the caller reports a fault. 0: no such joint.
     """
-    y, clock, measured, wrong = state.signals, state.clock, state.measured, 0
+    y, measured, doubted, wrong, replaced = state.signals, state.measured, state.doubted, 0, False
     for j in range(measured.size):
-        if config.plausible_velocity[j] > 0.0 and _off(config, y, measured, j, dt):
-            wrong = j + 1
-    if wrong == 0:
-        clock[Clock.DOUBTED] = 0
-        return 0
-    clock[Clock.DOUBTED] += 1
-    clock[Clock.IMPLAUSIBLE] += 1
-    if clock[Clock.DOUBTED] > TOLERATED:
-        clock[Clock.DOUBTED] = 0
-        return wrong
-    for j in range(measured.size):
-        if config.plausible_velocity[j] > 0.0 and _off(config, y, measured, j, dt):
+        if config.plausible_velocity[j] <= 0.0 or not _off(config, y, measured, j, dt):
+            doubted[j] = 0.0
+        elif doubted[j] < TOLERATED:
+            doubted[j] += 1.0
             measured[j] = y[Signal.POSITION, j] + dt * y[Signal.VELOCITY, j]
-    return 0
+            replaced = True
+        else:
+            doubted[j] = 0.0
+            wrong = j + 1
+    if replaced or wrong:
+        state.clock[Clock.IMPLAUSIBLE] += 1
+    return wrong
 
 
 @inlined

@@ -34,11 +34,10 @@ class Clock(IntEnum):
     BEHIND_SINCE = 14  # stamp since which the rate limit has delayed the effort, plus 1; 0: it does not
     PERIOD = 15  # nominal time between two joint states; 0: not known yet
     SENT = 16  # time of the last command, in the time of the stamps
-    DOUBTED = 17  # number of consecutive joint states with an implausible measurement
-    IMPLAUSIBLE = 18  # total number of these
-    HELD = 19  # how a controller that has stopped holds the arm, see safe.py; 0: it does not
-    SILENT_SINCE = 20  # when joint states were found missing, in the time of the stamps, plus 1; 0: they arrive
-    BRAKES = 21  # 1: the brakes should be engaged
+    IMPLAUSIBLE = 17  # number of joint states with an implausible measurement
+    HELD = 18  # how a controller that has stopped holds the arm, see safe.py; 0: it does not
+    SILENT_SINCE = 19  # when joint states were found missing, in the time of the stamps, plus 1; 0: they arrive
+    BRAKES = 20  # 1: the brakes should be engaged
 
 
 class Hold(IntEnum):
@@ -116,6 +115,7 @@ class ControllerState(NamedTuple):
     turned: Array  # whole turns that are added to the reference of a continuous joint, shape (joints,), rad
     referred: Array  # position of the last reference that was followed, with these turns, shape (joints,), rad
     output: Array  # the command for the arm, shape (joints,), N m
+    doubted: Array  # number of consecutive implausible measurements, shape (joints,)
     hold: Array  # of the safe effort that holds the arm, see `Hold`, shape (len(Hold), joints)
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of a simulation, shape (joints,), N m
@@ -130,7 +130,7 @@ _FEEDS_BACK = 14
 _CLOCK = len(Clock)
 _SCALARS = 6
 # Rows of the table at the end of the floats, one number per joint: configuration, state, signals, scratch.
-_CONFIG, _MOTION, _SCRATCH = 11, 25 + len(Hold), 12
+_CONFIG, _MOTION, _SCRATCH = 11, 26 + len(Hold), 12
 _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
 
 
@@ -222,7 +222,8 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
         turned=motion[22],
         referred=motion[23],
         output=motion[24],
-        hold=motion[25:],
+        doubted=motion[25],
+        hold=motion[26:],
         truth=scratch[:2],
         torque=scratch[2],
         received=motion[: 1 + integers[_FEEDS_BACK]],

@@ -153,7 +153,8 @@ def begin_afresh(state: ControllerState) -> None:
     state.status[Status.VIOLATIONS] = 0
     hold_elsewhere(state)
     clock[Clock.ANSWERED] = 0
-    clock[Clock.DOUBTED] = 0
+    for j in range(state.doubted.size):
+        state.doubted[j] = 0.0
     clock[Clock.BEHIND_SINCE] = 0
 
 
