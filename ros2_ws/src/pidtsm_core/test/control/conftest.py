@@ -1,93 +1,132 @@
 """A controller in a closed loop with the simulated arm, which tests disturb."""
 
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from testarms import Arm, dotted
 
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
-from pidtsm_core.signals import Fault
+from pidtsm_core.signals import Fault, Signal
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 
 _MS = 1_000_000
 _START = 1_000_000_000
-_LIMITS = np.array([100.0, 50.0])
 
 
 class Loop:
     """A controller at a rate, and the simulated arm at 1 kHz, heavier than the model by a given share.
 
     Attributes:
-        efforts: commanded torques, N m, shape (2,) each.
-        positions: positions of the arm, one every ms, rad.
+        efforts: commanded torques, N m, shape (joints,) each.
+        positions: positions of the arm, one every ms, rad or m.
     """
 
-    def __init__(self, heavier: float = 0.0, rate: int = 1000, law: str = "piddtsm", **changes: Any) -> None:
-        self._settings = {"law.name": law, **{n.replace("__", "."): v for n, v in changes.items()}}
-        self.controller = Controller(resolve(controller_schema, self._settings, 2))
+    def __init__(self, arm: Arm, heavier: float = 0.0, rate: int = 1000, law: str = "piddtsm", **changes: Any) -> None:
+        self.arm, motion = arm, arm.motion(near=True)
+        self._settings = {"law.name": law, **arm.gains(law), **dotted(changes)}
+        self.controller = Controller(arm.values(controller_schema, self._settings))
         share = {f"model_error.{quantity}": heavier for quantity in ("mass", "inertia")}
-        self.robot = SimulatedRobot(resolve(simulator_schema, {"initial_position": [0.4, -0.02], **share}, 2))
-        self.motion = ReferenceMotion(resolve(reference_schema, {}, 2))
+        self.robot = SimulatedRobot(arm.values(simulator_schema, {**motion["simulator"], **share}))
+        trajectory = {"joints": arm.names, **motion["trajectory"]}
+        self.motion = ReferenceMotion(resolve(reference_schema, trajectory, arm.joints))
         self.every, self.ms = 1000 // rate, 0
         self.efforts: list[Array] = []
         self.positions: list[Array] = []
         self.silent = False
-        self.off = 0.0
+        self.off = np.zeros(arm.joints)
         self._answered = 0
 
     def set(self, changes: dict[str, Any]) -> None:
-        self.controller.set_parameters(resolve(controller_schema, {**self._settings, **changes}, 2))
+        self.controller.set_parameters(self.arm.values(controller_schema, {**self._settings, **changes}))
+
+    def continue_from(self, other: "Loop") -> None:
+        """Continue, with the same parameters, where another loop is."""
+        for mine, theirs in zip(_arrays(self), _arrays(other), strict=True):
+            mine[:] = theirs
+        self.ms, self._answered = other.ms, other._answered
+        self.efforts, self.positions = other.efforts[-1:], other.positions[-1:]
 
     def go_on(self, ms: int) -> None:
+        answers: list[Array] = []
+        controller, state = self.controller, self.robot.state.arm
         for _ in range(ms):
             stamp = _START + self.ms * _MS
             if not self.silent and self.ms % self.every == 0:
-                self.motion.evaluate(self.ms * 1e-3, self.controller.reference)
-                self.controller.position[:] = self.robot.state.arm.position
-                self.controller.position[1] += self.off
-                self.controller.step(stamp, stamp)
+                self.motion.evaluate(self.ms * 1e-3, controller.reference)
+                controller.position[:] = state.position + self.off
+                controller.step(stamp, stamp)
                 self._answered = self.ms
-                self.look()
-            elif self.silent and self.ms % 5 == 0 and (self.ms - self._answered) * _MS > self.controller.state_stop:
-                self.controller.stop(Fault.STATE_STALE, (self.ms - self._answered) * _MS)
-                self.look()
-            self.positions.append(self.robot.state.arm.position.copy())
-            self.robot.act(self.ms, True, self.controller.effort)
+                answers.append(controller.signals.copy())
+            elif self.silent and self.ms % 5 == 0 and (self.ms - self._answered) * _MS > controller.state_stop:
+                controller.stop(Fault.STATE_STALE, (self.ms - self._answered) * _MS)
+                answers.append(controller.signals.copy())
+            self.positions.append(state.position.copy())
+            self.robot.act(self.ms, True, controller.effort)
             self.ms += 1
+        if answers:
+            signals = np.array(answers)
+            assert np.isfinite(signals).all()
+            assert (np.abs(signals[:, Signal.EFFORT]) <= self.arm.limits).all()
+            self.efforts.extend(signals[:, Signal.EFFORT])
 
-    def look(self) -> None:
-        assert np.isfinite(self.controller.signals).all()
-        assert (np.abs(self.controller.effort) <= _LIMITS).all()
-        self.efforts.append(self.controller.effort.copy())
-
-    def measure(self, samples: int, off: float) -> None:
-        """Answer `samples` measurements of joint2 that are wrong by `off` (rad)."""
-        self.off = off
+    def measure(self, samples: int, off: float, joint: int = -1) -> None:
+        """Answer `samples` measurements of a joint, by default the last one, that are wrong by `off` (rad or m)."""
+        self.off[joint] = off
         self.go_on(samples * self.every)
-        self.off = 0.0
+        self.off[joint] = 0.0
 
     def largest_step(self, since: int) -> float:
-        """Largest change of the torque between two commands, N m, from the index `since` of `efforts` on."""
-        return float(np.abs(np.diff(self.efforts[since:], axis=0)).max())
+        """Largest change of a torque between two commands, from the index `since` of `efforts` on, as a share of its
+        limit."""
+        return float((np.abs(np.diff(self.efforts[since:], axis=0)) / self.arm.limits).max())
 
     @property
     def error(self) -> float:
-        """Present error of the arm, rad."""
-        desired = np.zeros((3, 2))
+        """Present error of the arm, rad or m."""
+        desired = np.zeros((3, self.arm.joints))
         self.motion.evaluate(self.ms * 1e-3, desired)
         return float(np.abs(self.robot.state.arm.position - desired[0]).max())
 
     def drift(self) -> float:
-        """Let 10 s pass; return how far the arm moves after the first 2 s, rad."""
+        """Let 3 s pass; return how far the arm moves in the last one, rad or m."""
         self.go_on(2000)
         rested = len(self.positions)
-        self.go_on(8000)
+        self.go_on(1000)
         return float(np.abs(np.array(self.positions[rested:]) - self.positions[rested]).max())
 
 
-@pytest.fixture(scope="session")
-def loop_of() -> type[Loop]:
-    """See `Loop`."""
-    return Loop
+def _arrays(loop: Loop) -> Iterator[NDArray[Any]]:
+    """Everything that a loop changes, except the time."""
+    yield from (loop.controller.floats, loop.controller.integers, loop.controller.effort, loop.controller.signals)
+    yield from _members(loop.robot.state)
+
+
+def _members(state: Any) -> Iterator[NDArray[Any]]:
+    for member in state:
+        if isinstance(member, np.ndarray):
+            yield member
+        else:
+            yield from _members(member)
+
+
+@pytest.fixture(scope="module")
+def loop_of(arm: Arm) -> Callable[..., Loop]:
+    """Make a loop of the arm, see `Loop`, that has run for `after` ms."""
+    before: dict[str, Loop] = {}
+
+    def make(after: int = 0, **settings: Any) -> Loop:
+        loop = Loop(arm, **settings)
+        if after:
+            key = f"{after} {sorted(settings.items())}"
+            if key not in before:
+                before[key] = Loop(arm, **settings)
+                before[key].go_on(after)
+            loop.continue_from(before[key])
+        return loop
+
+    return make
