@@ -266,5 +266,5 @@ def _packed(values: Mapping[str, Value], joints: int) -> tuple[Array, Array]:
 
 
 def _nanoseconds(value: Value) -> int:
-    """Convert a time in s to ns, limited so that sums with other times do not overflow."""
+    """Convert a time in s to ns, limited so that the sum of two times fits into 64 bits."""
     return min(round(as_float(value) * NANOSECONDS), 2**61)
