@@ -14,7 +14,7 @@ from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.default_motion import default_motion
 from pidtsm_core.experiment import practical_settings
 from pidtsm_core.parameters import Array, Schema, Value, resolve
-from pidtsm_core.robots import Robot, find_robot, inverse_dynamics, make_model
+from pidtsm_core.robots import Model, Robot, find_robot, inverse_dynamics, make_model
 
 _PID = {"kp": 50.0, "ki": 50.0, "kd": 10.0}
 """Gains of ``pid`` per inertia, similar to the defaults of the two-link arm."""
@@ -45,6 +45,11 @@ class Arm:
         return {"robot.description": self.description}
 
     @cached_property
+    def model(self) -> Model:
+        """Its model with the default parameters."""
+        return make_model(self.robot, self.robot.pack_model(self.values(controller_schema, {})))
+
+    @cached_property
     def names(self) -> list[str]:
         return list(self.robot.joints)
 
@@ -62,6 +67,18 @@ class Arm:
         """What every joint moves at the start while the others hold still, kg m^2 or kg, shape (joints,)."""
         moving = [self.effort(self.start, ddq=unit) - self.effort(self.start) for unit in np.eye(self.joints)]
         return np.diag(moving).copy()
+
+    def weak_limits(self, acceleration: float) -> Array:
+        """Effort limits that leave an acceleration (rad/s^2) beside gravity, but at most its own, shape (joints,).
+
+        Those of the two-link arm leave 6.5 rad/s^2.
+        """
+        gravity = np.abs([self.effort(self.start), self.effort(self.start + self.alternating(1.0))]).max(axis=0)
+        return np.minimum(self.limits, gravity + acceleration * self.inertia)
+
+    def alternating(self, value: float) -> Array:
+        """The value for the first joint, the opposite for the next one, and so on."""
+        return np.resize([value, -value], self.joints)
 
     def spread(self, first: float, last: float) -> list[float]:
         """A value for every joint, from that of the first to that of the last one."""
@@ -101,9 +118,8 @@ class Arm:
 
     def effort(self, q: Array | Sequence[float], dq: Array | float = 0.0, ddq: Array | float = 0.0) -> Array:
         """Effort for this motion, by default that which carries the arm at rest, N m or N, shape (joints,)."""
-        model = make_model(self.robot, self.robot.pack_model(self.values(controller_schema, {})))
         zero, effort = np.zeros(self.joints), np.zeros((1, self.joints))
-        inverse_dynamics(model, np.array(q), zero + dq, (zero + ddq)[np.newaxis], effort)
+        inverse_dynamics(self.model, np.array(q), zero + dq, (zero + ddq)[np.newaxis], effort)
         return effort[0]
 
 

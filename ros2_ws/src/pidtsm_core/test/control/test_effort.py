@@ -2,104 +2,99 @@
 
 import numpy as np
 import pytest
+from testarms import Arm
 
 from pidtsm_core.control import Clock, Controller, controller_schema
-from pidtsm_core.parameters import Array, resolve
-from pidtsm_core.robots.two_link import TWO_LINK
 from pidtsm_core.signals import Fault, Limited, Signal
 
 MS = 1_000_000
 START = 1_000_000_000
-LIMITS = np.array([100.0, 50.0])
+AT_ONCE = {"activation.blend": 0.0, "plausibility.velocity": 0.0}
+"""No way to the reference, and an arm that may jump."""
 
 
-def controller_of(**changes: object) -> Controller:
-    """A controller without a way to its reference; parameter names with two underscores instead of the dot."""
-    values = {
-        "activation.blend": 0.0,
-        "plausibility.velocity": 0.0,
-        **{n.replace("__", "."): v for n, v in changes.items()},
-    }
-    return Controller(resolve(controller_schema, values, 2))
-
-
-def gravity(q: Array) -> Array:
-    """Torque that carries the arm at rest, N m, shape (2,)."""
-    effort = np.zeros((1, 2))
-    model = TWO_LINK.pack_model({f"robot.{p.name}": p.default for p in TWO_LINK.parameters})
-    TWO_LINK.dynamics.inverse_dynamics(q, np.zeros(2), np.zeros((1, 2)), model, effort)
-    return effort[0]
+def controller_of(arm: Arm, **changes: object) -> Controller:
+    """A controller; parameter names with two underscores instead of the dot."""
+    return arm.controller(**{**AT_ONCE, **changes})
 
 
 @pytest.mark.parametrize("kind", ["gravity_damping", "gravity", "damping", "zero"])
-@pytest.mark.parametrize("damping", [20.0, [5.0, 1.0]])
-def test_the_safe_effort_is_the_chosen_one(kind: str, damping: object) -> None:
-    controller = controller_of(stop__effort=kind, stop__damping=damping)
+@pytest.mark.parametrize("each", [False, True], ids=["one damping", "a damping for each joint"])
+def test_the_safe_effort_is_the_chosen_one(arm: Arm, kind: str, each: bool) -> None:
+    damping = (0.05 * arm.limits).tolist() if each else 0.3 * arm.limits.min()
+    controller = controller_of(arm, stop__effort=kind, stop__damping=damping)
+    velocity = np.resize([2.0, -1.0], arm.joints)
     for k in range(100):
-        controller.position[:] = 0.3 + 0.002 * k, -0.2 - 0.001 * k
+        controller.position[:] = arm.start + 0.001 * k * velocity
         controller.step(START + k * MS + (k > 50) * 30 * MS, -1)
     assert controller.fault == Fault.STATE_STALE
     q, dq = controller.signals[[Signal.POSITION, Signal.VELOCITY]]
     assert np.abs(dq).min() > 0.5
-    expected = gravity(q) * ("gravity" in kind) - np.array(damping) * dq * ("damping" in kind)
+    expected = arm.effort(q) * ("gravity" in kind) - np.array(damping) * dq * ("damping" in kind)
+    assert (np.abs(expected) < arm.limits).all()
     np.testing.assert_allclose(controller.effort, expected, rtol=1e-12, atol=1e-12)
 
 
-def test_the_rate_limit_does_not_delay_the_first_torque() -> None:
-    controller = controller_of(limits__effort_rate=10.0)
-    controller.position[:] = 0.3, -0.2
+def test_the_rate_limit_does_not_delay_the_first_torque(arm: Arm) -> None:
+    controller = controller_of(arm, limits__effort_rate=10.0)
+    controller.position[:] = arm.start
     controller.step(START, -1)
-    np.testing.assert_allclose(controller.effort, gravity(controller.position), rtol=1e-12)
+    np.testing.assert_allclose(controller.effort, arm.effort(arm.start), rtol=1e-12, atol=1e-12)
     assert not controller.signals[Signal.SATURATED].any()
 
 
 @pytest.mark.parametrize("gap", [1, 3, 15])
-def test_the_torque_may_change_by_the_rate_times_the_time_that_has_passed(gap: int) -> None:
-    controller = controller_of(limits__effort_rate=[200.0, 50.0], law__name="pid")
-    controller.position[:] = 0.0, 0.0
+def test_the_torque_may_change_by_the_rate_times_the_time_that_has_passed(arm: Arm, gap: int) -> None:
+    rates = arm.limits * arm.spread(2.0, 1.0)
+    controller = controller_of(arm, limits__effort_rate=rates.tolist(), law__name="pid")
     controller.step(START, -1)
     before = controller.effort.copy()
-    controller.position[:] = 0.5, -0.5
+    controller.position[:] = arm.alternating(0.5)
     controller.step(START + gap * MS, -1)
-    np.testing.assert_allclose(controller.effort - before, np.array([-200.0, 50.0]) * gap * 1e-3, rtol=1e-9)
+    expected = -np.sign(controller.position) * rates * gap * 1e-3
+    np.testing.assert_allclose(controller.effort - before, expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
     ("rate", "moved", "limited"),
     [
         (0.0, 0.0, 0),
-        (50.0, 0.0, 0),
-        (50.0, -2e-4, Limited.RATE),
-        (1e3, -0.005, Limited.EFFORT + Limited.RATE),
+        (0.5, 0.0, 0),
+        (0.5, -2e-4, Limited.RATE),
+        (10.0, -0.005, Limited.EFFORT + Limited.RATE),
         (0.0, -1.0, Limited.EFFORT),
-        (1e6, -1.0, Limited.EFFORT),
+        (1e4, -1.0, Limited.EFFORT),
     ],
 )
-def test_active_limits_are_reported_and_counted(rate: float, moved: float, limited: int) -> None:
-    controller = controller_of(limits__effort_rate=[rate, 0.0], law__name="computed_torque")
+def test_active_limits_are_reported_and_counted(arm: Arm, rate: float, moved: float, limited: int) -> None:
+    """The rate is a share of the limit; stronger motors than those of the two-link arm need a larger motion."""
+    rates, strength = np.zeros(arm.joints), 0.1 * arm.limits[0] / arm.inertia[0]
+    rates[0] = rate * arm.limits[0]
+    controller = controller_of(arm, limits__effort_rate=rates.tolist(), law__name="computed_torque")
     controller.step(START, -1)
     before = controller.effort[0]
-    controller.position[0] = moved
+    controller.position[0] = moved * strength
     controller.step(START + MS, -1)
     assert controller.signals[Signal.SATURATED, 0] == limited
     if limited & Limited.RATE:
-        assert controller.effort[0] == before + rate * 0.001
+        assert controller.effort[0] == before + rates[0] * 0.001
     elif limited:
-        assert controller.effort[0] == LIMITS[0]
+        assert controller.effort[0] == arm.limits[0]
     assert controller.clock(Clock.AT_EFFORT_LIMIT) == (limited & Limited.EFFORT != 0)
     assert controller.clock(Clock.AT_RATE_LIMIT) == (limited & Limited.RATE != 0)
 
 
 @pytest.mark.parametrize("stop", ["hold", "gravity_damping"])
-def test_without_a_joint_state_the_safe_torque_changes_within_the_rate_limit(stop: str) -> None:
-    controller = controller_of(law__name="pid", stop__effort=stop)
-    controller.position[:], controller.reference[0] = (0.3, -0.2), (0.4, -0.1)
+def test_without_a_joint_state_the_safe_torque_changes_within_the_rate_limit(arm: Arm, stop: str) -> None:
+    settings = {**AT_ONCE, "law.name": "pid", "stop.effort": stop}
+    controller = Controller(arm.values(controller_schema, settings))
+    controller.position[:], controller.reference[0] = arm.start, np.array(arm.start) + 0.1
     for k in range(200):
         controller.step(START + k * MS, START + k * MS)
     before = [controller.effort.copy()]
-    assert np.abs(before[0] - gravity(controller.position)).min() > 3.0
-    limited = {"law.name": "pid", "stop.effort": stop, "plausibility.velocity": 0.0, "limits.effort_rate": 100.0}
-    controller.set_parameters(resolve(controller_schema, limited, 2))
+    assert (np.abs(before[0] - arm.effort(arm.start)) > 0.06 * arm.limits).all()
+    rates = arm.limits
+    controller.set_parameters(arm.values(controller_schema, {**settings, "limits.effort_rate": rates.tolist()}))
     for elapsed in (20, 25, 40):
         controller.stop(Fault.STATE_STALE, elapsed * MS)
         before.append(controller.effort.copy())
@@ -107,14 +102,14 @@ def test_without_a_joint_state_the_safe_torque_changes_within_the_rate_limit(sto
     controller.step(START + 240 * MS, -1)
     before.append(controller.effort.copy())
     assert controller.fault == Fault.STATE_STALE
-    allowed = 100.0 * np.array([[0.02], [0.005], [0.015], [0.001]])
+    allowed = np.outer([0.02, 0.005, 0.015, 0.001], rates)
     assert (np.abs(np.diff(before, axis=0)) <= allowed + 1e-9).all()
 
 
-def test_the_rate_limit_does_not_delay_the_last_torque() -> None:
-    controller = controller_of(stop__effort="gravity", limits__effort_rate=1.0)
-    controller.position[:] = 0.3, -0.2
+def test_the_rate_limit_does_not_delay_the_last_torque(arm: Arm) -> None:
+    controller = controller_of(arm, stop__effort="gravity", limits__effort_rate=1.0)
+    controller.position[:] = arm.start
     for k in range(3):
         controller.step(START + k * MS, -1)
     controller.leave()
-    np.testing.assert_allclose(controller.effort, gravity(controller.position), rtol=1e-9)
+    np.testing.assert_allclose(controller.effort, arm.effort(arm.start), rtol=1e-9, atol=1e-9)

@@ -37,17 +37,12 @@ BASE: dict[str, Any] = {"stop.effort": "gravity_damping", "plausibility.velocity
 """A safe torque that can be predicted, and an arm that may jump; the rest: test_safe.py and test_plausibility.py."""
 
 
-def aside(arm: Arm) -> Array:
-    """1 rad or 1 m for the first joint, the opposite for the next one, and so on, shape (joints,)."""
-    return np.resize([1.0, -1.0], arm.joints)
-
-
 class Rig:
     """A controller, called as in its node; the test provides its arm, its reference and its clock.
 
     Attributes:
         start: the reference, shape (joints,), rad or m.
-        aside: see `aside`.
+        aside: 1 rad or 1 m for the first joint, the opposite for the next one, and so on.
         stamp: stamp of the last joint state, ns.
         tick: number of joint states since the motion began.
         referred: whether each joint state comes with a reference of the same stamp.
@@ -59,7 +54,7 @@ class Rig:
 
     def __init__(self, arm: Arm) -> None:
         self.arm, self.start = arm, np.array(arm.start)
-        self.aside = aside(arm)
+        self.aside = arm.alternating(1.0)
         self.controller = Controller(arm.values(controller_schema, BASE))
         self.stamp = 1_000_000 * SECOND
         self.tick = 0
@@ -409,13 +404,6 @@ def saturate(rig: Rig) -> None:
     live(rig, held)
 
 
-def weak(arm: Arm) -> list[float]:
-    """Effort limits that leave about 6.5 rad/s^2 beside gravity, as those of the two-link arm do."""
-    start, turned = np.array(arm.start), np.array(arm.start) + aside(arm)
-    gravity = np.abs([arm.effort(start), arm.effort(turned)]).max(axis=0)
-    return np.minimum(arm.limits, gravity + 6.5 * arm.inertia).tolist()
-
-
 def hold_back(rig: Rig) -> None:
     """Push the arm, so that the law demands more than the rate limit allows."""
     push = rig.arm.effort(rig.start, ddq=7.5 * rig.aside) - rig.arm.effort(rig.start)
@@ -518,7 +506,7 @@ def of_limits(arm: Arm) -> dict[str, Row]:
         "6 measurements far off": Row(
             stay_far_off, **stopped(Fault.MEASUREMENT, FAR_OFF.format(last), n), settings=JUDGED
         ),
-        "saturation for 5 s": Row(saturate, settings={**arm.gains(), "limits.effort": weak(arm)}),
+        "saturation for 5 s": Row(saturate, settings={**arm.gains(), "limits.effort": arm.weak_limits(6.5).tolist()}),
         "`limits.effort_rate` holds the torque back": Row(
             hold_back, settings={"limits.effort_rate": [3.0 * limit for limit in limits]}
         ),

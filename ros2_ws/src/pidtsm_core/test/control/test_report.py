@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from testarms import Arm
 
 from pidtsm_core.control import Clock
 from pidtsm_core.control.report import cause, changes
@@ -24,15 +25,17 @@ def clock(**times: int) -> NDArray[np.int64]:
     ("fault", "text"),
     [
         (Fault.STATE_STALE, "no joint state"),
-        (Fault.POSITION_LIMIT, "elbow is beyond its position limits (limits.*_position)"),
-        (Fault.VELOCITY_LIMIT, "elbow is beyond limits.velocity"),
-        (Fault.TRACKING_LIMIT, "elbow is beyond limits.tracking_error"),
+        (Fault.POSITION_LIMIT, "{} is beyond its position limits (limits.*_position)"),
+        (Fault.VELOCITY_LIMIT, "{} is beyond limits.velocity"),
+        (Fault.TRACKING_LIMIT, "{} is beyond limits.tracking_error"),
         (Fault.EFFORT_RATE_LIMIT, "limits.effort_rate is too tight for the motion of the arm"),
+        (Fault.MEASUREMENT, "{} has implausible measurements (plausibility.velocity)"),
     ],
 )
-def test_every_fault_has_a_cause(fault: Fault, text: str) -> None:
-    assert cause(fault, 2, JOINTS) == text
-    found = changes(FOLLOWS, [Mode.STOPPED, fault, 2, 0], clock(GAP=30_000_000), JOINTS)
+def test_every_fault_has_a_cause(arm: Arm, fault: Fault, text: str) -> None:
+    joint, text = arm.joints, text.format(arm.names[-1])
+    assert cause(fault, joint, arm.names) == text
+    found = changes(FOLLOWS, [Mode.STOPPED, fault, joint, 0], clock(GAP=30_000_000), arm.names)
     age = " for 0.03 s" if fault == Fault.STATE_STALE else ""
     assert [(change.level, change.text) for change in found] == [("error", f"stopped: {text}{age}{STOPPED}")]
 
@@ -57,20 +60,14 @@ def test_the_causes_are_those_of_all_faults() -> None:
         (
             FOLLOWS,
             [0, 0, 0, Violation.POSITION + Violation.TRACKING],
-            [
-                ("warning", "a joint is beyond its position limits (limits.*_position)"),
-                ("warning", "a joint is beyond limits.tracking_error"),
-            ],
+            [("warning", "a joint is beyond its position limits (limits.*_position)"), ("warning", "a joint is beyond limits.tracking_error")],
         ),
         (
             FOLLOWS,
             [Mode.STOPPED, Fault.POSITION_LIMIT, 1, Violation.POSITION + Violation.VELOCITY],
             [
                 ("warning", "a joint is beyond limits.velocity"),
-                (
-                    "error",
-                    f"stopped: shoulder is beyond its position limits (limits.*_position){STOPPED}",
-                ),
+                ("error", f"stopped: shoulder is beyond its position limits (limits.*_position){STOPPED}"),
             ],
         ),
     ],

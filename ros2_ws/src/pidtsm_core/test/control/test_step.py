@@ -1,5 +1,6 @@
 """Properties of every step: a sound torque and a consistent status."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -7,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from testarms import Arm
 
 from pidtsm_core.control import Clock, Controller, controller_schema
 from pidtsm_core.laws import LAWS
-from pidtsm_core.parameters import resolve
 from pidtsm_core.signals import Fault, Mode, Signal, Status, Violation
 
 OF_A_JOINT = (Fault.POSITION_LIMIT, Fault.VELOCITY_LIMIT, Fault.TRACKING_LIMIT, Fault.MEASUREMENT)
@@ -28,8 +29,7 @@ ACTIONS = st.lists(
     min_size=1,
     max_size=60,
 )
-LIMITED: dict[str, Any] = {"limits.effort_rate": [200.0, 0.0], "limits.tracking_error": 5.0, "limits.velocity": 100.0}
-DAMPED: dict[str, Any] = {**LIMITED, "stop.effort": "gravity_damping", "plausibility.velocity": 0.0}
+LIMITED: dict[str, Any] = {"limits.tracking_error": 5.0, "limits.velocity": 100.0}
 WARNED: dict[str, Any] = {
     "limits.min_position": -0.1,
     "limits.max_position": 0.1,
@@ -38,14 +38,33 @@ WARNED: dict[str, Any] = {
 }
 
 
+def rate_of_first(arm: Arm) -> list[float]:
+    """A limit of the rate for the first joint only."""
+    return [2.0 * arm.limits[0], *[0.0] * (arm.joints - 1)]
+
+
+CHANGES: dict[str, Callable[[Arm], dict[str, Any]]] = {
+    "default": lambda arm: {},
+    "limited": lambda arm: {**LIMITED, "limits.effort_rate": rate_of_first(arm)},
+    "damped": lambda arm: {
+        **LIMITED,
+        "limits.effort_rate": rate_of_first(arm),
+        "stop.effort": "gravity_damping",
+        "plausibility.velocity": 0.0,
+    },
+    "warned": lambda arm: WARNED,
+}
+
+
 @pytest.mark.parametrize("law", LAWS.names)
-@pytest.mark.parametrize("changes", [{}, LIMITED, DAMPED, WARNED], ids=["default", "limited", "damped", "warned"])
-@hypothesis_settings(max_examples=30)
+@pytest.mark.parametrize("changes", CHANGES)
+@hypothesis_settings(max_examples=10)
 @given(actions=ACTIONS)
 def test_the_torque_is_always_sound_and_the_status_consistent(
-    law: str, changes: dict[str, Any], actions: list[tuple[str, int, float, float, int]]
+    arm: Arm, law: str, changes: str, actions: list[tuple[str, int, float, float, int]]
 ) -> None:
-    controller = Controller(resolve(controller_schema, {"law.name": law, **changes}, 2))
+    controller = Controller(arm.values(controller_schema, {"law.name": law, **CHANGES[changes](arm)}))
+    shares = np.array(arm.spread(1.0, -0.5))
     config, stamp, fault = controller.config, START, Fault.NO_FAULT
     for action, elapsed, measured, desired, age in actions:
         before = controller.effort.copy()
@@ -61,7 +80,7 @@ def test_the_torque_is_always_sound_and_the_status_consistent(
         if action == "stop":
             controller.stop(Fault.STATE_STALE, stamp - controller.clock(Clock.LAST))
         else:
-            controller.position[:], controller.reference[0] = measured, desired
+            controller.position[:], controller.reference[0] = measured * shares, desired
             controller.step(stamp, stamp - age)
 
         assert np.isfinite(controller.signals).all()
@@ -70,7 +89,7 @@ def test_the_torque_is_always_sound_and_the_status_consistent(
         mode, now, joint, violations = controller.status
         assert (mode == Mode.STOPPED) == (now != Fault.NO_FAULT)
         assert not fault or now in (fault, Fault.EFFORT_RATE_LIMIT), "latched"
-        assert 0 <= joint <= 2
+        assert 0 <= joint <= arm.joints
         assert (joint > 0) == (now in OF_A_JOINT)
         assert not violations & ~sum(Violation)
         fault = Fault(now)
@@ -79,12 +98,11 @@ def test_the_torque_is_always_sound_and_the_status_consistent(
             assert (np.abs(controller.effort - before) <= allowed + 1e-9)[config.effort_rate > 0.0].all()
 
 
-def test_a_removed_limit_is_no_longer_exceeded() -> None:
-    limit = {"limits.min_position": -0.5, "limits.max_position": 0.5, "limits.position_action": "warn"}
-    controller = Controller(resolve(controller_schema, limit, 2))
+def test_a_removed_limit_is_no_longer_exceeded(arm: Arm) -> None:
+    controller = arm.controller(limits__min_position=-0.5, limits__max_position=0.5, limits__position_action="warn")
     controller.position[:] = 0.6
     controller.step(0, -1)
     assert controller.status[Status.VIOLATIONS] == Violation.POSITION
-    controller.set_parameters(resolve(controller_schema, {}, 2))
+    controller.set_parameters(arm.values(controller_schema, {}))
     controller.step(1_000_000, -1)
     assert controller.status[Status.VIOLATIONS] == 0
