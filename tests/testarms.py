@@ -15,7 +15,10 @@ from pidtsm_core.default_motion import default_motion
 from pidtsm_core.experiment import practical_settings
 from pidtsm_core.parameters import Array, Schema, Value, resolve
 from pidtsm_core.robots import Model, Robot, find_robot, inverse_dynamics, make_model
+from pidtsm_core.robots.tree.layout import Column, rows
 
+ROTOR = 5.0
+"""kg m^2 or kg."""
 _PID = {"kp": 50.0, "ki": 50.0, "kd": 10.0}
 """Gains of ``pid`` per inertia, similar to the defaults of the two-link arm."""
 
@@ -48,6 +51,17 @@ class Arm:
     def model(self) -> Model:
         """Its model with the default parameters."""
         return make_model(self.robot, self.robot.pack_model(self.values(controller_schema, {})))
+
+    @cached_property
+    def free(self) -> Model:
+        """A model with its joints but no masses, only rotors of `ROTOR`: joints do not fall, nor move each other."""
+        if self.description == "two_link":
+            values = self.values(controller_schema, {"robot.m1": 0.0, "robot.m2": 0.0})
+            return make_model(self.robot, self.robot.pack_model(values))
+        packed = self.robot.pack_model(self.values(controller_schema, {"robot.armature": ROTOR}))
+        for row in rows(packed):
+            row[Column.MASS : Column.ARMATURE] = 0.0
+        return make_model(self.robot, packed)
 
     @cached_property
     def names(self) -> list[str]:
