@@ -94,6 +94,10 @@ class Arm:
         """The value for the first joint, the opposite for the next one, and so on."""
         return np.resize([value, -value], self.joints)
 
+    def last(self, value: float) -> list[float]:
+        """The value for the last joint, and another one for the others."""
+        return [*[0.8 * value] * (self.joints - 1), value]
+
     def spread(self, first: float, last: float) -> list[float]:
         """A value for every joint, from that of the first to that of the last one."""
         return np.linspace(first, last, self.joints).tolist()
@@ -114,8 +118,12 @@ class Arm:
             return {f"law.{gain}": (share * self.inertia).tolist() for gain, share in _PID.items()}
         if law != "piddtsm":
             return {}
-        found = practical_settings(None, {"simulator": {}, "controller": self.settings})["controller"]
-        return {n: v for n, v in found.items() if n.startswith("law.") and n != "law.disturbance_rejection"}
+        return {n: v for n, v in self.practical.items() if n.startswith("law.") and n != "law.disturbance_rejection"}
+
+    @cached_property
+    def practical(self) -> dict[str, Any]:
+        """Parameters of a controller for encoders, delays and a roughly correct model."""
+        return practical_settings(None, {"simulator": {}, "controller": self.settings})["controller"]
 
     def motion(self, near: bool = False) -> dict[str, dict[str, Any]]:
         """Settings of all nodes for a motion from rest: Case 1, which begins beside its reference unless it is to begin

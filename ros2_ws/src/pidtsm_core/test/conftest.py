@@ -1,16 +1,12 @@
 """Hypothesis for compiled code: no deadlines, and no slow tracing to explain failures.
 
-Also fixtures of several tests: arms with different numbers of joints, a run of Case 1, and the parameters for real
-hardware.
+Also fixtures of several tests: arms with different numbers of joints, and a run of Case 1.
 """
-
-from typing import Any
 
 import pytest
 from hypothesis import Phase, settings
 from testarms import ARMS, Arm
 
-from pidtsm_core.experiment import PRACTICAL_FILE, load_ros_parameters
 from pidtsm_core.rollout import Rollout, rollout
 
 settings.register_profile("compiled", deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
@@ -22,12 +18,6 @@ def arm(request: pytest.FixtureRequest) -> Arm:
     """Every test that asks for it runs with 1, 2, 3 and 7 joints."""
     arm: Arm = request.param
     return arm
-
-
-@pytest.fixture(scope="session")
-def practical() -> dict[str, Any]:
-    """Parameters of the controller for arms with encoders, delays and a roughly correct model."""
-    return load_ros_parameters(PRACTICAL_FILE)["controller"]
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from testarms import ARMS, TWO_LINK, Arm
 
-from pidtsm_core.experiment import load_ros_parameters, practical_parameters
 from pidtsm_core.parameters import Array
 from pidtsm_core.rollout import Rollout, rollout
 from pidtsm_core.signals import Fault, Limited, Signal, Status
@@ -21,7 +20,7 @@ def roll(arm: Arm, name: str, rates: Array, duration: float, limits: Array | Non
     """Run the motion of the arm with a set of parameters; ``practical`` with the sensors for which it is intended."""
     settings = arm.motion()
     if name == "practical":
-        settings["controller"] |= load_ros_parameters(practical_parameters(None, arm.description))["controller"]
+        settings["controller"] |= arm.practical
         settings["simulator"] |= ENCODERS
     settings["controller"]["limits.effort_rate"] = rates.tolist()
     if limits is not None:

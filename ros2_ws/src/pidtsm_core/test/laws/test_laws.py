@@ -1,23 +1,28 @@
-"""Properties of every control law, and of the combinations of surfaces, manifolds and reaching laws."""
+"""Properties of every control law, and of the combinations of surfaces, manifolds and reaching laws.
+
+A law is that of a joint. It is tested for the last joint of each arm, whose gains are packed with those of the others.
+"""
 
 import math
+from functools import cache
 from itertools import product
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from testarms import Arm
 
 from pidtsm_core.control import controller_schema
 from pidtsm_core.family import SLOTS
-from pidtsm_core.laws import LAWS, STATE_SLOTS, Interval, advance, command, law_integers
+from pidtsm_core.laws import LAWS, STATE_SLOTS, Integers, Interval, advance, command, law_integers
 from pidtsm_core.laws.sliding_mode import ACCELERATION_BOUND, MANIFOLDS
-from pidtsm_core.parameters import Value, resolve
+from pidtsm_core.parameters import Array, Value, as_float
 from pidtsm_core.reaching import REACHING_LAWS
 from pidtsm_core.signals import Adaptation
 from pidtsm_core.surfaces import SURFACES, evaluate_surface
 
-PROPERTY = settings(deadline=None, max_examples=60)
+PROPERTY = settings(deadline=None, max_examples=15)
 COMPOSED = [
     {"law.name": "sliding_mode", "law.surface": surface, "law.manifold": manifold, "law.reaching": reaching}
     for surface, manifold, reaching in product(SURFACES.names, MANIFOLDS, REACHING_LAWS.names)
@@ -31,17 +36,26 @@ EACH_SLIDING = pytest.mark.parametrize("chosen", SLIDING, ids=lambda c: "-".join
 SPECIAL = [0.0, -0.0, 5e-324, -1e-200, 1e-12, -1.0, 1e6]
 
 
-class OneJoint:
-    """The law of one joint with its default gains or the given ones."""
+@cache
+def packed(arm: Arm, chosen: tuple[tuple[str, Value], ...]) -> tuple[dict[str, Value], Integers, Array]:
+    """Parameters of an arm whose last joint has the chosen gains, and the others have other ones; integers; gains."""
+    settings = dict(chosen)
+    schema = {p.name: p for p in controller_schema({**arm.settings, **settings})}
+    values = arm.values(controller_schema, {name: value for name, value in settings.items() if name in schema})
+    law, each = LAWS[str(values["law.name"])], dict(values)
+    for name, value in values.items():
+        if name.startswith("law.") and schema[name].per_joint:
+            each[name] = arm.last(as_float(value))
+    return values, law_integers(law, values), law.pack(each, arm.joints)
 
-    def __init__(self, chosen: dict[str, str], **gains: float) -> None:
-        every = {**chosen, **{f"law.{name}": gain for name, gain in gains.items()}}
-        known = {p.name for p in controller_schema(chosen)}
-        self.values: dict[str, Value] = resolve(controller_schema, {k: v for k, v in every.items() if k in known}, 2)
-        self.law = LAWS[chosen["law.name"]]
-        self.integers = law_integers(self.law, self.values)
-        self.p = self.law.pack(self.values, 2)[0]
-        self.x = np.zeros(STATE_SLOTS)
+
+class OneJoint:
+    """The law of the last joint of an arm, with its default gains or the given ones."""
+
+    def __init__(self, arm: Arm, chosen: dict[str, str], **gains: Value) -> None:
+        every: dict[str, Value] = {**chosen, **{f"law.{name}": gain for name, gain in gains.items()}}
+        self.values, self.integers, p = packed(arm, tuple(every.items()))
+        self.p, self.x = p[-1], np.zeros(STATE_SLOTS)
 
     def command(self, e: float, de: float, dde: float, ddq_d: float) -> tuple[float, ...]:
         return command(e, de, dde, ddq_d, self.integers, self.p, self.x, 0.001)
@@ -60,10 +74,10 @@ class OneJoint:
     state=st.lists(st.floats(0.0, 2.0), min_size=STATE_SLOTS, max_size=STATE_SLOTS),
 )
 def test_sigma_is_the_switching_term_when_the_commanded_acceleration_comes_true(
-    chosen: dict[str, str], e: float, de: float, dde: float, ddq_d: float, state: list[float]
+    arm: Arm, chosen: dict[str, str], e: float, de: float, dde: float, ddq_d: float, state: list[float]
 ) -> None:
     """Eq. (32) without disturbance; with sigma = s, the switching term equals s' instead."""
-    joint = OneJoint(chosen, kp=2.0, ki=1.0, kd=0.5)
+    joint = OneJoint(arm, chosen, kp=2.0, ki=1.0, kd=0.5)
     joint.x[:] = state
     _, g, h = evaluate_surface(int(joint.integers[0]), e, de, joint.x[1], joint.p[:SLOTS])
     assume(g > 1e-2)
@@ -83,8 +97,10 @@ def test_sigma_is_the_switching_term_when_the_commanded_acceleration_comes_true(
 @EACH_SLIDING
 @PROPERTY
 @given(e=st.floats(-1.0, 1.0), de=st.floats(-3.0, 3.0), dde=st.floats(-20.0, 20.0), integral=st.floats(-5.0, 5.0))
-def test_sigma_follows_eq_10(chosen: dict[str, str], e: float, de: float, dde: float, integral: float) -> None:
-    joint = OneJoint(chosen, kp=3.0, ki=0.7, kd=0.25)
+def test_sigma_follows_eq_10(
+    arm: Arm, chosen: dict[str, str], e: float, de: float, dde: float, integral: float
+) -> None:
+    joint = OneJoint(arm, chosen, kp=3.0, ki=0.7, kd=0.25)
     joint.x[0] = integral
     expected_s, g, h = evaluate_surface(int(joint.integers[0]), e, de, 0.0, joint.p[:SLOTS])
     _, _, s, sigma, _, _ = joint.command(e, de, dde, 0.0)
@@ -98,8 +114,8 @@ def test_sigma_follows_eq_10(chosen: dict[str, str], e: float, de: float, dde: f
 
 
 @pytest.mark.parametrize("name", [c["law.name"] for c in NAMED if c in SLIDING])
-def test_a_named_law_is_bit_for_bit_the_one_composed_of_its_parts(name: str) -> None:
-    named = OneJoint({"law.name": name})
+def test_a_named_law_is_bit_for_bit_the_one_composed_of_its_parts(arm: Arm, name: str) -> None:
+    named = OneJoint(arm, {"law.name": name})
     surface, manifold, reaching = (int(n) for n in named.integers[:3])
     parts = {
         "law.name": "sliding_mode",
@@ -108,7 +124,7 @@ def test_a_named_law_is_bit_for_bit_the_one_composed_of_its_parts(name: str) -> 
         "law.reaching": REACHING_LAWS.names[reaching],
     }
     gains = {n.removeprefix("law."): v for n, v in named.values.items() if n.startswith("law.") and n != "law.name"}
-    composed = OneJoint(parts, **gains)  # type: ignore[arg-type]
+    composed = OneJoint(arm, parts, **gains)
     np.testing.assert_array_equal(composed.integers, named.integers)
     random = np.random.default_rng(5)
     for _ in range(200):
@@ -121,8 +137,8 @@ def test_a_named_law_is_bit_for_bit_the_one_composed_of_its_parts(name: str) -> 
         assert named.x.tobytes() == composed.x.tobytes()
 
 
-def test_piddtsm_is_made_of_the_articles_parts_and_table_1() -> None:
-    joint = OneJoint({"law.name": "piddtsm"})
+def test_piddtsm_is_made_of_the_articles_parts_and_table_1(arm: Arm) -> None:
+    joint = OneJoint(arm, {"law.name": "piddtsm"})
     surface, manifold, reaching = (int(n) for n in joint.integers[:3])
     assert SURFACES.names[surface] == "dual_terminal"
     assert MANIFOLDS[manifold] == "pid"
@@ -131,9 +147,9 @@ def test_piddtsm_is_made_of_the_articles_parts_and_table_1() -> None:
     assert {name: joint.values[f"law.{name}"] for name in table} == table
 
 
-def test_piddtsm_by_hand() -> None:
+def test_piddtsm_by_hand(arm: Arm) -> None:
     """a_cmd of CONTROL: q_d'' - K1 (alpha u_f + 3 e^2 e') - K2 e' - (Kp s + Ki int s - tau_sw) / Kd."""
-    joint = OneJoint({"law.name": "piddtsm"}, alpha=0.5)
+    joint = OneJoint(arm, {"law.name": "piddtsm"}, alpha=0.5)
     joint.x[0], joint.x[3] = 0.3, -0.2
     # e = 0.25, e' = 2: s = 3.671875, s' without e'' = 8.125.
     a_cmd, a_eq, s, sigma, gain, tau_sw = joint.command(0.25, 2.0, -1.0, 0.6)
@@ -151,8 +167,10 @@ def test_piddtsm_by_hand() -> None:
     de=st.sampled_from(SPECIAL) | st.floats(-1e6, 1e6),
     dde=st.sampled_from(SPECIAL) | st.floats(-1e6, 1e6),
 )
-def test_commands_are_finite_and_bounded_everywhere(chosen: dict[str, str], e: float, de: float, dde: float) -> None:
-    joint = OneJoint(chosen)
+def test_commands_are_finite_and_bounded_everywhere(
+    arm: Arm, chosen: dict[str, str], e: float, de: float, dde: float
+) -> None:
+    joint = OneJoint(arm, chosen)
     for _ in range(3):
         a_cmd, a_eq, s, sigma, gain, tau_sw = joint.command(e, de, dde, 0.5)
         assert all(math.isfinite(v) for v in (a_cmd, a_eq, s, sigma, gain, tau_sw))
@@ -162,8 +180,8 @@ def test_commands_are_finite_and_bounded_everywhere(chosen: dict[str, str], e: f
 
 
 @EACH
-def test_without_error_the_reference_is_followed(chosen: dict[str, str]) -> None:
-    a_cmd, a_eq, _, sigma, _, tau_sw = OneJoint(chosen).command(0.0, 0.0, 0.0, 0.7)
+def test_without_error_the_reference_is_followed(arm: Arm, chosen: dict[str, str]) -> None:
+    a_cmd, a_eq, _, sigma, _, tau_sw = OneJoint(arm, chosen).command(0.0, 0.0, 0.0, 0.7)
     assert sigma == 0.0
     assert tau_sw == 0.0
     # With a surface that is singular there (g = 0), any finite command is permitted.
@@ -173,8 +191,10 @@ def test_without_error_the_reference_is_followed(chosen: dict[str, str]) -> None
 @EACH
 @PROPERTY
 @given(e=st.floats(-1.0, 1.0), de=st.floats(-3.0, 3.0), dde=st.floats(-20.0, 20.0))
-def test_opposite_errors_give_opposite_commands(chosen: dict[str, str], e: float, de: float, dde: float) -> None:
-    here, there = OneJoint(chosen), OneJoint(chosen)
+def test_opposite_errors_give_opposite_commands(
+    arm: Arm, chosen: dict[str, str], e: float, de: float, dde: float
+) -> None:
+    here, there = OneJoint(arm, chosen), OneJoint(arm, chosen)
     for _ in range(3):
         a_cmd, a_eq, s, sigma, gain, tau_sw = here.command(e, de, dde, 0.0)
         assert there.command(-e, -de, -dde, 0.0) == (-a_cmd, -a_eq, -s, -sigma, gain, -tau_sw)
@@ -183,8 +203,8 @@ def test_opposite_errors_give_opposite_commands(chosen: dict[str, str], e: float
 
 
 @EACH_SLIDING
-def test_a_frozen_law_does_not_integrate(chosen: dict[str, str]) -> None:
-    joint = OneJoint(chosen)
+def test_a_frozen_law_does_not_integrate(arm: Arm, chosen: dict[str, str]) -> None:
+    joint = OneJoint(arm, chosen)
     joint.advance(0.5, 2.0, 3.0, 0.01, False)
     assert joint.x[:2].tolist() == pytest.approx([0.02, 0.005])
     kept = joint.x[:2].copy()
