@@ -168,8 +168,13 @@ def _joint(name: str, kind: str, ends: tuple[str, str], place: tuple[str, str], 
     )
 
 
-def _urdf(*parts: str) -> str:
-    return f'<robot name="arm" xmlns:drake="http://drake.mit.edu"><link name="base"/>{"".join(parts)}</robot>'
+def _urdf(*parts: str, tool: tuple[str, str]) -> str:
+    """The links and joints, and a tool: the link that carries it, and its origin."""
+    return (
+        f'<robot name="arm" xmlns:drake="http://drake.mit.edu"><link name="base"/>{"".join(parts)}<link name="tool"/>'
+        f'<joint name="mount" type="fixed"><parent link="{tool[0]}"/><child link="tool"/><origin xyz="{tool[1]}"/>'
+        "</joint></robot>"
+    )
 
 
 _PENDULUM = _urdf(
@@ -182,6 +187,7 @@ _PENDULUM = _urdf(
         'lower="-2" upper="2" effort="60" velocity="3"',
         0.2,
     ),
+    tool=("rod", "0.7 0 0"),
 )
 # The joints move 15 kg, 0.9 kg m^2 and 0.03 kg m^2.
 _CRANE = _urdf(
@@ -212,6 +218,7 @@ _CRANE = _urdf(
         'lower="-2" upper="2" effort="10" velocity="4"',
         0.02,
     ),
+    tool=("hook", "0.2 0 0.05"),
 )
 
 PENDULUM = Arm(_PENDULUM, (0.3,))

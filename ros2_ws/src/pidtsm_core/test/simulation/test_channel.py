@@ -1,8 +1,9 @@
-"""Losses and delays of a transport."""
+"""Losses and delays of a transport: whole packets, whatever the number of joints."""
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from testarms import Arm
 
 from pidtsm_core.parameters import resolve
 from pidtsm_core.simulation.channel import arrived, channel_config, channel_state, loses, place
@@ -12,12 +13,12 @@ SAMPLES = 100_000
 PREFIX = pytest.mark.parametrize("prefix", ["", "command_"], ids=["measurements", "commands"])
 
 
-def losses(prefix: str, rate: int = 1000, **changes: object) -> NDArray[np.bool_]:
+def losses(prefix: str, rate: int = 1000, samples: int = SAMPLES, **changes: object) -> NDArray[np.bool_]:
     """Whether each sample is lost."""
     given = {f"dropout.{prefix}{name}": value for name, value in changes.items()}
     values = resolve(simulator_schema, {"rate": rate, **given}, 2)
     config, state = channel_config(values, prefix), channel_state(values, prefix, 1, 2)
-    draws = np.random.default_rng(1).random((SAMPLES, 2))
+    draws = np.random.default_rng(1).random((samples, 2))
     return np.array([loses(config, state, k, a, b) for k, (a, b) in enumerate(draws)])
 
 
@@ -60,27 +61,28 @@ def test_a_window_loses_exactly_the_samples_within_it(
     prefix: str, rate: int, time: float, duration: float, first: int, end: int
 ) -> None:
     """A period of 300 Hz is a little shorter than a third of 10 ms, so its 30th sample comes before 0.1 s."""
-    lost = losses(prefix, rate, time=time, duration=duration)
+    lost = losses(prefix, rate, 2000, time=time, duration=duration)
     np.testing.assert_array_equal(np.flatnonzero(lost), np.arange(first, end))
 
 
 @pytest.mark.parametrize(("probability", "share"), [(0.0, 0.0), (1.0, 1.0)])
 def test_nothing_and_everything_may_be_lost(probability: float, share: float) -> None:
-    assert losses("", probability=probability).mean() == share
+    assert losses("", samples=2000, probability=probability).mean() == share
 
 
 @PREFIX
 @pytest.mark.parametrize("delay", [0, 1, 2, 7])
-def test_a_packet_arrives_after_the_delay_exactly_once_or_never(prefix: str, delay: int) -> None:
-    values = resolve(simulator_schema, {f"delay.{prefix}samples": delay}, 2)
-    state = channel_state(values, prefix, 1, 2)
+def test_a_packet_arrives_after_the_delay_exactly_once_or_never(arm: Arm, prefix: str, delay: int) -> None:
+    values = arm.values(simulator_schema, {f"delay.{prefix}samples": delay})
+    state = channel_state(values, prefix, 1, arm.joints)
     kept = np.random.default_rng(2).random(200) < 0.7
     received = {}
     for k in range(200):
         if kept[k]:
             slot = place(state, k)
             state.sent[slot] = k
-            state.packets[slot] = k
+            state.packets[slot] = np.arange(k, k + arm.joints)
         if arrived(state, k - delay):
-            received[k] = state.packets[place(state, k - delay), 0, 0]
-    assert received == {k + delay: k for k in np.flatnonzero(kept) if k + delay < 200}
+            received[k] = state.packets[place(state, k - delay), 0].tolist()
+    sent = [k for k in range(200) if kept[k] and k + delay < 200]
+    assert received == {k + delay: list(range(k, k + arm.joints)) for k in sent}

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from testarms import Arm
 
-from pidtsm_core.parameters import resolve
 from pidtsm_core.simulation.randomness import Column, Randomness
 from pidtsm_core.simulation.simulator import simulator_schema
 
@@ -18,26 +18,26 @@ ALL = {
 SAMPLES = 3000
 
 
-def source(**changes: object) -> Randomness:
-    return Randomness(resolve(simulator_schema, {**ALL, **changes}, 2), 2)
+def source(arm: Arm, **changes: object) -> Randomness:
+    return Randomness(arm.values(simulator_schema, {**ALL, **changes}), arm.joints)
 
 
-def test_drawing_in_parts_gives_the_same_numbers() -> None:
+def test_drawing_in_parts_gives_the_same_numbers(arm: Arm) -> None:
     """A rollout draws all numbers at once, a node row by row from blocks."""
-    whole = source().draw(SAMPLES)
-    a, b = source(), source()
+    whole = source(arm).draw(SAMPLES)
+    a, b = source(arm), source(arm)
     np.testing.assert_array_equal([a.next() for _ in range(SAMPLES)], whole)
     np.testing.assert_array_equal(np.vstack([b.draw(n) for n in (1, 7, 0, 992, 2000)]), whole)
 
 
-def test_seeds_decide() -> None:
-    np.testing.assert_array_equal(source(seed=5).draw(SAMPLES), source(seed=5).draw(SAMPLES))
-    assert (source(seed=5).draw(SAMPLES) != source(seed=6).draw(SAMPLES)).all()
+def test_seeds_decide(arm: Arm) -> None:
+    np.testing.assert_array_equal(source(arm, seed=5).draw(SAMPLES), source(arm, seed=5).draw(SAMPLES))
+    assert (source(arm, seed=5).draw(SAMPLES) != source(arm, seed=6).draw(SAMPLES)).all()
 
 
-def test_purposes_are_independent_and_have_their_distributions() -> None:
-    rows = source().draw(100_000)
-    assert np.abs(np.corrcoef(rows.T) - np.eye(len(Column) + 1)).max() < 0.02
+def test_purposes_are_independent_and_have_their_distributions(arm: Arm) -> None:
+    rows = source(arm).draw(100_000)
+    assert np.abs(np.corrcoef(rows.T) - np.eye(Column.NOISE + arm.joints)).max() < 0.02
     uniform, normal = rows[:, : Column.JITTER], rows[:, Column.JITTER :]
     assert uniform.min() >= 0.0
     assert uniform.max() < 1.0
@@ -47,15 +47,15 @@ def test_purposes_are_independent_and_have_their_distributions() -> None:
 
 
 @pytest.mark.parametrize("switch", ALL)
-def test_what_is_off_draws_nothing_and_changes_nothing_else(switch: str) -> None:
-    everything, rest = source().draw(SAMPLES), source(**{switch: 0.0}).draw(SAMPLES)
+def test_what_is_off_draws_nothing_and_changes_nothing_else(arm: Arm, switch: str) -> None:
+    everything, rest = source(arm).draw(SAMPLES), source(arm, **{switch: 0.0}).draw(SAMPLES)
     off = ~rest.any(axis=0)
-    assert off.sum() == (2 if switch == "noise.std" else 1)
+    assert off.sum() == (arm.joints if switch == "noise.std" else 1)
     np.testing.assert_array_equal(rest[:, ~off], everything[:, ~off])
 
 
-def test_a_purpose_may_be_switched_on_under_way() -> None:
-    randomness = Randomness(resolve(simulator_schema, {}, 2), 2)
+def test_a_purpose_may_be_switched_on_under_way(arm: Arm) -> None:
+    randomness = Randomness(arm.values(simulator_schema, {}), arm.joints)
     assert not randomness.next().any()
-    randomness.set_parameters(resolve(simulator_schema, {"noise.std": 1e-3}, 2))
+    randomness.set_parameters(arm.values(simulator_schema, {"noise.std": 1e-3}))
     assert randomness.next()[Column.NOISE :].all()

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from testarms import Arm, dotted
 
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.parameters import Array, ParameterError, resolve
@@ -13,9 +14,9 @@ from pidtsm_core.signals import Signal
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 from pidtsm_core.timing import seconds
 
-EVERYTHING = {
+EVERYTHING: dict[str, Any] = {
     "encoder.bits": 16,
-    "encoder.bias": [1e-4, -1e-4],
+    "encoder.bias": 1e-4,
     "noise.std": 1e-5,
     "backlash.gap": 1e-4,
     "jitter.std": 1e-5,
@@ -38,23 +39,32 @@ EVERYTHING = {
     "model_error.inertia": -0.1,
     "model_error.length": 0.01,
     "payload.mass": 0.2,
-    "payload.time": 0.5,
-    "push.effort": [5.0, 0.0],
-    "push.time": 0.7,
+    "payload.time": 0.2,
+    "push.effort": 5.0,
+    "push.time": 0.3,
     "push.duration": 0.1,
     "seed": 3,
 }
+PER_JOINT = ("encoder.bias", "push.effort")
 MS = 1_000_000
 CALM = {"estimator.velocity_cutoff": 50.0, "law.upsilon": 1.0}
 
 
-def run(simulator: dict[str, Any], duration: float = 1.0) -> Rollout:
-    return rollout({"controller": CALM, "simulator": simulator}, duration)
+def of(arm: Arm, effects: dict[str, Any]) -> dict[str, Any]:
+    """Effects on an arm; some of them differ between the joints."""
+    return {n: arm.spread(v, -0.5 * v) if n in PER_JOINT else v for n, v in effects.items()}
 
 
-def robot_of(**changes: object) -> SimulatedRobot:
+def run(arm: Arm, simulator: dict[str, Any], duration: float = 0.5) -> Rollout:
+    settings = arm.motion()
+    settings["controller"] |= CALM
+    settings["simulator"] |= of(arm, simulator)
+    return rollout(settings, duration)
+
+
+def robot_of(arm: Arm, **changes: object) -> SimulatedRobot:
     """A simulated robot; parameter names with two underscores instead of the dot."""
-    return SimulatedRobot(resolve(simulator_schema, {n.replace("__", "."): v for n, v in changes.items()}, 2))
+    return SimulatedRobot(arm.values(simulator_schema, dotted(changes)))
 
 
 @pytest.mark.parametrize(
@@ -62,15 +72,15 @@ def robot_of(**changes: object) -> SimulatedRobot:
     [{}, EVERYTHING, {"delay.samples": 3}, {"actuator.lag": 0.01}],
     ids=["ideal", "everything", "delay", "lag"],
 )
-def test_stepping_the_robot_as_the_node_does_gives_the_bits_of_the_rollout(simulator: dict[str, Any]) -> None:
-    whole = run(simulator)
-    robot = SimulatedRobot(resolve(simulator_schema, simulator, 2))
-    controller = Controller(resolve(controller_schema, {**EXPERIMENT["controller"], **CALM}, 2))
-    motion = ReferenceMotion(resolve(reference_schema, {}, 2))
-    begun, arm = -1, robot.state.arm
+def test_stepping_the_robot_as_the_node_does_gives_the_bits_of_the_rollout(arm: Arm, simulator: dict[str, Any]) -> None:
+    whole, settings = run(arm, simulator), arm.motion()
+    robot = SimulatedRobot(arm.values(simulator_schema, {**settings["simulator"], **of(arm, simulator)}))
+    controller = Controller(arm.values(controller_schema, {**EXPERIMENT["controller"], **CALM}))
+    motion = ReferenceMotion(resolve(reference_schema, {"joints": arm.names, **settings["trajectory"]}, arm.joints))
+    begun, moving = -1, robot.state.arm
     for k in range(len(whole.time)):
-        assert whole.position[k].tobytes() == arm.position.tobytes(), k
-        assert whole.velocity[k].tobytes() == arm.derivatives[0].tobytes(), k
+        assert whole.position[k].tobytes() == moving.position.tobytes(), k
+        assert whole.velocity[k].tobytes() == moving.derivatives[0].tobytes(), k
         acquired, measured = robot.sense(k)
         if acquired >= 0:
             begun = acquired if begun < 0 else begun
@@ -80,28 +90,30 @@ def test_stepping_the_robot_as_the_node_does_gives_the_bits_of_the_rollout(simul
             assert whole.signals[acquired].tobytes() == controller.signals.tobytes(), k
             assert whole.status[acquired].tolist() == list(status), k
         robot.act(k, acquired >= 0, controller.effort)
-        assert whole.effort[k].tobytes() == arm.effort.tobytes(), k
+        assert whole.effort[k].tobytes() == moving.effort.tobytes(), k
 
 
 @pytest.mark.parametrize("name", [n for n in EVERYTHING if n not in ("seed", "dropout.burst", "dropout.command_burst")])
-def test_every_effect_is_off_by_default_and_does_something(name: str) -> None:
+def test_every_effect_is_off_by_default_and_does_something(arm: Arm, name: str) -> None:
     on = {name: EVERYTHING[name]}
     if name.startswith(("payload", "push")):
         on = {n: v for n, v in EVERYTHING.items() if n.startswith(name.split(".", maxsplit=1)[0])}
-    assert run(on).position.tobytes() != run({}).position.tobytes()
+    assert run(arm, on).position.tobytes() != run(arm, {}).position.tobytes()
 
 
-def test_the_seed_decides() -> None:
-    first, again, other = run(EVERYTHING), run(EVERYTHING), run({**EVERYTHING, "seed": 4})
+def test_the_seed_decides(arm: Arm) -> None:
+    first, again, other = run(arm, EVERYTHING), run(arm, EVERYTHING), run(arm, {**EVERYTHING, "seed": 4})
     assert first.position.tobytes() == again.position.tobytes()
     assert first.position.tobytes() != other.position.tobytes()
-    assert run({"seed": 4}).position.tobytes() == run({}).position.tobytes(), "nothing is random by default"
+    assert run(arm, {"seed": 4}).position.tobytes() == run(arm, {}).position.tobytes(), "nothing is random by default"
 
 
 @pytest.mark.parametrize("measurement", [0, 3])
 @pytest.mark.parametrize("command", [0, 2])
-def test_the_arm_stands_on_its_brakes_until_a_command_has_come_all_the_way(measurement: int, command: int) -> None:
-    delayed = run({"delay.samples": measurement, "delay.command_samples": command}, 0.1)
+def test_the_arm_stands_on_its_brakes_until_a_command_has_come_all_the_way(
+    arm: Arm, measurement: int, command: int
+) -> None:
+    delayed = run(arm, {"delay.samples": measurement, "delay.command_samples": command}, 0.1)
     waiting = measurement + command
     assert not delayed.effort[:waiting].any()
     assert (delayed.position[: waiting + 1] == delayed.position[0]).all()
@@ -112,45 +124,50 @@ def test_the_arm_stands_on_its_brakes_until_a_command_has_come_all_the_way(measu
     np.testing.assert_array_equal(delayed.signals[-measurement - 1 :], delayed.signals[[-1] * (measurement + 1)])
 
 
+def pushing(arm: Arm) -> Array:
+    """A torque that pushes every joint away from rest."""
+    return arm.effort(arm.robot.initial_position, ddq=arm.alternating(8.0))
+
+
 @pytest.mark.parametrize("lag", [0.0, 0.01])
-def test_brakes_stop_the_arm_without_a_jump_until_the_next_command(lag: float) -> None:
-    robot, effort = robot_of(actuator__lag=lag, command__timeout=0.001), np.array([100.0, -50.0])
-    arm = robot.state.arm
+def test_brakes_stop_the_arm_without_a_jump_until_the_next_command(arm: Arm, lag: float) -> None:
+    robot, effort = robot_of(arm, actuator__lag=lag, command__timeout=0.001), pushing(arm)
+    moving = robot.state.arm
     for k in range(100):
         robot.sense(k)
         robot.act(k, True, effort)
-    velocity = arm.derivatives[0].copy()
+    velocity = moving.derivatives[0].copy()
     assert np.abs(velocity).min() > 0.1
     for k in range(100, 140):
-        before, speed = arm.position.copy(), np.abs(arm.derivatives[0]).copy()
+        before, speed = moving.position.copy(), np.abs(moving.derivatives[0]).copy()
         robot.sense(k)
         robot.act(k, False, effort)
-        assert (np.abs(arm.position - before) <= speed * 1e-3).all()
-        assert not arm.effort.any()
-    assert np.abs(arm.derivatives).max() < 1e-4
+        assert (np.abs(moving.position - before) <= speed * 1e-3).all()
+        assert not moving.effort.any()
+    assert np.abs(moving.derivatives).max() < 1e-4
     robot.sense(140)
     robot.act(140, True, effort)
-    assert np.abs(arm.effort).min() > 0.0
-    assert np.abs(arm.derivatives[0]).min() > 1e-4
+    assert np.abs(moving.effort).min() > 0.0
+    assert np.abs(moving.derivatives[0]).min() > 1e-4
 
 
-def test_what_is_on_its_way_still_arrives_after_the_brakes_are_closed() -> None:
-    robot = robot_of(delay__command_samples=3, command__timeout=0.001)
+def test_what_is_on_its_way_still_arrives_after_the_brakes_are_closed(arm: Arm) -> None:
+    robot = robot_of(arm, delay__command_samples=3, command__timeout=0.001)
     for k in range(10):
         robot.sense(k)
-        robot.act(k, True, np.array([30.0, 10.0]))
+        robot.act(k, True, 0.3 * arm.limits)
     moved = []
     for k in range(10, 16):
         robot.sense(k)
-        robot.act(k, False, np.zeros(2))
+        robot.act(k, False, np.zeros(arm.joints))
         moved.append(bool(robot.state.arm.effort.any()))
     assert moved == [True] * 3 + [False] * 3
 
 
-def test_a_reset_arm_is_where_it_began_and_moves_as_it_did() -> None:
-    changes = {"backlash__gap": 1e-3, "actuator__lag": 0.005, "initial_position": [0.3, 0.2]}
-    robot, effort = robot_of(**changes), np.array([40.0, 5.0])
-    values = resolve(simulator_schema, {n.replace("__", "."): v for n, v in changes.items()}, 2)
+def test_a_reset_arm_is_where_it_began_and_moves_as_it_did(arm: Arm) -> None:
+    changes = {"backlash.gap": 1e-3, "actuator.lag": 0.005, "initial_position": arm.start}
+    values = arm.values(simulator_schema, changes)
+    robot, effort = SimulatedRobot(values), 0.3 * arm.limits
     motions: list[list[bytes]] = []
     for start in (0, 50):
         motions.append([])
@@ -159,13 +176,13 @@ def test_a_reset_arm_is_where_it_began_and_moves_as_it_did() -> None:
             motions[-1].append(measured.tobytes())
             robot.act(k, True, effort)
         robot.reset(values)
-    assert robot.state.arm.position.tolist() == [0.3, 0.2]
+    np.testing.assert_array_equal(robot.state.arm.position, arm.start)
     assert not robot.state.arm.derivatives.any()
     assert motions[0] == motions[1]
 
 
-def test_a_measurement_arrives_with_its_sample_after_the_delay() -> None:
-    robot = robot_of(delay__samples=2)
+def test_a_measurement_arrives_with_its_sample_after_the_delay(arm: Arm) -> None:
+    robot = robot_of(arm, delay__samples=2)
     positions = []
     for k in range(50):
         positions.append(robot.state.arm.position.copy())
@@ -173,49 +190,50 @@ def test_a_measurement_arrives_with_its_sample_after_the_delay() -> None:
         assert acquired == (k - 2 if k >= 2 else -1)
         if acquired >= 0:
             np.testing.assert_array_equal(measured, positions[acquired])
-        robot.act(k, True, np.array([30.0, 10.0]))
+        robot.act(k, True, 0.3 * arm.limits)
 
 
-def test_a_lost_command_leaves_the_torque_as_it_was() -> None:
-    robot = robot_of(dropout__command_probability=0.3)
+def test_a_lost_command_leaves_the_torque_as_it_was(arm: Arm) -> None:
+    robot = robot_of(arm, dropout__command_probability=0.3)
     efforts: list[Array] = []
     for k in range(200):
         robot.sense(k)
-        robot.act(k, True, np.array([float(k + 1), 1.0]))
+        robot.act(k, True, 0.01 * (k + 1) * arm.limits)
         efforts.append(robot.state.arm.effort.copy())
-    got = np.array(efforts)[:, 0]
-    sent = np.minimum(np.arange(1.0, 201.0), 100.0)
-    late = got != sent
-    assert 0.15 < late[:99].mean() < 0.45
+    got = np.array(efforts)
+    sent = np.outer(np.minimum(0.01 * np.arange(1.0, 201.0), 1.0), arm.limits)
+    late = ~np.isclose(got, sent, rtol=1e-12)
+    assert (late == late[:, [0] * arm.joints]).all(), "all joints at once"
+    assert 0.15 < late[:99, 0].mean() < 0.45
     np.testing.assert_array_equal(got[1:][late[1:]], got[:-1][late[1:]])
 
 
-def test_if_everything_is_lost_the_arm_does_not_move() -> None:
-    dead = run({"dropout.probability": 1.0}, 0.1)
+def test_if_everything_is_lost_the_arm_does_not_move(arm: Arm) -> None:
+    dead = run(arm, {"dropout.probability": 1.0}, 0.1)
     assert not dead.effort.any()
     assert not dead.signals.any()
     assert (dead.position == dead.position[0]).all()
 
 
-def test_new_parameters_count_from_the_next_sample_on() -> None:
+def test_new_parameters_count_from_the_next_sample_on(arm: Arm) -> None:
     """This also holds for a robot that was ideal before; it keeps its present torque."""
-    robot = robot_of()
-    effort = np.array([30.0, 10.0])
+    robot = robot_of(arm)
+    effort = 0.3 * arm.limits
     robot.sense(0)
     robot.act(0, True, effort)
-    values = resolve(simulator_schema, {"dropout.command_probability": 1.0, "encoder.bias": 0.5}, 2)
-    robot.set_parameters(values)
+    bias = arm.spread(0.5, -0.5)
+    robot.set_parameters(arm.values(simulator_schema, {"dropout.command_probability": 1.0, "encoder.bias": bias}))
     acquired, measured = robot.sense(1)
     assert acquired == 1
-    np.testing.assert_array_equal(measured, robot.state.arm.position + 0.5)
+    np.testing.assert_array_equal(measured, robot.state.arm.position + bias)
     robot.act(1, True, effort * 2.0)
     np.testing.assert_array_equal(robot.state.arm.effort, effort)
 
 
 @pytest.mark.parametrize("lost", ["dropout.command_", "dropout."], ids=["commands", "measurements"])
-def test_brakes_hold_the_arm_while_commands_stay_out_for_too_long(lost: str) -> None:
+def test_brakes_hold_the_arm_while_commands_stay_out_for_too_long(arm: Arm, lost: str) -> None:
     """Commands may be missing because they are lost, or because the controller receives no measurement."""
-    braked = run({"command.timeout": 0.05, f"{lost}time": 0.5, f"{lost}duration": 0.2}, 1.0)
+    braked = run(arm, {"command.timeout": 0.05, f"{lost}time": 0.5, f"{lost}duration": 0.2}, 1.0)
     torque = np.abs(braked.effort).max(axis=1)
     # The last torque is held for the timeout, counted from the sample of the last command.
     np.testing.assert_array_equal(braked.effort[500:549], braked.effort[[499] * 49])
@@ -225,15 +243,17 @@ def test_brakes_hold_the_arm_while_commands_stay_out_for_too_long(lost: str) -> 
     assert np.abs(braked.velocity[-1]).max() > 1e-3
 
 
-def test_without_a_timeout_the_last_torque_is_held_for_ever() -> None:
-    held = run({"command.timeout": 0.0, "dropout.time": 0.1, "dropout.duration": 2.0}, 1.0)
+def test_without_a_timeout_the_last_torque_is_held_for_ever(arm: Arm) -> None:
+    held = run(arm, {"command.timeout": 0.0, "dropout.time": 0.1, "dropout.duration": 2.0}, 1.0)
     np.testing.assert_array_equal(held.effort[100:], held.effort[[99] * 900])
 
 
-def test_the_limits_stand_after_the_drives() -> None:
-    strong = run({"actuator.torque_constant_error": 0.5}, 0.1)
-    assert np.abs(strong.effort[:, 0]).max() == 100.0
-    assert np.abs(strong.signals[:, Signal.EFFORT, 0]).max() == 100.0
+def test_the_limits_stand_after_the_drives(arm: Arm) -> None:
+    robot = robot_of(arm, actuator__torque_constant_error=0.5)
+    for k, share in enumerate((0.9, -0.9)):
+        robot.sense(k)
+        robot.act(k, True, share * arm.limits)
+        np.testing.assert_array_equal(robot.state.arm.effort, np.sign(share) * arm.limits)
 
 
 @pytest.mark.parametrize(
@@ -242,7 +262,7 @@ def test_the_limits_stand_after_the_drives() -> None:
         ("encoder.bits", -1),
         ("encoder.bits", 12.5),
         ("noise.std", -1e-3),
-        ("noise.std", [1.0, 2.0, 3.0]),
+        ("noise.std", [1.0] * 5),
         ("jitter.std", -1e-6),
         ("backlash.gap", -0.1),
         ("delay.samples", -1),
@@ -262,6 +282,6 @@ def test_the_limits_stand_after_the_drives() -> None:
         ("seed", -1),
     ],
 )
-def test_invalid_values_are_refused(name: str, value: object) -> None:
+def test_invalid_values_are_refused(arm: Arm, name: str, value: object) -> None:
     with pytest.raises(ParameterError, match=name):
-        resolve(simulator_schema, {name: value}, 2)
+        arm.values(simulator_schema, {name: value})
