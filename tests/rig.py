@@ -16,20 +16,17 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from testarms import TWO_LINK, Arm
 from testbed import Testbed, open_testbed
 
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.node_parameters import simulator_node_schema
-from pidtsm_core.parameters import Array, resolve
-from pidtsm_core.robots.two_link import TWO_LINK
+from pidtsm_core.parameters import Array
 from pidtsm_core.simulation.simulator import SimulatedRobot
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.qos import RECORDER
 from pidtsm_ros.stamps import nanoseconds, set_stamp
 
-NAMES = ["joint1", "joint2"]
-LIMITS = np.array([100.0, 50.0])
-"""N m."""
 DAMPING = 20.0
 """Of the safe torque, N m s/rad."""
 MS = 1_000_000
@@ -39,18 +36,14 @@ SECOND = 1000 * MS
 _UNDISTURBED = 100  # ticks
 
 
-def gravity(position: Sequence[float] | Array) -> Array:
-    """Torque that carries the arm at rest, N m, shape (2,)."""
-    values = {f"robot.{p.name}": p.default for p in TWO_LINK.parameters}
-    effort = np.zeros((1, 2))
-    model = TWO_LINK.pack_model(values)
-    TWO_LINK.dynamics.inverse_dynamics(np.array(position), np.zeros(2), np.zeros((1, 2)), model, effort)
-    return effort[0]
+def gravity(position: Sequence[float] | Array, arm: Arm = TWO_LINK) -> Array:
+    """Torque that carries the arm at rest, N m, shape (joints,)."""
+    return arm.effort(np.array(position))
 
 
-def safe_effort(state: ControllerState) -> Array:
-    """The torque of a controller that has stopped, N m, shape (2,)."""
-    return np.clip(gravity(state.position) - DAMPING * np.array(state.velocity), -LIMITS, LIMITS)
+def safe_effort(state: ControllerState, arm: Arm = TWO_LINK) -> Array:
+    """The torque of a controller that has stopped, N m, shape (joints,)."""
+    return np.clip(gravity(state.position, arm) - DAMPING * np.array(state.velocity), -arm.limits, arm.limits)
 
 
 def document_rows(page: Path, section: str) -> list[str]:
@@ -63,13 +56,13 @@ def document_rows(page: Path, section: str) -> list[str]:
 class Watch:
     """Keeps every message of some topics, and finds what must never be in one."""
 
-    def __init__(self, node: Node, topics: Mapping[str, type]) -> None:
+    def __init__(self, node: Node, topics: Mapping[str, type], arm: Arm = TWO_LINK) -> None:
         """Listen; messages are heard as the node's executor spins, and where it has none, when they are taken.
 
         A node learns of the subscriptions in the order of the topics: that of its first message (`start.subscribers`)
         comes last, so that nothing is missed.
         """
-        self._types = dict(topics)
+        self._types, self._arm = dict(topics), arm
         self.heard: dict[str, list[bytes]] = {topic: [] for topic in topics}
         self._subscriptions = {
             topic: node.create_subscription(
@@ -102,8 +95,8 @@ class Watch:
             for message in self.messages(topic):
                 assert all(map(math.isfinite, _numbers(message))), f"not finite: {message}"
                 if getattr(message, "effort", ()):
-                    assert list(message.name) == NAMES
-                    assert (np.abs(message.effort) <= LIMITS).all(), f"beyond a limit: {message}"
+                    assert list(message.name) == self._arm.names
+                    assert (np.abs(message.effort) <= self._arm.limits).all(), f"beyond a limit: {message}"
             heard.clear()
 
 
@@ -123,6 +116,7 @@ class Rig:
     """A node on the testbed for many tests in turn.
 
     Attributes:
+        arm: the arm of the node.
         watch: what the node publishes.
         sound: no test has failed on it.
         rejected: number of messages that the node should have rejected so far.
@@ -130,12 +124,12 @@ class Rig:
 
     node: str
 
-    def __init__(self, testbed: Testbed, topics: Mapping[str, type], *parameters: str) -> None:
-        self.testbed = testbed
+    def __init__(self, testbed: Testbed, arm: Arm, topics: Mapping[str, type], *parameters: str) -> None:
+        self.testbed, self.arm = testbed, arm
         self.sound = True
         self.rejected = 0
-        self.watch = Watch(testbed.node, {**topics, "/diagnostics": DiagnosticArray})
-        self.process = testbed.start(self.node, *parameters)
+        self.watch = Watch(testbed.node, {**topics, "/diagnostics": DiagnosticArray}, arm)
+        self.process = testbed.start(self.node, f"robot.description:={arm.description}", *parameters)
         self._said = 0
 
     def step(self) -> Any:
@@ -183,15 +177,15 @@ class ControllerRig(Rig):
     """
 
     node = "controller"
-    start = (0.2, -0.1)
     # An arm that may jump, and a safe torque that can be told.
     settings = ("plausibility.velocity:=0.0", "stop.effort:=gravity_damping")
 
-    def __init__(self, testbed: Testbed, *parameters: str) -> None:
+    def __init__(self, testbed: Testbed, *parameters: str, arm: Arm = TWO_LINK) -> None:
+        self.start = arm.start
         # Every message counts, also where the controller, by its parameters, runs in realtime.
         asked_for = [f"qos_overrides./{t}.subscription.reliability:=reliable" for t in ("joint_states", "reference")]
         topics = {"controller/state": ControllerState, "joint_commands": JointState}
-        super().__init__(testbed, topics, *self.settings, *parameters, *asked_for)
+        super().__init__(testbed, arm, topics, *self.settings, *parameters, *asked_for)
         self.joint_states = testbed.node.create_publisher(JointState, "joint_states", 10)
         self.references = testbed.node.create_publisher(JointReference, "reference", 10)
         testbed.spin_until(
@@ -205,24 +199,25 @@ class ControllerRig(Rig):
 
     @cached_property
     def undisturbed(self) -> Array:
-        """Torques at the first ticks after `begin`, where nothing goes wrong, shape (ticks, 2), N m."""
+        """Torques at the first ticks after `begin`, where nothing goes wrong, shape (ticks, joints), N m."""
         self.begin()
         efforts = self.drive(_UNDISTURBED)
-        assert (np.abs(efforts) < LIMITS).all()
+        assert (np.abs(efforts) < self.arm.limits).all()
         return efforts
 
-    def joint_state(self, position: Sequence[float], names: Sequence[str] = NAMES, dt: int = MS) -> JointState:
+    def joint_state(self, position: Sequence[float], names: Sequence[str] | None = None, dt: int = MS) -> JointState:
         """A joint state dt (ns) after the last."""
-        message = JointState(name=list(names), position=list(position))
+        message = JointState(name=self.arm.names if names is None else list(names), position=list(position))
         set_stamp(message.header.stamp, self.stamp + dt)
         return message
 
     def reference(
-        self, position: Sequence[float] = start, names: Sequence[str] = NAMES, dt: int = MS
+        self, position: Sequence[float] = (), names: Sequence[str] | None = None, dt: int = MS
     ) -> JointReference:
-        """A reference for a joint state dt (ns) after the last."""
-        rest = [0.0] * len(position)
-        message = JointReference(name=list(names), position=list(position), velocity=rest, acceleration=rest)
+        """A reference for a joint state dt (ns) after the last; by default to the start."""
+        position = position or self.start
+        rest, named = [0.0] * len(position), self.arm.names if names is None else list(names)
+        message = JointReference(name=named, position=list(position), velocity=rest, acceleration=rest)
         set_stamp(message.header.stamp, self.stamp + dt)
         return message
 
@@ -230,7 +225,7 @@ class ControllerRig(Rig):
         """Where the arm is at this tick: it swings, gently, beside its reference."""
         return [q + 0.005 * (1.0 - math.cos(0.02 * self.tick)) for q in self.start]
 
-    def step(self, position: Sequence[float] = (), dt: int = MS, desired: Sequence[float] = start) -> ControllerState:
+    def step(self, position: Sequence[float] = (), dt: int = MS, desired: Sequence[float] = ()) -> ControllerState:
         """A joint state dt (ns) after the last, and what the controller makes of it."""
         message = self.joint_state(position or self.measured(), dt=dt)
         if self.referred:
@@ -275,21 +270,22 @@ class SimulatorRig(Rig):
     """A simulator in lockstep, and the test as its controller; `twin` is the arm as it should move."""
 
     node = "simulator"
-    effort = (30.0, -5.0)
 
-    def __init__(self, testbed: Testbed) -> None:
+    def __init__(self, testbed: Testbed, arm: Arm = TWO_LINK) -> None:
         topics = {"simulator/ground_truth": JointState, "joint_states": JointState}
-        super().__init__(testbed, topics, "clock:=lockstep", "start.subscribers:=1", "lockstep.timeout:=60.0")
+        super().__init__(testbed, arm, topics, "clock:=lockstep", "start.subscribers:=1", "lockstep.timeout:=60.0")
         self.commands = testbed.node.create_publisher(JointState, "joint_commands", 10)
-        self.twin = SimulatedRobot(resolve(simulator_node_schema, {}, 2))
+        self.twin = SimulatedRobot(arm.values(simulator_node_schema, {}))
+        self.effort = (arm.alternating(0.3) * arm.limits).tolist()
         self.sample = 0
         self._wait()
 
     def command(
-        self, effort: Sequence[float] = effort, names: Sequence[str] = NAMES, sample: int | None = None
+        self, effort: Sequence[float] = (), names: Sequence[str] | None = None, sample: int | None = None
     ) -> JointState:
         """A command that answers this sample; by default the last."""
-        message = JointState(name=list(names), effort=list(effort))
+        named = self.arm.names if names is None else list(names)
+        message = JointState(name=named, effort=list(effort or self.effort))
         set_stamp(message.header.stamp, (self.sample if sample is None else sample) * MS)
         return message
 
@@ -301,10 +297,12 @@ class SimulatorRig(Rig):
         _, expected = self.twin.sense(self.sample)
         assert list(self.watch.last("joint_states").position) == list(expected)
 
-    def step(self, effort: Sequence[float] = effort, names: Sequence[str] = NAMES) -> None:
+    def step(self, effort: Sequence[float] = (), names: Sequence[str] | None = None) -> None:
         """Answer the last joint state; the arm moves as its twin does."""
-        self.commands.publish(self.command(effort, names))
-        self.twin.act(self.sample, True, np.array([effort[names.index(name)] for name in NAMES]))
+        command = self.command(effort, names)
+        self.commands.publish(command)
+        by_name = dict(zip(command.name, command.effort, strict=True))
+        self.twin.act(self.sample, True, np.array([by_name[name] for name in self.arm.names]))
         self.sample += 1
         self._wait()
 
@@ -317,17 +315,17 @@ class Rigs:
         self._rigs: dict[Any, tuple[Rig, ExitStack]] = {}
         self._made = 0
 
-    def get(self, kind: Any, settings: Mapping[str, Any] | None = None) -> Any:
-        """A rig of this class, its node started with these parameters."""
+    def get(self, kind: Any, settings: Mapping[str, Any] | None = None, **others: Any) -> Any:
+        """A rig of this class, its node started with these parameters; `others`: further arguments of the class."""
         parameters = tuple(f"{name}:={value}" for name, value in (settings or {}).items())
-        key = (kind, parameters)
+        key = (kind, parameters, *others.items())
         rig, stack = self._rigs.get(key, (None, ExitStack()))
         if rig is None or not rig.sound:
             stack.close()
             folder = self._folder / str(self._made)
             folder.mkdir()
             self._made += 1
-            rig = kind(stack.enter_context(open_testbed(folder)), *parameters)
+            rig = kind(stack.enter_context(open_testbed(folder)), *parameters, **others)
             self._rigs[key] = rig, stack
         return rig
 

@@ -1,4 +1,4 @@
-"""The fault matrix, where nothing depends on timing: what the real nodes do when something goes wrong.
+"""The fault matrix, where nothing depends on timing: what the real nodes of several arms do when something goes wrong.
 
 A row is a fault, injected into a real node, and the reaction expected; docs/faults.md tells the same to users. Every
 row ends with a node that lives, that has published nothing beyond a limit and nothing that is not finite, and that does
@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from rig import MS, NAMES, SECOND, ControllerRig, Rigs, SimulatorRig, document_rows, safe_effort
+from rig import MS, SECOND, ControllerRig, Rigs, SimulatorRig, document_rows, safe_effort
+from testarms import CRANE, PANDA, Arm
 
 from pidtsm_core.node_parameters import controller_node_schema
-from pidtsm_core.parameters import resolve
 from pidtsm_msgs.msg import ControllerState
 
 PAGE = Path(__file__).parents[1] / "docs" / "faults.md"
@@ -30,7 +30,8 @@ FOLLOWING, HOLDING, STOPPED = ControllerState.FOLLOWING, ControllerState.HOLDING
 LOCKSTEP: dict[str, Any] = {"reference.match": "stamp"}
 LATEST: dict[str, Any] = {"watchdog.state_stop": 3600.0}
 """A controller that takes the newest reference; a machine that stalls is no fault here, nor other rows meanwhile."""
-DEFAULTS = resolve(controller_node_schema, {}, 2)
+ARM: dict[str, Arm] = {"stamp": PANDA, "latest": CRANE}
+"""Of the controller, by `reference.match`; nodes with the two-link arm are in the other tests."""
 SUMMARIES = {
     FOLLOWING: None,
     HOLDING: (DiagnosticStatus.WARN, "holding position: the reference is missing or too old"),
@@ -78,18 +79,35 @@ class Row:
 
 NAN, INF = math.nan, math.inf
 MANY = 10_000
-BAD: dict[str, tuple[list[float], list[str], str]] = {
-    "nan": ([0.2, NAN], NAMES, "is not finite: joint2"),
-    "infinite": ([-INF, 0.2], NAMES, "is not finite: joint1"),
-    "absurd": ([0.2, 1e6], NAMES, "is absurd: joint2"),
-    "too few values": ([0.2], NAMES, "has 1 values for 2 joints"),
-    "too many values": ([0.2] * 3, NAMES, "has 3 values for 2 joints"),
-    "no names": ([0.2, 0.2], [], "joints joint1, joint2 are missing"),
-    "a joint missing": ([0.2], ["joint1"], "joints joint2 are missing"),
-    "an unknown joint": ([0.2, 0.2], ["joint1", "elbow"], "unknown joints elbow, missing joint2"),
-    "a joint twice": ([0.2, 0.2], ["joint1", "joint1"], "a joint is named twice"),
-    "oversized": ([0.2] * MANY, [f"link{i}" for i in range(MANY)], "unknown joints link0, link1, "),
-}
+BAD = [
+    "nan",
+    "infinite",
+    "absurd",
+    "too few values",
+    "too many values",
+    "no names",
+    "a joint missing",
+    "an unknown joint",
+    "a joint twice",
+    "oversized",
+]
+
+
+def bad_message(what: str, arm: Arm) -> tuple[list[float], list[str], str]:
+    names, n = arm.names, arm.joints
+    good, first, last = [0.2] * n, names[0], names[-1]
+    return {
+        "nan": ([*good[1:], NAN], names, f"is not finite: {last}"),
+        "infinite": ([-INF, *good[1:]], names, f"is not finite: {first}"),
+        "absurd": ([*good[1:], 1e6], names, f"is absurd: {last}"),
+        "too few values": (good[1:], names, f"has {n - 1} values for {n} joints"),
+        "too many values": ([*good, 0.2], names, f"has {n + 1} values for {n} joints"),
+        "no names": (good, [], f"joints {', '.join(names)} are missing"),
+        "a joint missing": (good[1:], names[:-1], f"joints {last} are missing"),
+        "an unknown joint": (good, [*names[:-1], "hand"], f"unknown joints hand, missing {last}"),
+        "a joint twice": (good, [first] * n, "a joint is named twice"),
+        "oversized": ([0.2] * MANY, [f"link{i}" for i in range(MANY)], "unknown joints link0, link1, "),
+    }[what]
 
 
 def cause(topic: str, fieldname: str, reason: str) -> str:
@@ -98,9 +116,10 @@ def cause(topic: str, fieldname: str, reason: str) -> str:
 
 
 def bad_row(topic: str, what: str) -> Row:
-    values, names, reason = BAD[what]
+    reason = bad_message(what, ARM["stamp"])[2]
 
     def inject(rig: ControllerRig) -> ControllerState:
+        values, names, _ = bad_message(what, rig.arm)
         publisher, make = {
             "joint_states": (rig.joint_states, rig.joint_state),
             "reference": (rig.references, rig.reference),
@@ -146,14 +165,14 @@ def ask_again(rig: ControllerRig) -> ControllerState:
 def go_back(rig: ControllerRig) -> ControllerState:
     """One stamp, and then another: nothing that goes on."""
     for dt in (-900 * MS, -3 * MS):
-        rig.joint_states.publish(rig.joint_state((1.0, 1.0), dt=dt))
+        rig.joint_states.publish(rig.joint_state([1.0] * rig.arm.joints, dt=dt))
         state = rig.step()
     return state
 
 
 def run_ahead(rig: ControllerRig) -> ControllerState:
-    rig.joint_states.publish(rig.joint_state((1.0, 1.0), dt=5 * SECOND))
-    rig.references.publish(rig.reference((1.0, 1.0), dt=5 * SECOND))
+    rig.joint_states.publish(rig.joint_state([1.0] * rig.arm.joints, dt=5 * SECOND))
+    rig.references.publish(rig.reference([1.0] * rig.arm.joints, dt=5 * SECOND))
     return rig.step()
 
 
@@ -164,12 +183,21 @@ def lose_references(rig: ControllerRig) -> ControllerState:
     return state
 
 
+def check_safe(rig: ControllerRig, effort: Any, state: ControllerState) -> None:
+    """The torque is that of a controller that has stopped in this state."""
+    assert (np.abs(np.array(effort) - safe_effort(state, rig.arm)) <= 1e-9 * rig.arm.limits).all()
+
+
+def stray(rig: ControllerRig) -> ControllerState:
+    return rig.step([rig.start[0] + 0.15, *rig.start[1:]])
+
+
 def fall_silent(rig: ControllerRig) -> ControllerState:
     """No joint state: the watchdog needs none to act."""
     heard = rig.watch.heard["joint_commands"]
     count = len(heard)
     rig.testbed.spin_until(lambda: len(heard) > count, "the safe torque")
-    np.testing.assert_allclose(rig.watch.last("joint_commands").effort, safe_effort(rig.watch.last("controller/state")))
+    check_safe(rig, rig.watch.last("joint_commands").effort, rig.watch.last("controller/state"))
     return rig.step()
 
 
@@ -218,11 +246,14 @@ ROWS = {
         node=LATEST,
     ),
     "beyond `limits.tracking_error`": Row(
-        lambda rig: rig.step((0.35, -0.1)),
+        stray,
         mode=STOPPED,
         fault=ControllerState.TRACKING_LIMIT,
         joint=1,
-        log=("stopped: joint1 is beyond limits.tracking_error; safe torque until ~/reset_fault is called", RESET),
+        log=(
+            f"stopped: {PANDA.names[0]} is beyond limits.tracking_error; safe torque until ~/reset_fault is called",
+            RESET,
+        ),
         settings={"limits.tracking_error": 0.1},
     ),
 }
@@ -232,19 +263,20 @@ ROWS = {
 @pytest.mark.parametrize("name", ROWS)
 def test_the_controller(rigs: Rigs, name: str) -> None:
     row = ROWS[name]
-    rig: ControllerRig = rigs.get(ControllerRig, row.node)
+    arm = ARM[row.node.get("reference.match", "latest")]
+    rig: ControllerRig = rigs.get(ControllerRig, row.node, arm=arm)
     with rig.row():
         undisturbed = rig.undisturbed
         rig.says()
         rig.begin()
         np.testing.assert_array_equal(rig.drive(SETTLED), undisturbed[:SETTLED])
-        rig.check_log(("stopped: joint1 is beyond its position limits (limits.*_position)", RESET))
+        rig.check_log((f"stopped: {arm.names[0]} is beyond its position limits (limits.*_position)", RESET))
         rig.testbed.set("controller", row.settings)
         state = row.inject(rig)
         assert (state.mode, state.fault, state.fault_joint) == (row.mode, row.fault, row.joint)
         for _ in range(5):
             if row.mode == STOPPED:
-                np.testing.assert_allclose(state.effort, safe_effort(state), rtol=1e-9)
+                check_safe(rig, state.effort, state)
             if row.unnoticed:
                 np.testing.assert_array_equal(state.effort, undisturbed[rig.tick - 1])
             state = rig.step()
@@ -265,7 +297,8 @@ def test_the_controller(rigs: Rigs, name: str) -> None:
         else:
             assert rig.follow().fault == ControllerState.NO_FAULT
         rig.check_log(row.log)
-        rig.testbed.set("controller", {name: {**DEFAULTS, **row.node}[name] for name in row.settings})
+        defaults = arm.values(controller_node_schema, row.node)
+        rig.testbed.set("controller", {name: defaults[name] for name in row.settings})
         if not row.fault:
             assert not rig.reset().success, "there was no fault"
             rig.begin()
@@ -286,7 +319,7 @@ class SimulatorRow:
 
 
 def bad_command(what: str) -> SimulatorRow:
-    values, names, reason = BAD[what]
+    values, names, reason = bad_message(what, CRANE)
 
     def inject(rig: SimulatorRig) -> None:
         for i in range(2):
@@ -306,18 +339,18 @@ SIMULATOR_ROWS = {
         1,
     ),
     "a second command for a joint state": SimulatorRow(
-        lambda rig: rig.commands.publish(rig.command((0.0, 0.0), sample=rig.sample - 1)),
+        lambda rig: rig.commands.publish(rig.command([0.0] * rig.arm.joints, sample=rig.sample - 1)),
         ("ignored joint_commands: a command for this or a later joint state was used",),
     ),
-    "a command beyond the limits": SimulatorRow(lambda rig: rig.step((1000.0, -1000.0))),
-    "commands in another order": SimulatorRow(lambda rig: rig.step((20.0, 7.0), NAMES[::-1])),
+    "a command beyond the limits": SimulatorRow(lambda rig: rig.step([10.0 * effort for effort in rig.effort])),
+    "commands in another order": SimulatorRow(lambda rig: rig.step(rig.effort[::-1], rig.arm.names[::-1])),
 }
 
 
 @pytest.mark.parametrize("name", SIMULATOR_ROWS)
 def test_the_simulator(rigs: Rigs, name: str) -> None:
     row = SIMULATOR_ROWS[name]
-    rig: SimulatorRig = rigs.get(SimulatorRig)
+    rig: SimulatorRig = rigs.get(SimulatorRig, arm=CRANE)
     with rig.row():
         rig.step()
         rig.says()
