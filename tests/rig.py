@@ -16,7 +16,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from testarms import TWO_LINK, Arm
+from testarms import TWO_LINK, UNLIMITED, Arm
 from testbed import Testbed, open_testbed
 
 from pidtsm_core.cdr import serialized_nanoseconds
@@ -178,7 +178,11 @@ class ControllerRig(Rig):
 
     node = "controller"
     # An arm that may jump, and a safe torque that can be told.
-    settings = ("plausibility.velocity:=0.0", "stop.effort:=gravity_damping")
+    settings = (
+        "plausibility.velocity:=0.0",
+        "stop.effort:=gravity_damping",
+        *(f"{name}:={value}" for name, value in UNLIMITED.items()),
+    )
 
     def __init__(self, testbed: Testbed, *parameters: str, arm: Arm = TWO_LINK) -> None:
         self.start = arm.start

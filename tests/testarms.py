@@ -13,14 +13,28 @@ import numpy as np
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.default_motion import default_motion
 from pidtsm_core.experiment import practical_settings
+from pidtsm_core.node_parameters import controller_node_schema
 from pidtsm_core.parameters import Array, Schema, Value, resolve
 from pidtsm_core.robots import Model, Robot, find_robot, inverse_dynamics, make_model
 from pidtsm_core.robots.tree.layout import Column, rows
 
+UNLIMITED = {"limits.velocity": 0.0, "limits.min_position": 0.0, "limits.max_position": 0.0}
+"""Parameters of a controller without the limits of the description: what a test limits, it limits itself."""
 ROTOR = 5.0
 """kg m^2 or kg."""
 _PID = {"kp": 50.0, "ki": 50.0, "kd": 10.0}
 """Gains of ``pid`` per inertia, similar to the defaults of the two-link arm."""
+
+
+_PIDDTSM = {
+    "law.kp": 8.0,
+    "law.ki": 8.0,
+    "law.xi": 0.3,
+    "law.upsilon": 0.25,
+    "law.layer": 0.02,
+    "law.gain_maximum": 20.0,
+}
+"""Gains of the proposed law for joints with little inertia, whatever the estimator."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +118,8 @@ class Arm:
 
     def values(self, schema: Schema, settings: Mapping[str, object]) -> dict[str, Value]:
         """Parameters of a node that has this arm."""
-        return resolve(schema, {**self.settings, **settings}, self.joints)
+        free = UNLIMITED if schema in (controller_schema, controller_node_schema) else {}
+        return resolve(schema, {**self.settings, **free, **settings}, self.joints)
 
     def controller(self, **changes: object) -> Controller:
         """A controller; parameter names with two underscores instead of the dot."""
@@ -118,7 +133,7 @@ class Arm:
             return {f"law.{gain}": (share * self.inertia).tolist() for gain, share in _PID.items()}
         if law != "piddtsm":
             return {}
-        return {n: v for n, v in self.practical.items() if n.startswith("law.") and n != "law.disturbance_rejection"}
+        return dict(_PIDDTSM)
 
     @cached_property
     def practical(self) -> dict[str, Any]:
@@ -134,7 +149,7 @@ class Arm:
             motion = default_motion(self.robot)
         return {
             "simulator": {**self.settings, **motion.get("simulator", {})},
-            "controller": dict(self.settings),
+            "controller": {**self.settings, **UNLIMITED},
             "trajectory": motion.get("trajectory", {}),
         }
 

@@ -15,12 +15,12 @@ BITS, DELAY, RATE = 14, 0.001, 1000.0
 _NOISE = 0.06
 """Mean change of the torque from sample to sample, relative to H w^2 step: measured with all arms of the project."""
 _BOUNDS = ("the noise of the torque", "the delay", "the elasticity of arms")
-_ROUGHNESS, _ROUGH = 0.005, 0.2
+_ROUGHNESS, _ROUGH = 0.002, 0.2
 """Tolerated change, as a share of the effort limit, and at most; N m (or N)."""
 _PHASE = 0.6
 """Largest product of bandwidth and delay, rad; with all arms, and a model 20 % off, the loop oscillates from 0.9 on."""
-_ELASTIC = 100.0
-"""Largest bandwidth, rad/s: above it, the elasticity of gears and links is no longer negligible."""
+_ELASTIC = 60.0
+"""Largest bandwidth, rad/s: about 10 Hz, where the gears and links of many arms begin to resonate."""
 _WAITING = 1.5
 """Periods that pass between a measurement and the mean effect of its command."""
 _LAW = 8.0 / 60.0

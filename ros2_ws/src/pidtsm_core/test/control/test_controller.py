@@ -111,7 +111,8 @@ def test_an_arm_far_from_its_reference_must_not_be_moved(arm: Arm, first: float,
     controller.position[0] = arm.start[0] + (first or last if arm.joints == 1 else first)
     distances = np.abs(controller.position - arm.start)
     name, distance = arm.names[int(distances.argmax())], distances.max()
-    reason = f"{name} is {distance:.3g} rad from its reference (activation.distance 0.5)"
+    unit = arm.robot.units[arm.names.index(name)].position
+    reason = f"{name} is {distance:.3g} {unit} from its reference (activation.distance 0.5)"
     assert controller.refusal(True) == (reason if far else "")
     assert controller.refusal(False) == ""
 

@@ -423,6 +423,7 @@ def cannot_keep_up(rig: Rig) -> None:
 
 JUDGED = {"plausibility.velocity": 20.0}
 LOST = "stopped: no joint state for {} s; safe torque until ~/reset_fault is called"
+RANGE = "its position limits (limits.*_position)"
 BEYOND = "stopped: {} is beyond {}; safe torque until ~/reset_fault is called"
 TOO_TIGHT = (
     "stopped: limits.effort_rate is too tight for the motion of the arm; safe torque until ~/reset_fault is called"
@@ -516,7 +517,9 @@ def of_limits(arm: Arm) -> dict[str, Row]:
             settings={"limits.effort_rate": [0.05 * limit for limit in limits]},
         ),
         "beyond `limits.min_position` or `limits.max_position`": Row(
-            leave(0, 0.4), **stopped(Fault.POSITION_LIMIT, BEYOND.format(first, "its position limits (limits.*_position)"), 1), settings=position
+            leave(0, 0.4),
+            **stopped(Fault.POSITION_LIMIT, BEYOND.format(first, RANGE), 1),
+            settings=position,
         ),
         "beyond `limits.velocity`": Row(
             leave(0, 0.1),
@@ -530,7 +533,7 @@ def of_limits(arm: Arm) -> dict[str, Row]:
         ),
         "beyond a limit that only warns": Row(
             leave(0, 0.4),
-            log=("a joint is beyond its position limits (limits.*_position)",),
+            log=(f"a joint is beyond {RANGE}",),
             settings={**position, "limits.position_action": "warn"},
         ),
     }

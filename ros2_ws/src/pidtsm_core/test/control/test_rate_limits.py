@@ -121,8 +121,9 @@ def test_a_rate_limit_that_lets_a_joint_fall_causes_a_warning(
     expected = [name for name in arm.names[named] if name in carried(arm)]
     assert [warning.split()[2] for warning in warnings] == expected
     for name, warning in zip(expected, warnings, strict=True):
-        rate = rates[arm.names.index(name)]
-        assert warning.startswith(f"limits.effort_rate of {name} is {rate:g} N m/s: ")
+        place = arm.names.index(name)
+        unit = arm.robot.units[place].effort
+        assert warning.startswith(f"limits.effort_rate of {name} is {rates[place]:g} {unit}/s: ")
 
 
 def test_the_rate_in_the_warning_is_enough_and_hardly_more_than_needed(arm: Arm) -> None:

@@ -11,6 +11,7 @@ from pidtsm_core.signals import Fault, Mode, Violation
 
 JOINTS = ("shoulder", "elbow")
 FOLLOWS, HOLDS = [Mode.FOLLOWING, 0, 0, 0], [Mode.HOLDING, 0, 0, 0]
+RANGE = "its position limits (limits.*_position)"
 STOPPED = "; safe torque until ~/reset_fault is called"
 
 
@@ -60,7 +61,10 @@ def test_the_causes_are_those_of_all_faults() -> None:
         (
             FOLLOWS,
             [0, 0, 0, Violation.POSITION + Violation.TRACKING],
-            [("warning", "a joint is beyond its position limits (limits.*_position)"), ("warning", "a joint is beyond limits.tracking_error")],
+            [
+                ("warning", f"a joint is beyond {RANGE}"),
+                ("warning", "a joint is beyond limits.tracking_error"),
+            ],
         ),
         (
             FOLLOWS,

@@ -31,7 +31,7 @@ def test_with_ideal_sensors_the_arm_follows_within_half_a_milliradian(arm: Arm, 
     "sensors",
     [
         {"encoder__bits": 17},
-        {"encoder__bits": 14, "delay__samples": 1, "dropout__probability": 0.05, "dropout__burst_rate": 1.0},
+        {"encoder__bits": 14, "delay__samples": 1, "dropout__probability": 0.05},
     ],
     ids=["17 bits", "14 bits, delay, losses"],
 )
