@@ -22,7 +22,7 @@ from pidtsm_core.reaching import REACHING_LAWS
 from pidtsm_core.signals import Adaptation
 from pidtsm_core.surfaces import SURFACES, evaluate_surface
 
-PROPERTY = settings(deadline=None, max_examples=15)
+PROPERTY = settings(deadline=None, max_examples=12)
 COMPOSED = [
     {"law.name": "sliding_mode", "law.surface": surface, "law.manifold": manifold, "law.reaching": reaching}
     for surface, manifold, reaching in product(SURFACES.names, MANIFOLDS, REACHING_LAWS.names)
