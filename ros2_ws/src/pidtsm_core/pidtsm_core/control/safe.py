@@ -13,7 +13,9 @@ from pidtsm_core.timing import seconds
 _CUTOFF = 10.0
 """Cutoff of the velocity filter, as a multiple of the bandwidth of the position control."""
 _QUICKEST = 0.125
-"""s; shortest time in which the holding effort may change by the whole effort limit, so that a stop causes no jolt."""
+"""s; time in which a difference as large as the effort limit fades, so that a stop causes no jolt."""
+_LARGEST_CHANGE = 0.08
+"""Largest change from one command to the next, as a share of the effort limit."""
 _LONGEST_CHANGE = 0.01
 """s; longest time between two commands that counts for this."""
 _LARGEST_SHARE = 0.5
@@ -48,7 +50,8 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     if not config.holds:
         _damp(config, state)
         return
-    if clock[Clock.SILENT_SINCE] == 0:
+    begins = clock[Clock.SILENT_SINCE] == 0
+    if begins:
         clock[Clock.SILENT_SINCE] = now + 1
         if clock[Clock.HELD] == 0:
             _begin(config, state, clock[Clock.LAST])
@@ -59,7 +62,7 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     for j in range(efforts.size):
         efforts[j] *= left
     limit_effort(config, state)
-    _go_gently(config, state, now)
+    _go_gently(config, state, now, begins)
     clock[Clock.HELD] = ELSEWHERE
 
 
@@ -131,7 +134,8 @@ def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None
 def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
     """Control the position on the way to rest and at rest, with an integral and all poles at the bandwidth."""
     y, hold, clock, w = state.signals, state.hold, state.clock, config.hold_bandwidth
-    if clock[Clock.HELD] != _HOLDS:
+    begins = clock[Clock.HELD] != _HOLDS
+    if begins:
         _begin(config, state, stamp)
         dt = 0.0
     passed = -math.expm1(-_CUTOFF * w * dt)
@@ -148,20 +152,29 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
     for j in range(y.shape[1]):
         y[Signal.EFFORT, j] += hold[Hold.LEARNT, j]
     limit_effort(config, state)
-    _go_gently(config, state, stamp)
+    _go_gently(config, state, stamp, begins)
     for j in range(y.shape[1]):
         if y[Signal.SATURATED, j] == 0.0 and clock[Clock.BRAKES] == 0:
             hold[Hold.INTEGRAL, j] += dt * (state.measured[j] - state.desired[0, j])
 
 
 @inlined
-def _go_gently(config: ControllerConfig, state: ControllerState, now: int) -> None:
-    """Limit the change of the effort since the last command, so that it causes no jolt; `now` is in ns."""
-    efforts = state.signals[Signal.EFFORT]
+def _go_gently(config: ControllerConfig, state: ControllerState, now: int, begins: bool) -> None:
+    """Fade from the last command to the safe effort, so that the stop causes no jolt; `now` is in ns.
+
+    Where the safe effort `begins`, the difference is added to it, and fades. A limit of its rate instead would delay
+    the position control, which then swings the arm if the stop needs much effort.
+    """
+    efforts, offset = state.signals[Signal.EFFORT], state.hold[Hold.OFFSET]
     since = min(max(seconds(now - state.clock[Clock.SENT]), 0.0), _LONGEST_CHANGE)
     for j in range(efforts.size):
+        if begins:
+            offset[j] = state.sent[j] - efforts[j]
         change = config.effort_limit[j] * since / _QUICKEST
-        efforts[j] = min(max(efforts[j], state.sent[j] - change), state.sent[j] + change)
+        offset[j] -= min(max(offset[j], -change), change)
+        limit, last = config.effort_limit[j], state.sent[j]
+        low, high = max(last - _LARGEST_CHANGE * limit, -limit), min(last + _LARGEST_CHANGE * limit, limit)
+        efforts[j] = min(max(efforts[j] + offset[j], low), high)
 
 
 @inlined

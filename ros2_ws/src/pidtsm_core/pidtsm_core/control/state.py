@@ -47,6 +47,7 @@ class Hold(IntEnum):
     VELOCITY = 1  # filtered, rad/s
     POSITION = 2  # as measured last, rad
     LEARNT = 3  # effort that the law had learnt to add to the model's, N m
+    OFFSET = 4  # what is left of the difference between the last command before the stop and the first safe one, N m
 
 
 class ControllerConfig(NamedTuple):

@@ -103,6 +103,27 @@ def test_every_law_leaves_the_arm_where_it_is(arm: Arm, law: str, rate: int, hea
 
 
 @HEAVIER
+@pytest.mark.parametrize("moved", [0.1, 0.2, 0.3])
+def test_an_arm_that_moves_fast_comes_to_rest_near_where_it_was_stopped(arm: Arm, moved: float, heavier: float) -> None:
+    """After a jump of its reference, with torques far from those that carry it."""
+    settings = arm.motion(near=True)
+    settings["controller"] |= {"law.name": "computed_torque", "watchdog.state_stop": 0.02}
+    settings["simulator"] |= {
+        "model_error.mass": heavier,
+        "model_error.inertia": heavier,
+        "dropout.time": 1.0 + moved,
+        "dropout.duration": 0.03,
+    }
+    settings["trajectory"] |= {"jump.position": arm.alternating(0.5).tolist(), "jump.time": 1.0}
+    run = rollout(settings, 5.0)
+    stopped = round(1000 * (1.03 + moved))
+    assert run.status[stopped, Status.FAULT] == Fault.STATE_STALE
+    assert np.abs(run.velocity[stopped]).max() > 0.1
+    assert np.abs(run.position[-1000:] - run.position[-1]).max() < STILL
+    assert np.abs(run.position[stopped:] - run.position[stopped]).max() < 0.5
+
+
+@HEAVIER
 @pytest.mark.parametrize(("rate", "silence"), SILENCES)
 @pytest.mark.parametrize("stopped", [False, True], ids=["following", "stopped"])
 def test_the_torque_makes_no_step_while_joint_states_are_missing_or_when_they_return(
