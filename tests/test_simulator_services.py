@@ -63,10 +63,14 @@ class Arm:
         self.testbed.spin_until(lambda: text in self.process.log.read_text(), f"{text!r} in the log")
 
 
+def changes(testbed: Testbed, node: str, transition: int) -> bool:
+    request = ChangeState.Request(transition=Transition(id=transition))
+    return bool(testbed.call(ChangeState, f"{node}/change_state", request).success)
+
+
 def change(testbed: Testbed, node: str, *transitions: int) -> None:
     for transition in transitions:
-        request = ChangeState.Request(transition=Transition(id=transition))
-        assert testbed.call(ChangeState, f"{node}/change_state", request).success
+        assert changes(testbed, node, transition)
 
 
 CHANGES: dict[str, dict[str, float | list[float]]] = {
@@ -186,7 +190,9 @@ def test_it_waits_for_an_active_controller_in_whatever_order_a_manager_starts_th
     change(testbed, "controller", Transition.TRANSITION_CONFIGURE)
     change(testbed, "trajectory", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
     says("waiting: no command on joint_commands so far; is a controller active?")
-    change(testbed, "controller", Transition.TRANSITION_ACTIVATE)
+    # While a joint state is late, because the machine is busy, the controller refuses.
+    activate = Transition.TRANSITION_ACTIVATE
+    testbed.spin_until(lambda: changes(testbed, "controller", activate), "the controller is active")
     assert simulator.wait() == 0
     done = re.search(r"done: 200 samples in .*; (\d+) skipped, (\d+) answered", simulator.log.read_text())
     assert done

@@ -13,20 +13,28 @@ from domain_coordinator import domain_id
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.process import MakeNode
+from pidtsm_ros.stop import Stop
 
 DEADLINE = 30.0
 """s; only a failing test waits that long."""
 
 
+class Unsignalled(Stop):
+    """Takes no signals: they stay with the tests."""
+
+    def __init__(self) -> None:
+        self.requested = False
+
+
 class Graph:
     """A node under test and a stranger, spun together."""
 
-    def __init__(self, make_node: Callable[[], ManagedNode], *parameters: str) -> None:
+    def __init__(self, make_node: MakeNode, *parameters: str) -> None:
         namespace = f"__ns:=/test_{secrets.token_hex(4)}"
         words = [word for parameter in parameters for word in ("-p", parameter)]
         rclpy.init(args=["--ros-args", "-r", namespace, *words])
-        self.node = make_node()
+        self.node = make_node(Unsignalled())
         self.stranger = Node("stranger")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
@@ -51,7 +59,7 @@ class Graph:
 def graph(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Graph]]:
     graphs: list[Graph] = []
 
-    def make(make_node: Callable[[], ManagedNode], *parameters: str) -> Graph:
+    def make(make_node: MakeNode, *parameters: str) -> Graph:
         graphs.append(Graph(make_node, *parameters))
         return graphs[0]
 
