@@ -17,7 +17,7 @@ from pidtsm_experiments.runs.reproduction import PRINTED_DTSM, load, make_runs, 
 from pidtsm_experiments.runs.results import locked
 from pidtsm_studies.article.claims import compare, markdown
 from pidtsm_studies.article.figures import write_article_figures
-from pidtsm_studies.reports.labels import CASES, label
+from pidtsm_studies.reports.labels import CASES, label, value_text
 from pidtsm_studies.reports.report import write_report
 
 
@@ -77,9 +77,9 @@ def _notes(runs: dict[tuple[str, str], Any]) -> list[str]:
         if isinstance(run, str) or run[1]["outcome"] != RAN_AWAY:
             continue
         recording, metrics = run
-        largest = ", ".join(f"{value:.3g}" for value in np.abs(recording.error).max(axis=0))
+        largest = ", ".join(map(value_text, np.abs(recording.error).max(axis=0)))
         limits = ", ".join(f"{100 * value:.0f} %" for value in metrics["saturation"])
-        gains = ", ".join(f"{value:.3g}" for value in metrics["adaptive_gain"])
+        gains = ", ".join(map(value_text, metrics["adaptive_gain"]))
         sentence = (
             f"leaves its reference: errors up to {largest} rad, torque at its limits {limits} of the time, "
             f"adaptive gain {gains} at the end (joint 1, joint 2)"
@@ -103,10 +103,6 @@ def _summary(runs: Mapping[tuple[str, str], Any]) -> Table:
             table.add_row(CASES[scenario], label(law), "see the report")
             continue
         metrics = run[1]
-        cells = (
-            ", ".join(f"{v:.5f}" for v in metrics["rmse"]),
-            ", ".join(f"{v:.4f}" for v in metrics["torque_variation"]),
-            ", ".join(f"{v:g}" for v in metrics["torque_jumps"]),
-        )
+        cells = (", ".join(map(value_text, metrics[key])) for key in ("rmse", "torque_variation", "torque_jumps"))
         table.add_row(CASES[scenario], label(law), *cells)
     return table

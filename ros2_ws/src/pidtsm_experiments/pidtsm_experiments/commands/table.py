@@ -10,6 +10,7 @@ from rich.table import Table
 
 from pidtsm_core.outcome import OF_TRACKING, RAN_AWAY, what_happened
 from pidtsm_core.units import alike, joint_units
+from pidtsm_studies.reports.labels import value_text
 
 _ROWS = (
     ("rmse", "RMSE", "{position}"),
@@ -88,7 +89,4 @@ def print_metrics(metrics: Mapping[str, Any], console: Console | None = None) ->
 
 
 def _number(value: float | None, factor: float = 1.0) -> str:
-    """Four significant digits, enough to compare runs; a dash for None."""
-    if value is None:
-        return "-"
-    return str(value) if isinstance(value, int) and factor == 1.0 else f"{value * factor:.4g}"
+    return "-" if value is None else value_text(value if factor == 1.0 else factor * value)

@@ -22,7 +22,7 @@ from pidtsm_studies.reports.figures import (
     panels,
     save_figures,
 )
-from pidtsm_studies.reports.labels import CASES, label, style_indices
+from pidtsm_studies.reports.labels import CASES, label, style_indices, value_text
 
 Runs: TypeAlias = Mapping[str, Run]
 """The runs of one case by law, in the order of `ARTICLE_LAWS`, at least one."""
@@ -138,10 +138,7 @@ def _bars(case: str, runs: Runs, key: str, title: str, axis: str, printed: Mappi
     for j, ax in enumerate(table[0]):
         values = {law: metrics[key][j] for law, (_, metrics) in runs.items()}
         ax.bar(
-            [
-                f"{label(law)}\n{value:.5f}" if value < 1.0 else f"{label(law)}\n{value:.3f}"
-                for law, value in values.items()
-            ],
+            [f"{label(law)}\n{value_text(value)}" for law, value in values.items()],
             list(values.values()),
             width=0.6,
             color=[COLOURS[_STYLES[law]] for law in runs],

@@ -18,6 +18,8 @@ CASES = {"case1": "Case 1", "case2": "Case 2"}
 """Labels of the article's cases in tables and figures, by scenario."""
 NOTHING = "–"
 """Table entry for a value that does not exist."""
+DIGITS = 4
+"""Significant digits of measured values, everywhere; the article prints no more."""
 
 
 def label(law: str) -> str:
@@ -37,13 +39,15 @@ def style_indices(laws: Iterable[str]) -> dict[str, int]:
     return {law: order[law] if law in order else free[unknown.index(law) % len(free)] for law in laws}
 
 
-def value_text(value: float | None, digits: int = 5) -> str:
-    """A value for a table, with `digits` significant digits.
+def value_text(value: float | None) -> str:
+    """A value with `DIGITS` significant digits; all digits of a count, which is an int.
 
     None and nan mean that there is no value and become `NOTHING`; inf is a time that was not reached in the run.
     """
+    if isinstance(value, int):
+        return str(value)
     if value is None or math.isnan(value):
         return NOTHING
     if math.isinf(value):
         return "not within the run"
-    return f"{value:.{digits}g}"
+    return f"{value:.{DIGITS}g}"

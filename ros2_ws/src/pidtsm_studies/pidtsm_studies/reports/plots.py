@@ -14,7 +14,7 @@ from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
 from pidtsm_studies.article.claims import Run
 from pidtsm_studies.reports.figures import COLOURS, DASHES, decimated
-from pidtsm_studies.reports.labels import label
+from pidtsm_studies.reports.labels import DIGITS, label
 
 _PARTS = 1000  # parts of the time axis; a line keeps the extremes of each part
 _LINE_WIDTH, _GAP, _TOP, _BOTTOM = 1.8, 25.5, 30, 45  # pixels
@@ -29,14 +29,14 @@ class Quantity:
         title: title of the plot.
         axis: label of the vertical axes, in plotly's markup; {position} and {effort} are units of the joint.
         values: returns the values of a run, shape (samples, joints).
-        signed: whether to offer its magnitude on a logarithmic axis.
+        magnitude: the same label for the magnitude on a logarithmic axis; empty: not offered.
     """
 
     name: str
     title: str
     axis: str
     values: Callable[[Recording], Array]
-    signed: bool = False
+    magnitude: str = ""
 
 
 def _signal(signal: Signal) -> Callable[[Recording], Array]:
@@ -46,7 +46,11 @@ def _signal(signal: Signal) -> Callable[[Recording], Array]:
 QUANTITIES = (
     Quantity("tracking", "Tracking", "q ({position})", lambda recording: recording.position),
     Quantity(
-        "error", "Tracking error", "e = q − q<sub>d</sub> ({position})", lambda recording: recording.error, signed=True
+        "error",
+        "Tracking error",
+        "e = q − q<sub>d</sub> ({position})",
+        lambda recording: recording.error,
+        magnitude="|e| ({position})",
     ),
     Quantity("torque", "Applied effort", "τ ({effort})", lambda recording: recording.effort),
     Quantity("sliding", "Sliding variable s, in the unit of the law's surface", "s", _signal(Signal.SLIDING_VARIABLE)),
@@ -91,6 +95,10 @@ def plot(quantity: Quantity, runs: Mapping[str, Run], styles: Mapping[str, int])
     for j, (joint, units) in enumerate(zip(first.joints, first.units, strict=True)):
         axis = quantity.axis.format(**units._asdict())
         figure.update_yaxes(title_text=f"{escape(joint)}<br>{axis}", row=j + 1, col=1)
+    if quantity.magnitude:  # For report.js.
+        labels = (quantity.magnitude.format(**units._asdict()) for units in first.units)
+        magnitudes = [f"{escape(joint)}<br>{axis}" for joint, axis in zip(first.joints, labels, strict=True)]
+        figure.update_layout(meta={"magnitudes": magnitudes})
     return figure
 
 
@@ -109,8 +117,8 @@ def set_style(figure: Any, height: int) -> None:
         hovermode="x unified",
         legend={"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "itemdoubleclick": False},
     )
-    figure.update_xaxes(hoverformat=".4g", showline=True, linecolor="#767676")
-    figure.update_yaxes(hoverformat=".5g", exponentformat="power", zerolinecolor="#d0d0d0")
+    figure.update_xaxes(hoverformat=f".{DIGITS}g", showline=True, linecolor="#767676")
+    figure.update_yaxes(hoverformat=f".{DIGITS}g", exponentformat="power", zerolinecolor="#d0d0d0")
 
 
 def line_style(colour: str, dashes: Any) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """The report of a run or a reproduction: content of its sections as plain data for their templates."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -75,7 +75,7 @@ def write_report(
         _section("deviations", "Deviations from the article, with reasons", _deviations(comparisons, notes)),
     )
     title = "The article, reproduced" if comparisons else ", ".join(_run_name(*key) for key in done)
-    write_page(path, title, _summary(done), sections, figures, arm)
+    write_page(path, title, _summary(done, failed), sections, figures, arm)
 
 
 def _section(name: str, heading: str, content: Any) -> Section:
@@ -94,12 +94,14 @@ def _run_name(case: str, law: str) -> str:
     return f"{_case_name(case)}, {label(law)}"
 
 
-def _summary(done: Mapping[tuple[str, str], Run]) -> str:
-    """Description of the runs in one sentence."""
+def _summary(done: Mapping[tuple[str, str], Run], failed: Collection[object]) -> str:
+    """Description of the runs in one sentence; those without curves count too."""
     parts = []
     for extent, runs in groupby(_extent(metrics) for _, metrics in done.values()):
         count = len(list(runs))
         parts.append(f"{count} {'run' if count == 1 else 'runs'} of {extent}")
+    if failed:
+        return f"{len(done) + len(failed)} runs: {'; '.join(parts)}; {len(failed)} without curves, see Metrics"
     return "; ".join(parts)
 
 
@@ -215,7 +217,7 @@ def _cell(metrics: Mapping[str, Any], key: str, joint: int, factor: float) -> st
     if metrics["outcome"] == RAN_AWAY and key in OF_TRACKING:
         return RAN_AWAY
     value = metrics[key][joint] if key in metrics else None
-    return value_text(None if value is None else factor * value)
+    return value_text(value if value is None or factor == 1.0 else factor * value)
 
 
 def _plots(cases: _Cases, figures: Mapping[str, Any], styles: Mapping[str, int]) -> dict[str, Any]:
@@ -232,7 +234,7 @@ def _plots(cases: _Cases, figures: Mapping[str, Any], styles: Mapping[str, int])
                         "id": f"{case}-{quantity.name}",
                         "title": f"{_case_name(case)}: {quantity.title}",
                         "height": figures[f"{case}-{quantity.name}"].layout.height,
-                        "logarithmic": quantity.signed,
+                        "logarithmic": quantity.magnitude,
                     }
                     for quantity in QUANTITIES
                     if f"{case}-{quantity.name}" in figures
@@ -246,17 +248,15 @@ def _plots(cases: _Cases, figures: Mapping[str, Any], styles: Mapping[str, int])
 def _deviations(comparisons: Sequence[Comparison], notes: Sequence[str]) -> dict[str, Any] | None:
     if not (comparisons or notes):
         return None
-    verdict = _verdict(comparisons) if comparisons else ""
-    return {"notes": notes, "verdict": verdict, "reasons": _reasons(comparisons)}
-
-
-def _verdict(comparisons: Iterable[Comparison]) -> str:
-    """How many of the article's statements are true for the project, and which are not."""
     judged = [each for each in comparisons if each.holds is not None]
     false = [
         f"{_case_name(each.claim.case)}, joint {each.claim.joint + 1}: {each.claim.quantity} ({each.claim.printed()})"
         for each in judged
         if not each.holds
     ]
-    count = f"{len(judged) - len(false)} of {len(judged)} statements and limits of the article are true for these runs."
-    return f"{count} The others: {'; '.join(false)}." if false else count
+    return {
+        "notes": notes,
+        "judged": len(judged),
+        "false": false,
+        "reasons": _reasons(comparisons),
+    }

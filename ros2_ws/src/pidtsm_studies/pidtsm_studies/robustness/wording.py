@@ -2,6 +2,7 @@
 
 import math
 
+from pidtsm_studies.reports.labels import value_text
 from pidtsm_studies.robustness.imperfections import Imperfection
 from pidtsm_studies.robustness.results import Robustness
 
@@ -16,5 +17,5 @@ def tolerance_text(robustness: Robustness, imperfection: Imperfection, contender
 
 
 def measured_text(value: float) -> str:
-    """A measured value with four significant digits; ``diverged`` if it is not finite."""
-    return f"{value:.4g}" if math.isfinite(value) else "diverged"
+    """A measured value; ``diverged`` if it is not finite."""
+    return value_text(value) if math.isfinite(value) else "diverged"

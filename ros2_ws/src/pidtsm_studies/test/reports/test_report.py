@@ -1,6 +1,7 @@
 """Content of the report."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -59,6 +60,7 @@ def test_it_has_all_sections_and_plots(report: Path, reproduction: dict[tuple[st
     assert sorted(outline.data["arm"]["runs"]) == sorted(f"{case} {law}" for case in CASES for law in LAWS)
     assert NOTE in outline.text
     assert str(reproduction["case1", "dtsm_printed"]) in outline.text
+    assert "7 runs: 6 runs of 2 s, 2000 samples, without ROS; 1 without curves" in outline.text
 
 
 def test_every_comparison_is_in_its_table_with_its_reason(
@@ -71,6 +73,18 @@ def test_every_comparison_is_in_its_table_with_its_reason(
         for part in (claim.quantity, claim.printed(), each.project, claim.printed_in, claim.reason):
             assert part in text
     assert {f"#{i}" for i in Outline(report).ids("li")} <= links
+
+
+def test_statements_that_are_not_true_are_a_list(report: Path, reproduction: dict[tuple[str, str], Run | str]) -> None:
+    section = report.read_text(encoding="utf-8").partition('<h2 id="deviations">')[2]
+    judged = [each for each in compare(reproduction) if each.holds is not None]
+    false = [each for each in judged if not each.holds]
+    assert false
+    assert f"{len(judged) - len(false)} of {len(judged)} statements and limits" in section
+    statements = re.findall("<li>(.*)</li>", section)
+    assert len(statements) == len(false)
+    for statement, each in zip(statements, false, strict=True):
+        assert f"joint {each.claim.joint + 1}: " in statement
 
 
 def test_it_loads_nothing_from_outside(report: Path) -> None:

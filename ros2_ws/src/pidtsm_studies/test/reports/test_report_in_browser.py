@@ -112,9 +112,12 @@ def test_the_error_is_shown_on_both_scales(opened: Page) -> None:
     opened.wait(f"{layout}?.yaxis2.type === 'log'")
     smallest = "Math.min(...document.getElementById('case1-error')._fullData.flatMap(t => [...t.y]))"
     assert opened.evaluate(smallest) >= 0.0
+    names = "['yaxis', 'yaxis2'].map(axis => document.getElementById('case1-error')._fullLayout[axis].title.text)"
+    assert opened.evaluate(names) == ["joint1<br>|e| (rad)", "joint2<br>|e| (rad)"]
     opened.click('input[data-log="case1-error"]')
     opened.wait(f"{layout}.yaxis2.type === 'linear'")
     assert opened.evaluate(smallest) < 0.0
+    assert opened.evaluate(names) == [f"joint{j}<br>e = q − q<sub>d</sub> (rad)" for j in (1, 2)]
 
 
 VIEWS = {"two_link": (-90.0, 0.0), "panda": (-60.0, 20.0), "scara": (-60.0, 20.0)}

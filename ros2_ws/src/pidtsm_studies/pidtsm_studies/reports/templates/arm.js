@@ -104,9 +104,9 @@ function animate(arm) {
     draw(run, sample);
     element("arm-clock").value = `${time.toFixed(2)} s`;
     run.units.forEach((unit, joint) => {
-      element(`arm-error-${joint}`).value = `${run.error[sample * run.units.length + joint].toExponential(2)} ${unit}`;
+      element(`arm-error-${joint}`).value = `${run.error[sample * run.units.length + joint].toExponential(3)} ${unit}`;
     });
-    element("arm-distance").value = `${(1000 * run.distance[sample]).toPrecision(3)} mm`;
+    element("arm-distance").value = `${(1000 * run.distance[sample]).toPrecision(4)} mm`;
     slider.setAttribute("aria-valuetext", `${time.toFixed(2)} seconds`);
     const happened = element("arm-event");
     happened.hidden = run.event === null;

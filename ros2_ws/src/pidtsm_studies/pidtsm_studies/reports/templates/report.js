@@ -45,12 +45,14 @@ function draw(div) {
 /** Show e on a linear axis, or |e| on a logarithmic one. */
 function scale(div, logarithmic) {
   const axes = Object.keys(div.layout).filter((key) => key.startsWith("yaxis"));
+  div.signed ??= div.data.map((trace) => trace.y);
+  div.names ??= axes.map((axis) => div.layout[axis].title.text);
   const update = {};
-  for (const axis of axes) {
+  axes.forEach((axis, row) => {
     update[`${axis}.type`] = logarithmic ? "log" : "linear";
     update[`${axis}.autorange`] = true;
-  }
-  div.signed ??= div.data.map((trace) => trace.y);
+    update[`${axis}.title.text`] = (logarithmic ? div.layout.meta.magnitudes : div.names)[row];
+  });
   Plotly.update(div, { y: logarithmic ? div.signed.map((y) => y.map(Math.abs)) : div.signed }, update);
 }
 
