@@ -14,6 +14,8 @@ _COMMANDS = {
     "demo": "run the article's Case 1 with the proposed law and the real nodes: table, figures, bag",
     "run": "run any scenario and law with the real nodes",
     "rollout": "run the same loop without ROS",
+    "report": "make metrics, figures and report of a result folder anew",
+    "compare": "compare runs: one report with curves over each other, metrics with differences, parameters that differ",
     "gains": "compute a first set of gains for an arm, with the reason for each number",
     "reproduce": "compare both cases and all laws with the article",
     "robustness": "measure how much imperfection of sensors, drives and model each controller tolerates",
@@ -28,6 +30,8 @@ _EPILOG = """examples:
   ./pidtsm run --scenario case2 --law piddtsm --out results/case2
   ./pidtsm run --scenario case1 --clock realtime --duration 10
   ./pidtsm rollout --scenario case1 --set controller.estimator.name=exact --json
+  ./pidtsm rollout --law pid --out results/pid
+  ./pidtsm compare results/demo results/pid
   ./pidtsm analyze results/demo/bag
 
 exit codes: 0 success, 1 the work failed, or the controller does not follow at the end of the run, 2 bad usage or input

@@ -4,8 +4,10 @@ import argparse
 import json
 import math
 import sys
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -16,6 +18,7 @@ from pidtsm_core.experiment import DEFAULT_SCENARIO, Experiment, make_experiment
 from pidtsm_core.laws import LAWS
 from pidtsm_core.outcome import why_not_followed
 from pidtsm_core.parameters import Value
+from pidtsm_core.recording import Recording
 from pidtsm_core.robots import NAMES
 from pidtsm_experiments.commands.table import print_metrics
 from pidtsm_experiments.errors import RunError
@@ -67,6 +70,20 @@ def experiment_of(options: argparse.Namespace) -> Experiment:
     return make_experiment(
         options.scenario, options.law, options.duration, options.params, options.set, robot=options.robot
     )
+
+
+def read(path: Path) -> Recording:
+    """Read a run; see `read_run`. What is missing in an unfinished bag is printed on standard error."""
+    # Slow to import, and not needed by rollouts.
+    from pidtsm_experiments.bags.errors import UnfinishedBag
+    from pidtsm_experiments.runs.saved import read_run
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UnfinishedBag)
+        recording = read_run(path)
+    for warning in caught:
+        print(f"pidtsm: warning: {warning.message}", file=sys.stderr)
+    return recording
 
 
 def seconds(text: str) -> float:

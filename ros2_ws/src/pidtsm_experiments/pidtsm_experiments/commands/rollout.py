@@ -1,13 +1,19 @@
 """``./pidtsm rollout``: the closed loop without ROS."""
 
 import argparse
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.parameters import ParameterError
+from pidtsm_core.experiment import Experiment
+from pidtsm_core.parameters import ParameterError, Value
 from pidtsm_core.recording import Recording
-from pidtsm_core.rollout import SCHEMAS, DivergedError, rollout
+from pidtsm_core.rollout import EXPERIMENT, SCHEMAS, DivergedError, rollout
 from pidtsm_core.summary import summarize
 from pidtsm_experiments.commands.options import (
+    CONSOLE,
     add_experiment_arguments,
     experiment_of,
     require_followed,
@@ -15,24 +21,58 @@ from pidtsm_experiments.commands.options import (
     warn,
 )
 from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.runs.results import result_folder
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_experiment_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print only the metrics, as one JSON object")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="result folder, as of run (default: only print)")
 
 
 def execute(options: argparse.Namespace) -> int:
     experiment = experiment_of(options).without_node_parameters()
-    warn(experiment.resolved(SCHEMAS)["controller"])
+    settings = {node: {**EXPERIMENT[node], **given} for node, given in experiment.settings.items()}
+    parameters = replace(experiment, settings=settings).resolved(SCHEMAS)
+    warn(parameters["controller"])
+    out: Path | None = options.out
+    metrics = _kept(experiment, parameters, out) if out else summarize(_recording(experiment))
+    show_metrics(metrics, options.json)
+    if out:
+        CONSOLE.print(f"{out}: report.html metrics.json figures/ params/ recording.npz", highlight=False)
+    require_followed(metrics)
+    return 0
+
+
+def _recording(experiment: Experiment) -> Recording:
+    """Simulate an experiment.
+
+    Raises:
+        UsageError: a setting is refused.
+        RunError: a value of the loop is no longer finite.
+    """
     try:
         result = rollout(experiment.settings, experiment.duration)
     except ParameterError as error:
         raise UsageError(str(error)) from None
     except DivergedError as error:
         raise RunError(str(error)) from None
-    recording = Recording.of_rollout(result, experiment.scenario, experiment.law, experiment.event_time)
-    metrics = summarize(recording)
-    show_metrics(metrics, options.json)
-    require_followed(metrics)
-    return 0
+    return Recording.of_rollout(result, experiment.scenario, experiment.law, experiment.event_time)
+
+
+def _kept(experiment: Experiment, parameters: Mapping[str, Mapping[str, Value]], out: Path) -> dict[str, Any]:
+    """Simulate an experiment and leave its results in a folder; returns the metrics.
+
+    Raises:
+        UsageError: a setting is refused; see also `result_folder`.
+        RunError: a value of the loop is no longer finite.
+    """
+    # Libraries for drawing and bags take longer to import than a rollout takes.
+    from pidtsm_experiments.runs.outputs import write_outputs
+    from pidtsm_experiments.runs.saved import RECORDING, save_recording, write_parameters
+
+    with result_folder(out) as folder:
+        write_parameters(parameters, folder)
+        recording = _recording(experiment)
+        save_recording(recording, folder / RECORDING)
+        return write_outputs(recording, folder)

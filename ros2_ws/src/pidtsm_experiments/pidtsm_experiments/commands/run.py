@@ -4,7 +4,6 @@ import argparse
 from pathlib import Path
 
 from pidtsm_core.experiment import Experiment
-from pidtsm_core.summary import summarize, write_metrics
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.commands.options import (
@@ -17,10 +16,9 @@ from pidtsm_experiments.commands.options import (
     warn,
 )
 from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.runs.outputs import write_outputs
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_experiments.runs.runner import recorded_parameters, run
-from pidtsm_studies.reports.figures import write_figures
-from pidtsm_studies.reports.report import write_report
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,10 +67,7 @@ def run_and_report(experiment: Experiment, clock: str, out: Path, composed: bool
             recording = read_recording(bag)
         except RecordingError as error:
             raise RunError(str(error)) from None
-        metrics = summarize(recording)
-        write_metrics(metrics, folder / "metrics.json")
-        write_figures(recording, folder / "figures")
-        write_report(folder / "report.html", (recording, metrics))
+        metrics = write_outputs(recording, folder)
     show_metrics(metrics, as_json=False)
     CONSOLE.print(f"{out}: report.html metrics.json figures/ bag/ params/ log/", highlight=False)
     require_followed(metrics)

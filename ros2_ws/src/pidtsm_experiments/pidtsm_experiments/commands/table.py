@@ -12,7 +12,7 @@ from pidtsm_core.outcome import OF_TRACKING, RAN_AWAY, what_happened
 from pidtsm_core.units import alike, joint_units
 from pidtsm_studies.reports.labels import value_text
 
-_ROWS = (
+ROWS = (
     ("rmse", "RMSE", "{position}"),
     ("eci", "ECI, mean |effort|", "{effort}"),
     ("steady_state_error", "steady-state error", "{position}"),
@@ -26,8 +26,11 @@ _ROWS = (
     ("time_at_rate_limit", "at the rate limit", "s"),
     ("adaptive_gain", "adaptive gain, last", ""),
 )
-_FACTOR = {"saturation": 100.0}
-_ONLY_IF_ANY = ("time_at_effort_limit", "time_at_rate_limit")
+"""Key, name and unit of each metric."""
+FACTOR = {"saturation": 100.0}
+"""Factors of metrics whose unit in tables is another one."""
+ONLY_IF_ANY = ("time_at_effort_limit", "time_at_rate_limit")
+"""Metrics that are shown only if they are not 0."""
 _LABELS, _CELL = 35, 10
 """Widths of the metrics with their units, and of a value, characters."""
 
@@ -52,8 +55,8 @@ def metrics_tables(metrics: Mapping[str, Any], width: int = 80) -> Iterator[Tabl
         table.add_column("unit")
         for joint in group:
             table.add_column(escape(joints[joint]), justify="right")
-        for key, label, unit in _ROWS:
-            if key in metrics and (key not in _ONLY_IF_ANY or any(metrics[key])):
+        for key, label, unit in ROWS:
+            if key in metrics and (key not in ONLY_IF_ANY or any(metrics[key])):
                 cells = _cells(metrics, key)
                 of_group = unit.format(**units[group[0]]._asdict())
                 table.add_row(label, of_group, *(cells[joint] for joint in group))
@@ -64,7 +67,7 @@ def _cells(metrics: Mapping[str, Any], key: str) -> list[str]:
     """A metric of each joint; no tracking metrics if the arm ran away, since the numbers would be misleading."""
     if metrics["outcome"] == RAN_AWAY and key in OF_TRACKING:
         return [f"[bold red]{RAN_AWAY}[/]"] * len(metrics[key])
-    return [_number(value, _FACTOR.get(key, 1.0)) for value in metrics[key]]
+    return [_number(value, FACTOR.get(key, 1.0)) for value in metrics[key]]
 
 
 def print_metrics(metrics: Mapping[str, Any], console: Console | None = None) -> None:

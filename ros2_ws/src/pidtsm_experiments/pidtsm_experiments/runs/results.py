@@ -9,7 +9,8 @@ from pathlib import Path
 
 from pidtsm_core.errors import UsageError
 
-_OURS = {"bag", "params", "log", "figures", "metrics.json", "robustness.json", "report.html"}
+_FOLDERS = {"bag", "params", "log", "figures"}
+_FILES = {"recording.npz", "metrics.json", "robustness.json", "comparison.json", "report.html"}
 
 
 @contextmanager
@@ -26,12 +27,7 @@ def result_folder(out: Path) -> Iterator[Path]:
     with locked(out):
         if out.exists():
             _check_ours(out)
-        unfinished = out.with_name(f"{out.name}.unfinished")
-        try:
-            shutil.rmtree(unfinished, ignore_errors=True)
-            unfinished.mkdir()
-        except OSError as error:
-            raise UsageError(_cannot_write(out, error)) from None
+        unfinished = _empty(out)
         failed = out.with_name(f"{out.name}.failed")
         try:
             yield unfinished
@@ -43,6 +39,44 @@ def result_folder(out: Path) -> Iterator[Path]:
         if out.exists():
             shutil.rmtree(out)
         unfinished.rename(out)
+
+
+@contextmanager
+def renewed(out: Path) -> Iterator[Path]:
+    """Yield an empty working folder; at the end of the block its content replaces that of the same names in `out`.
+
+    If the block raises an exception, `out` is unchanged.
+
+    Args:
+        out: an existing result folder.
+
+    Raises:
+        UsageError: `out` cannot be written, or is used by another process.
+    """
+    out = out.absolute()
+    with locked(out):
+        unfinished = _empty(out)
+        try:
+            yield unfinished
+            for entry in unfinished.iterdir():
+                if (out / entry.name).is_dir():
+                    shutil.rmtree(out / entry.name)
+                entry.rename(out / entry.name)
+        except OSError as error:
+            raise UsageError(_cannot_write(out, error)) from None
+        finally:
+            shutil.rmtree(unfinished)
+
+
+def _empty(out: Path) -> Path:
+    """An empty folder beside `out`, for what is not finished."""
+    unfinished = out.with_name(f"{out.name}.unfinished")
+    try:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        unfinished.mkdir()
+    except OSError as error:
+        raise UsageError(_cannot_write(out, error)) from None
+    return unfinished
 
 
 @contextmanager
@@ -103,6 +137,6 @@ def _cannot_write(out: Path, error: OSError) -> str:
 def _check_ours(out: Path) -> None:
     if not out.is_dir():
         raise UsageError(f"{out} is a file; --out needs a folder")
-    foreign = sorted(entry.name for entry in out.iterdir() if entry.name not in _OURS)
+    foreign = sorted(entry.name for entry in out.iterdir() if entry.name not in _FOLDERS | _FILES)
     if foreign:
         raise UsageError(f"{out} contains other files ({', '.join(foreign[:3])}); choose another --out")

@@ -11,6 +11,7 @@ import numpy as np
 from pidtsm_core.parameters import Array, ParameterError
 from pidtsm_core.recording import Recording
 from pidtsm_studies.article.claims import Run
+from pidtsm_studies.reports.labels import Entry
 from pidtsm_studies.reports.plots import colour
 from pidtsm_studies.reports.skeleton import Skeleton, find_skeleton
 
@@ -20,12 +21,12 @@ _FLAT = 1e-3
 """Points lie in a plane if their spread across it is less than this share of their largest spread."""
 
 
-def animation(cases: Mapping[str, Mapping[str, Run]], styles: Mapping[str, int]) -> dict[str, Any]:
+def animation(cases: Mapping[str, Mapping[str, Run]], entries: Mapping[str, Entry]) -> dict[str, Any]:
     """The arm and its reference in each run, at the rate of the animation.
 
     Args:
-        cases: runs by case and law, at least one.
-        styles: index of each law's style, as returned by `labels.style_indices`.
+        cases: runs by case and law or name, at least one.
+        entries: legend, by law or name.
 
     Returns:
         Plain data for JSON. All points are in the frame of the base, m.
@@ -51,7 +52,7 @@ def animation(cases: Mapping[str, Mapping[str, Run]], styles: Mapping[str, int])
         "radius": round(radius, 4),
         "grid": _rounded_down(0.5 * radius),
         "view": _view(points),
-        "runs": {key: {"colour": colour(styles[law]), **scene.data()} for key, (law, scene) in scenes.items()},
+        "runs": {key: {"colour": colour(entries[law].style), **scene.data()} for key, (law, scene) in scenes.items()},
     }
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 LABELS = {
     "piddtsm": "PIDDTSM",
@@ -25,6 +26,29 @@ DIGITS = 4
 def label(law: str) -> str:
     """Label of a law in tables and figures."""
     return LABELS.get(law, law.replace("_", " "))
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry of a legend.
+
+    Attributes:
+        label: text.
+        style: index of `figures.COLOURS` and `figures.DASHES`.
+    """
+
+    label: str
+    style: int
+
+
+def law_entries(laws: Iterable[str]) -> dict[str, Entry]:
+    """The legend of laws, in its order; see `style_indices`."""
+    return {law: Entry(label(law), style) for law, style in style_indices(laws).items()}
+
+
+def run_entries(names: Iterable[str]) -> dict[str, Entry]:
+    """The legend of runs that are compared, in their order."""
+    return {name: Entry(name, style) for style, name in enumerate(names)}
 
 
 def style_indices(laws: Iterable[str]) -> dict[str, int]:
@@ -51,3 +75,12 @@ def value_text(value: float | None) -> str:
     if math.isinf(value):
         return "not within the run"
     return f"{value:.{DIGITS}g}"
+
+
+def difference_text(first: float | None, value: float | None) -> str:
+    """How a value differs from the first one, relative to it; empty if one does not exist, or only the first is 0."""
+    if first is None or value is None:
+        return ""
+    if value == first:
+        return "same"
+    return f"{100.0 * (value / first - 1.0):+.1f} %" if first else ""

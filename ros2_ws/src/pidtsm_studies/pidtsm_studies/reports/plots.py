@@ -14,7 +14,7 @@ from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
 from pidtsm_studies.article.claims import Run
 from pidtsm_studies.reports.figures import COLOURS, DASHES, decimated
-from pidtsm_studies.reports.labels import DIGITS, label
+from pidtsm_studies.reports.labels import DIGITS, Entry
 
 _PARTS = 1000  # parts of the time axis; a line keeps the extremes of each part
 _LINE_WIDTH, _GAP, _TOP, _BOTTOM = 1.8, 25.5, 30, 45  # pixels
@@ -60,19 +60,19 @@ QUANTITIES = (
 """Every quantity in the order of the plots."""
 
 
-def plot(quantity: Quantity, runs: Mapping[str, Run], styles: Mapping[str, int]) -> Any:
+def plot(quantity: Quantity, runs: Mapping[str, Run], entries: Mapping[str, Entry]) -> Any:
     """A quantity of every run that has it, over time.
 
     Args:
         quantity: one of `QUANTITIES`.
-        runs: runs of one case by law, at least one.
-        styles: index of each law's style, as returned by `labels.style_indices`.
+        runs: runs with the same joints by law or name, at least one.
+        entries: legend, by law or name.
 
     Returns:
         The plotly figure, or None if the quantity is zero in every run.
     """
-    values = {law: quantity.values(recording) for law, (recording, _) in runs.items()}
-    shown = [law for law in runs if np.any(values[law])]  # A law without the quantity has zeros.
+    values = {key: quantity.values(recording) for key, (recording, _) in runs.items()}
+    shown = [key for key in runs if np.any(values[key])]  # A law without the quantity has zeros.
     if not shown:
         return None
     first = next(iter(runs.values()))[0]
@@ -80,14 +80,12 @@ def plot(quantity: Quantity, runs: Mapping[str, Run], styles: Mapping[str, int])
     gap = _GAP / (height - _TOP - _BOTTOM)
     figure = make_subplots(rows=len(first.joints), cols=1, shared_xaxes=True, vertical_spacing=gap)
     if quantity.name == "tracking":
-        line = {"color": "#bdbdbd", "width": 5}
-        for j, desired in enumerate(first.desired.T):
-            figure.add_trace(_trace(first.time, desired, "reference", line, j == 0), j + 1, 1)
-    for law in shown:
-        line = line_style(colour(styles[law]), DASHES[styles[law] % len(DASHES)])
+        _add_references(figure, runs, entries)
+    for key in shown:
+        entry = entries[key]
+        line = line_style(colour(entry.style), dashes(entry.style))
         for j in range(len(first.joints)):
-            trace = _trace(runs[law][0].time, values[law][:, j], label(law), line, j == 0, law)
-            figure.add_trace(trace, j + 1, 1)
+            figure.add_trace(_trace(runs[key][0].time, values[key][:, j], entry.label, line, j == 0, key), j + 1, 1)
     if first.event_time is not None:
         figure.add_vline(first.event_time, line={"color": "#595959", "width": 1, "dash": "dot"})
     set_style(figure, height)
@@ -100,6 +98,26 @@ def plot(quantity: Quantity, runs: Mapping[str, Run], styles: Mapping[str, int])
         magnitudes = [f"{escape(joint)}<br>{axis}" for joint, axis in zip(first.joints, labels, strict=True)]
         figure.update_layout(meta={"magnitudes": magnitudes})
     return figure
+
+
+def _add_references(figure: Any, runs: Mapping[str, Run], entries: Mapping[str, Entry]) -> None:
+    """Draw the reference of all runs behind them, or that of each run if they differ."""
+    line = {"color": "#bdbdbd", "width": 5}
+    recordings = {key: recording for key, (recording, _) in runs.items()}
+    longest = max(recordings.values(), key=lambda recording: recording.time.size)
+    if all(_begins_with(longest, recording) for recording in recordings.values()):
+        references = {"": ("reference", longest)}
+    else:
+        references = {key: (f"reference of {entries[key].label}", each) for key, each in recordings.items()}
+    for key, (name, recording) in references.items():
+        for j, desired in enumerate(recording.desired.T):
+            figure.add_trace(_trace(recording.time, desired, name, line, j == 0, key), j + 1, 1)
+
+
+def _begins_with(recording: Recording, other: Recording) -> bool:
+    """Whether the reference of a recording begins with that of another one, at the same times."""
+    times, reference = recording.time[: other.time.size], recording.reference[: other.time.size, 0]
+    return np.array_equal(times, other.time) and np.allclose(reference, other.reference[:, 0], rtol=0.0, atol=1e-9)
 
 
 def set_style(figure: Any, height: int) -> None:
@@ -137,8 +155,13 @@ def colour(style: int) -> str:
     return COLOURS[style % len(COLOURS)]
 
 
-def _trace(time: Array, values: Array, name: str, line: Mapping[str, Any], legend: bool, law: str = "") -> Any:
+def dashes(style: int) -> Any:
+    """Matplotlib line style of the style with this index; a colour that comes again has other dashes."""
+    return DASHES[(style + style // len(COLOURS)) % len(DASHES)]
+
+
+def _trace(time: Array, values: Array, name: str, line: Mapping[str, Any], legend: bool, key: str = "") -> Any:
     x, y = (part.astype(np.float32) for part in decimated(time, values, _PARTS))
     return go.Scatter(
-        x=x, y=y, mode="lines", name=name, line=line, legendgroup=law or name, showlegend=legend, meta=law or None
+        x=x, y=y, mode="lines", name=name, line=line, legendgroup=name, showlegend=legend, meta=key or None
     )

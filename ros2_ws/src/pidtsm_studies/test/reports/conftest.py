@@ -11,6 +11,7 @@ from pidtsm_core.recording import Recording
 from pidtsm_core.rollout import rollout
 from pidtsm_core.summary import summarize
 from pidtsm_studies.article.claims import Run, compare
+from pidtsm_studies.reports.comparison import write_comparison
 from pidtsm_studies.reports.labels import CASES
 from pidtsm_studies.reports.report import write_report
 
@@ -43,6 +44,19 @@ def reproduction(run_of: RunOf) -> dict[tuple[str, str], Run | str]:
 def report(tmp_path_factory: pytest.TempPathFactory, reproduction: dict[tuple[str, str], Run | str]) -> Path:
     path = tmp_path_factory.mktemp("report") / "report.html"
     write_report(path, reproduction, compare(reproduction), [NOTE])
+    return path
+
+
+@pytest.fixture(scope="session")
+def compared(run_of: RunOf) -> dict[str, Run]:
+    """Runs with names."""
+    return {name: run_of("case1", law) for name, law in (("gentle", "dtsm"), ("a/firm.1", "piddtsm"))}
+
+
+@pytest.fixture(scope="session")
+def comparison(tmp_path_factory: pytest.TempPathFactory, compared: dict[str, Run]) -> Path:
+    path = tmp_path_factory.mktemp("comparison") / "report.html"
+    write_comparison(path, compared, {"controller.law.k1": {"gentle": 1.0, "a/firm.1": 3.0}})
     return path
 
 

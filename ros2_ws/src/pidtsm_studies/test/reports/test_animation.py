@@ -16,6 +16,7 @@ from pidtsm_core.robots.source import ARMS, read_source
 from pidtsm_core.signals import Signal, Status
 from pidtsm_studies.reports import skeleton
 from pidtsm_studies.reports.animation import animation
+from pidtsm_studies.reports.labels import Entry
 
 """Link with the tool, where it is not ``tool``."""
 SAMPLES = 40
@@ -65,7 +66,7 @@ def recorded(description: str, backwards: bool = False) -> Recording:
 
 def animated(recording: Recording) -> tuple[dict[str, Any], dict[str, Any]]:
     """All data, and those of the only run."""
-    data = animation({"case": {"law": (recording, {})}}, {"law": 0})
+    data = animation({"case": {"law": (recording, {})}}, {"law": Entry("law", 0)})
     return data, data["runs"]["case law"]
 
 

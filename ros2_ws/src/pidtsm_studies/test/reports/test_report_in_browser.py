@@ -120,6 +120,29 @@ def test_the_error_is_shown_on_both_scales(opened: Page) -> None:
     assert opened.evaluate(names) == [f"joint{j}<br>e = q − q<sub>d</sub> (rad)" for j in (1, 2)]
 
 
+def test_compared_runs_are_toggled_and_zoomed(page: Page, comparison: Path) -> None:
+    page.open(comparison)
+    show_all_plots(page)
+    assert traces(page, "gentle") == traces(page, "a/firm.1") == PLOTS * 2
+    page.click('input[name="law"][value="a/firm.1"]')
+    assert (traces(page, "gentle"), traces(page, "a/firm.1")) == (PLOTS * 2, 0)
+    page.click('input[name="law"][value="a/firm.1"]')
+    assert traces(page, "a/firm.1") == PLOTS * 2
+    page.evaluate("document.getElementById('case1-error').scrollIntoView({block: 'center'})")
+    ranges = "['xaxis', 'xaxis2'].map(axis => document.getElementById('case1-error')._fullLayout[axis].range)"
+    assert page.evaluate(ranges)[0][0] < 0.1
+    page.drag("#case1-error .nsewdrag", 150, 1)  # from the middle, along the time axis
+    page.wait(f"{ranges}[0][0] > 0.5")
+    (start, end), other = page.evaluate(ranges)
+    assert 0.9 < start < 1.1
+    assert 1.1 < end < 1.9
+    assert other == [start, end], "the joints share the time axis"
+    page.click('input[data-log="case1-error"]')
+    page.wait("document.getElementById('case1-error')._fullLayout.yaxis.type === 'log'")
+    assert page.evaluate(ranges)[0] == [start, end]
+    assert page.complaints == []
+
+
 VIEWS = {"two_link": (-90.0, 0.0), "panda": (-60.0, 20.0), "scara": (-60.0, 20.0)}
 """Azimuth and elevation of the first view, degrees."""
 

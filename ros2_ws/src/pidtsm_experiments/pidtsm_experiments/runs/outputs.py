@@ -1,0 +1,26 @@
+"""What is computed and drawn from the recording of a run, in its result folder."""
+
+from pathlib import Path
+from typing import Any
+
+from pidtsm_core.recording import Recording
+from pidtsm_core.summary import summarize, write_metrics
+from pidtsm_studies.reports.figures import write_figures
+from pidtsm_studies.reports.report import write_report
+
+
+def write_outputs(recording: Recording, folder: Path) -> dict[str, Any]:
+    """Write metrics.json, figures/ and report.html.
+
+    Args:
+        recording: the run.
+        folder: an existing folder.
+
+    Returns:
+        The metrics, as in metrics.json.
+    """
+    metrics = summarize(recording)
+    write_metrics(metrics, folder / "metrics.json")
+    write_figures(recording, folder / "figures")
+    write_report(folder / "report.html", (recording, metrics))
+    return metrics

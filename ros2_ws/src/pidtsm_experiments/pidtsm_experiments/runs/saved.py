@@ -1,0 +1,98 @@
+"""Runs on the disk: saving the recording of a rollout, and reading any run again."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import NODES, Settings, load_ros_parameters, ros_parameters
+from pidtsm_core.parameters import Value
+from pidtsm_core.recording import Recording
+from pidtsm_experiments.bags.errors import RecordingError
+from pidtsm_experiments.bags.reader import read_recording
+
+RECORDING = "recording.npz"
+"""File in the result folder of a rollout."""
+_BAG, _PARAMETERS, _TEXT = "bag", "params", "text"
+_BAG_FILES = (".mcap", ".db3")
+_TUPLES = ("joints", "slides", "continuous")
+
+
+def save_recording(recording: Recording, file: Path) -> None:
+    """Write a recording; its arrays have their names in the file, everything else is JSON under ``text``."""
+    values = {each.name: getattr(recording, each.name) for each in fields(recording)}
+    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+    text = json.dumps({name: value for name, value in values.items() if name not in arrays})
+    np.savez(file, allow_pickle=False, **arrays, **{_TEXT: np.array(text)})
+
+
+def load_recording(file: Path) -> Recording:
+    """Read what `save_recording` has written.
+
+    Raises:
+        UsageError: the file cannot be read.
+    """
+    try:
+        with np.load(file, allow_pickle=False) as content:
+            arrays: dict[str, Any] = {name: content[name] for name in content.files if name != _TEXT}
+            values: dict[str, Any] = json.loads(str(content[_TEXT]))
+        values.update((name, tuple(values[name])) for name in _TUPLES)
+        return Recording(**arrays, **values)
+    except Exception as error:  # A damaged file causes many kinds of exceptions.
+        raise UsageError(f"{file}: not the recording of a rollout: {error}") from None
+
+
+def is_result_folder(path: Path) -> bool:
+    """Whether a folder contains what a run or a rollout has recorded."""
+    return (path / RECORDING).is_file() or (path / _BAG).is_dir()
+
+
+def read_run(path: Path) -> Recording:
+    """Read a run from its result folder or its bag; warns with `UnfinishedBag` like `read_recording`.
+
+    Args:
+        path: a result folder, or a bag as for `read_recording`.
+
+    Raises:
+        UsageError: there is no run, or it cannot be read.
+    """
+    if not path.exists():
+        raise UsageError(f"{path}: no such file or folder")
+    if (path / RECORDING).is_file():
+        return load_recording(path / RECORDING)
+    bag = path / _BAG if (path / _BAG).is_dir() else path
+    if bag.is_dir() and not any(file.suffix in _BAG_FILES or file.name == "metadata.yaml" for file in bag.iterdir()):
+        raise UsageError(f"{path} is neither a result folder, which has {_BAG}/ or {RECORDING}, nor a bag")
+    try:
+        return read_recording(bag)
+    except RecordingError as error:
+        raise UsageError(str(error)) from None
+
+
+def write_parameters(parameters: Mapping[str, Mapping[str, Value]], folder: Path) -> None:
+    """Write the parameters of each node to ``params/NODE.yaml`` in a result folder."""
+    (folder / _PARAMETERS).mkdir()
+    for node, values in parameters.items():
+        (folder / _PARAMETERS / f"{node}.yaml").write_text(ros_parameters(node, values), encoding="utf-8")
+
+
+def read_parameters(path: Path) -> Settings:
+    """The parameters of a run by node; those that are not in its result folder are missing.
+
+    Args:
+        path: a result folder, or a bag in one.
+
+    Raises:
+        UsageError: a parameter file cannot be read.
+    """
+    folders = (path / _PARAMETERS, path.absolute().parent / _PARAMETERS)
+    folder = next((each for each in folders if each.is_dir()), folders[0])
+    found: Settings = {}
+    for file in (folder / f"{node}.yaml" for node in NODES):
+        if file.is_file():
+            found.update(load_ros_parameters(file))
+    return found

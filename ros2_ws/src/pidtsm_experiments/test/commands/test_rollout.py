@@ -1,0 +1,53 @@
+"""A rollout leaves what a run leaves."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pidtsm_core.rollout import rollout
+from pidtsm_core.summary import summarize
+from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs.saved import load_recording
+
+NODES = ("controller", "simulator", "trajectory")
+
+
+def test_it_leaves_what_a_run_leaves(kept: Path) -> None:
+    files = sorted(str(path.relative_to(kept / "firm")) for path in (kept / "firm").rglob("*") if path.is_file())
+    assert files == [
+        *(f"figures/error.{kind}" for kind in ("png", "svg")),
+        "metrics.json",
+        *(f"params/{node}.yaml" for node in NODES),
+        "recording.npz",
+        "report.html",
+    ]
+    assert sorted(path.name for path in kept.iterdir()) == ["firm", "gentle"], "no litter"
+
+
+def test_the_saved_recording_is_the_rollout_to_the_last_bit(kept: Path) -> None:
+    result = rollout({"controller": {"law.k1": 4.0}}, 0.5)
+    saved = load_recording(kept / "firm" / "recording.npz")
+    for name in ("time", "position", "velocity", "effort", "reference", "signals", "status"):
+        np.testing.assert_array_equal(getattr(saved, name), getattr(result, name), err_msg=name)
+    assert (saved.joints, saved.scenario, saved.law, saved.clock) == (result.joints, "case1", "piddtsm", None)
+    assert summarize(saved) == json.loads((kept / "firm" / "metrics.json").read_text())
+
+
+def test_the_parameters_that_it_leaves_give_the_same_rollout(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = [word for node in NODES for word in ("--params", str(kept / "firm" / "params" / f"{node}.yaml"))]
+    assert main(["rollout", "--duration", "0.5", "--json", *files]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads((kept / "firm" / "metrics.json").read_text())
+
+
+def test_a_failed_rollout_keeps_earlier_results(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "out").mkdir()
+    (folder / "out" / "metrics.json").write_text("earlier")
+    # One second between samples, and almost no torque.
+    weak = (f"{node}.limits.effort=1e-3" for node in ("simulator", "controller"))
+    unstable = [word for each in (*weak, "simulator.rate=1") for word in ("--set", each)]
+    assert main(["rollout", *unstable, "--duration", "1000", "--out", "out"]) == 1
+    assert "not finite any more after" in capsys.readouterr().err
+    assert (folder / "out" / "metrics.json").read_text() == "earlier"
+    assert (folder / "out.failed" / "params" / "controller.yaml").is_file()

@@ -1,0 +1,101 @@
+"""Runs of any kind compared with each other: their differences, and the report."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import NODES, Settings
+from pidtsm_core.node_parameters import NODE_ONLY
+from pidtsm_core.recording import Recording
+from pidtsm_studies.article.claims import Run
+from pidtsm_studies.reports.labels import NOTHING, run_entries
+from pidtsm_studies.reports.page import write_page
+from pidtsm_studies.reports.sections import (
+    arm_section,
+    draw,
+    extents,
+    happened_section,
+    metrics_table,
+    plots_section,
+    section,
+)
+
+_TOGETHER = "Comparison"
+"""Name of the case if the runs have different scenarios."""
+
+
+def check_comparable(recordings: Mapping[str, Recording]) -> None:
+    """Check that runs have the same joints in the same order and with the same units.
+
+    Raises:
+        UsageError: a run has others than the first; the message names the joints of both.
+    """
+    (name, first), *others = recordings.items()
+    for other, recording in others:
+        if (recording.joints, recording.units) != (first.joints, first.units):
+            raise UsageError(
+                f"{other} has other joints than {name}: {_joints(recording)} instead of {_joints(first)}; compare runs "
+                "of one arm"
+            )
+
+
+def _joints(recording: Recording) -> str:
+    pairs = zip(recording.joints, recording.units, strict=True)
+    return ", ".join(f"{joint} ({units.position})" for joint, units in pairs)
+
+
+def differing_parameters(parameters: Mapping[str, Settings]) -> dict[str, dict[str, Any]]:
+    """Values of the parameters that are not the same in all runs.
+
+    Runs without parameters do not count, and neither do those that a rollout does not have, if there is a rollout.
+
+    Args:
+        parameters: of the nodes, by run; empty if they are not known.
+
+    Returns:
+        By ``NODE.PARAMETER``, the value of each run that has the parameter.
+    """
+    known = {run: nodes for run, nodes in parameters.items() if nodes}
+    names = dict.fromkeys((node, name) for node in NODES for nodes in known.values() for name in nodes.get(node, {}))
+    found = {}
+    for node, name in names:
+        values = {run: nodes[node][name] for run, nodes in known.items() if name in nodes.get(node, {})}
+        if len(values) < len(known):
+            differs = name not in {parameter.name for parameter in NODE_ONLY[node]}
+        else:
+            first, *others = values.values()
+            differs = any(other != first for other in others)
+        if differs:
+            found[f"{node}.{name}"] = values
+    return found
+
+
+def write_comparison(path: Path, runs: Mapping[str, Run], parameters: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write the report of runs over each other; the same runs give the same file.
+
+    Args:
+        path: the HTML file.
+        runs: at least two runs by name, with the same joints; differences are those to the first.
+        parameters: see `differing_parameters`.
+    """
+    entries = run_entries(runs)
+    scenarios = {recording.scenario for recording, _ in runs.values()}
+    scenario = scenarios.pop() if len(scenarios) == 1 else None
+    case = scenario or _TOGETHER
+    cases, metrics = {case: runs}, {name: metrics for name, (_, metrics) in runs.items()}
+    drawings = draw(cases, entries)
+    table = metrics_table(case, runs, entries, compared=True)
+    sections = (
+        happened_section(metrics),
+        section("parameters", "Parameters that differ", _parameters(list(runs), parameters)),
+        section("metrics", "Metrics, with the difference to the first run", {"tables": [table], "failures": []}),
+        plots_section(cases, entries, drawings, "Runs"),
+        arm_section(cases, entries, drawings, "Run"),
+    )
+    write_page(path, " and ".join(runs), extents(metrics), sections, drawings.figures, drawings.arm)
+
+
+def _parameters(runs: list[str], parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    rows = {name: [str(values.get(run, NOTHING)) for run in runs] for name, values in parameters.items()}
+    return {"runs": runs, "rows": rows}
