@@ -92,6 +92,10 @@ BAD_USAGE = [
         "bandwidth belongs to estimator.name extended_state_observer",
     ),
     (["rollout", "--set", "controller.estimator.velocity_cutoff=0"], "velocity_cutoff (rad/s): 0 must be > 0"),
+    (["reproduce", "--scenario", "noise"], "noise is not part of the article's evaluation: case1, case2"),
+    (["reproduce", "--law", "sliding_mode"], "law sliding_mode is not part of the article's evaluation: piddtsm,"),
+    (["reproduce", "--law", "dtsm_printed", "--scenario", "case2"], "only in case1"),
+    (["reproduce", "--law", "pid", "--set", "controller.law.k9=1"], "unknown parameter law.k9"),
     (["analyze", "nowhere"], "nowhere"),
     (["analyze", "occupied"], "occupied"),
 ]

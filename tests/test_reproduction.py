@@ -28,6 +28,14 @@ def test_the_plan_is_the_articles_evaluation_with_baselines() -> None:
     assert all(p.experiment.duration == 30.0 for p in plan())
 
 
+def test_a_part_of_the_plan_has_its_parameters() -> None:
+    (only,) = plan(2.0, ["case2"], ["dtsm"], overrides=["controller.law.k1=4.0"])
+    every = plan(2.0, laws=["piddtsm", "dtsm_printed"], overrides=["controller.law.k1=4.0"])
+    assert [p.key for p in (only, *every)] == ["case2-dtsm", "case1-piddtsm", "case2-piddtsm", "case1-dtsm_printed"]
+    assert all(p.experiment.settings["controller"]["law.k1"] == 4.0 for p in (only, *every))
+    assert every[-1].experiment.settings["controller"]["law.kappa"] == 0.01
+
+
 @pytest.mark.parametrize("planned", [p for p in plan() if p.scenario == "case2"], ids=lambda p: p.law)
 def test_nodes_and_rollout_agree_to_the_last_bit_for_every_law(planned: Planned, tmp_path: Path) -> None:
     # Case 2 with an early load step, so that both halves of the case are run.

@@ -39,6 +39,11 @@ def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot_argument(parser)
     parser.add_argument("--law", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: {LAW_NAME.default})")
     parser.add_argument("--duration", type=seconds, metavar="S", help="duration in seconds (default: the scenario's)")
+    add_parameter_arguments(parser)
+
+
+def add_parameter_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options that set parameters."""
     parser.add_argument(
         "--params",
         action="append",

@@ -2,7 +2,7 @@
 
 import argparse
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,9 @@ from rich import box
 from rich.table import Table
 
 from pidtsm_core.outcome import RAN_AWAY
-from pidtsm_experiments.commands.options import CONSOLE, progress_bar, seconds
+from pidtsm_experiments.commands.options import CONSOLE, add_parameter_arguments, progress_bar, seconds
 from pidtsm_experiments.errors import RunError
-from pidtsm_experiments.runs.reproduction import PRINTED_DTSM, load, make_runs, plan, write_results
+from pidtsm_experiments.runs.reproduction import LAWS, PRINTED_DTSM, Planned, load, make_runs, plan, write_results
 from pidtsm_experiments.runs.results import locked
 from pidtsm_studies.article.claims import compare, markdown
 from pidtsm_studies.article.figures import write_article_figures
@@ -30,21 +30,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="parallel runs (default: one per core)"
     )
     parser.add_argument("--duration", type=seconds, metavar="S", help="seconds per run, for a quick look (default: 30)")
+    parser.add_argument(
+        "--scenario", action="append", default=[], metavar="NAME", help="only this case; can be repeated"
+    )
+    parser.add_argument(
+        "--law",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help=f"only this one of {', '.join(LAWS)}; can be repeated",
+    )
+    add_parameter_arguments(parser)
 
 
 def execute(options: argparse.Namespace) -> int:
+    planned = plan(options.duration, options.scenario, options.law, options.params, options.set)
     with locked(options.out):
-        _reproduce(options)
+        _reproduce(planned, options)
     return 0
 
 
-def _reproduce(options: argparse.Namespace) -> None:
+def _reproduce(planned: Sequence[Planned], options: argparse.Namespace) -> None:
     """Make the runs and write all results.
 
     Raises:
         RunError: a run failed.
     """
-    planned = plan(options.duration)
     folder = options.out / "runs"
     folder.mkdir(parents=True, exist_ok=True)
     with progress_bar() as bar:
@@ -58,8 +69,8 @@ def _reproduce(options: argparse.Namespace) -> None:
         failed = make_runs(planned, folder, max(1, options.jobs), options.resume, show)
     with CONSOLE.status("comparing, drawing, writing the report"):
         runs = load(planned, folder, failed)
-        notes = _notes(runs)
-        rows = compare(runs)
+        notes = [*_changes(options), *_notes(runs)]
+        rows = [each for each in compare(runs) if all((each.claim.case, law) in runs for law in each.claim.laws)]
         write_results(runs, rows, options.out / "results.json")
         (options.out / "comparison.md").write_text(markdown(rows), encoding="utf-8")
         write_article_figures(runs, options.out / "figures")
@@ -68,6 +79,13 @@ def _reproduce(options: argparse.Namespace) -> None:
     CONSOLE.print(f"{options.out}: report.html comparison.md results.json figures/ runs/", highlight=False)
     if failed:
         raise RunError("\n".join(f"{key}: {reason}" for key, reason in failed.items()))
+
+
+def _changes(options: argparse.Namespace) -> Iterator[str]:
+    """A note of the report if the parameters are not those of the evaluation."""
+    words = [*(f"--params {name}" for name in options.params), *(f"--set {text}" for text in options.set)]
+    if words:
+        yield f"The parameters of these runs are not those of the article, because of {' '.join(words)}."
 
 
 def _notes(runs: dict[tuple[str, str], Any]) -> list[str]:

@@ -13,19 +13,20 @@ from pathlib import Path
 from typing import Any
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.experiment import ARTICLE, Experiment, article_parameters, make_experiment, ros_parameters
+from pidtsm_core.experiment import Experiment, article_parameters, make_experiment, ros_parameters
 from pidtsm_core.summary import summarize, write_metrics
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.results import result_folder
-from pidtsm_experiments.runs.runner import node_parameters, run, uninterrupted
+from pidtsm_experiments.runs.runner import node_parameters, recorded_parameters, run, uninterrupted
 from pidtsm_studies.article.claims import ARTICLE_LAWS, Comparison, as_json
 
 SCENARIOS = ("case1", "case2")
 BASELINES = ("pid", "computed_torque", "super_twisting")
 PRINTED_DTSM = "dtsm_printed"
 """DTSM with kappa as printed in Table 1, only in Case 1, to show why another value is used."""
+LAWS = (*ARTICLE_LAWS, *BASELINES, PRINTED_DTSM)
 
 PRELOADED = [__name__]
 """Modules that are imported once, not for every run."""
@@ -55,19 +56,39 @@ class Planned:
         return f"{self.scenario}-{self.law}"
 
 
-def plan(duration: float | None = None) -> list[Planned]:
-    """Every run: the article's laws and the baselines in both cases, and DTSM as printed.
+def plan(
+    duration: float | None = None,
+    scenarios: Sequence[str] = (),
+    laws: Sequence[str] = (),
+    params: Sequence[str] = (),
+    overrides: Sequence[str] = (),
+) -> list[Planned]:
+    """The runs: the article's laws and the baselines in both cases, and DTSM as printed.
 
     Args:
         duration: s; replaces that of the scenarios, only for a quick look.
+        scenarios: some of `SCENARIOS`; empty: all.
+        laws: some of `LAWS`; empty: all.
+        params: parameter sets for every run, after those of the article, see `make_experiment`.
+        overrides: likewise.
+
+    Raises:
+        UsageError: a scenario or law that is not part of the evaluation, no run, or see `recorded_parameters`.
     """
-    runs = [
-        Planned(scenario, law, make_experiment(scenario, law, duration, [ARTICLE] if law in ARTICLE_LAWS else []))
-        for scenario in SCENARIOS
-        for law in (*ARTICLE_LAWS, *BASELINES)
-    ]
-    printed = str(article_parameters(PRINTED_DTSM))
-    runs.append(Planned(SCENARIOS[0], PRINTED_DTSM, make_experiment(SCENARIOS[0], "dtsm", duration, [printed])))
+    for what, chosen, known in (("scenario", scenarios, SCENARIOS), ("law", laws, LAWS)):
+        if unknown := sorted({*chosen} - {*known}):
+            raise UsageError(f"{what} {unknown[0]} is not part of the article's evaluation: {', '.join(known)}")
+    pairs = [(scenario, law) for scenario in SCENARIOS for law in (*ARTICLE_LAWS, *BASELINES)]
+    runs = []
+    for scenario, law in (*pairs, (SCENARIOS[0], PRINTED_DTSM)):
+        if scenario in (scenarios or SCENARIOS) and law in (laws or LAWS):
+            of_article = [str(article_parameters(law))] if law in (*ARTICLE_LAWS, PRINTED_DTSM) else []
+            name = "dtsm" if law == PRINTED_DTSM else law
+            experiment = make_experiment(scenario, name, duration, [*of_article, *params], overrides)
+            recorded_parameters(experiment, "lockstep")
+            runs.append(Planned(scenario, law, experiment))
+    if not runs:
+        raise UsageError(f"{PRINTED_DTSM} is part of the evaluation only in {SCENARIOS[0]}")
     return runs
 
 
