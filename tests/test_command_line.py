@@ -96,6 +96,9 @@ BAD_USAGE = [
     (["reproduce", "--law", "sliding_mode"], "law sliding_mode is not part of the article's evaluation: piddtsm,"),
     (["reproduce", "--law", "dtsm_printed", "--scenario", "case2"], "only in case1"),
     (["reproduce", "--law", "pid", "--set", "controller.law.k9=1"], "unknown parameter law.k9"),
+    (["robustness", "--law", "sliding_mode"], "law sliding_mode is not part of the study: piddtsm, pidnftsm, dtsm,"),
+    (["robustness", "--scenario", "case9"], "no scenario case9"),
+    (["robustness", "--set", "controller.law.k9=1"], "unknown parameter law.k9"),
     (["analyze", "nowhere"], "nowhere"),
     (["analyze", "occupied"], "occupied"),
 ]

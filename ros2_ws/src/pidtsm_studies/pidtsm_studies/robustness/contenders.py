@@ -1,9 +1,11 @@
 """The controllers of the study."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from pidtsm_core.experiment import ARTICLE, PRACTICAL, Settings, make_experiment
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import ARTICLE, PRACTICAL, Experiment, Settings, make_experiment
+from pidtsm_core.rollout import SCHEMAS
 from pidtsm_studies.reports.labels import label
 
 
@@ -17,6 +19,7 @@ class Contender:
         law: name of the law.
         params: parameter sets, as for `make_experiment`.
         overrides: ``NODE.PARAMETER=VALUE``.
+        changes: what a user has added to `params` and `overrides`, as text.
     """
 
     name: str
@@ -24,6 +27,7 @@ class Contender:
     law: str
     params: tuple[str, ...] = ()
     overrides: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()
 
     @property
     def heading(self) -> str:
@@ -40,8 +44,19 @@ class Contender:
         Raises:
             UsageError: unknown scenario or parameter; see `make_experiment`.
         """
+        return self._experiment(scenario, overrides).settings
+
+    def check(self, scenario: str) -> None:
+        """Check all parameters of a run in this scenario.
+
+        Raises:
+            UsageError: an unknown scenario or parameter, or an invalid value.
+        """
+        self._experiment(scenario, ()).resolved(SCHEMAS)
+
+    def _experiment(self, scenario: str, overrides: Sequence[str]) -> Experiment:
         every = (*self.overrides, *overrides)
-        return make_experiment(scenario, self.law, None, self.params, every).without_node_parameters().settings
+        return make_experiment(scenario, self.law, None, self.params, every).without_node_parameters()
 
 
 OBSERVER = Contender("practical", "PIDDTSM, practical: observer", "piddtsm", (PRACTICAL,))
@@ -69,3 +84,31 @@ LABELS = {c.name: c.label for c in CONTENDERS}
 """Labels by name."""
 FOR_REQUIREMENTS = (OBSERVER, FILTERED)
 """Contenders that are tested against the requirements: the set for real hardware, and the article's."""
+
+
+def choose(laws: Sequence[str] = (), params: Sequence[str] = (), overrides: Sequence[str] = ()) -> list[Contender]:
+    """Contenders with other parameters.
+
+    Args:
+        laws: laws of the contenders; empty: all.
+        params: parameter sets for every contender, after its own, see `make_experiment`.
+        overrides: likewise.
+
+    Raises:
+        UsageError: no contender has one of the laws.
+    """
+    known = tuple(dict.fromkeys(contender.law for contender in CONTENDERS))
+    if unknown := sorted({*laws} - {*known}):
+        raise UsageError(f"law {unknown[0]} is not part of the study: {', '.join(known)}")
+    changes = (*(f"--params {name}" for name in params), *(f"--set {text}" for text in overrides))
+    return [
+        replace(each, params=(*each.params, *params), overrides=(*each.overrides, *overrides), changes=changes)
+        for each in CONTENDERS
+        if each.law in (laws or known)
+    ]
+
+
+def for_requirements(contenders: Sequence[Contender]) -> list[Contender]:
+    """Those of the contenders that are tested against the requirements: all, if `FOR_REQUIREMENTS` are not there."""
+    names = {contender.name for contender in FOR_REQUIREMENTS}
+    return [contender for contender in contenders if contender.name in names] or list(contenders)

@@ -67,7 +67,7 @@ def _figure(robustness: Robustness, imperfection: Imperfection) -> Figure:
     for row, (panel, name) in zip(table, PANELS.items(), strict=True):
         row[1].sharey(row[0])
         for ax, contenders in zip(row, (ESTIMATORS, LAWS), strict=True):
-            for contender in contenders:
+            for contender in (name for name in contenders if name in curves):
                 _draw(ax, values, band(curves[contender], panel), contender)
             if panel in LOGARITHMIC:
                 ax.set_yscale("log", nonpositive="mask")

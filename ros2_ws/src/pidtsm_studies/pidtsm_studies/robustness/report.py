@@ -12,12 +12,13 @@ from plotly.subplots import make_subplots
 from pidtsm_core.parameters import Array
 from pidtsm_studies.reports.page import Section, write_page
 from pidtsm_studies.reports.plots import line_style, set_style
-from pidtsm_studies.robustness.contenders import CONTENDERS, FOR_REQUIREMENTS, LABELS
+from pidtsm_studies.reports.sections import case_name
+from pidtsm_studies.robustness.contenders import LABELS, for_requirements
 from pidtsm_studies.robustness.figures import LOGARITHMIC, PANELS, STYLES, band
 from pidtsm_studies.robustness.imperfections import IMPERFECTIONS, Imperfection
 from pidtsm_studies.robustness.requirements import QUANTITIES, REQUIREMENTS, Requirement
 from pidtsm_studies.robustness.results import BAND, CONFIDENCE, LATE, TRACKING, Achievement, Curve, Robustness
-from pidtsm_studies.robustness.wording import measured_text, tolerance_text
+from pidtsm_studies.robustness.wording import measured_text, tolerance_text, verdict_text
 
 
 def write_robustness_report(path: Path, robustness: Robustness) -> None:
@@ -32,10 +33,11 @@ def write_robustness_report(path: Path, robustness: Robustness) -> None:
     sections = (
         _section("rows", "Imperfect hardware and limits", "requirements", _requirements(robustness)),
         _section("tolerance", "Tolerance of each controller", "tolerance", _tolerance(robustness)),
-        _section("curves", "Curves", "curves", _curves(figures)),
+        _section("curves", "Curves", "curves", _curves(robustness, figures)),
         _section("method", "Method", "method", _method(robustness)),
     )
-    summary = f"Case 1, {robustness.runs} rollouts of {effort.duration:g} s, up to {effort.seeds} seeds per value"
+    rollouts = f"{robustness.runs} rollouts of {effort.duration:g} s"
+    summary = f"{case_name(robustness.scenario)}, {rollouts}, up to {effort.seeds} seeds per value"
     write_page(path, "Robustness", summary, sections, figures)
 
 
@@ -46,7 +48,7 @@ def _section(name: str, heading: str, template: str, content: Any) -> Section:
 def _requirements(robustness: Robustness) -> dict[str, Any]:
     pairs = zip(REQUIREMENTS, robustness.achievements, strict=True)
     return {
-        "caption": f"The practical set meets all limits in {robustness.met()} of {len(REQUIREMENTS)} rows",
+        "caption": verdict_text(robustness),
         "columns": ["hardware", "controller", *QUANTITIES.values(), "success"],
         "requirements": [
             {
@@ -57,7 +59,7 @@ def _requirements(robustness: Robustness) -> dict[str, Any]:
                         "cells": _cells(requirement, by_contender[contender.name]),
                         "success": f"{100.0 * by_contender[contender.name].success:.0f} %",
                     }
-                    for contender in FOR_REQUIREMENTS
+                    for contender in for_requirements(robustness.contenders)
                 ],
             }
             for requirement, by_contender in pairs
@@ -80,22 +82,24 @@ def _cells(requirement: Requirement, achievement: Achievement) -> list[dict[str,
 
 def _tolerance(robustness: Robustness) -> dict[str, Any]:
     return {
-        "columns": ["imperfection", "tested", *(contender.heading for contender in CONTENDERS)],
+        "columns": ["imperfection", "tested", *(contender.heading for contender in robustness.contenders)],
         "imperfections": [
             {
                 "label": each.label,
                 "mildest": f"{robustness.values[each.name][0]:g}",
                 "worst": f"{robustness.values[each.name][-1]:g}",
-                "cells": [tolerance_text(robustness, each, contender.name) for contender in CONTENDERS],
+                "cells": [tolerance_text(robustness, each, contender.name) for contender in robustness.contenders],
             }
             for each in IMPERFECTIONS
         ],
     }
 
 
-def _curves(figures: Mapping[str, Any]) -> dict[str, Any]:
+def _curves(robustness: Robustness, figures: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        "boxes": [{"value": name, "colour": colour, "label": LABELS[name]} for name, (colour, _) in STYLES.items()],
+        "boxes": [
+            {"value": each.name, "colour": STYLES[each.name][0], "label": each.label} for each in robustness.contenders
+        ],
         "plots": [
             {
                 "id": each.name,
@@ -111,6 +115,8 @@ def _method(robustness: Robustness) -> dict[str, Any]:
     """Values for the description of the method, as text."""
     low, middle, high = (f"{percentile:g}" for percentile in BAND)
     return {
+        "case": case_name(robustness.scenario),
+        "changes": " ".join(robustness.contenders[0].changes),
         "tried": robustness.effort.values,
         "seeds": robustness.effort.seeds,
         "tracking": f"{TRACKING:g}",

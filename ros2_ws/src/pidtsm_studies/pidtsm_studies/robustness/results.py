@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from pidtsm_core.parameters import Array
-from pidtsm_studies.robustness.contenders import CONTENDERS, OBSERVER
-from pidtsm_studies.robustness.imperfections import CASE, IMPERFECTIONS, Imperfection
+from pidtsm_studies.robustness.contenders import Contender
+from pidtsm_studies.robustness.imperfections import IMPERFECTIONS, Imperfection
 from pidtsm_studies.robustness.requirements import REQUIREMENTS, Requirement
 
 LATE = 10.0
@@ -88,6 +88,8 @@ class Robustness:
 
     Attributes:
         effort: extent of the study.
+        scenario: of the runs with a single imperfection.
+        contenders: in the order of legends.
         runs: number of runs.
         diverged: number of runs that diverged; they count as failed.
         values: tested values of each imperfection.
@@ -96,6 +98,8 @@ class Robustness:
     """
 
     effort: Effort
+    scenario: str
+    contenders: Sequence[Contender]
     runs: int
     diverged: int
     values: Mapping[str, tuple[float, ...]]
@@ -103,9 +107,9 @@ class Robustness:
     achievements: Sequence[Mapping[str, Achievement]]
 
     def met(self) -> int:
-        """Number of requirements of which the practical set meets every limit."""
+        """Number of requirements of which the first contender meets every limit."""
         pairs = zip(REQUIREMENTS, self.achievements, strict=True)
-        return sum(all(by_contender[OBSERVER.name].kept(each).values()) for each, by_contender in pairs)
+        return sum(all(by_contender[self.contenders[0].name].kept(each).values()) for each, by_contender in pairs)
 
 
 def combined(metric: str, values: Array) -> Array:
@@ -131,7 +135,11 @@ def as_json(robustness: Robustness) -> dict[str, Any]:
         "diverged": robustness.diverged,
         "success": {"after": LATE, "error": TRACKING, "confidence": CONFIDENCE},
         "percentiles": list(BAND),
-        "contenders": {c.name: {"label": c.label, "settings": c.settings(CASE)["controller"]} for c in CONTENDERS},
+        "scenario": robustness.scenario,
+        "contenders": {
+            c.name: {"label": c.label, "settings": c.settings(robustness.scenario)["controller"]}
+            for c in robustness.contenders
+        },
         "rows": [
             _requirement_json(each, by_contender)
             for each, by_contender in zip(REQUIREMENTS, robustness.achievements, strict=True)

@@ -1,7 +1,7 @@
 """Robustness of each controller, measured by rollouts with single imperfections and with the requirements' hardware.
 
-All rollouts are Case 1. A curve varies one imperfection and leaves everything else ideal; a requirement is a scenario
-with several imperfections.
+A curve belongs to one scenario, by default Case 1: it varies one imperfection and leaves everything else ideal. A
+requirement is a scenario with several imperfections.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +17,7 @@ from pidtsm_core.metrics import JointMetrics
 from pidtsm_core.parameters import Array
 from pidtsm_core.rollout import Rollout
 from pidtsm_core.signals import Signal
-from pidtsm_studies.robustness.contenders import CONTENDERS, FOR_REQUIREMENTS, Contender
+from pidtsm_studies.robustness.contenders import CONTENDERS, Contender, for_requirements
 from pidtsm_studies.robustness.imperfections import CASE, IMPERFECTIONS, Imperfection
 from pidtsm_studies.robustness.requirements import REQUIREMENTS, Requirement
 from pidtsm_studies.robustness.results import (
@@ -36,15 +36,22 @@ _Condition: TypeAlias = tuple[str, str, int]
 """Contender, imperfection or requirement, index of the value or variant; runs of a condition differ only in seed."""
 
 
-def measure(effort: Effort, progress: Callable[[int, int], None] = lambda _done, _total: None) -> Robustness:
+def measure(
+    effort: Effort,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+    contenders: Sequence[Contender] = CONTENDERS,
+    scenario: str = CASE,
+) -> Robustness:
     """Run all rollouts on all cores.
 
     Args:
         effort: extent of the study.
+        contenders: those to measure, at least one, see `choose`.
+        scenario: of the runs with a single imperfection.
         progress: called regularly with the number of finished runs and the total number.
     """
     values = {imperfection.name: _chosen(imperfection.values, effort.values) for imperfection in IMPERFECTIONS}
-    conditions, settings = _plan(values, effort.seeds)
+    conditions, settings = _plan(values, effort.seeds, contenders, scenario)
     result = batch(settings, effort.duration, progress=lambda done: progress(done, len(settings)), measure=_late)
     runs: dict[_Condition, list[int]] = {}
     for run, condition in enumerate(conditions):
@@ -52,24 +59,28 @@ def measure(effort: Effort, progress: Callable[[int, int], None] = lambda _done,
     outcomes = _Outcomes(result, runs)
     return Robustness(
         effort=effort,
+        scenario=scenario,
+        contenders=contenders,
         runs=len(settings),
         diverged=len(result.failed),
         values=values,
         curves={
             imperfection.name: {
                 contender.name: outcomes.curve(contender, imperfection, len(values[imperfection.name]))
-                for contender in CONTENDERS
+                for contender in contenders
             }
             for imperfection in IMPERFECTIONS
         },
         achievements=[
-            {contender.name: outcomes.achievement(contender, requirement) for contender in FOR_REQUIREMENTS}
+            {contender.name: outcomes.achievement(contender, requirement) for contender in for_requirements(contenders)}
             for requirement in REQUIREMENTS
         ],
     )
 
 
-def _plan(values: Mapping[str, Sequence[float]], seeds: int) -> tuple[list[_Condition], list[Settings]]:
+def _plan(
+    values: Mapping[str, Sequence[float]], seeds: int, contenders: Sequence[Contender], scenario: str
+) -> tuple[list[_Condition], list[Settings]]:
     """Condition and parameters of every run."""
     conditions: list[_Condition] = []
     settings: list[Settings] = []
@@ -79,18 +90,18 @@ def _plan(values: Mapping[str, Sequence[float]], seeds: int) -> tuple[list[_Cond
             conditions.append(condition)
             settings.append({**common, "simulator": {**common["simulator"], **(more or {}), "seed": seed}})
 
-    for contender in CONTENDERS:
-        ideal = contender.settings(CASE)
+    for contender in contenders:
+        ideal = contender.settings(scenario)
         for imperfection in IMPERFECTIONS:
             for index, value in enumerate(values[imperfection.name]):
                 condition = (contender.name, imperfection.name, index)
                 add(condition, ideal, imperfection.random, imperfection.settings(value))
-    for contender in FOR_REQUIREMENTS:
+    for contender in for_requirements(contenders):
         add((contender.name, CASE, 0), contender.settings(CASE), random=False)
         for requirement in REQUIREMENTS:
-            for index, (scenario, overrides) in enumerate(requirement.runs):
+            for index, (name, overrides) in enumerate(requirement.runs):
                 condition = (contender.name, requirement.label, index)
-                add(condition, contender.settings(scenario, overrides), requirement.random)
+                add(condition, contender.settings(name, overrides), requirement.random)
     return conditions, settings
 
 

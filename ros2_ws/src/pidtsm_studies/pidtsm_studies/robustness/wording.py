@@ -3,7 +3,9 @@
 import math
 
 from pidtsm_studies.reports.labels import value_text
+from pidtsm_studies.robustness.contenders import OBSERVER
 from pidtsm_studies.robustness.imperfections import Imperfection
+from pidtsm_studies.robustness.requirements import REQUIREMENTS
 from pidtsm_studies.robustness.results import Robustness
 
 
@@ -14,6 +16,13 @@ def tolerance_text(robustness: Robustness, imperfection: Imperfection, contender
     if tolerated == len(values):
         return "all"
     return f"{values[tolerated - 1]:g}" if tolerated else "none"
+
+
+def verdict_text(robustness: Robustness) -> str:
+    """In how many requirements the first contender meets all limits."""
+    first = robustness.contenders[0]
+    name = "The practical set" if first.name == OBSERVER.name else first.label
+    return f"{name} meets all limits in {robustness.met()} of {len(REQUIREMENTS)} rows"
 
 
 def measured_text(value: float) -> str:

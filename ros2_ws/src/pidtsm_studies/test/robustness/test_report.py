@@ -6,11 +6,13 @@ from pathlib import Path
 import pytest
 from devtools import CHROMIUM, Page
 
-from pidtsm_studies.robustness.contenders import CONTENDERS
+from pidtsm_studies.robustness import figures
+from pidtsm_studies.robustness.contenders import CONTENDERS, choose
 from pidtsm_studies.robustness.imperfections import IMPERFECTIONS
 from pidtsm_studies.robustness.report import write_robustness_report
 from pidtsm_studies.robustness.requirements import REQUIREMENTS
-from pidtsm_studies.robustness.results import Robustness
+from pidtsm_studies.robustness.results import QUICK, Robustness
+from pidtsm_studies.robustness.study import measure
 from pidtsm_studies.robustness.wording import measured_text, tolerance_text
 
 
@@ -62,6 +64,26 @@ def test_what_diverged_is_counted(tmp_path: Path, with_failures: Robustness) -> 
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert f"has failed and has no such values: 1 of {with_failures.runs} runs." in page
     assert "The practical set meets all limits in 0 of 6 rows" in page
+
+
+def test_chosen_controllers_with_other_parameters_in_another_scenario(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen = choose(["pid", "dtsm"], overrides=["simulator.limits.effort=[1.0, 1.0]"])
+    robustness = measure(QUICK, contenders=chosen, scenario="case2")
+    assert [contender.name for contender in robustness.contenders] == ["dtsm", "pid"]
+    assert all(not curve.success.any() for curves in robustness.curves.values() for curve in curves.values())
+    assert [list(by_contender) for by_contender in robustness.achievements] == [["dtsm", "pid"]] * len(REQUIREMENTS)
+    write_robustness_report(tmp_path / "report.html", robustness)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert re.findall(r'name="law" value="(\w+)"', page) == ["dtsm", "pid"]
+    for text in ("DTSM meets all limits in 0 of", "imperfection of Case 2", "All with --set simulator.limits.effort="):
+        assert text in page
+    monkeypatch.setattr(figures, "IMPERFECTIONS", IMPERFECTIONS[:1])  # drawing takes a second each
+    _, svg = figures.write_robustness_figures(robustness, tmp_path)
+    text = svg.read_text(encoding="utf-8")
+    assert "DTSM" in text
+    assert "super-twisting" not in text
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
