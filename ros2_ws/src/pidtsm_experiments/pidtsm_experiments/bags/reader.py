@@ -82,7 +82,7 @@ def _read(path: Path, only: frozenset[str] | None) -> Recording:
         reference=reference.values.swapaxes(0, 1),
         signals=state.values.swapaxes(0, 1),
         status=state.codes,
-        compute_time=state.scalars,
+        compute_time=state.scalars if state.scalars.any() else np.empty(0),  # 0: not measured.
         scenario=metadata.scenario,
         law=metadata.law,
         clock=metadata.clock,

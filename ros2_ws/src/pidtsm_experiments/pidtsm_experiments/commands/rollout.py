@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_experiment_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print only the metrics, as one JSON object")
     parser.add_argument("--out", type=Path, metavar="DIR", help="result folder, as of run (default: only print)")
+    parser.add_argument("--bag", action="store_true", help="leave a bag in the result folder, instead of recording.npz")
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -36,10 +37,15 @@ def execute(options: argparse.Namespace) -> int:
     parameters = replace(experiment, settings=settings).resolved(SCHEMAS)
     warn(parameters["controller"])
     out: Path | None = options.out
-    metrics = _kept(experiment, parameters, out) if out else summarize(_recording(experiment))
+    if options.bag and not out:
+        raise UsageError("--bag needs --out, the folder of the bag")
+    metrics = _kept(experiment, parameters, out, options.bag) if out else summarize(_recording(experiment))
     show_metrics(metrics, options.json)
     if out:
-        CONSOLE.print(f"{out}: report.html metrics.json figures/ params/ recording.npz", highlight=False)
+        CONSOLE.print(
+            f"{out}: report.html metrics.json figures/ params/ {'bag/' if options.bag else 'recording.npz'}",
+            highlight=False,
+        )
     require_followed(metrics)
     return 0
 
@@ -60,19 +66,25 @@ def _recording(experiment: Experiment) -> Recording:
     return Recording.of_rollout(result, experiment.scenario, experiment.law, experiment.event_time)
 
 
-def _kept(experiment: Experiment, parameters: Mapping[str, Mapping[str, Value]], out: Path) -> dict[str, Any]:
-    """Simulate an experiment and leave its results in a folder; returns the metrics.
+def _kept(
+    experiment: Experiment, parameters: Mapping[str, Mapping[str, Value]], out: Path, bag: bool
+) -> dict[str, Any]:
+    """Simulate an experiment and leave its results in a folder, with a bag or a smaller file; returns the metrics.
 
     Raises:
         UsageError: a setting is refused; see also `result_folder`.
         RunError: a value of the loop is no longer finite.
     """
     # Libraries for drawing and bags take longer to import than a rollout takes.
+    from pidtsm_experiments.bags.rollout_bag import write_rollout_bag
     from pidtsm_experiments.runs.outputs import write_outputs
     from pidtsm_experiments.runs.saved import RECORDING, save_recording, write_parameters
 
     with result_folder(out) as folder:
         write_parameters(parameters, folder)
         recording = _recording(experiment)
-        save_recording(recording, folder / RECORDING)
+        if bag:
+            write_rollout_bag(recording, parameters["trajectory"], folder / "bag")
+        else:
+            save_recording(recording, folder / RECORDING)
         return write_outputs(recording, folder)

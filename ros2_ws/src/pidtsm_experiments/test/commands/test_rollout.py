@@ -10,6 +10,7 @@ from pidtsm_core.rollout import rollout
 from pidtsm_core.summary import summarize
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.saved import load_recording
+from pidtsm_studies.reports import figures
 
 NODES = ("controller", "simulator", "trajectory")
 
@@ -33,6 +34,29 @@ def test_the_saved_recording_is_the_rollout_to_the_last_bit(kept: Path) -> None:
         np.testing.assert_array_equal(getattr(saved, name), getattr(result, name), err_msg=name)
     assert (saved.joints, saved.scenario, saved.law, saved.clock) == (result.joints, "case1", "piddtsm", None)
     assert summarize(saved) == json.loads((kept / "firm" / "metrics.json").read_text())
+
+
+def test_a_bag_of_a_rollout_is_read_like_that_of_a_run(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(figures, "FIGURES", {})
+    words = ["--robot", "scara", "--params", "practical", "--set", "simulator.dropout.time=0.1", "--duration", "0.3"]
+    assert (
+        main(["rollout", *words, "--set", "simulator.dropout.duration=0.02", "--out", "mine", "--bag", "--json"]) == 0
+    )
+    expected = json.loads(capsys.readouterr().out)
+    assert main(["analyze", "mine/bag", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found["lost"].values()) == {0}
+    assert {**found, "lost": {}} == expected
+    assert not (folder / "mine" / "recording.npz").exists()
+    assert main(["report", "mine"]) == 0
+    assert json.loads((folder / "mine" / "metrics.json").read_text()) == found
+
+
+def test_a_bag_needs_a_folder(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rollout", "--bag"]) == 2
+    assert "--bag needs --out" in capsys.readouterr().err
 
 
 def test_the_parameters_that_it_leaves_give_the_same_rollout(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
