@@ -7,15 +7,16 @@ from pidtsm_core.experiment import make_experiment
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import find_robot, inverse_dynamics, make_model
 from pidtsm_core.rollout import Rollout, rollout
+from pidtsm_core.signals import Signal
 
 GRAVITY = "output.gravity"
 DURATION = 1.0
 
 
-def motion(robot: str, controller: str = "commanded", simulator: str = "commanded") -> Rollout:
-    """The default motion, with who adds gravity."""
+def motion(robot: str, controller: str = "commanded", simulator: str = "commanded", payload: float = 0.0) -> Rollout:
+    """The default motion, with who adds gravity, and a payload that the controller knows."""
     settings = make_experiment(None, robot=robot).settings
-    wide = {"limits.effort": 1000.0}
+    wide = {"limits.effort": 1000.0, "payload.mass": payload}
     settings["controller"] |= {GRAVITY: controller, **wide}
     settings["simulator"] |= {GRAVITY: simulator, **wide}
     return rollout(settings, DURATION)
@@ -37,6 +38,12 @@ def test_the_arm_moves_the_same_whoever_adds_gravity(robot: str) -> None:
     # The drives report all of the torque, and the controller counts with all of it.
     np.testing.assert_allclose(theirs.effort, ours.effort, rtol=0, atol=1e-9)
     np.testing.assert_allclose(theirs.signals, ours.signals, rtol=0, atol=1e-6)
+
+
+def test_the_command_carries_a_payload_that_the_firmware_does_not_know() -> None:
+    ours, theirs = motion("panda", payload=2.0), motion("panda", "added_by_robot", "added_by_robot", payload=2.0)
+    np.testing.assert_allclose(theirs.position, ours.position, rtol=0, atol=1e-12)
+    assert np.abs(theirs.signals[:, Signal.POSITION_ERROR]).max() < 1e-3
 
 
 @pytest.mark.parametrize("robot", ["two_link", "scara", "panda"])

@@ -121,6 +121,7 @@ class Controller:
         self.config, self.state = unpack(self.floats, self.integers)
         config = self.config
         config.model.parameters[:] = model
+        config.firmware.parameters[:] = found.pack_model(values)
         config.law[:] = gains
         config.estimator_parameters[:] = estimator.pack(values, "estimator", self.joints)
         config.effort_limit[:] = joint_array(values["limits.effort"], self.joints)

@@ -22,6 +22,10 @@ from pidtsm_core.timing import seconds
 _SHARE_OF_RATE = 0.5
 """Share of the rate limit that a way may use; the rest is for the law."""
 _SHARE_OF_EFFORT = 0.9
+_SHARE_OF_VELOCITY, _LEAST_SHARE = 0.8, 0.1
+"""Share of a velocity limit that reference and way may use together, and what the way may use in any case."""
+_STEEPEST = 1.875
+"""Largest velocity of a quintic from rest to rest, as a multiple of the mean."""
 _SHORTEST_WAY, _LONGEST_WAY, _LONGER = 0.01, 20.0, 1.2  # s, s, ratio of consecutive durations tried
 _SHORTEST_REST, _LONGEST_REST = 0.1, 2.0  # s in which the desired motion comes to rest
 _MOMENTS = 12
@@ -161,9 +165,9 @@ def _begin_way(config: ControllerConfig, state: ControllerState, start: Array, s
         for j in range(start.shape[1]):
             difference[i, j] = start[i, j] - state.base[i, j]
             rest[i, j] = 0.0
-    duration, excess = config.blend, 0.0
+    duration, excess = _slow_enough(config, state, difference), 0.0
     if config.rate_limited:
-        duration, excess = _duration(config, state, difference, rest)
+        duration, excess = _duration(config, state, difference, rest, duration)
     if duration > 0.0:
         quintic(difference, rest, duration, state.way)
     state.way_duration[0] = duration
@@ -172,9 +176,29 @@ def _begin_way(config: ControllerConfig, state: ControllerState, start: Array, s
 
 
 @inlined
-def _duration(config: ControllerConfig, state: ControllerState, difference: Array, rest: Array) -> tuple[float, float]:
-    """Shortest duration of the way (s) with an `_excess` of at most 1, else with the least; and the excess."""
-    duration = best = max(config.blend, _SHORTEST_WAY)
+def _slow_enough(config: ControllerConfig, state: ControllerState, difference: Array) -> float:
+    """Duration of the way, s: ``activation.blend``, or longer so that the approach keeps within the velocity limits.
+
+    Args:
+        config: configuration, which is read.
+        state: state; the velocity of ``state.base`` leaves less for the way.
+        difference: what the way begins with, shape (3, joints).
+    """
+    duration = config.blend
+    for j in range(difference.shape[1]):
+        limit = config.velocity_limit[j]
+        if duration > 0.0 and limit > 0.0:
+            free = max(_SHARE_OF_VELOCITY * limit - abs(state.base[1, j]), _LEAST_SHARE * limit)
+            duration = max(duration, min(_STEEPEST * abs(difference[0, j]) / free, _LONGEST_WAY))
+    return duration
+
+
+@inlined
+def _duration(
+    config: ControllerConfig, state: ControllerState, difference: Array, rest: Array, shortest: float
+) -> tuple[float, float]:
+    """Duration of the way (s), at least `shortest`, with an `_excess` of at most 1, else with the least; the excess."""
+    duration = best = max(shortest, _SHORTEST_WAY)
     least = math.inf
     while duration < _LONGEST_WAY:
         quintic(difference, rest, duration, state.way)

@@ -43,17 +43,21 @@ def write_command(config: ControllerConfig, state: ControllerState) -> None:
     for j in range(state.sent.size):
         state.sent[j] = state.output[j] = y[Signal.EFFORT, j]
     if config.robot_adds_gravity:
-        _subtract_gravity(config, state)
+        gravity = state.scratch[:1]
+        added_gravity(config, state, gravity)
+        for j in range(state.sent.size):
+            state.output[j] -= gravity[0, j]
 
 
 @outlined
-def _subtract_gravity(config: ControllerConfig, state: ControllerState) -> None:
-    still, gravity = state.accelerations, state.scratch[:1]
-    for j in range(state.output.size):
+def added_gravity(config: ControllerConfig, state: ControllerState, gravity: Array) -> None:
+    """Write the effort that the arm's firmware adds at the estimated position to `gravity`, shape (1, joints), N m."""
+    still = state.accelerations
+    for j in range(still.shape[1]):
         still[0, j] = 0.0
-    inverse_dynamics(config.model, state.signals[Signal.POSITION], still[0], still[:1], gravity)
-    for j in range(state.output.size):
-        state.output[j] -= gravity[0, j]
+    inverse_dynamics(config.firmware, state.signals[Signal.POSITION], still[0], still[:1], gravity)
+    for j in range(still.shape[1]):
+        gravity[0, j] = gravity[0, j] if math.isfinite(gravity[0, j]) else 0.0
 
 
 @inlined

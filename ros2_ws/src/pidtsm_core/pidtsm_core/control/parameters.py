@@ -48,7 +48,11 @@ _LIMITS = (
         per_joint=True,
     ),
     Parameter(
-        "limits.min_position", 0.0, "smallest position; none if it equals limits.max_position", "rad", per_joint=True
+        "limits.min_position",
+        0.0,
+        "smallest position; none if it equals limits.max_position. Change both at once",
+        "rad",
+        per_joint=True,
     ),
     Parameter("limits.max_position", 0.0, "largest position", "rad", per_joint=True),
     _action("position", "limits.min_position or limits.max_position"),
@@ -68,8 +72,8 @@ _SAFETY = (
     Parameter(
         "activation.blend",
         0.8,
-        "duration of the approach from the current position to a reference that the controller starts to follow; 0: no "
-        "approach",
+        "duration of the approach from the current position to a reference that the controller starts to follow, "
+        "longer where limits.velocity requires it; 0: no approach",
         "s",
         minimum=0.0,
     ),

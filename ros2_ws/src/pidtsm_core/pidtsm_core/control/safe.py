@@ -4,7 +4,7 @@ import math
 
 from pidtsm_core.compiled import inlined, outlined
 from pidtsm_core.control.desired import come_to_rest, learnt_acceleration, write_desired
-from pidtsm_core.control.effort import carry, limit_effort
+from pidtsm_core.control.effort import added_gravity, carry, limit_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Hold
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal
@@ -45,7 +45,7 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     The effort follows from the model and from what was learnt: it stops the arm from its last known motion, then holds
     it. Meanwhile it fades.
     """
-    clock, efforts = state.clock, state.signals[Signal.EFFORT]
+    clock = state.clock
     clock[Clock.BRAKES] = config.brakes
     if not config.holds:
         _damp(config, state)
@@ -59,11 +59,23 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     gone = seconds(now + 1 - clock[Clock.SILENT_SINCE])
     left = max(0.0, 1.0 - gone / config.fade) if config.fade > 0.0 else 1.0
     _follow_blindly(config, state)
-    for j in range(efforts.size):
-        efforts[j] *= left
+    _fade(config, state, left)
     limit_effort(config, state)
     _go_gently(config, state, now, begins)
     clock[Clock.HELD] = ELSEWHERE
+
+
+@inlined
+def _fade(config: ControllerConfig, state: ControllerState, left: float) -> None:
+    """Leave a share of the effort; what the arm's firmware adds remains, so that the command fades to zero."""
+    efforts, added = state.signals[Signal.EFFORT], state.scratch[:1]
+    if config.robot_adds_gravity:
+        added_gravity(config, state, added)
+        for j in range(efforts.size):
+            efforts[j] = added[0, j] + left * (efforts[j] - added[0, j])
+    else:
+        for j in range(efforts.size):
+            efforts[j] *= left
 
 
 @outlined
@@ -84,11 +96,17 @@ def leave(config: ControllerConfig, state: ControllerState) -> None:
 
 @inlined
 def _damp(config: ControllerConfig, state: ControllerState) -> None:
-    """Compute gravity compensation, if configured, minus damping."""
-    y = state.signals
+    """Compute gravity compensation, if configured, minus damping; the arm's firmware adds gravity in any case."""
+    y, added = state.signals, state.scratch[:1]
     carry(config, state, y[Signal.POSITION])
     for j in range(y.shape[1]):
-        y[Signal.EFFORT, j] = config.gravity * y[Signal.EFFORT, j] - config.damping[j] * y[Signal.VELOCITY, j]
+        y[Signal.EFFORT, j] *= config.gravity
+    if config.robot_adds_gravity and config.gravity == 0.0:
+        added_gravity(config, state, added)
+        for j in range(y.shape[1]):
+            y[Signal.EFFORT, j] = added[0, j]
+    for j in range(y.shape[1]):
+        y[Signal.EFFORT, j] -= config.damping[j] * y[Signal.VELOCITY, j]
     limit_effort(config, state)
 
 

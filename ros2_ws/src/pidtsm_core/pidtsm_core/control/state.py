@@ -80,6 +80,7 @@ class ControllerConfig(NamedTuple):
     hold_bandwidth: float  # rad/s
     fade: float  # s in which the effort fades while no joint state arrives; 0: no fading
     model: Model  # its parameters have shape (model parameters,)
+    firmware: Model  # the model by which the robot's firmware adds gravity: that of the arm without a payload
     law: Array  # shape (joints, law parameters)
     estimator_parameters: Array  # shape (joints, SLOTS)
     effort_limit: Array  # shape (joints,), N m
@@ -137,7 +138,7 @@ _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
 
 def floats_size(joints: int, model: int, law: int) -> int:
     """Length of the floats of `unpack`, for the numbers of parameters of the model and of the law (per joint)."""
-    return _SCALARS + model + joints * (law + SLOTS + SLOTS + STATE_SLOTS + _ROWS)
+    return _SCALARS + 2 * model + joints * (law + SLOTS + SLOTS + STATE_SLOTS + _ROWS)
 
 
 def integers_size() -> int:
@@ -149,7 +150,7 @@ def integers_size() -> int:
 def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
     """The configuration in the arrays of `unpack`; `rows` is the table at their end, shape (_ROWS, joints)."""
     joints, model, law = integers[0], integers[1], integers[2]
-    a = _SCALARS + model
+    a = _SCALARS + 2 * model
     b = a + joints * law
     return ControllerConfig(
         estimator=integers[4],
@@ -178,7 +179,8 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
         gravity=floats[2],
         hold_bandwidth=floats[4],
         fade=floats[5],
-        model=Model(integers[3], integers[20], integers[21], floats[_SCALARS:a]),
+        model=Model(integers[3], integers[20], integers[21], floats[_SCALARS : _SCALARS + model]),
+        firmware=Model(integers[3], integers[20], integers[21], floats[_SCALARS + model : a]),
         law=floats[a:b].reshape((joints, law)),
         estimator_parameters=floats[b : b + joints * SLOTS].reshape((joints, SLOTS)),
         effort_limit=rows[0],
@@ -199,7 +201,7 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
 def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
     """The state in the arrays of `unpack`; `rows` as for `_config`."""
     joints = integers[0]
-    c = _SCALARS + integers[1] + joints * (integers[2] + SLOTS)
+    c = _SCALARS + 2 * integers[1] + joints * (integers[2] + SLOTS)
     d = c + joints * SLOTS
     clock = _CONFIG_INTEGERS + LAW_INTEGERS
     motion = rows[_CONFIG : _CONFIG + _MOTION]

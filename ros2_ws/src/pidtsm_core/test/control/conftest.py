@@ -31,7 +31,8 @@ class Loop:
         self._settings = {"law.name": law, **arm.gains(law), **dotted(changes)}
         self.controller = Controller(arm.values(controller_schema, self._settings))
         share = {f"model_error.{quantity}": heavier for quantity in ("mass", "inertia")}
-        self.robot = SimulatedRobot(arm.values(simulator_schema, {**motion["simulator"], **share}))
+        both = {name: value for name, value in self._settings.items() if name == "output.gravity"}
+        self.robot = SimulatedRobot(arm.values(simulator_schema, {**motion["simulator"], **share, **both}))
         trajectory = {"joints": arm.names, **motion["trajectory"]}
         self.motion = ReferenceMotion(resolve(reference_schema, trajectory, arm.joints))
         self.every, self.ms = 1000 // rate, 0

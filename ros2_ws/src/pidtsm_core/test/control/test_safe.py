@@ -10,7 +10,7 @@ from testarms import ARMS, Arm
 from pidtsm_core.control import Clock
 from pidtsm_core.laws import LAWS
 from pidtsm_core.rollout import rollout
-from pidtsm_core.signals import Fault, Mode, Status
+from pidtsm_core.signals import Fault, Mode, Signal, Status
 
 MS = 1_000_000
 STEP = 0.1
@@ -140,13 +140,23 @@ def test_the_torque_makes_no_step_while_joint_states_are_missing_or_when_they_re
     assert loop.largest_step(since=before - 1) < STEP
 
 
-def test_the_holding_torque_fades_while_no_joint_state_arrives(loop_of: Any) -> None:
-    loop = loop_of(1000, stop__fade=2.0)
+@pytest.mark.parametrize("gravity", ["commanded", "added_by_robot"])
+def test_the_holding_torque_fades_while_no_joint_state_arrives(loop_of: Any, gravity: str) -> None:
+    loop = loop_of(1000, stop__fade=2.0, output__gravity=gravity)
     loop.silent = True
     loop.go_on(500)
     assert (np.abs(loop.efforts[-1]) > 0.05 * loop.arm.limits).any()
     loop.go_on(2000)
-    np.testing.assert_allclose(loop.efforts[-1], 0.0, atol=1e-6)
+    np.testing.assert_allclose(loop.controller.effort, 0.0, atol=1e-6)
+    assert (np.abs(loop.efforts[-1]).max() > 0.1) == (gravity == "added_by_robot")  # The firmware carries the arm.
+
+
+@pytest.mark.parametrize("stop", ["zero", "damping", "gravity", "gravity_damping"])
+def test_a_stop_leaves_gravity_to_the_firmware_that_adds_it(loop_of: Any, stop: str) -> None:
+    loop = loop_of(100, stop__effort=stop, output__gravity="added_by_robot")
+    loop.controller.stop(Fault.STATE_STALE, 100 * MS)
+    damping = loop.controller.config.damping * loop.controller.signals[Signal.VELOCITY]
+    np.testing.assert_allclose(loop.controller.effort, -damping if "damping" in stop else 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("stop", ["hold", "gravity_damping"])
