@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.rollout import rollout
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.signals import Signal, Status
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.recorder_node import FLUSH_PERIOD, MAX_BAG_DURATION, MAX_BAG_SIZE
@@ -66,7 +66,7 @@ def write_bag(path: Path, seconds: int) -> None:
 
     Only the stamps of serialized messages are overwritten, since one hour has 18 million messages.
     """
-    run = rollout({}, min(seconds, 30))
+    run = rollout(duration=min(seconds, 30))
     store, names, nothing = typestore(), list(run.joints), np.empty(0)
     types = store.types
     header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), "")

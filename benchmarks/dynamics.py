@@ -6,12 +6,12 @@ from itertools import count as count_from
 import mujoco
 import numpy as np
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.control import Clock, Controller, controller_schema
-from pidtsm_core.experiment import PRACTICAL, make_experiment
+from pidtsm_core.experiment import PRACTICAL
 from pidtsm_core.parameters import resolve
 from pidtsm_core.robots import find_robot, robot_schema, tree
 from pidtsm_core.robots.source import read_source
-from pidtsm_core.rollout import rollout
 from pidtsm_experiments.commands.bench import Row, medians
 
 try:
@@ -91,8 +91,9 @@ def _step(count: int, repetitions: int) -> Iterator[Row]:
 
 def _rollout(repetitions: int) -> Iterator[Row]:
     """30 s with the practical parameters, for seven joints and for two."""
-    settings = [
-        make_experiment(None, params=[PRACTICAL], robot=robot).settings for robot in (ARM["robot.description"], None)
-    ]
-    seven, two = (1e3 * t for t in medians(repetitions, *(lambda s=s: rollout(s, 30.0) for s in settings)))
+    arms = (ARM["robot.description"], None)
+    seven, two = (
+        1e3 * t
+        for t in medians(repetitions, *(lambda a=a: rollout(params=PRACTICAL, robot=a, duration=30.0) for a in arms))
+    )
     yield Row("rollout of 30 s with observer", seven, "ms", "two joints", two, seven / two, note="7 joints, one core")

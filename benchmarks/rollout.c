@@ -43,7 +43,7 @@ typedef struct { /* of one joint */
     int saturated;
 } Memory;
 
-typedef struct { /* the arrays of the project's Rollout */
+typedef struct { /* the arrays of a rollout */
     double *time, *position, *velocity, *effort, *reference, *signals;
 } Result;
 

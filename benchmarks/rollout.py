@@ -18,8 +18,8 @@ from opensmc.simulator import Simulator
 from opensmc.surfaces import NonsingularTerminalSurface
 from scipy.integrate import solve_ivp
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.parameters import Array
-from pidtsm_core.rollout import rollout
 from pidtsm_experiments.commands.bench import Row
 
 DT = 1e-3
@@ -56,11 +56,11 @@ def run(quick: bool) -> Iterator[Row]:
         source = Path(__file__).with_suffix(".c")
         subprocess.run(["gcc", "-O3", str(source), "-o", str(program), "-lm"], check=True)
         for _ in range(repetitions):
-            ours.append(_warm_median(_timed(lambda: rollout({}, duration)) for _ in range(_WARM)))
+            ours.append(_warm_median(_timed(lambda: rollout(duration=duration)) for _ in range(_WARM)))
             command = [str(program), str(samples), str(_WARM)]
             *words, rmse = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
             in_c.append(_warm_median(map(float, words)))
-    result = rollout({}, duration)
+    result = rollout(duration=duration)
     difference = float(np.abs(_rmse(result.position, result.reference[:, 0]) - np.fromstring(rmse, sep=" ")).max())
     if difference > 1e-9:
         raise RuntimeError(f"the C program is not equivalent: its RMSE differs by {difference:g} rad")

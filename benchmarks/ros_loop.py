@@ -21,7 +21,6 @@ from rosbags.highlevel import AnyReader
 from watching import FLOOR_NODES, watched
 
 from pidtsm_core.experiment import make_experiment, ros_parameters
-from pidtsm_core.summary import summarize
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.commands.bench import Row
@@ -325,10 +324,10 @@ def realtime(seconds: float = 60.0, composed: bool = False) -> dict[str, Any]:
             folder.mkdir()
         with _cpu() as cpu:
             bag = run_experiment(experiment, "realtime", folders["realtime"], lambda _: None, composed=composed)
-        rmse = summarize(read_recording(bag))["rmse"]
-        expected = summarize(
-            read_recording(run_experiment(experiment, "lockstep", folders["lockstep"], lambda _: None))
-        )["rmse"]
+        rmse = read_recording(bag).metrics()["rmse"]
+        expected = read_recording(
+            run_experiment(experiment, "lockstep", folders["lockstep"], lambda _: None)
+        ).metrics()["rmse"]
         with AnyReader([bag], default_typestore=typestore()) as reader:
             counts = {c.topic: c.msgcount for c in reader.connections}
             connections = [c for c in reader.connections if c.topic == "/controller/state"]

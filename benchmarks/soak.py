@@ -9,7 +9,6 @@ import psutil
 from watching import Looks, watched
 
 from pidtsm_core.experiment import PRACTICAL, make_experiment
-from pidtsm_core.summary import summarize
 from pidtsm_experiments.bags.reader import METRICS_ONLY, read_recording
 from pidtsm_experiments.commands.bench import Row
 from pidtsm_experiments.runs.runner import run as run_experiment
@@ -49,7 +48,7 @@ def run(quick: bool) -> Iterator[Row]:
         yield Row(f"memory of {name}: growth", growth, "MB/h", "allowed", 1.0, growth, "<= 1")
         yield Row(f"memory of {name}: at the end", looks[-1][1] / _MEGABYTE, "MB")
 
-    found = summarize(recording)
+    found = recording.metrics()
     rate = found["timing"]["rate"]
     yield Row("deviation from 1000 Hz", abs(rate - 1000.0), "Hz", "allowed", 1.0, abs(rate - 1000.0), "<= 1")
     for topic, count in found["lost"].items():

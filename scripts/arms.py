@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import PRACTICAL, make_experiment
 from pidtsm_core.robots import find_robot
 from pidtsm_core.robots.source import ARMS, rated_payload
-from pidtsm_core.rollout import rollout
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "arms.md"
 
@@ -57,7 +57,7 @@ the largest torque as a share of its limit.
 def judge(arm: str, overrides: tuple[str, ...], since: float) -> tuple[float, float, float]:
     """Largest error (rad or m) and torque variation (N m or N) from `since` (s) on; largest torque / limit."""
     experiment = make_experiment(None, params=[PRACTICAL], overrides=overrides, robot=arm)
-    run = rollout(experiment.settings, experiment.duration)
+    run = rollout(experiment)
     late = run.time >= since
     error = np.abs(run.position - run.reference[:, 0])[late].max()
     variation = np.abs(np.diff(run.effort[late], axis=0)).mean(axis=0).max()

@@ -10,8 +10,8 @@ from rcl_interfaces.srv import GetParameters
 from std_msgs.msg import String
 from testbed import Testbed
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import PRACTICAL, make_experiment
-from pidtsm_core.rollout import rollout
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.cli import main
 from pidtsm_ros.qos import KEPT
@@ -63,8 +63,8 @@ def test_it_runs_over_the_nodes_as_in_a_rollout(call: Call) -> None:
     code, _, err = call("run", "--robot", "crane.urdf", "--params", "practical", "--duration", "1", "--out", "out")
     assert code == 0, err
     recording = read_recording(Path("out/bag"))
-    settings = make_experiment(None, robot="crane.urdf", params=[PRACTICAL], overrides=ROTORS).settings
-    np.testing.assert_array_equal(recording.effort, rollout(settings, 1.0).effort)
+    experiment = make_experiment(None, robot="crane.urdf", params=[PRACTICAL], overrides=ROTORS)
+    np.testing.assert_array_equal(recording.effort, rollout(experiment, duration=1.0).effort)
     assert recording.joints == ("slew", "lift", "tilt")
     assert (recording.slides, recording.continuous) == ((False, True, False), (True, False, False))
     for result in ("figures/tracking.png", "params/controller.yaml"):

@@ -10,10 +10,9 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from pidtsm_core.cdr import serialized_nanoseconds
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import Experiment, make_experiment
 from pidtsm_core.recording import Recording
-from pidtsm_core.rollout import Rollout, rollout
-from pidtsm_core.summary import summarize
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.runs.runner import run
 
@@ -46,7 +45,7 @@ def demo(demo_bag: Path) -> Recording:
     return read_recording(demo_bag)
 
 
-def assert_same_bits(recording: Recording, other: Recording | Rollout) -> None:
+def assert_same_bits(recording: Recording, other: Recording) -> None:
     np.testing.assert_array_equal(recording.position, other.position)
     np.testing.assert_array_equal(recording.velocity, other.velocity)
     np.testing.assert_array_equal(recording.effort, other.effort)
@@ -55,7 +54,7 @@ def assert_same_bits(recording: Recording, other: Recording | Rollout) -> None:
 
 
 def test_tracks_as_well_as_the_article(demo: Recording) -> None:
-    metrics = summarize(demo)
+    metrics = demo.metrics()
     # Around the article's RMSE, within its steady-state errors, and the ECI of the independent program of
     # pidtsm_core/test/test_rollout.py.
     assert 0.0376 <= metrics["rmse"][0] <= 0.0385
@@ -81,7 +80,7 @@ def test_bag_holds_every_sample(demo_bag: Path, demo: Recording) -> None:
 
 
 def test_nodes_and_rollout_agree_to_the_last_bit(demo: Recording) -> None:
-    assert_same_bits(demo, rollout(make_experiment("case1", "piddtsm").settings, 30.0))
+    assert_same_bits(demo, rollout(make_experiment("case1", "piddtsm"), duration=30.0))
 
 
 IMPERFECT = {
@@ -120,7 +119,7 @@ def test_nodes_and_rollout_agree_to_the_last_bit_on_imperfect_hardware(tmp_path:
     experiment = make_experiment("case1", "piddtsm", duration=3.0, overrides=controller + overrides)
     recording = read_recording(record(experiment, "lockstep", tmp_path))
     assert set(recording.lost.values()) == {0}, "what the simulated transport loses is not lost"
-    simulated = rollout(experiment.settings, 3.0)
+    simulated = rollout(experiment, duration=3.0)
     assert (np.diff(simulated.signals[:, 0, 0]) == 0.0).sum() > 100, "some measurements do not arrive"
     # Where no reference was published it is interpolated.
     np.testing.assert_allclose(recording.reference[:, 0], simulated.reference[:, 0], rtol=0.0, atol=1e-10)

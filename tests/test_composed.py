@@ -8,8 +8,8 @@ import pytest
 from lifecycle_msgs.srv import GetState
 from testbed import Testbed
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.rollout import rollout
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.runs.runner import run
 
@@ -19,7 +19,7 @@ NODES = ("simulator", "trajectory", "controller")
 def test_composed_lockstep_is_the_rollout_to_the_last_bit(tmp_path: Path) -> None:
     experiment = make_experiment("case1", "piddtsm", duration=3.0)
     recording = read_recording(run(experiment, "lockstep", tmp_path, lambda _: None, composed=True))
-    expected = rollout(experiment.settings, 3.0)
+    expected = rollout(experiment, duration=3.0)
     np.testing.assert_array_equal(recording.stamps_ns, np.arange(3000) * 1_000_000)
     assert not any(recording.lost.values())
     for name in ("position", "velocity", "effort", "reference", "signals"):

@@ -10,8 +10,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from testbed import Testbed
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.rollout import rollout
 from pidtsm_msgs.msg import ControllerState
 from pidtsm_ros.qos import RECORDER
 from pidtsm_ros.stamps import nanoseconds
@@ -44,7 +44,7 @@ def test_the_loop_is_the_same_in_either_form(testbed: Testbed, form: str) -> Non
     truth = record(testbed, "simulator/ground_truth", JointState, 0.5, "controller:activation.blend:=0.0", *forms)
 
     testbed.spin_until(lambda: len(truth) >= 500, "the ground truth")
-    expected = rollout(make_experiment("case1", "piddtsm").settings, 0.5)
+    expected = rollout(make_experiment("case1", "piddtsm"), duration=0.5)
     np.testing.assert_array_equal([m.effort for m in truth], expected.effort)
 
 

@@ -11,8 +11,8 @@ from rig import Watch
 from sensor_msgs.msg import JointState
 from testbed import Testbed
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.rollout import rollout
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.cli import main
@@ -110,7 +110,7 @@ def test_a_run_in_the_domain_of_another_system_leaves_it_alone(
         assert testbed.node.count_publishers(topic) == 1
         assert all(nanoseconds(message.header.stamp) > YEAR_2001 for message in watch.messages(topic)), topic
     recording = read_recording(out / "bag")
-    np.testing.assert_array_equal(recording.effort, rollout(make_experiment("case1").settings, 0.2).effort)
+    np.testing.assert_array_equal(recording.effort, rollout(make_experiment("case1"), duration=0.2).effort)
     assert recording.rejected == dict.fromkeys(LOOP, 0), "others share /diagnostics"
 
 

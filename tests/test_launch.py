@@ -11,8 +11,8 @@ import pytest
 from ament_index_python.packages import get_package_share_directory
 from testbed import DEADLINE, Testbed
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.rollout import rollout
 from pidtsm_experiments.bags.reader import read_recording
 
 pytestmark = pytest.mark.skipif(
@@ -64,7 +64,7 @@ def test_arguments_mean_what_options_mean(testbed: Testbed) -> None:
     recording = read_recording(testbed.folder / "bag")
     overrides = ["simulator.payload.mass=1.0", "controller.law.k1=[2.0, 3.0]"]
     experiment = make_experiment("case1", "pidnftsm", 0.5, ["article"], overrides)
-    np.testing.assert_array_equal(recording.effort, rollout(experiment.settings, 0.5).effort)
+    np.testing.assert_array_equal(recording.effort, rollout(experiment, duration=0.5).effort)
 
 
 @pytest.mark.parametrize("clock", ["realtime", "lockstep"])

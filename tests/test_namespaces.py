@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from testbed import Testbed
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment, ros_parameters
-from pidtsm_core.rollout import rollout
-from pidtsm_core.summary import summarize
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.runs.runner import Process, Processes, bag_metadata, node_parameters
 
@@ -51,8 +50,8 @@ def test_two_systems_on_one_graph_track_undisturbed(testbed: Testbed) -> None:
         assert loop.process.returncode == 0, loop.tail()
         recording = read_recording(bag)
         experiment = make_experiment("case1", law, DURATION).without_node_parameters()
-        alone = rollout(experiment.settings, DURATION)
+        alone = rollout(experiment, duration=DURATION)
         np.testing.assert_array_equal(recording.position, alone.position)
         np.testing.assert_array_equal(recording.effort, alone.effort)
-        assert summarize(recording)["law"] == law
+        assert recording.metrics()["law"] == law
         assert np.abs(recording.position[-1] - recording.reference[-1, 0]).max() < 0.05

@@ -32,9 +32,19 @@ HELPERS = {path.stem for path in Path(__file__).parent.glob("*.py")}
 
 
 def imported(files: Iterator[Path]) -> set[str]:
+    """Names of the modules that the code imports when it runs."""
     names: set[str] = set()
     for file in files:
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        only_types = {
+            each
+            for node in nodes
+            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+            for each in ast.walk(node)
+        }
+        for node in nodes:
+            if node in only_types:
+                continue
             if isinstance(node, ast.Import):
                 names |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import PRACTICAL, make_experiment
 from pidtsm_core.metrics import metrics
 from pidtsm_core.parameters import Array
-from pidtsm_core.rollout import Rollout, rollout
+from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.runs.runner import run
@@ -36,15 +37,15 @@ EACH = pytest.mark.parametrize(
 )
 
 
-def roll(scenario: str, overrides: tuple[str, ...] = (), duration: float = 30.0) -> Rollout:
-    return rollout(make_experiment(scenario, params=[PRACTICAL], overrides=overrides).settings, duration)
+def roll(scenario: str, overrides: tuple[str, ...] = (), duration: float = 30.0) -> Recording:
+    return rollout(make_experiment(scenario, params=[PRACTICAL], overrides=overrides), duration=duration)
 
 
-def error(result: Rollout) -> Array:
+def error(result: Recording) -> Array:
     return result.position - result.reference[:, 0]
 
 
-def judged(result: Rollout) -> dict[str, Array]:
+def judged(result: Recording) -> dict[str, Array]:
     found = metrics(result.time, error(result), result.effort, result.signals[:, Signal.SATURATED])
     return {name: np.array(found[name], dtype=float) for name in ("rmse", "eci", "torque_variation")}
 
@@ -99,7 +100,7 @@ def test_the_adaptive_gain_stays_bounded_for_ten_minutes(
 def test_nodes_and_rollout_agree_to_the_last_bit(scenario: str, tmp_path: Path) -> None:
     experiment = make_experiment(scenario, params=[PRACTICAL], duration=2.0)
     recording = read_recording(run(experiment, "lockstep", tmp_path, lambda _: None))
-    result = rollout(experiment.settings, 2.0)
+    result = rollout(experiment, duration=2.0)
     np.testing.assert_array_equal(recording.position, result.position)
     np.testing.assert_array_equal(recording.effort, result.effort)
     np.testing.assert_array_equal(recording.signals, result.signals)

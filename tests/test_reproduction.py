@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.rollout import rollout
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.reproduction import Planned, plan
@@ -41,7 +41,7 @@ def test_nodes_and_rollout_agree_to_the_last_bit_for_every_law(planned: Planned,
     # Case 2 with an early load step, so that both halves of the case are run.
     experiment = make_experiment("case2", planned.experiment.law, 0.5, overrides=["simulator.payload.time=0.3"])
     recording = read_recording(run(experiment, "lockstep", tmp_path, lambda _: None))
-    offline = rollout(experiment.settings, experiment.duration)
+    offline = rollout(experiment)
     assert recording.time.size == 500
     for name in ("position", "velocity", "effort", "reference", "signals"):
         np.testing.assert_array_equal(getattr(recording, name), getattr(offline, name), err_msg=name)

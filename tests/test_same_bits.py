@@ -17,12 +17,13 @@ from sensor_msgs.msg import JointState
 from pidtsm_controller.controller_node import ControllerNode
 from pidtsm_controller.trajectory_node import TrajectoryNode
 from pidtsm_core.cdr import serialized_nanoseconds
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import Experiment, make_experiment, ros_parameters
 from pidtsm_core.laws import LAWS
 from pidtsm_core.node_parameters import AUTOSTART
 from pidtsm_core.parameters import Array
+from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot
-from pidtsm_core.rollout import Rollout, rollout
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 from pidtsm_experiments.runs.domain import own_domain
 from pidtsm_experiments.runs.runner import node_parameters
@@ -109,7 +110,7 @@ def table(message: Any, fields: list[str], joints: tuple[str, ...]) -> Array:
     return np.array([getattr(message, field) for field in fields])[:, order]
 
 
-def assert_same_bits(run: dict[str, dict[int, Any]], simulated: Rollout, delay: int) -> None:
+def assert_same_bits(run: dict[str, dict[int, Any]], simulated: Recording, delay: int) -> None:
     """Where `delay` measurements (samples) are still on their way when the rollout ends, the nodes go on."""
     joints, motion = simulated.joints, ["position", "velocity", "acceleration"]
     for k, message in run["simulator/ground_truth"].items():
@@ -211,7 +212,7 @@ CONDITIONS: dict[str, Any] = {
 def test_nodes_and_rollout_agree(law: str, condition: str, tmp_path: Path) -> None:
     settings = {node: dict(CONDITIONS[condition].get(node, {})) for node in ("simulator", "controller", "trajectory")}
     settings["controller"]["law.name"] = law
-    simulated = rollout(settings, SAMPLES * 1e-3)
+    simulated = rollout(Experiment("test", "", SAMPLES * 1e-3, settings))
     heard = over_nodes(settings, tmp_path)
     assert list(heard["simulator/ground_truth"]) == list(range(SAMPLES))
     assert_same_bits(heard, simulated, settings["simulator"].get("delay.samples", 0))
@@ -236,15 +237,15 @@ def test_nodes_and_rollout_agree_for_other_arms(arm: str, tmp_path: Path) -> Non
         "payload.mass": 1.0,
         "payload.time": 0.2,
     }
-    simulated = rollout(settings, SAMPLES * 1e-3)
+    simulated = rollout(Experiment("test", "", SAMPLES * 1e-3, settings))
     assert simulated.joints == joints[::-1]
     assert_same_bits(over_nodes(settings, tmp_path), simulated, 0)
 
 
 def test_the_conditions_are_what_they_are_called() -> None:
     """Each of them does something to the default law: else nothing would be compared."""
-    runs = {name: rollout(settings, SAMPLES * 1e-3) for name, settings in CONDITIONS.items()}
-    plain = rollout({}, SAMPLES * 1e-3)
+    runs = {name: rollout(**settings, duration=SAMPLES * 1e-3) for name, settings in CONDITIONS.items()}
+    plain = rollout(duration=SAMPLES * 1e-3)
     for name, condition in runs.items():
         assert (condition.effort != plain.effort).any() or (condition.status != plain.status).any(), name
 

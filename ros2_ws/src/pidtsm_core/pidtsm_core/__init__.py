@@ -1,1 +1,77 @@
-"""ROS-free heart of pidtsm: robots, laws, estimators, references, plant, rollout and metrics."""
+"""Robust joint-space torque control of robot arms without ROS: simulate, compare and call controllers.
+
+    import pidtsm_core as pidtsm
+
+    run = pidtsm.rollout("case1", law="piddtsm", params="practical", controller={"law.k1": 3.0})
+    print(run, run.metrics()["rmse"])
+    run.plot().savefig("run.png")
+
+Values per joint are in the order of `Recording.joints`. Units are SI units and rad; of a joint that slides, rad is m
+and N m is N.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pidtsm_core.batches import BatchResult, Trajectory, batch
+    from pidtsm_core.closed_loop import DivergedError, make_controller, rollout
+    from pidtsm_core.control.controller import Controller
+    from pidtsm_core.errors import UsageError
+    from pidtsm_core.experiment import Experiment, make_experiment, scenario_names
+    from pidtsm_core.parameters import ParameterError
+    from pidtsm_core.recording import Recording
+    from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
+
+_MODULES = {
+    "BatchResult": "batches",
+    "Controller": "control.controller",
+    "DivergedError": "closed_loop",
+    "Experiment": "experiment",
+    "Fault": "signals",
+    "Limited": "signals",
+    "Mode": "signals",
+    "ParameterError": "parameters",
+    "Recording": "recording",
+    "Signal": "signals",
+    "Status": "signals",
+    "Trajectory": "batches",
+    "UsageError": "errors",
+    "batch": "batches",
+    "make_controller": "closed_loop",
+    "make_experiment": "experiment",
+    "rollout": "closed_loop",
+    "scenario_names": "experiment",
+}
+"""Module of each public name: imported when it is first used, because importing the compiler takes half a second."""
+
+__all__ = [
+    "BatchResult",
+    "Controller",
+    "DivergedError",
+    "Experiment",
+    "Fault",
+    "Limited",
+    "Mode",
+    "ParameterError",
+    "Recording",
+    "Signal",
+    "Status",
+    "Trajectory",
+    "UsageError",
+    "batch",
+    "make_controller",
+    "make_experiment",
+    "rollout",
+    "scenario_names",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__} has no attribute {name}")
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

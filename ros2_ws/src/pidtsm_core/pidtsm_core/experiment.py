@@ -1,8 +1,9 @@
 """Definition of a run: a scenario, a law, and the resulting parameters of every node."""
 
+import functools
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,9 +17,9 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.gains import first_gains
 from pidtsm_core.laws import LAWS
 from pidtsm_core.node_parameters import NODE_ONLY
+from pidtsm_core.node_settings import resolve_nodes
 from pidtsm_core.parameters import ParameterError, Schema, Value, as_float
 from pidtsm_core.robots import DESCRIPTION, NAMES, ROBOTS, find_robot
-from pidtsm_core.rollout import resolve_nodes
 from pidtsm_core.simulation.plant import RATE
 
 Settings = dict[str, dict[str, Any]]
@@ -105,7 +106,7 @@ class Experiment:
         """The same experiment for a rollout, without parameters that exist in nodes only (clock, autostart ...)."""
         settings = {}
         for node, given in self.settings.items():
-            only = {p.name for p in NODE_ONLY[node]}
+            only = {p.name for p in NODE_ONLY.get(node, ())}
             settings[node] = {name: value for name, value in given.items() if name not in only}
         return replace(self, settings=settings)
 
@@ -113,13 +114,14 @@ class Experiment:
         """Every parameter of every node, checked.
 
         Raises:
-            UsageError: an unknown parameter or an invalid value; the message contains file, node and parameter.
+            ParameterError: an unknown parameter or an invalid value; the message contains file, node and parameter.
         """
         try:
             return resolve_nodes(schemas, self.settings)
         except ParameterError as error:
-            file = self.files.get(error.parameter)
-            raise UsageError(f"{file}: {error}" if file else str(error)) from None
+            if file := self.files.get(error.parameter):
+                raise ParameterError(f"{file}: {error}", error.parameter) from None
+            raise
 
 
 def scenario_names() -> list[str]:
@@ -128,11 +130,11 @@ def scenario_names() -> list[str]:
 
 
 def make_experiment(
-    scenario: str | None,
+    scenario: str | Experiment | None,
     law: str | None = None,
     duration: float | None = None,
-    params: Sequence[str] = (),
-    overrides: Sequence[str] = (),
+    params: str | Sequence[str] = (),
+    overrides: Sequence[str] | Mapping[str, Mapping[str, Any]] = (),
     robot: str | None = None,
 ) -> Experiment:
     """Combine the parts of an experiment.
@@ -140,13 +142,14 @@ def make_experiment(
     Later ones override earlier ones: scenario, robot, parameter files, law, overrides.
 
     Args:
-        scenario: a name from `scenario_names`, or the path of a scenario file; None: Case 1, or for another robot its
-            `default_motion`.
+        scenario: a name from `scenario_names`, the path of a scenario file, or an experiment to vary; None: Case 1, or
+            for another robot, also one among the overrides, its `default_motion`.
         law: a name in `LAWS`; None: the law of the scenario or parameter files, or else the default law.
         duration: s; replaces the scenario's if given.
-        params: paths of ROS parameter files. ``article`` is the article's Table 1 for the law (`law` if given, else the
-            one set by the earlier parts), ``practical`` the set for real sensors and drives (`practical_settings`).
-        overrides: texts ``NODE.PARAMETER=VALUE``.
+        params: path of a ROS parameter file, or several. ``article`` is the article's Table 1 for the law (`law` if
+            given, else the one set by the earlier parts), ``practical`` the set for real sensors and drives
+            (`practical_settings`).
+        overrides: texts ``NODE.PARAMETER=VALUE``, or values by node and name; groups may be nested.
         robot: ``robot.description`` of simulator and controller, see `find_robot`; None: that of the scenario.
 
     Raises:
@@ -154,21 +157,20 @@ def make_experiment(
     """
     if law is not None and law not in LAWS.names:
         raise UsageError(f"unknown law {law}; known: {', '.join(LAWS.names)}")
-    file, content = _scenario(scenario, robot)
-    settings: Settings = {node: {} for node in NODES}
-    files: dict[str, str] = {}
+    chosen = list(_overrides(overrides))
+    base = scenario if isinstance(scenario, Experiment) else _scenario(scenario, robot or _described(chosen), duration)
+    settings: Settings = {node: {} for node in NODES} | {node: dict(given) for node, given in base.settings.items()}
+    files = dict(base.files)
 
     def merge(more: Settings, source: Path) -> None:
         for node, parameters in more.items():
             settings[node].update(parameters)
             files.update({f"{node}.{name}": str(source) for name in parameters})
 
-    merge({node: flatten(content.get(node) or {}, f"{file}: {node}") for node in NODES}, file)
     if robot is not None:
         description = resolved_description(robot)
         merge({node: {DESCRIPTION.name: description} for node in ("simulator", "controller")}, Path(robot))
-    chosen = [_parse_override(override) for override in overrides]
-    for name in params:
+    for name in [params] if isinstance(params, str) else params:
         before = settings["controller"].get("law.name")
         of_law = law or (before if before in LAWS.names else None)
         if name == PRACTICAL:
@@ -181,9 +183,28 @@ def make_experiment(
     for node, name, value in chosen:
         settings[node][name] = value
         files.pop(f"{node}.{name}", None)
-    seconds = _positive(content.get("duration"), f"{file}: duration") if duration is None else duration
     name_of_law = str(settings["controller"].get("law.name", LAW_NAME.default))
-    return Experiment(file.stem, name_of_law, seconds, settings, files)
+    seconds = base.duration if duration is None else duration
+    return Experiment(base.scenario, name_of_law, seconds, settings, files)
+
+
+def _overrides(given: Sequence[str] | Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, str, Any]]:
+    """Node, name and value of each override; see `make_experiment`."""
+    if not isinstance(given, Mapping):
+        yield from map(_parse_override, given)
+        return
+    for node, parameters in given.items():
+        if node not in NODES:
+            raise UsageError(f"unknown node {node}; known: {', '.join(NODES)}")
+        for name, value in flatten(dict(parameters), node).items():
+            yield node, name, value
+
+
+def _described(overrides: Iterable[tuple[str, str, Any]]) -> str | None:
+    """The robot that overrides choose for simulator and controller; None if they do not choose the same one."""
+    chosen = {node: value for node, name, value in overrides if name == DESCRIPTION.name}
+    robot = chosen.get("controller")
+    return robot if isinstance(robot, str) and robot == chosen.get("simulator") else None
 
 
 def _overridden(settings: Settings, overrides: Iterable[tuple[str, str, Any]]) -> Settings:
@@ -229,10 +250,7 @@ def practical_settings(law: str | None, settings: Settings) -> Settings:
     controller = settings["controller"]
     if str(controller.get(DESCRIPTION.name, DEFAULT_ROBOT)) in ROBOTS.names:
         return load_ros_parameters(PRACTICAL_FILE)
-    try:
-        gains = first_gains(controller, rate=as_float(RATE.check(settings["simulator"].get("rate", RATE.default), 1)))
-    except ParameterError as error:
-        raise UsageError(str(error)) from None
+    gains = first_gains(controller, rate=as_float(RATE.check(settings["simulator"].get("rate", RATE.default), 1)))
     return {"controller": {gain.name: gain.value for gain in gains}}
 
 
@@ -300,16 +318,18 @@ def _scenario_file(scenario: str) -> Path:
     raise UsageError(f"no scenario {scenario}: neither a file nor one of {', '.join(scenario_names())}")
 
 
-def _scenario(scenario: str | None, robot: str | None) -> tuple[Path, dict[str, Any]]:
-    """File and content of a scenario; see `make_experiment`."""
+def _scenario(scenario: str | None, robot: str | None, duration: float | None) -> Experiment:
+    """The experiment that a scenario defines; see `make_experiment`."""
     if scenario is not None or robot in (None, DEFAULT_ROBOT):
         file = _scenario_file(scenario or DEFAULT_SCENARIO)
-        return file, _load_scenario(file)
-    try:
+        content = _load_scenario(file) if file.parent != _SCENARIOS else _packaged(file)
+    else:
         found = find_robot({DESCRIPTION.name: robot})
-    except ParameterError as error:
-        raise UsageError(str(error)) from None
-    return Path(found.name), {"duration": DURATION, **default_motion(found)}
+        file, content = Path(found.name), {"duration": DURATION, **default_motion(found)}
+    seconds = _positive(content.get("duration"), f"{file}: duration") if duration is None else duration
+    settings = {node: flatten(content.get(node) or {}, f"{file}: {node}") for node in NODES}
+    files = {f"{node}.{name}": str(file) for node, given in settings.items() for name in given}
+    return Experiment(file.stem, "", seconds, settings, files)
 
 
 def _read_yaml(text: str) -> Any:
@@ -332,6 +352,10 @@ def _load_scenario(file: Path) -> dict[str, Any]:
         if key not in _SCENARIO_KEYS:
             raise UsageError(f"{file}: unknown key {key}; allowed: {', '.join(_SCENARIO_KEYS)}")
     return content
+
+
+_packaged = functools.cache(_load_scenario)
+"""Scenarios of the package do not change, and a batch needs one for each run."""
 
 
 def _load_mapping(file: Path) -> dict[str, Any]:

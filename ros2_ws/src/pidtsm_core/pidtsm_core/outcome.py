@@ -1,15 +1,17 @@
 """Events of a run, as numbers and as text: faults, violations, time spent holding, stopped or at a limit."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.control.report import LIMITS, cause
-from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 from pidtsm_core.units import either, joint_units
+
+if TYPE_CHECKING:
+    from pidtsm_core.recording import Recording
 
 FOLLOWED, HELD, STOPPED, RAN_AWAY = "followed", "held", "stopped", "ran away"
 """Possible outcomes of a run."""
@@ -21,7 +23,7 @@ OF_TRACKING = ("rmse", "eci", "steady_state_error")
 """Metrics that are meaningless if the arm ran away."""
 
 
-def outcome(recording: Recording) -> str:
+def outcome(recording: "Recording") -> str:
     """Outcome of a run: ran away if the error ever exceeded `ASTRAY`, else according to the final mode."""
     if np.abs(recording.error).max() > ASTRAY:
         return RAN_AWAY
@@ -30,7 +32,7 @@ def outcome(recording: Recording) -> str:
     return HELD if recording.status[-1, Status.MODE] == Mode.HOLDING else FOLLOWED
 
 
-def happenings(recording: Recording) -> dict[str, Any]:
+def happenings(recording: "Recording") -> dict[str, Any]:
     """The part of metrics.json about events, without the values per joint."""
     lasts = _lasts(recording)
     stopped = _stopped(recording)
@@ -44,7 +46,7 @@ def happenings(recording: Recording) -> dict[str, Any]:
     }
 
 
-def time_at_limits(recording: Recording) -> dict[str, list[float]]:
+def time_at_limits(recording: "Recording") -> dict[str, list[float]]:
     """The part of metrics.json about the time that each joint's effort was limited, s."""
     lasts = _lasts(recording)
     limited = recording.signals[:, Signal.SATURATED].astype(np.int64)
@@ -54,13 +56,13 @@ def time_at_limits(recording: Recording) -> dict[str, list[float]]:
     }
 
 
-def _stopped(recording: Recording) -> NDArray[np.bool_]:
+def _stopped(recording: "Recording") -> NDArray[np.bool_]:
     """Samples with the safe effort, shape (samples,); at the sample of a fault, the mode is not STOPPED yet."""
     mode, fault = recording.status[:, Status.MODE], recording.status[:, Status.FAULT]
     return np.asarray((mode == Mode.STOPPED) | (fault != Fault.NO_FAULT))
 
 
-def _lasts(recording: Recording) -> NDArray[np.int64]:
+def _lasts(recording: "Recording") -> NDArray[np.int64]:
     """Duration of each sample, ns, shape (samples,); for the last one, the median of the others."""
     periods = np.diff(recording.stamps_ns)
     return np.append(periods, round(float(np.median(periods))) if periods.size else 0)
@@ -70,7 +72,7 @@ def _sum(lasts: NDArray[np.int64], where: NDArray[np.bool_]) -> float:
     return int(lasts[where].sum()) / 1e9
 
 
-def _faults(recording: Recording) -> Iterator[dict[str, Any]]:
+def _faults(recording: "Recording") -> Iterator[dict[str, Any]]:
     faults = recording.status[:, Status.FAULT]
     for k in np.flatnonzero(np.diff(faults, prepend=0)):
         if not faults[k]:
@@ -92,7 +94,7 @@ def _name(fault: int) -> str:
         return f"fault_{fault}"
 
 
-def _violations(recording: Recording, lasts: NDArray[np.int64]) -> Iterator[dict[str, Any]]:
+def _violations(recording: "Recording", lasts: NDArray[np.int64]) -> Iterator[dict[str, Any]]:
     for violation, limit in LIMITS.items():
         exceeded = recording.status[:, Status.VIOLATIONS] & violation != 0
         if exceeded.any():

@@ -16,6 +16,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from pidtsm_core.errors import UsageError
+
 Scalar: TypeAlias = bool | int | float | str
 Value: TypeAlias = Scalar | Sequence[Scalar]
 Array: TypeAlias = NDArray[np.float64]
@@ -24,7 +26,7 @@ _LARGEST = 2.0**62
 """Upper bound of every parameter, in any SI unit: products of two do not overflow, and integers fit into 64 bits."""
 
 
-class ParameterError(ValueError):
+class ParameterError(UsageError):
     """A parameter is unknown, or its value has the wrong type, length or range; the message contains name and reason.
 
     Attributes:

@@ -7,7 +7,7 @@ from enum import IntEnum
 
 
 class Signal(IntEnum):
-    """Row numbers; units in the comments."""
+    """Rows of `Recording.signals`, with the units of a joint that turns."""
 
     POSITION = 0  # estimated q, rad
     VELOCITY = 1  # estimated q', rad/s

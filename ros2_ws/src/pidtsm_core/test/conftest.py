@@ -7,7 +7,8 @@ import pytest
 from hypothesis import Phase, settings
 from testarms import ARMS, Arm
 
-from pidtsm_core.rollout import Rollout, rollout
+from pidtsm_core.closed_loop import rollout
+from pidtsm_core.recording import Recording
 
 settings.register_profile("compiled", deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
 settings.load_profile("compiled")
@@ -21,6 +22,6 @@ def arm(request: pytest.FixtureRequest) -> Arm:
 
 
 @pytest.fixture(scope="session")
-def run() -> Rollout:
+def run() -> Recording:
     """Two seconds of Case 1."""
-    return rollout({}, 2.0)
+    return rollout(duration=2.0)

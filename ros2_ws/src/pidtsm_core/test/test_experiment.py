@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 
+from pidtsm_core.closed_loop import SCHEMAS
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment, scenario_names
 from pidtsm_core.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import ParameterError, resolve
-from pidtsm_core.rollout import SCHEMAS
 
 
 @pytest.mark.parametrize(("text", "value"), [("1e-3", 0.001), ("-2E+1", -20.0), ("1.5e-3", 0.0015), ("5", 5)])

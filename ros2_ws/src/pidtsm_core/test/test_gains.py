@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.control import controller_schema
 from pidtsm_core.experiment import PRACTICAL_FILE, load_ros_parameters, make_experiment
 from pidtsm_core.gains import first_gains
 from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.robots.source import ARMS, rated_payload
-from pidtsm_core.rollout import rollout
 from pidtsm_core.signals import Status
 
 
@@ -26,7 +26,8 @@ def value(robot: str, name: str, **sensors: Any) -> Array:
 @pytest.mark.parametrize("error", [-0.2, 0.2])
 def test_they_suit_the_sensors_whatever_the_load(arm: str, bits: int, delay: int, error: float) -> None:
     gains = {gain.name: gain.value for gain in first_gains({"robot.description": arm}, bits, delay * 1e-3)}
-    settings = make_experiment(None, robot=arm).settings
+    experiment = make_experiment(None, robot=arm)
+    settings = experiment.settings
     settings["controller"] |= gains
     settings["simulator"] |= {
         "encoder.bits": bits,
@@ -36,7 +37,7 @@ def test_they_suit_the_sensors_whatever_the_load(arm: str, bits: int, delay: int
         "payload.mass": 0.4 * rated_payload(arm),
         "payload.time": 2.0,
     }
-    run = rollout(settings, 5.0)
+    run = rollout(experiment, duration=5.0)
     assert not run.status[:, Status.FAULT].any()
     assert np.abs(run.position - run.reference[:, 0])[4000:].max() < 6e-3
     assert np.abs(np.diff(run.effort[4000:], axis=0)).mean(axis=0).max() < 0.3

@@ -3,23 +3,25 @@
 import numpy as np
 import pytest
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.parameters import Array
+from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot, inverse_dynamics, make_model
-from pidtsm_core.rollout import Rollout, rollout
 from pidtsm_core.signals import Signal
 
 GRAVITY = "output.gravity"
 DURATION = 1.0
 
 
-def motion(robot: str, controller: str = "commanded", simulator: str = "commanded", payload: float = 0.0) -> Rollout:
+def motion(robot: str, controller: str = "commanded", simulator: str = "commanded", payload: float = 0.0) -> Recording:
     """The default motion, with who adds gravity, and a payload that the controller knows."""
-    settings = make_experiment(None, robot=robot).settings
+    experiment = make_experiment(None, robot=robot)
+    settings = experiment.settings
     wide = {"limits.effort": 1000.0, "payload.mass": payload}
     settings["controller"] |= {GRAVITY: controller, **wide}
     settings["simulator"] |= {GRAVITY: simulator, **wide}
-    return rollout(settings, DURATION)
+    return rollout(experiment, duration=DURATION)
 
 
 def weight(robot: str, q: Array) -> Array:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pidtsm_core.closed_loop import SCHEMAS
 from pidtsm_core.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import (
     Parameter,
@@ -21,7 +22,6 @@ from pidtsm_core.parameters import (
 )
 from pidtsm_core.references import reference_joints
 from pidtsm_core.robots import robot_joints
-from pidtsm_core.rollout import SCHEMAS
 
 PROPERTY = settings(deadline=None, max_examples=100)
 

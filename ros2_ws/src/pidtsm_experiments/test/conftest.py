@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from pidtsm_core.rollout import Rollout, rollout
+from pidtsm_core.closed_loop import rollout
+from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.metadata import METADATA_KEY
@@ -30,9 +31,9 @@ LOOP = (0.001, 1000.0, 2e-5, 3e-4, 0.0)  # period, rate, period_jitter, state_ag
 
 
 @pytest.fixture(scope="session")
-def run() -> Rollout:
+def run() -> Recording:
     """Two seconds of Case 1."""
-    return rollout({}, 2.0)
+    return rollout(duration=2.0)
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Sent:
     payload: bytes
 
 
-def sent(run: Rollout) -> list[Sent]:
+def sent(run: Recording) -> list[Sent]:
     """Messages that the nodes publish in a run, in order."""
     store = typestore()
     types = store.types
@@ -109,9 +110,9 @@ def write_reports(writer: Writer, time: int, reports: Sequence[Mapping[str, str]
 def write_bag() -> WriteBag:
     """A function that writes a bag like the recorder; see `write` for its arguments."""
     # Cache of the messages of the latest runs; nearly all tests use the same run.
-    latest: deque[tuple[Rollout, list[Sent]]] = deque(maxlen=4)
+    latest: deque[tuple[Recording, list[Sent]]] = deque(maxlen=4)
 
-    def messages_of(run: Rollout) -> list[Sent]:
+    def messages_of(run: Recording) -> list[Sent]:
         for known, messages in latest:
             if known is run:
                 return messages
@@ -120,7 +121,7 @@ def write_bag() -> WriteBag:
 
     def write(
         path: Path,
-        run: Rollout,
+        run: Recording,
         edit: Edit | None = None,
         metadata: Mapping[str, Any] | str | None = METADATA,
         namespace: str = "",

@@ -7,7 +7,7 @@ from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.robots import find_robot
-from pidtsm_core.rollout import rollout
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.signals import Fault, Signal, Status, Violation
 
 PANDA = {"robot.description": "panda"}
@@ -41,11 +41,12 @@ def test_a_joint_beyond_either_end_is_noticed(joint: int, beyond: float, action:
 
 @pytest.mark.parametrize("rate", [0.0, 1000.0])
 def test_the_way_to_the_reference_keeps_within_the_velocity_limits(rate: float) -> None:
-    settings = make_experiment(None, robot="panda").settings
+    experiment = make_experiment(None, robot="panda")
+    settings = experiment.settings
     start = np.array(find_robot(PANDA).initial_position)
     settings["simulator"]["initial_position"] = (start + np.resize([0.6, -0.3], 7)).tolist()
     settings["controller"] |= {"activation.blend": 0.8, "limits.effort_rate": rate, "activation.distance": 1.0}
-    run = rollout(settings, 4.0)
+    run = rollout(experiment, duration=4.0)
     assert not run.status[-1, Status.FAULT]
     assert np.abs(run.signals[-1, Signal.POSITION_ERROR]).max() < 2e-3
 

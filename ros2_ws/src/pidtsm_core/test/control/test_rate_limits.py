@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from testarms import ARMS, TWO_LINK, Arm
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.parameters import Array
-from pidtsm_core.rollout import Rollout, rollout
+from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Fault, Limited, Signal, Status
 
 DT = 0.001
@@ -16,7 +17,9 @@ ENCODERS: dict[str, Any] = {"encoder.bits": 14, "delay.samples": 1}
 SETS = pytest.mark.parametrize("name", ["default", "practical"])
 
 
-def roll(arm: Arm, name: str, rates: Array, duration: float, limits: Array | None = None, **simulator: Any) -> Rollout:
+def roll(
+    arm: Arm, name: str, rates: Array, duration: float, limits: Array | None = None, **simulator: Any
+) -> Recording:
     """Run the motion of the arm with a set of parameters; ``practical`` with the sensors for which it is intended."""
     settings = arm.motion()
     if name == "practical":
@@ -26,15 +29,15 @@ def roll(arm: Arm, name: str, rates: Array, duration: float, limits: Array | Non
     if limits is not None:
         settings["controller"]["limits.effort"] = limits.tolist()
     settings["simulator"] |= simulator
-    return rollout(settings, duration)
+    return rollout(**settings, duration=duration)
 
 
-def errors(run: Rollout) -> Array:
+def errors(run: Recording) -> Array:
     """|e|, shape (samples, joints), rad."""
     return np.abs(run.position - run.reference[:, 0])
 
 
-def limited(run: Rollout, by: Limited) -> Array:
+def limited(run: Recording, by: Limited) -> Array:
     """Number of samples with a limited torque, shape (joints,)."""
     return (run.signals[:, Signal.SATURATED].astype(int) & by != 0).sum(axis=0)
 
@@ -76,7 +79,7 @@ def test_a_rate_that_is_too_tight_ends_in_a_fault_with_the_arm_at_rest(arm: Arm)
     settings = arm.motion()
     tight = {"limits.effort_rate": (0.05 * arm.limits).tolist()}
     settings["controller"] |= {"law.name": "pid", **arm.gains("pid"), **tight}
-    run = rollout(settings, 30.0)
+    run = rollout(**settings, duration=30.0)
     assert run.status[-1, Status.FAULT] == Fault.EFFORT_RATE_LIMIT
     assert np.abs(run.velocity[-1]).max() < 0.05
     assert errors(run).max() < math.pi

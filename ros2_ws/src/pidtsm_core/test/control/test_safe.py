@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from testarms import ARMS, Arm
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.control import Clock
 from pidtsm_core.laws import LAWS
-from pidtsm_core.rollout import rollout
 from pidtsm_core.signals import Fault, Mode, Signal, Status
 
 MS = 1_000_000
@@ -96,7 +96,7 @@ def test_every_law_leaves_the_arm_where_it_is(arm: Arm, law: str, rate: int, hea
         "dropout.time": begun,
         "dropout.duration": 0.03,
     }
-    run = rollout(settings, begun + 3.0)
+    run = rollout(**settings, duration=begun + 3.0)
     assert run.status[-1, Status.FAULT] == Fault.STATE_STALE
     rested = run.position[-rate:]
     assert np.abs(rested - rested[0]).max() < STILL

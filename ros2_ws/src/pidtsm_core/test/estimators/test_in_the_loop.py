@@ -4,19 +4,20 @@ import numpy as np
 import pytest
 from testarms import TWO_LINK, Arm
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.estimators import ESTIMATORS
-from pidtsm_core.rollout import Rollout, rollout
+from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
 
 
-def roll(arm: Arm, estimator: str, **simulator: float) -> Rollout:
+def roll(arm: Arm, estimator: str, **simulator: float) -> Recording:
     settings = arm.motion()
     settings["controller"] |= {"estimator.name": estimator, **(arm.gains() or {"law.gain_maximum": 20.0})}
     settings["simulator"] |= {name.replace("__", "."): value for name, value in simulator.items()}
-    return rollout(settings, 15.0 if arm is TWO_LINK else 8.0)
+    return rollout(**settings, duration=15.0 if arm is TWO_LINK else 8.0)
 
 
-def settled_error(result: Rollout) -> float:
+def settled_error(result: Recording) -> float:
     settled = result.time >= 2.0 / 3.0 * result.time[-1]
     return float(np.abs(result.position - result.reference[:, 0])[settled].max())
 

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from testarms import TWO_LINK, Arm
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.parameters import Array
-from pidtsm_core.rollout import rollout
 
 
 def torque_variation(arm: Arm, controller: dict[str, Any], simulator: dict[str, Any]) -> Array:
@@ -14,7 +14,7 @@ def torque_variation(arm: Arm, controller: dict[str, Any], simulator: dict[str, 
     settings = arm.motion()
     settings["controller"] |= {**arm.practical, **controller}
     settings["simulator"] |= simulator
-    run = rollout(settings, 8.0)
+    run = rollout(**settings, duration=8.0)
     return np.abs(np.diff(run.effort[run.time >= 4.0], axis=0)).mean(axis=0)
 
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from testarms import Arm, dotted
 
+from pidtsm_core.closed_loop import EXPERIMENT, rollout
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.parameters import Array, ParameterError, resolve
+from pidtsm_core.recording import Recording
 from pidtsm_core.references import ReferenceMotion, reference_schema
-from pidtsm_core.rollout import EXPERIMENT, Rollout, rollout
 from pidtsm_core.signals import Signal
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 from pidtsm_core.timing import seconds
@@ -55,11 +56,11 @@ def of(arm: Arm, effects: dict[str, Any]) -> dict[str, Any]:
     return {n: arm.spread(v, -0.5 * v) if n in PER_JOINT else v for n, v in effects.items()}
 
 
-def run(arm: Arm, simulator: dict[str, Any], duration: float = 0.5) -> Rollout:
+def run(arm: Arm, simulator: dict[str, Any], duration: float = 0.5) -> Recording:
     settings = arm.motion()
     settings["controller"] |= CALM
     settings["simulator"] |= of(arm, simulator)
-    return rollout(settings, duration)
+    return rollout(**settings, duration=duration)
 
 
 def robot_of(arm: Arm, **changes: object) -> SimulatedRobot:

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-from pidtsm_core.summary import summarize
 from pidtsm_experiments.bags.reader import METRICS_ONLY, read_recording
 
 
@@ -13,4 +12,4 @@ def analyze(bag: Path) -> dict[str, Any]:
     Raises:
         RecordingError: the bag does not contain a run.
     """
-    return summarize(read_recording(bag, METRICS_ONLY))
+    return read_recording(bag, METRICS_ONLY).metrics()

@@ -13,7 +13,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.summary import summarize
 from pidtsm_core.units import joint_units
 from pidtsm_experiments.commands.options import CONSOLE, read
 from pidtsm_experiments.commands.table import FACTOR, ONLY_IF_ANY, ROWS
@@ -50,7 +49,7 @@ def execute(options: argparse.Namespace) -> int:
     recordings = {name: read(path) for name, path in paths.items()}
     check_comparable(recordings)
     parameters = differing_parameters({name: read_parameters(path) for name, path in paths.items()})
-    metrics = {name: summarize(recording) for name, recording in recordings.items()}
+    metrics = {name: recording.metrics() for name, recording in recordings.items()}
     content = {
         "runs": {name: {"path": str(paths[name]), "metrics": metrics[name]} for name in paths},
         "differences": differences(metrics),

@@ -2,16 +2,14 @@
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from pidtsm_core.closed_loop import SCHEMAS, DivergedError, measuring, rollout
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import Experiment
-from pidtsm_core.parameters import ParameterError, Value
+from pidtsm_core.parameters import Value
 from pidtsm_core.recording import Recording
-from pidtsm_core.rollout import EXPERIMENT, SCHEMAS, DivergedError, rollout
-from pidtsm_core.summary import summarize
 from pidtsm_experiments.commands.options import (
     CONSOLE,
     add_experiment_arguments,
@@ -33,13 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     experiment = experiment_of(options).without_node_parameters()
-    settings = {node: {**EXPERIMENT[node], **given} for node, given in experiment.settings.items()}
-    parameters = replace(experiment, settings=settings).resolved(SCHEMAS)
+    parameters = measuring(experiment).resolved(SCHEMAS)
     warn(parameters["controller"])
     out: Path | None = options.out
     if options.bag and not out:
         raise UsageError("--bag needs --out, the folder of the bag")
-    metrics = _kept(experiment, parameters, out, options.bag) if out else summarize(_recording(experiment))
+    metrics = _kept(experiment, parameters, out, options.bag) if out else _recording(experiment).metrics()
     show_metrics(metrics, options.json)
     if out:
         CONSOLE.print(
@@ -58,12 +55,9 @@ def _recording(experiment: Experiment) -> Recording:
         RunError: a value of the loop is no longer finite.
     """
     try:
-        result = rollout(experiment.settings, experiment.duration)
-    except ParameterError as error:
-        raise UsageError(str(error)) from None
+        return rollout(experiment)
     except DivergedError as error:
         raise RunError(str(error)) from None
-    return Recording.of_rollout(result, experiment.scenario, experiment.law, experiment.event_time)
 
 
 def _kept(

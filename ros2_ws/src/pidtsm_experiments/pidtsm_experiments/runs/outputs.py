@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from pidtsm_core.recording import Recording
-from pidtsm_core.summary import summarize, write_metrics
+from pidtsm_core.summary import write_metrics
 from pidtsm_studies.reports.figures import write_figures
 from pidtsm_studies.reports.report import write_report
 
@@ -19,7 +19,7 @@ def write_outputs(recording: Recording, folder: Path) -> dict[str, Any]:
     Returns:
         The metrics, as in metrics.json.
     """
-    metrics = summarize(recording)
+    metrics = recording.metrics()
     write_metrics(metrics, folder / "metrics.json")
     write_figures(recording, folder / "figures")
     write_report(folder / "report.html", (recording, metrics))

@@ -14,7 +14,7 @@ from typing import Any
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import Experiment, article_parameters, make_experiment, ros_parameters
-from pidtsm_core.summary import summarize, write_metrics
+from pidtsm_core.summary import write_metrics
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.errors import RunError
@@ -165,7 +165,7 @@ def load(planned: Sequence[Planned], folder: Path, failed: Mapping[str, str]) ->
             runs[p.scenario, p.law] = failed[p.key]
             continue
         recording = read_recording(folder / p.key / "bag")
-        runs[p.scenario, p.law] = recording, summarize(recording)
+        runs[p.scenario, p.law] = recording, recording.metrics()
     return runs
 
 
@@ -191,7 +191,7 @@ def _make_run(experiment: Experiment, folder: Path, clock: "Synchronized[float]"
     try:
         with result_folder(folder) as unfinished:
             bag = run(experiment, "lockstep", unfinished, show)
-            write_metrics(summarize(read_recording(bag)), unfinished / "metrics.json")
+            write_metrics(read_recording(bag).metrics(), unfinished / "metrics.json")
     except KeyboardInterrupt:
         os._exit(130)
     except (RunError, UsageError, RecordingError) as error:

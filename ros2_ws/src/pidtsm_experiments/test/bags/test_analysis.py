@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pidtsm_core.metrics import metrics
-from pidtsm_core.rollout import Rollout
+from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
-from pidtsm_core.summary import summarize, write_metrics
+from pidtsm_core.summary import write_metrics
 from pidtsm_experiments.bags.analysis import analyze
 from pidtsm_experiments.bags.reader import read_recording
 
@@ -45,7 +45,7 @@ KEYS = [
 ]
 
 
-def test_a_bag_has_the_metrics_of_its_run(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_a_bag_has_the_metrics_of_its_run(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     values = analyze(write_bag(tmp_path / "bag", run))
     assert list(values) == KEYS
     assert (values["scenario"], values["law"], values["clock"]) == ("case1", "piddtsm", "lockstep")
@@ -61,34 +61,34 @@ def test_a_bag_has_the_metrics_of_its_run(tmp_path: Path, run: Rollout, write_ba
     }
 
 
-def test_recovery_time_follows_settling_time(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_recovery_time_follows_settling_time(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     values = analyze(write_bag(tmp_path / "bag", run, metadata={"scenario": "case2", "event_time": 1.0}))
     order = list(values)
     assert order.index("recovery_time") == order.index("settling_time") + 1
 
 
-def test_a_gap_is_seen_in_the_timing(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_a_gap_is_seen_in_the_timing(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     path = write_bag(tmp_path / "bag", run, edit=lambda topic, k, m: None if 100 <= k < 150 else m)
     timing = analyze(path)["timing"]
     assert timing["period_max"] == 0.051
     assert timing["rate"] == pytest.approx(1949 / 1.999)
 
 
-def test_one_sample_has_no_rate(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_one_sample_has_no_rate(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     recording = read_recording(write_bag(tmp_path / "bag", run, edit=lambda topic, k, m: m if k == 0 else None))
-    values = summarize(recording)
+    values = recording.metrics()
     assert values["samples"] == 1
     assert values["timing"]["rate"] is None
     assert values["timing"]["period_max"] is None
     json.dumps(values, allow_nan=False)
 
 
-def test_a_run_without_nodes_has_no_compute_time(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_a_run_without_nodes_has_no_compute_time(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     recording = replace(read_recording(write_bag(tmp_path / "bag", run)), compute_time=np.empty(0))
-    assert summarize(recording)["timing"]["compute_time"] == {"p50": None, "p99": None, "max": None}
+    assert recording.metrics()["timing"]["compute_time"] == {"p50": None, "p99": None, "max": None}
 
 
-def test_metrics_are_written_whole_or_not_at_all(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_metrics_are_written_whole_or_not_at_all(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     values = analyze(write_bag(tmp_path / "bag", run))
     path = tmp_path / "metrics.json"
     write_metrics(values, path)
@@ -100,7 +100,7 @@ def test_metrics_are_written_whole_or_not_at_all(tmp_path: Path, run: Rollout, w
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bag", "metrics.json"]
 
 
-def test_error_and_effort_are_those_of_the_ground_truth(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_error_and_effort_are_those_of_the_ground_truth(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     """Even if the controller's state differs."""
 
     def edit(topic: str, k: int, message: Any) -> Any:

@@ -14,9 +14,9 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin
 
+from pidtsm_core.closed_loop import SCHEMAS, rollout
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import NODES, make_experiment
-from pidtsm_core.rollout import SCHEMAS, rollout
 from pidtsm_experiments.bags.analysis import analyze
 from pidtsm_experiments.bags.errors import RecordingError, UnfinishedBag
 
@@ -180,7 +180,7 @@ def test_any_command_line_is_an_experiment_or_refused(
 @pytest.fixture(scope="module", params=StoragePlugin)
 def bag(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, write_bag: Any) -> Bag:
     """The files of a short bag, by name."""
-    path = write_bag(tmp_path_factory.mktemp("good") / "bag", rollout({}, 0.02), plugin=request.param)
+    path = write_bag(tmp_path_factory.mktemp("good") / "bag", rollout(duration=0.02), plugin=request.param)
     return {file.name: file.read_bytes() for file in path.iterdir()}
 
 

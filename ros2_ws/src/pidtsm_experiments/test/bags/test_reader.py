@@ -8,7 +8,7 @@ import tempfile
 import warnings
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +20,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import resolve
 from pidtsm_core.recording import Recording
 from pidtsm_core.references import ReferenceMotion
-from pidtsm_core.rollout import Rollout, rollout
 from pidtsm_core.signals import Fault, Mode, Status
 from pidtsm_core.timing import seconds
 from pidtsm_experiments.bags.errors import RecordingError, UnfinishedBag
@@ -37,15 +37,16 @@ TOPICS = (*REQUIRED, "joint_states", "joint_commands")
 
 
 @pytest.fixture(scope="session")
-def run() -> Rollout:
+def run() -> Recording:
     """0.6 s of Case 1, enough for nearly all of these tests."""
-    return rollout({}, 0.6)
+    return rollout(duration=0.6)
 
 
-def first(run: Rollout, samples: int) -> Rollout:
-    """The first samples of a run."""
-    arrays = {f.name: getattr(run, f.name)[:samples] for f in fields(run) if f.name not in ("joints", "robot")}
-    return replace(run, **arrays)
+def rows(run: Recording, where: slice) -> Recording:
+    """Some samples of a run."""
+    arrays = {name: array for name, array in vars(run).items() if isinstance(array, np.ndarray)}
+    chosen: dict[str, Any] = {name: array[where] for name, array in arrays.items()}
+    return replace(run, **chosen)
 
 
 def permuted(message: Any) -> Any:
@@ -54,7 +55,7 @@ def permuted(message: Any) -> Any:
     return replace(message, name=message.name[::-1], **arrays)
 
 
-def assert_is(recording: Recording, run: Rollout) -> None:
+def assert_is(recording: Recording, run: Recording) -> None:
     """Bit for bit."""
     assert recording.joints == run.joints
     for name in ("time", "position", "velocity", "effort", "reference", "signals", "status"):
@@ -62,7 +63,7 @@ def assert_is(recording: Recording, run: Rollout) -> None:
 
 
 @pytest.mark.parametrize("plugin", StoragePlugin)
-def test_a_bag_gives_back_the_run(tmp_path: Path, run: Rollout, write_bag: Any, plugin: StoragePlugin) -> None:
+def test_a_bag_gives_back_the_run(tmp_path: Path, run: Recording, write_bag: Any, plugin: StoragePlugin) -> None:
     recording = read_recording(write_bag(tmp_path / "bag", run, plugin=plugin))
     assert_is(recording, run)
     np.testing.assert_array_equal(recording.compute_time, 2e-5)
@@ -74,7 +75,7 @@ def test_a_bag_gives_back_the_run(tmp_path: Path, run: Rollout, write_bag: Any, 
 
 @pytest.mark.parametrize(("plugin", "suffix"), [(StoragePlugin.MCAP, "mcap"), (StoragePlugin.SQLITE3, "db3")])
 def test_the_file_inside_a_bag_is_enough(
-    tmp_path: Path, run: Rollout, write_bag: Any, plugin: StoragePlugin, suffix: str
+    tmp_path: Path, run: Recording, write_bag: Any, plugin: StoragePlugin, suffix: str
 ) -> None:
     (file,) = write_bag(tmp_path / "bag", run, plugin=plugin).glob(f"*.{suffix}")
     recording = read_recording(file)
@@ -85,11 +86,11 @@ def test_the_file_inside_a_bag_is_enough(
     assert alone.scenario is None
 
 
-def test_topics_are_found_in_any_namespace(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_topics_are_found_in_any_namespace(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     assert_is(read_recording(write_bag(tmp_path / "bag", run, namespace="/lab/arm_7")), run)
 
 
-def test_time_counts_from_the_first_ground_truth(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_time_counts_from_the_first_ground_truth(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     start = 1_700_000_000_123_456_789
     time = typestore().types["builtin_interfaces/msg/Time"]
 
@@ -100,11 +101,11 @@ def test_time_counts_from_the_first_ground_truth(tmp_path: Path, run: Rollout, w
         return replace(message, header=replace(message.header, stamp=stamp))
 
     recording = read_recording(write_bag(tmp_path / "bag", run, edit=edit))
-    assert_is(recording, replace(run, **{f: getattr(run, f)[3:] for f in vars(run) if f not in ("joints", "robot")}))
+    assert_is(recording, rows(run, slice(3, None)))
     assert recording.stamps_ns[0] == start + 3_000_000
 
 
-def test_what_comes_before_the_first_ground_truth_is_no_sample(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_what_comes_before_the_first_ground_truth_is_no_sample(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     """In realtime the first joint state is repeated until the controller publishes a command, while time goes on."""
     waited = 20
 
@@ -127,7 +128,7 @@ def test_what_comes_before_the_first_ground_truth_is_no_sample(tmp_path: Path, r
     ],
 )
 def test_joints_are_matched_by_name(
-    tmp_path: Path, run: Rollout, write_bag: Any, when: Callable[[str, int], bool]
+    tmp_path: Path, run: Recording, write_bag: Any, when: Callable[[str, int], bool]
 ) -> None:
     path = write_bag(
         tmp_path / "bag", run, edit=lambda topic, k, message: permuted(message) if when(topic, k) else message
@@ -135,7 +136,7 @@ def test_joints_are_matched_by_name(
     assert_is(read_recording(path), run)
 
 
-def test_messages_may_be_built_differently(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_messages_may_be_built_differently(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     """Frame names of another length shift the numbers; other joints add numbers."""
 
     def edit(topic: str, k: int, message: Any) -> Any:
@@ -149,7 +150,7 @@ def test_messages_may_be_built_differently(tmp_path: Path, run: Rollout, write_b
 
 
 def test_lost_counts_the_stamps_of_the_ground_truth_without_a_partner(
-    tmp_path: Path, run: Rollout, write_bag: Any
+    tmp_path: Path, run: Recording, write_bag: Any
 ) -> None:
     dropped = {"reference": range(5), "controller/state": range(4, 10), "joint_commands": range(100, 103)}
     recording = read_recording(
@@ -159,7 +160,7 @@ def test_lost_counts_the_stamps_of_the_ground_truth_without_a_partner(
     np.testing.assert_array_equal(recording.time, np.delete(run.time, range(4, 10)))
 
 
-def test_a_message_sent_twice_counts_once(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_a_message_sent_twice_counts_once(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     def edit(topic: str, k: int, message: Any) -> Any:
         if (topic, k) != ("reference", 5):
             return message
@@ -170,32 +171,32 @@ def test_a_message_sent_twice_counts_once(tmp_path: Path, run: Rollout, write_ba
     np.testing.assert_array_equal(recording.reference[4], run.reference[4])
 
 
-def test_only_what_is_needed_must_be_there(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_only_what_is_needed_must_be_there(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     recording = read_recording(write_bag(tmp_path / "bag", run, lacking=("joint_states", "joint_commands")))
     assert_is(recording, run)
     assert set(recording.lost) == {"reference", "controller/state"}
 
 
-def test_foreign_bags_have_no_metadata_of_the_run(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_foreign_bags_have_no_metadata_of_the_run(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     recording = read_recording(write_bag(tmp_path / "bag", run, metadata=None))
     assert (recording.scenario, recording.law, recording.clock, recording.event_time) == (None,) * 4
     assert (recording.robot, recording.slides) == ({}, (False, False))
 
 
-def test_the_arm_comes_from_the_recorder(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_the_arm_comes_from_the_recorder(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     known = {"robot": {"robot.description": "gone.urdf"}, "sliding": ["joint2"], "continuous": ["joint1"]}
     recording = read_recording(write_bag(tmp_path / "bag", run, metadata=known))
     assert recording.robot == known["robot"]
     assert (recording.slides, recording.continuous) == ((False, True), (True, False))
 
 
-def test_the_event_comes_from_the_recorder(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_the_event_comes_from_the_recorder(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     recording = read_recording(write_bag(tmp_path / "bag", run, metadata={"event_time": 1, "unknown": "ignored"}))
     assert recording.event_time == 1.0
     assert recording.scenario is None
 
 
-def test_bags_without_message_definitions_are_read(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_bags_without_message_definitions_are_read(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     """As written by ROS 2 Humble."""
     path = write_bag(tmp_path / "bag", run, plugin=StoragePlugin.SQLITE3)
     (file,) = path.glob("*.db3")
@@ -209,9 +210,9 @@ def test_bags_without_message_definitions_are_read(tmp_path: Path, run: Rollout,
 @settings(max_examples=20, deadline=None)
 @given(lost=st.fixed_dictionaries({topic: st.sets(st.integers(0, 9)) for topic in TOPICS}))
 def test_samples_are_the_stamps_of_controller_states_and_of_ground_truth_alone(
-    run: Rollout, write_bag: Any, lost: dict[str, set[int]]
+    run: Recording, write_bag: Any, lost: dict[str, set[int]]
 ) -> None:
-    short = first(run, 10)
+    short = rows(run, slice(10))
     kept = {topic: set(range(10)) - lost[topic] for topic in TOPICS}
     truth = kept["simulator/ground_truth"]
     complete = set.intersection(*(kept[topic] for topic in REQUIRED))
@@ -237,7 +238,9 @@ def lose(samples: set[int]) -> Callable[[str, int, Any], Any]:
     return lambda topic, k, message: message if topic == "simulator/ground_truth" or k not in samples else None
 
 
-def test_measurements_lost_at_the_sensor_are_not_counted_as_lost(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_measurements_lost_at_the_sensor_are_not_counted_as_lost(
+    tmp_path: Path, run: Recording, write_bag: Any
+) -> None:
     """The reference is interpolated within the accuracy of all metrics, and the controller's signals are held."""
     unsent = {0, 7, *range(100, 120), 500, len(run.time) - 2, len(run.time) - 1}
     recording = read_recording(write_bag(tmp_path / "bag", run, edit=lose(unsent)))
@@ -256,7 +259,7 @@ def test_measurements_lost_at_the_sensor_are_not_counted_as_lost(tmp_path: Path,
     np.testing.assert_array_equal(only_metrics.error, recording.error)
 
 
-def test_a_silence_too_long_to_interpolate_is_lost(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_a_silence_too_long_to_interpolate_is_lost(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     silent = range(len(run.time) - 150, len(run.time))
     recording = read_recording(write_bag(tmp_path / "bag", run, edit=lose(set(silent))))
     assert set(recording.lost.values()) == {50}
@@ -276,7 +279,7 @@ def knowing(parameters: dict[str, Any]) -> dict[str, Any]:
     return {"scenario": "case1", "trajectory": parameters}
 
 
-def referred(run: Rollout, parameters: dict[str, Any], begun: int = 0) -> Rollout:
+def referred(run: Recording, parameters: dict[str, Any], begun: int = 0) -> Recording:
     """The run with another reference that begins at the given sample."""
     reference, built = np.empty_like(run.reference), ReferenceMotion(parameters)
     for k in range(len(run.time)):
@@ -299,7 +302,7 @@ LATE = {0, 1, 2, 7, *range(100, 300), 500, 598, 599}
 
 
 def test_the_reference_of_measurements_lost_at_the_sensor_is_exact(
-    tmp_path: Path, run: Rollout, write_bag: Any
+    tmp_path: Path, run: Recording, write_bag: Any
 ) -> None:
     """It begins at the first measurement that was published."""
     parameters = motion(jump__position=0.1, jump__time=0.2)
@@ -310,7 +313,7 @@ def test_the_reference_of_measurements_lost_at_the_sensor_is_exact(
     assert set(recording.lost.values()) == {0}
 
 
-def test_exact_references_follow_the_joints_by_name(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_exact_references_follow_the_joints_by_name(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     parameters = motion(joints=["joint2", "joint1"])
     other = referred(run, parameters)
     expected = replace(other, reference=other.reference[:, :, ::-1].copy())
@@ -318,7 +321,9 @@ def test_exact_references_follow_the_joints_by_name(tmp_path: Path, run: Rollout
     np.testing.assert_array_equal(recording.reference, expected.reference)
 
 
-def test_samples_without_a_reference_are_kept_and_nothing_is_lost(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_samples_without_a_reference_are_kept_and_nothing_is_lost(
+    tmp_path: Path, run: Recording, write_bag: Any
+) -> None:
     parameters = motion()
     recording = read_recording(
         write_bag(tmp_path / "bag", run, edit=silent(LATE - {0, 1, 2}), metadata=knowing(parameters))
@@ -327,7 +332,7 @@ def test_samples_without_a_reference_are_kept_and_nothing_is_lost(tmp_path: Path
     assert set(recording.lost.values()) == {0}
 
 
-def test_messages_without_values_may_be_followed_by_any_bytes(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_messages_without_values_may_be_followed_by_any_bytes(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     """As written by Fast CDR."""
     parameters = motion()
     with (
@@ -346,7 +351,7 @@ def test_messages_without_values_may_be_followed_by_any_bytes(tmp_path: Path, ru
 
 
 def test_the_motion_begins_with_the_first_reference_even_without_values(
-    tmp_path: Path, run: Rollout, write_bag: Any
+    tmp_path: Path, run: Recording, write_bag: Any
 ) -> None:
     recording = read_recording(
         write_bag(tmp_path / "bag", run, edit=silent(set(range(300))), metadata=knowing(motion()))
@@ -354,7 +359,7 @@ def test_the_motion_begins_with_the_first_reference_even_without_values(
     assert_is(recording, run)
 
 
-def test_references_in_a_simulated_loss_are_not_counted_as_lost(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_references_in_a_simulated_loss_are_not_counted_as_lost(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     """In realtime the trajectory then publishes nothing."""
 
     def edit(topic: str, k: int, message: Any) -> Any:
@@ -377,7 +382,7 @@ def test_references_in_a_simulated_loss_are_not_counted_as_lost(tmp_path: Path, 
     ],
 )
 def test_a_motion_that_differs_from_the_recorded_one_is_not_used(
-    tmp_path: Path, run: Rollout, write_bag: Any, parameters: Any
+    tmp_path: Path, run: Recording, write_bag: Any, parameters: Any
 ) -> None:
     lost = {7, *range(200, 450)}
     recording = read_recording(write_bag(tmp_path / "bag", run, edit=lose(lost), metadata=knowing(parameters)))
@@ -387,7 +392,7 @@ def test_a_motion_that_differs_from_the_recorded_one_is_not_used(
     assert 0.0 < difference.max() < 1e-3
 
 
-def test_a_motion_that_was_replaced_during_the_run_is_not_used(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_a_motion_that_was_replaced_during_the_run_is_not_used(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     """By a commanded trajectory, around a gap."""
     reference = run.reference.copy()
     reference[490:510] += 0.5
@@ -400,14 +405,12 @@ def test_a_motion_that_was_replaced_during_the_run_is_not_used(tmp_path: Path, r
 
 
 @pytest.fixture(scope="module")
-def stopped() -> Rollout:
+def stopped() -> Recording:
     """The reference of the second joint jumps too far."""
     run = rollout(
-        {
-            "controller": {"limits.tracking_error": [0.0, 0.3]},
-            "trajectory": {"jump.time": 0.3, "jump.position": [0.0, 0.5]},
-        },
-        0.6,
+        controller={"limits.tracking_error": [0.0, 0.3]},
+        trajectory={"jump.time": 0.3, "jump.position": [0.0, 0.5]},
+        duration=0.6,
     )
     assert run.status[-1, :3].tolist() == [Mode.STOPPED, Fault.TRACKING_LIMIT, 2]
     return run
@@ -415,7 +418,7 @@ def stopped() -> Rollout:
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_the_status_is_read_by_the_names_of_joints(
-    tmp_path: Path, stopped: Rollout, write_bag: Any, turned: bool
+    tmp_path: Path, stopped: Recording, write_bag: Any, turned: bool
 ) -> None:
     def edit(topic: str, k: int, message: Any) -> Any:
         if topic != "controller/state" or not turned:
@@ -425,12 +428,12 @@ def test_the_status_is_read_by_the_names_of_joints(
     assert_is(read_recording(write_bag(tmp_path / "bag", stopped, edit=edit)), stopped)
 
 
-def test_the_status_is_held_while_no_measurement_comes(tmp_path: Path, stopped: Rollout, write_bag: Any) -> None:
+def test_the_status_is_held_while_no_measurement_comes(tmp_path: Path, stopped: Recording, write_bag: Any) -> None:
     recording = read_recording(write_bag(tmp_path / "bag", stopped, edit=lose({0, 1, *range(310, 320)})))
     np.testing.assert_array_equal(recording.status, stopped.status)
 
 
-def test_messages_without_the_joint_of_a_fault_are_read(tmp_path: Path, stopped: Rollout, write_bag: Any) -> None:
+def test_messages_without_the_joint_of_a_fault_are_read(tmp_path: Path, stopped: Recording, write_bag: Any) -> None:
     kind = "pidtsm_msgs/msg/ControllerState"
     definition = typestore().generate_msgdef(kind)[0]
     old = get_typestore(Stores.ROS2_JAZZY)
@@ -460,20 +463,20 @@ def test_messages_without_the_joint_of_a_fault_are_read(tmp_path: Path, stopped:
     np.testing.assert_array_equal(recording.signals, stopped.signals)
 
 
-def test_rejected_messages_are_the_last_count_of_the_own_nodes(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_rejected_messages_are_the_last_count_of_the_own_nodes(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     reports = [{"simulator": "0"}, {"lab/controller": "7", "controller": "1"}, {"controller": "12", "odd": "many"}]
-    recording = read_recording(write_bag(tmp_path / "bag", first(run, 3), reports=reports))
+    recording = read_recording(write_bag(tmp_path / "bag", rows(run, slice(3)), reports=reports))
     assert recording.rejected == {"simulator": 0, "controller": 12}
     assert set(recording.lost) == set(TOPICS[1:])
-    alone = read_recording(write_bag(tmp_path / "lab", first(run, 3), namespace="/lab", reports=reports))
+    alone = read_recording(write_bag(tmp_path / "lab", rows(run, slice(3)), namespace="/lab", reports=reports))
     assert alone.rejected == {"controller": 7}
 
 
 @pytest.mark.parametrize("reports", [(), [{"other/controller": "3"}]])
 def test_without_diagnostics_of_the_nodes_rejections_are_unknown(
-    tmp_path: Path, run: Rollout, write_bag: Any, reports: Any
+    tmp_path: Path, run: Recording, write_bag: Any, reports: Any
 ) -> None:
-    assert read_recording(write_bag(tmp_path / "bag", first(run, 3), reports=reports)).rejected is None
+    assert read_recording(write_bag(tmp_path / "bag", rows(run, slice(3)), reports=reports)).rejected is None
 
 
 # Unreadable bags: how each is made from an intact one, and the expected error text.
@@ -550,7 +553,7 @@ def only_a_text(bag: Path) -> Path:
     ],
 )
 def test_errors_of_damaged_files_contain_the_reason(
-    tmp_path: Path, run: Rollout, write_bag: Any, breaking: Callable[[Path], Path], reason: str
+    tmp_path: Path, run: Recording, write_bag: Any, breaking: Callable[[Path], Path], reason: str
 ) -> None:
     path = breaking(write_bag(tmp_path / "bag", run))
     with pytest.raises(RecordingError, match=reason) as caught:
@@ -559,14 +562,14 @@ def test_errors_of_damaged_files_contain_the_reason(
 
 
 @pytest.fixture(scope="module")
-def long_run() -> Rollout:
+def long_run() -> Recording:
     """A run whose bag has several chunks."""
-    return rollout({}, 2.0)
+    return rollout(duration=2.0)
 
 
 @pytest.mark.parametrize("breaking", [killed, cut, cut_file])
 def test_an_unfinished_bag_is_read_with_a_warning_about_what_is_missing(
-    tmp_path: Path, long_run: Rollout, write_bag: Any, breaking: Callable[[Path], Path]
+    tmp_path: Path, long_run: Recording, write_bag: Any, breaking: Callable[[Path], Path]
 ) -> None:
     path = breaking(write_bag(tmp_path / "bag", long_run))
     content = {file: file.read_bytes() for file in (tmp_path / "bag").iterdir()}
@@ -580,7 +583,7 @@ def test_an_unfinished_bag_is_read_with_a_warning_about_what_is_missing(
     assert {file: file.read_bytes() for file in (tmp_path / "bag").iterdir()} == content
 
 
-def test_topics_that_end_earlier_are_named(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_topics_that_end_earlier_are_named(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     def stop_state(topic: str, k: int, message: Any) -> Any:
         return None if topic == "controller/state" and k >= 300 else message
 
@@ -591,11 +594,11 @@ def test_topics_that_end_earlier_are_named(tmp_path: Path, run: Rollout, write_b
 
 
 @pytest.fixture(scope="module")
-def small_bag(tmp_path_factory: pytest.TempPathFactory, run: Rollout, write_bag: Any) -> bytes:
+def small_bag(tmp_path_factory: pytest.TempPathFactory, run: Recording, write_bag: Any) -> bytes:
     """The only file of an unfinished bag with many chunks."""
     folder = tmp_path_factory.mktemp("small")
     writer = BagWriter(folder / "bag", json.dumps({"scenario": "case1"}), max_size=0, max_duration=0.0)
-    with AnyReader([write_bag(folder / "whole", first(run, 100))]) as reader:
+    with AnyReader([write_bag(folder / "whole", rows(run, slice(100)))]) as reader:
         topics = {c.topic: writer.add_topic(c.topic, c.msgtype) for c in reader.connections}
         for k, (connection, time, payload) in enumerate(reader.messages()):
             writer.write(topics[connection.topic], time, payload)
@@ -606,7 +609,7 @@ def small_bag(tmp_path_factory: pytest.TempPathFactory, run: Rollout, write_bag:
 
 
 @pytest.mark.parametrize("end", range(0, 100_000, 1999))
-def test_a_bag_may_be_cut_anywhere(tmp_path: Path, run: Rollout, small_bag: bytes, end: int) -> None:
+def test_a_bag_may_be_cut_anywhere(tmp_path: Path, run: Recording, small_bag: bytes, end: int) -> None:
     folder = tmp_path / "bag"
     folder.mkdir()
     (folder / "bag_0.mcap").write_bytes(small_bag[:end])
@@ -628,7 +631,7 @@ def test_a_bag_without_messages_says_so(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("topic", REQUIRED)
 def test_a_missing_topic_is_named_with_the_existing_ones(
-    tmp_path: Path, run: Rollout, write_bag: Any, topic: str
+    tmp_path: Path, run: Recording, write_bag: Any, topic: str
 ) -> None:
     path = write_bag(tmp_path / "bag", run, lacking=(topic,))
     with pytest.raises(RecordingError, match=rf"lacks {topic} \(.*; it has .*/joint_states \(sensor_msgs"):
@@ -636,13 +639,13 @@ def test_a_missing_topic_is_named_with_the_existing_ones(
 
 
 @pytest.mark.parametrize("topic", REQUIRED)
-def test_a_topic_without_messages_is_named(tmp_path: Path, run: Rollout, write_bag: Any, topic: str) -> None:
+def test_a_topic_without_messages_is_named(tmp_path: Path, run: Recording, write_bag: Any, topic: str) -> None:
     path = write_bag(tmp_path / "bag", run, edit=lambda name, k, message: None if name == topic else message)
     with pytest.raises(RecordingError, match=f"no messages on /{topic}"):
         read_recording(path)
 
 
-def test_two_robots_in_a_bag_are_refused(tmp_path: Path, run: Rollout) -> None:
+def test_two_robots_in_a_bag_are_refused(tmp_path: Path, run: Recording) -> None:
     store = typestore()
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         for topic in ("/a/ground_truth", "/b/ground_truth"):
@@ -668,13 +671,13 @@ def with_values(topic: str, **values: Any) -> Callable[[str, int, Any], Any]:
         (with_values("reference", velocity=np.zeros(3)), "reference has 3 values of velocity for 2"),
     ],
 )
-def test_a_bad_message_is_named(tmp_path: Path, run: Rollout, write_bag: Any, edit: Any, reason: str) -> None:
+def test_a_bad_message_is_named(tmp_path: Path, run: Recording, write_bag: Any, edit: Any, reason: str) -> None:
     path = write_bag(tmp_path / "bag", run, edit=edit)
     with pytest.raises(RecordingError, match=reason):
         read_recording(path)
 
 
-def test_a_payload_that_is_no_message_is_named(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_a_payload_that_is_no_message_is_named(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     store = typestore()
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         for topic, kind in [
@@ -687,7 +690,7 @@ def test_a_payload_that_is_no_message_is_named(tmp_path: Path, run: Rollout, wri
         read_recording(tmp_path / "bag")
 
 
-def test_topics_without_common_stamps_are_reported(tmp_path: Path, run: Rollout, write_bag: Any) -> None:
+def test_topics_without_common_stamps_are_reported(tmp_path: Path, run: Recording, write_bag: Any) -> None:
     def edit(topic: str, k: int, message: Any) -> Any:
         stamp = message.header.stamp
         late = replace(message.header, stamp=replace(stamp, nanosec=stamp.nanosec + 1))
@@ -699,7 +702,7 @@ def test_topics_without_common_stamps_are_reported(tmp_path: Path, run: Rollout,
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"event_time": "soon"}', '{"robot": "scara"}'])
-def test_bad_metadata_is_reported(tmp_path: Path, run: Rollout, write_bag: Any, text: str) -> None:
+def test_bad_metadata_is_reported(tmp_path: Path, run: Recording, write_bag: Any, text: str) -> None:
     path = write_bag(tmp_path / "bag", run, metadata=text)
     with pytest.raises(RecordingError, match="custom data"):
         read_recording(path)

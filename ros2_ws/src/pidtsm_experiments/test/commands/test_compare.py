@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from pidtsm_core.rollout import Rollout
+from pidtsm_core.recording import Recording
 from pidtsm_experiments.cli import main
 
 
@@ -55,7 +55,7 @@ def test_the_terminal_shows_a_block_per_joint_in_eighty_columns(
 
 
 def test_bags_and_folders_go_together(
-    folder: Path, kept: Path, run: Rollout, write_bag: Any, capsys: pytest.CaptureFixture[str]
+    folder: Path, kept: Path, run: Recording, write_bag: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_bag(folder / "run" / "bag", run)
     (folder / "other").mkdir()
@@ -82,7 +82,7 @@ def test_bags_and_folders_go_together(
 def test_what_cannot_be_compared_is_one_clear_error(
     folder: Path,
     kept: Path,
-    run: Rollout,
+    run: Recording,
     write_bag: Any,
     words: list[str],
     cause: str,

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from pidtsm_core.rollout import Rollout
+from pidtsm_core.recording import Recording
 from pidtsm_experiments.cli import main
 from pidtsm_studies.reports import figures
 
@@ -32,7 +32,7 @@ def test_a_rollout_is_reported_again_from_its_recording(folder: Path, kept: Path
     assert [path.name for path in folder.iterdir()] == ["mine"], "no litter"
 
 
-def test_a_run_is_reported_again_from_its_bag(folder: Path, run: Rollout, write_bag: Any) -> None:
+def test_a_run_is_reported_again_from_its_bag(folder: Path, run: Recording, write_bag: Any) -> None:
     bag = write_bag(folder / "mine" / "bag", run)
     assert main(["report", "mine"]) == 0
     assert sorted({Path(name).parts[0] for name in contents(folder / "mine")} - {"bag"}) == [

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pidtsm_core.rollout import rollout
-from pidtsm_core.summary import summarize
+from pidtsm_core.closed_loop import rollout
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.saved import load_recording
 from pidtsm_studies.reports import figures
@@ -28,12 +27,12 @@ def test_it_leaves_what_a_run_leaves(kept: Path) -> None:
 
 
 def test_the_saved_recording_is_the_rollout_to_the_last_bit(kept: Path) -> None:
-    result = rollout({"controller": {"law.k1": 4.0}}, 0.5)
+    result = rollout(controller={"law.k1": 4.0}, duration=0.5)
     saved = load_recording(kept / "firm" / "recording.npz")
     for name in ("time", "position", "velocity", "effort", "reference", "signals", "status"):
         np.testing.assert_array_equal(getattr(saved, name), getattr(result, name), err_msg=name)
     assert (saved.joints, saved.scenario, saved.law, saved.clock) == (result.joints, "case1", "piddtsm", None)
-    assert summarize(saved) == json.loads((kept / "firm" / "metrics.json").read_text())
+    assert saved.metrics() == json.loads((kept / "firm" / "metrics.json").read_text())
 
 
 def test_a_bag_of_a_rollout_is_read_like_that_of_a_run(

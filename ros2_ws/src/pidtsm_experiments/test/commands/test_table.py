@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from pidtsm_core.rollout import Rollout
+from pidtsm_core.recording import Recording
 from pidtsm_experiments.bags.analysis import analyze
 from pidtsm_experiments.commands.table import metrics_tables, print_metrics
 
 
 @pytest.fixture
-def values(tmp_path: Path, run: Rollout, write_bag: Any) -> dict[str, Any]:
+def values(tmp_path: Path, run: Recording, write_bag: Any) -> dict[str, Any]:
     return analyze(write_bag(tmp_path / "bag", run))
 
 

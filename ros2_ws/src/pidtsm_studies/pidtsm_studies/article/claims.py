@@ -15,7 +15,7 @@ from pidtsm_studies.article.printed import PRINTED
 from pidtsm_studies.reports.labels import CASES, NOTHING, label, value_text
 
 Run: TypeAlias = tuple[Recording, Mapping[str, Any]]
-"""A recording and its metrics, as returned by `summary.summarize`."""
+"""A recording and its metrics, as returned by `Recording.metrics`."""
 
 Reproduction: TypeAlias = Mapping[tuple[str, str], Run | str]
 """Runs by (scenario, law); for a run that did not finish, the reason as a sentence."""

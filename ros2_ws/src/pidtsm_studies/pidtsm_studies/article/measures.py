@@ -14,7 +14,7 @@ from pidtsm_studies.article.printed import PRINTED
 Measure: TypeAlias = Callable[[Recording, Mapping[str, Any], int], float | None]
 """Computes one value of one joint of a run: None if it does not exist, inf for a time that was not reached.
 
-Arguments: the run, its metrics (`summary.summarize`), and the index of the joint.
+Arguments: the run, its metrics (`Recording.metrics`), and the index of the joint.
 """
 
 _TIMES = ("settling_time", "recovery_time")
@@ -25,7 +25,7 @@ def measure(name: str) -> Measure:
     """The function that computes a claim's metric.
 
     Args:
-        name: one of `MEASURES`, or a metric of `summary.summarize`; the function raises KeyError if a run lacks it.
+        name: one of `MEASURES`, or a metric of `Recording.metrics`; the function raises KeyError if a run lacks it.
     """
     return MEASURES.get(name) or partial(_metric, name)
 

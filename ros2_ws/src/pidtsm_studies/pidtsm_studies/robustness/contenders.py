@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from pidtsm_core.closed_loop import SCHEMAS
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import ARTICLE, PRACTICAL, Experiment, Settings, make_experiment
-from pidtsm_core.rollout import SCHEMAS
 from pidtsm_studies.reports.labels import label
 
 

@@ -11,11 +11,11 @@ from typing import TypeAlias
 import numpy as np
 from scipy.stats import binomtest
 
-from pidtsm_core.batch import BatchResult, batch
+from pidtsm_core.batches import BatchResult, batch
 from pidtsm_core.experiment import Settings
 from pidtsm_core.metrics import JointMetrics
 from pidtsm_core.parameters import Array
-from pidtsm_core.rollout import Rollout
+from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
 from pidtsm_studies.robustness.contenders import CONTENDERS, Contender, for_requirements
 from pidtsm_studies.robustness.imperfections import CASE, IMPERFECTIONS, Imperfection
@@ -110,7 +110,7 @@ def _chosen(values: Sequence[float], count: int) -> tuple[float, ...]:
     return tuple(values[round(place)] for place in np.linspace(0, len(values) - 1, min(count, len(values))))
 
 
-def _late(run: Rollout) -> JointMetrics:
+def _late(run: Recording) -> JointMetrics:
     """Criteria of success, per joint: the largest |e| after `LATE`, and the fraction of samples at a torque limit."""
     late = run.time >= LATE
     error = np.abs(run.position[late] - run.reference[late, 0])

@@ -10,7 +10,6 @@ import pytest
 
 from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal, Status
-from pidtsm_core.summary import summarize
 from pidtsm_studies.article.claims import (
     ARTICLE_LAWS,
     CLAIMS,
@@ -49,7 +48,7 @@ def made_up_run(case: str, law: str, scale: float = 1.0) -> Run:
         clock=None,
         event_time=1.5 if case == "case2" else None,
     )
-    return recording, summarize(recording)
+    return recording, recording.metrics()
 
 
 SCALES = {"piddtsm": 1.0, "pidnftsm": 1.25, "dtsm": 2.0}

@@ -1,5 +1,6 @@
 """Figures 3 to 12 are complete, with laws, axes and the article's values."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -8,9 +9,7 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from pidtsm_core.recording import Recording
-from pidtsm_core.rollout import rollout
-from pidtsm_core.summary import summarize
+from pidtsm_core.closed_loop import rollout
 from pidtsm_studies.article import figures as article_figures
 from pidtsm_studies.article.claims import ARTICLE_LAWS, Run
 from pidtsm_studies.reports.figures import COLOURS, STYLE
@@ -22,9 +21,9 @@ EVENT = 1.5  # s
 
 def run(case: str, law: str) -> Run:
     """Two seconds with the gains of a stand-in."""
-    result = rollout({"controller": {"law.k1": GAINS[law]}}, 2.0)
-    recording = Recording.of_rollout(result, case, law, EVENT if case == "case2" else None)
-    return recording, summarize(recording)
+    stand_in = rollout(controller={"law.k1": GAINS[law]}, duration=2.0)
+    recording = replace(stand_in, scenario=case, law=law, event_time=EVENT if case == "case2" else None)
+    return recording, recording.metrics()
 
 
 @pytest.fixture(scope="module")

@@ -1,15 +1,15 @@
 """Runs with stand-ins for the article's laws, and the reports of them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
 import pytest
 
-from pidtsm_core.experiment import PRACTICAL, make_experiment
+from pidtsm_core.closed_loop import rollout
+from pidtsm_core.experiment import PRACTICAL
 from pidtsm_core.recording import Recording
-from pidtsm_core.rollout import rollout
-from pidtsm_core.summary import summarize
 from pidtsm_studies.article.claims import Run, compare
 from pidtsm_studies.reports.comparison import write_comparison
 from pidtsm_studies.reports.labels import CASES
@@ -27,9 +27,9 @@ def run_of() -> RunOf:
     """Two seconds of a case with the stand-in for a law."""
 
     def run(case: str, law: str) -> Run:
-        result = rollout({"controller": {"law.k1": GAINS[law]}}, 2.0)
-        recording = Recording.of_rollout(result, case, law, 1.0 if case == "case2" else None)
-        return recording, summarize(recording)
+        stand_in = rollout(controller={"law.k1": GAINS[law]}, duration=2.0)
+        recording = replace(stand_in, scenario=case, law=law, event_time=1.0 if case == "case2" else None)
+        return recording, recording.metrics()
 
     return run
 
@@ -65,8 +65,7 @@ def recordings(run_of: RunOf) -> dict[str, Recording]:
     """A short run of each of several arms."""
     found = {"two_link": run_of("case1", "piddtsm")[0]}
     for robot in ("panda", "scara"):
-        settings = make_experiment(None, robot=robot, params=[PRACTICAL]).without_node_parameters().settings
-        found[robot] = Recording.of_rollout(rollout(settings, 1.0), robot, "piddtsm", None)
+        found[robot] = rollout(params=PRACTICAL, robot=robot, duration=1.0)
     return found
 
 
@@ -75,5 +74,5 @@ def arms(tmp_path_factory: pytest.TempPathFactory, recordings: dict[str, Recordi
     """A report of each of `recordings` alone."""
     folder = tmp_path_factory.mktemp("arms")
     for robot, recording in recordings.items():
-        write_report(folder / f"{robot}.html", (recording, summarize(recording)))
+        write_report(folder / f"{robot}.html", (recording, recording.metrics()))
     return {robot: folder / f"{robot}.html" for robot in recordings}

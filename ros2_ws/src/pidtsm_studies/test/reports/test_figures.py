@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.recording import Recording
-from pidtsm_core.rollout import rollout
 from pidtsm_core.signals import Signal, Status
 from pidtsm_studies.reports import figures
 
@@ -23,7 +23,7 @@ NAMES = ["tracking", "error", "torque", "sliding_variables", "adaptive_gain"]
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    return Recording.of_rollout(rollout({}, 2.0), "case1", "piddtsm", None)
+    return rollout(duration=2.0)
 
 
 def noisy(joints: int, samples: int, slides: tuple[bool, ...] = ()) -> Recording:

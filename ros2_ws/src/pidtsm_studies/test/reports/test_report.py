@@ -12,7 +12,6 @@ import numpy as np
 
 from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Fault, Mode, Signal, Status, Violation
-from pidtsm_core.summary import summarize
 from pidtsm_studies.article.claims import Run, compare
 from pidtsm_studies.reports.labels import CASES
 from pidtsm_studies.reports.report import write_report
@@ -160,7 +159,7 @@ def test_unusual_events_come_first(tmp_path: Path, run_of: RunOf) -> None:
     status = recording.status.copy()
     status[500:700] = (Mode.STOPPED, Fault.VELOCITY_LIMIT, 1, Violation.VELOCITY)
     odd = replace(renamed(recording, "<b>", "joint2"), status=status, rejected={"controller": 2})
-    write_report(tmp_path / "report.html", (odd, summarize(odd)))
+    write_report(tmp_path / "report.html", (odd, odd.metrics()))
     assert Outline(tmp_path / "report.html").ids("h2") == ["happened", "arm", "metrics", "plots"]
     section = happened(tmp_path / "report.html")
     assert "stopped at 0.5 s: &lt;b&gt; is beyond limits.velocity; reset at 0.7 s" in section
@@ -170,7 +169,7 @@ def test_unusual_events_come_first(tmp_path: Path, run_of: RunOf) -> None:
 def test_of_several_runs_the_unusual_ones_are_named(tmp_path: Path, run_of: RunOf) -> None:
     bad, good = run_of("case1", "dtsm"), run_of("case1", "piddtsm")
     lost = replace(bad[0], position=bad[0].position + 4.0)
-    write_report(tmp_path / "report.html", {("case1", "dtsm"): (lost, summarize(lost)), ("case1", "piddtsm"): good})
+    write_report(tmp_path / "report.html", {("case1", "dtsm"): (lost, lost.metrics()), ("case1", "piddtsm"): good})
     section = happened(tmp_path / "report.html")
     assert section.count("<ul>") == 1
     assert "Case 1, DTSM:" in section
@@ -179,16 +178,16 @@ def test_of_several_runs_the_unusual_ones_are_named(tmp_path: Path, run_of: RunO
 def test_a_run_that_ran_away_has_no_errors_to_compare(tmp_path: Path, run_of: RunOf) -> None:
     recording, _ = run_of("case1", "piddtsm")
     lost = replace(recording, position=recording.position + 4.0)
-    write_report(tmp_path / "report.html", (lost, summarize(lost)))
+    write_report(tmp_path / "report.html", (lost, lost.metrics()))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("<td>ran away</td>") == 3 * 2
-    assert f"{summarize(lost)['rmse'][0]:.5g}" not in Outline(tmp_path / "report.html").text
+    assert f"{lost.metrics()['rmse'][0]:.5g}" not in Outline(tmp_path / "report.html").text
 
 
 def test_a_run_without_metadata_is_reported(tmp_path: Path, run_of: RunOf) -> None:
     recording, _ = run_of("case1", "piddtsm")
     nameless = replace(recording, scenario=None, law=None, clock=None)
-    write_report(tmp_path / "report.html", (nameless, summarize(nameless)))
+    write_report(tmp_path / "report.html", (nameless, nameless.metrics()))
     assert "unknown law" in Outline(tmp_path / "report.html").text
 
 
@@ -205,7 +204,7 @@ def test_an_arm_whose_description_is_gone_is_not_drawn(tmp_path: Path, run_of: R
 
 def test_each_joint_has_its_own_units(tmp_path: Path, run_of: RunOf) -> None:
     recording = replace(run_of("case2", "piddtsm")[0], slides=(False, True))
-    write_report(tmp_path / "report.html", (recording, summarize(recording)))
+    write_report(tmp_path / "report.html", (recording, recording.metrics()))
     outline = Outline(tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     for units, metrics in ((("rad", "m"), 2), (("N m", "N"), 2), (("N m/s", "N/s"), 1)):
@@ -224,7 +223,7 @@ def test_each_joint_has_its_own_units(tmp_path: Path, run_of: RunOf) -> None:
 def test_names_cannot_break_the_page(tmp_path: Path, run_of: RunOf) -> None:
     recording, _ = run_of("case1", "piddtsm")
     odd = replace(renamed(recording, "<i>", "&amp;"), scenario="</script><b>", law='a"><script>alert(1)</script>')
-    write_report(tmp_path / "report.html", (odd, summarize(odd)))
+    write_report(tmp_path / "report.html", (odd, odd.metrics()))
     plain = Outline(tmp_path / "report.html")
     assert not {"b", "i"} & {tag for tag, _ in plain.tags}
     assert [tag for tag, _ in plain.tags].count("script") == 3

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from pidtsm_core.batch import BatchResult, Settings
+from pidtsm_core.batches import BatchResult, Settings
 from pidtsm_studies.robustness import study
 from pidtsm_studies.robustness.results import FULL, QUICK, Robustness
 

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pidtsm_core.batch import Settings
+from pidtsm_core.batches import Settings
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import PRACTICAL, make_experiment
 from pidtsm_core.metrics import metrics
 from pidtsm_core.parameters import Array
-from pidtsm_core.rollout import rollout
 from pidtsm_core.signals import Signal
 from pidtsm_studies.robustness.contenders import CONTENDERS, FOR_REQUIREMENTS, OBSERVER
 from pidtsm_studies.robustness.imperfections import IMPERFECTIONS, Imperfection
@@ -27,7 +27,7 @@ def content(quick: Robustness) -> dict[str, Any]:
 def measured(scenario: str, *overrides: str) -> dict[str, Array]:
     """Metrics of a rollout with the practical set, shape (joints,) each."""
     experiment = make_experiment(scenario, params=[PRACTICAL], overrides=overrides)
-    run = rollout(experiment.settings, QUICK.duration)
+    run = rollout(experiment, duration=QUICK.duration)
     error = run.position - run.reference[:, 0]
     found = metrics(run.time, error, run.effort, run.signals[:, Signal.SATURATED])
     late = np.abs(error[run.time >= LATE]).max(axis=0)
@@ -92,7 +92,7 @@ def test_a_requirement_says_whether_it_is_random(requirement: Requirement) -> No
 
 def differs_by_seed(settings: Settings) -> bool:
     seeded = ({**settings, "simulator": {**settings["simulator"], "seed": seed}} for seed in (0, 1))
-    first, second = (rollout(each, 3.0).effort.tobytes() for each in seeded)
+    first, second = (rollout(**each, duration=3.0).effort.tobytes() for each in seeded)
     return first != second
 
 

@@ -11,14 +11,14 @@ import joblib
 import numpy as np
 import pytest
 
-from pidtsm_core import batch as module
-from pidtsm_core.batch import BatchResult, batch
+from pidtsm_core import batches as module
+from pidtsm_core.batches import BatchResult, batch
+from pidtsm_core.closed_loop import rollout
 from pidtsm_core.metrics import metrics
-from pidtsm_core.rollout import rollout
 from pidtsm_core.signals import Signal
 
 DURATION = 0.2
-GAINS = [{"controller": {"law.k1": 1.0 + 0.5 * i}} for i in range(9)]
+GAINS: list[dict[str, Any]] = [{"controller": {"law.k1": 1.0 + 0.5 * i}} for i in range(9)]
 UNKNOWN = {"controller": {"law.k9": 1.0}}
 DIVERGING = {"controller": {"limits.effort": 1e-3}, "simulator": {"limits.effort": 1e-3, "rate": 1}}
 
@@ -38,7 +38,7 @@ def serial() -> BatchResult:
 
 def test_each_row_has_the_metrics_of_its_rollout(serial: BatchResult) -> None:
     for i, settings in enumerate(GAINS):
-        run = rollout(settings, DURATION)
+        run = rollout(**settings, duration=DURATION)
         found = metrics(
             run.time, run.position - run.reference[:, 0], run.effort, run.signals[:, Signal.SATURATED], None
         )
@@ -90,7 +90,10 @@ def test_a_value_that_does_not_exist_is_nan() -> None:
 
 
 def test_recovery_is_there_with_an_event() -> None:
-    assert "recovery_time" in batch([{}], DURATION, event_time=0.1).metrics
+    load = {"payload.mass": 0.5, "payload.time": 0.1}
+    recovery = batch([{}, {"simulator": load}], DURATION).metrics["recovery_time"]
+    assert recovery.shape == (2, 2)
+    assert np.isnan(recovery[0]).all()
 
 
 def test_nothing_to_do_is_no_error() -> None:
@@ -99,7 +102,7 @@ def test_nothing_to_do_is_no_error() -> None:
 
 def test_trajectories_are_decimated_and_own_their_memory() -> None:
     result = batch([GAINS[1], UNKNOWN], DURATION, keep_every=10)
-    run = rollout(GAINS[1], DURATION)
+    run = rollout(**GAINS[1], duration=DURATION)
     kept, failed = result.trajectories
     assert failed is None
     assert kept is not None
@@ -113,7 +116,7 @@ def test_trajectories_are_decimated_and_own_their_memory() -> None:
 def test_other_measures_stand_beside_the_metrics(serial: BatchResult) -> None:
     result = batch([*GAINS, UNKNOWN], DURATION, measure=lambda run: {"last": run.position[-1].tolist()})
     assert set(result.metrics) == {*serial.metrics, "last"}
-    last = [rollout(settings, DURATION).position[-1] for settings in GAINS]
+    last = [rollout(**settings, duration=DURATION).position[-1] for settings in GAINS]
     np.testing.assert_array_equal(result.metrics["last"], [*last, [np.nan, np.nan]])
 
 
@@ -148,7 +151,7 @@ def test_an_interrupt_ends_it_cleanly() -> None:
     code = """
 import signal
 from itertools import repeat
-from pidtsm_core.batch import batch
+from pidtsm_core.batches import batch
 signal.signal(signal.SIGINT, signal.default_int_handler)
 try:
     batch(repeat({}), 1.0, progress=lambda done: print(done, flush=True))

@@ -2,8 +2,8 @@
 
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.control import Controller, ControllerConfig, ControllerState, controller_schema, step
 from pidtsm_core.estimators import ESTIMATORS
+from pidtsm_core.experiment import Experiment, make_experiment
 from pidtsm_core.joints import JointOrder
-from pidtsm_core.parameters import Array, ParameterError, Schema, Value, as_float, names, resolve
+from pidtsm_core.parameters import Array, ParameterError, Value, as_float, names
+from pidtsm_core.recording import Recording
 from pidtsm_core.references import (
     MotionConfig,
     ReferenceMotion,
     drops_out,
     evaluate_motion,
-    reference_joints,
     reference_schema,
 )
-from pidtsm_core.robots import robot_joints, robot_parameters
+from pidtsm_core.robots import find_robot, robot_parameters
 from pidtsm_core.signals import Signal, Status
 from pidtsm_core.simulation.simulator import (
     SimulatedRobot,
@@ -36,7 +37,6 @@ from pidtsm_core.timing import period_nanoseconds, seconds
 
 SCHEMAS = {"controller": controller_schema, "simulator": simulator_schema, "trajectory": reference_schema}
 """Schemas of a rollout, by node: the parameters that affect a torque."""
-_JOINTS = {"controller": robot_joints, "simulator": robot_joints, "trajectory": reference_joints}
 
 EXPERIMENT: Mapping[str, Mapping[str, Value]] = {
     "simulator": {"command.timeout": 1.0},
@@ -49,35 +49,8 @@ from its first sample on, and no watchdog should end it."""
 Places = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class Rollout:
-    """Result of a closed loop; row k of every array belongs to time[k].
-
-    Attributes:
-        joints: names, in the order of the simulator.
-        time: s, shape (samples,).
-        position, velocity: true q (rad or m), q' (rad/s or m/s), shape (samples, joints).
-        effort: effort applied from time[k] on, N m or N, shape (samples, joints).
-        reference: q_d, q_d', q_d'', shape (samples, 3, joints).
-        signals: signals that the controller computed from the measurement of this sample; if none reached it, the
-            last ones, shape (samples, len(Signal), joints), order of `Signal`.
-        status: status of the controller, likewise, shape (samples, len(Status)), order of `Status`.
-        robot: parameters of the simulated arm, as returned by `robot_parameters`.
-    """
-
-    joints: tuple[str, ...]
-    time: Array
-    position: Array
-    velocity: Array
-    effort: Array
-    reference: Array
-    signals: Array
-    status: NDArray[np.uint8]
-    robot: Mapping[str, Value] = field(default_factory=dict)
-
-
 class _Samples(NamedTuple):
-    """The arrays of a `Rollout` while it is simulated.
+    """The arrays of a rollout while it is simulated; see `Recording`.
 
     `signals` and the joint of `status` are in the order of the controller, `reference` is in that of the trajectory.
     """
@@ -205,94 +178,133 @@ def _simulate(loop: _Loop, draws: Array, samples: _Samples) -> int:
     return samples.time.size
 
 
-def resolve_nodes(
-    schemas: Mapping[str, Schema], settings: Mapping[str, Mapping[str, Any]]
-) -> dict[str, dict[str, Value]]:
-    """Complete and check the parameters of every node; see `resolve`.
-
-    If the joints of the trajectory are not given, they are those of the controller.
-
-    Args:
-        schemas: by node, for the nodes ``controller``, ``simulator`` and ``trajectory``.
-        settings: parameters that differ from their defaults, by node.
-
-    Raises:
-        ParameterError: an unknown node or parameter, a refused value, or nodes whose joints have different names. The
-            message begins with the node if it is known.
-    """
-    for node in settings:
-        if node not in schemas:
-            raise ParameterError(f"unknown node {node}; known are {', '.join(schemas)}")
-    values: dict[str, dict[str, Value]] = {}
-    for node, schema in schemas.items():
-        given = dict(settings.get(node, {}))
-        if node == "trajectory" and "joints" not in given:
-            given["joints"] = list(names(values["controller"]["joints"]))
-        try:
-            count = _JOINTS[node](given)
-            if node == "trajectory" and "joints" not in settings.get(node, {}) and count != len(given["joints"]):
-                raise ParameterError(
-                    f"reference.name: this reference moves {count} joints, and the robot has {len(given['joints'])}; "
-                    "choose another reference, or a scenario for this robot",
-                    "reference.name",
-                )
-            values[node] = resolve(schema, given, count)
-        except ParameterError as error:
-            raise ParameterError(f"{node}: {error}", f"{node}.{error.parameter}") from None
-    of_the_controller = names(values["controller"]["joints"])
-    for node, resolved in values.items():
-        joints = names(resolved["joints"])
-        if set(joints) != set(of_the_controller):
-            raise ParameterError(
-                f"{node}: joints are {', '.join(joints)}; those of the controller are {', '.join(of_the_controller)}. "
-                "The nodes match joints by name",
-                f"{node}.joints",
-            )
-    return values
-
-
 class DivergedError(RuntimeError):
     """A value of the loop is no longer finite; the message gives the time."""
 
 
-def rollout(settings: Mapping[str, Mapping[str, Any]], duration: float) -> Rollout:
-    """Simulate the closed loop.
+def rollout(
+    scenario: str | Experiment | None = None,
+    law: str | None = None,
+    params: str | Sequence[str] = (),
+    robot: str | None = None,
+    *,
+    duration: float | None = None,
+    controller: Mapping[str, Any] | None = None,
+    simulator: Mapping[str, Any] | None = None,
+    trajectory: Mapping[str, Any] | None = None,
+) -> Recording:
+    """Simulate the closed loop of controller, robot and trajectory.
 
     Args:
-        settings: parameters that differ from their defaults, by node (``controller``, ``simulator``,
-            ``trajectory``) and full name, such as ``{"controller": {"law.k1": 3.0}}``; they take precedence
-            over `EXPERIMENT`.
-        duration: s.
+        scenario: a name from `scenario_names`, the path of a scenario file, or an `Experiment`; None: Case 1 of the
+            article, or for another robot a motion within its limits.
+        law: name of the control law; None: that of the scenario or of `params`, else ``piddtsm``.
+        params: ``article`` (Table 1 of the article), ``practical`` (for real sensors and drives), the path of a ROS
+            parameter file, or several of these, of which later ones override earlier ones.
+        robot: the arm: a name such as ``panda``, or the path of a URDF, xacro or MJCF file; None: that of the scenario.
+        duration: s; None: that of the scenario.
+        controller: parameters that override all others, by name, such as ``{"law.k1": 3.0}``; a joint's parameter is
+            one number for all joints, or one for each. Parameters that only a node has are ignored.
+        simulator: likewise.
+        trajectory: likewise.
+
+    Returns:
+        All arrays of the run, with rows of shape (joints,) in the order of the simulator.
 
     Raises:
-        ParameterError: a setting that a schema refuses, nodes whose joints differ, a start that the controller
-            refuses, a duration that is no finite time of at least one sample, or a rollout that does not fit in memory.
+        UsageError: an unknown name, an unreadable file, or (`ParameterError`) a refused value, joints that differ, a
+            start that the controller refuses, a duration that is no finite time of at least one sample, or a rollout
+            that does not fit in memory.
         DivergedError: a value of the loop is no longer finite.
     """
-    values = resolve_nodes(SCHEMAS, {**settings, **{n: {**EXPERIMENT[n], **settings.get(n, {})} for n in SCHEMAS}})
+    given = {"controller": controller or {}, "simulator": simulator or {}, "trajectory": trajectory or {}}
+    experiment = make_experiment(scenario, law, duration, params, given, robot).without_node_parameters()
+    values = measuring(experiment).resolved(SCHEMAS)
+    loop, draws, samples = _prepared(values, experiment.duration)
+    done = _simulate(loop, draws, samples)
+    if done < samples.time.size:
+        raise DivergedError(f"the loop is not finite any more after {seconds(done * loop.period):g} s")
+    _reorder(samples, {node: names(values[node]["joints"]) for node in SCHEMAS})
+    arm = find_robot(values["simulator"])
+    return Recording(
+        joints=names(values["simulator"]["joints"]),
+        **samples._asdict(),
+        stamps_ns=np.arange(samples.time.size) * loop.period,
+        compute_time=np.empty(0),
+        scenario=experiment.scenario,
+        law=experiment.law,
+        clock=None,
+        event_time=experiment.event_time,
+        slides=arm.slides,
+        continuous=arm.continuous,
+        robot=robot_parameters(values["simulator"]),
+    )
+
+
+def make_controller(
+    scenario: str | Experiment | None = None,
+    law: str | None = None,
+    params: str | Sequence[str] = (),
+    robot: str | None = None,
+    *,
+    rate: int = 1000,
+    controller: Mapping[str, Any] | None = None,
+) -> Controller:
+    """Build the controller of a rollout, to be called in a loop of one's own.
+
+    Args:
+        scenario: as for `rollout`.
+        law: likewise.
+        params: likewise.
+        robot: likewise.
+        rate: of the loop, Hz; ``practical`` gains of an arm from a file depend on it.
+        controller: as for `rollout`.
+
+    Raises:
+        UsageError: see `rollout`.
+    """
+    given = {"controller": controller or {}, "simulator": {"rate": rate}}
+    experiment = measuring(make_experiment(scenario, law, None, params, given, robot).without_node_parameters())
+    alone = replace(experiment, settings={"controller": experiment.settings["controller"]})
+    return Controller(alone.resolved({"controller": controller_schema})["controller"])
+
+
+def measuring(experiment: Experiment) -> Experiment:
+    """The same experiment with the defaults of `EXPERIMENT`."""
+    settings = {node: {**EXPERIMENT.get(node, {}), **given} for node, given in experiment.settings.items()}
+    return replace(experiment, settings=settings)
+
+
+def _prepared(values: Mapping[str, Mapping[str, Value]], duration: float) -> tuple[_Loop, Array, _Samples]:
+    """The loop at its start, random numbers, one row per sample, and arrays for the samples.
+
+    Raises:
+        ParameterError: the start, the duration or its memory, see `rollout`.
+    """
     controller = Controller(values["controller"])
     robot = SimulatedRobot(values["simulator"], ESTIMATORS[str(values["controller"]["estimator.name"])].needs_truth)
     motion = ReferenceMotion(values["trajectory"])
-    joints = {node: names(values[node]["joints"]) for node in SCHEMAS}
-    places = np.array([JointOrder(joints["controller"]).match(joints[node]) for node in ("simulator", "trajectory")])
+    order = JointOrder(names(values["controller"]["joints"]))
+    places = np.array([order.match(names(values[node]["joints"])) for node in ("simulator", "trajectory")])
     _check_start(controller, robot, motion, places)
     period = period_nanoseconds(int(as_float(values["simulator"]["rate"])))
     if not duration * 1e9 / period >= 0.5 or duration == math.inf:
         raise ParameterError(f"duration: {duration} s is not a time of at least one sample")
     count = round(duration * 1e9 / period)
-    samples = _blank(len(joints["simulator"]), count)
+    samples = _blank(robot.joints, count)
     loop = _Loop(controller.config, controller.state, robot.config, robot.state, motion.config, places, period)
-    done = _simulate(loop, robot.randomness.draw(count), samples)
-    if done < count:
-        raise DivergedError(f"the loop is not finite any more after {seconds(done * period):g} s")
-    result = Rollout(joints["simulator"], *samples, robot_parameters(values["simulator"]))
-    for node, table in (("controller", result.signals), ("trajectory", result.reference)):
-        if joints[node] != result.joints:
-            table[:] = table[..., JointOrder(result.joints).match(joints[node])]
+    return loop, robot.randomness.draw(count), samples
+
+
+def _reorder(samples: _Samples, joints: Mapping[str, tuple[str, ...]]) -> None:
+    """Bring the samples into the order of the simulator's joints; `joints` are the names by node."""
+    order = joints["simulator"]
+    for node, table in (("controller", samples.signals), ("trajectory", samples.reference)):
+        if joints[node] != order:
+            table[:] = table[..., JointOrder(order).match(joints[node])]
     # Counted from 1, because 0 means no single joint.
-    of_the_result = np.array([0, *(result.joints.index(joint) + 1 for joint in joints["controller"])])
-    result.status[:, Status.FAULT_JOINT] = of_the_result[result.status[:, Status.FAULT_JOINT]]
-    return result
+    places = np.array([0, *(order.index(joint) + 1 for joint in joints["controller"])])
+    samples.status[:, Status.FAULT_JOINT] = places[samples.status[:, Status.FAULT_JOINT]]
 
 
 def _check_start(controller: Controller, robot: SimulatedRobot, motion: ReferenceMotion, places: Places) -> None:

@@ -14,14 +14,15 @@ from typing import Any, TypeAlias
 import numpy as np
 from joblib import Parallel, delayed, effective_n_jobs
 
-from pidtsm_core.metrics import JointMetrics, metrics, tracking_error
-from pidtsm_core.parameters import Array, ParameterError
-from pidtsm_core.robots import find_robot
-from pidtsm_core.rollout import DivergedError, Rollout, rollout
-from pidtsm_core.signals import Signal
+from pidtsm_core.closed_loop import DivergedError, rollout
+from pidtsm_core.errors import UsageError
+from pidtsm_core.metrics import JointMetrics, metrics
+from pidtsm_core.parameters import Array
+from pidtsm_core.recording import Recording
 
-Settings: TypeAlias = Mapping[str, Mapping[str, Any]]
-Measure: TypeAlias = Callable[[Rollout], JointMetrics]
+Settings: TypeAlias = Mapping[str, Any]
+"""Arguments of `rollout` by name, without the duration."""
+Measure: TypeAlias = Callable[[Recording], JointMetrics]
 
 _SHARE = 32
 """Runs per worker between two reports: few enough to show progress, enough to keep all workers busy."""
@@ -47,8 +48,8 @@ class BatchResult:
     """Result of a batch; row i of every array belongs to the i-th settings.
 
     Attributes:
-        metrics: those of `pidtsm_core.metrics.metrics` and of `measure`, by name, each of shape (runs, joints); nan if
-            a value does not exist, as for all values of a failed run. Empty if all runs failed.
+        metrics: those of `pidtsm_core.metrics.metrics`, in its units, and of `measure`, by name, each of shape
+            (runs, joints); nan if a value does not exist, as for all values of a failed run. Empty if all runs failed.
         failed: reason why a run failed, by the number of the run.
         trajectories: one per run (None if it failed) if `keep_every` is positive, otherwise empty.
     """
@@ -63,7 +64,6 @@ def batch(
     duration: float,
     workers: int = -1,
     progress: Callable[[int], None] | None = None,
-    event_time: float | None = None,
     keep_every: int = 0,
     measure: Measure | None = None,
 ) -> BatchResult:
@@ -73,11 +73,10 @@ def batch(
     and one rollout per worker. An iterator of settings is read only a few settings ahead.
 
     Args:
-        settings: settings of each run, see `rollout`.
+        settings: of each run the arguments of `rollout` by name, except `duration`, such as ``{"law": "pid"}``.
         duration: duration of each run, s.
         workers: number of threads, or of another backend's workers; -1: one per core, -2: one core remains free.
-        progress: called repeatedly with the number of finished runs.
-        event_time: time of an event that affects the arm, see `metrics`.
+        progress: called repeatedly with the number of finished runs, such as ``print``.
         keep_every: also return every n-th sample of each run; 0 returns none.
         measure: function that returns additional metrics of a run, under names of their own.
 
@@ -90,7 +89,7 @@ def batch(
     outcomes: list[_Outcome] = []
     with Parallel(n_jobs=workers, prefer="threads") as parallel:
         while block := list(islice(waiting, _SHARE * effective_n_jobs(workers))):
-            outcomes += parallel(delayed(_run)(each, duration, event_time, keep_every, measure) for each in block)
+            outcomes += parallel(delayed(_run)(each, duration, keep_every, measure) for each in block)
             if progress is not None:
                 progress(len(outcomes))
     return BatchResult(
@@ -109,15 +108,13 @@ class _Outcome:
     failure: str = ""
 
 
-def _run(
-    settings: Settings, duration: float, event_time: float | None, keep_every: int, measure: Measure | None
-) -> _Outcome:
+def _run(settings: Settings, duration: float, keep_every: int, measure: Measure | None) -> _Outcome:
     try:
-        run = rollout(settings, duration)
-    except (ParameterError, DivergedError) as reason:
+        run = rollout(**settings, duration=duration)
+    except (UsageError, DivergedError) as reason:
         return _Outcome(failure=str(reason))
-    error = tracking_error(run.position, run.reference[:, 0], find_robot(run.robot).continuous)
-    found = metrics(run.time, error, run.effort, run.signals[:, Signal.SATURATED], event_time)
+    error = run.error
+    found = metrics(run.time, error, run.effort, run.saturated, run.event_time)
     if measure is not None:
         found |= measure(run)
     if not keep_every:
@@ -132,7 +129,9 @@ def _table(outcomes: list[_Outcome]) -> dict[str, Array]:
     if not found:
         return {}
     joints = max(len(values["rmse"]) for _, values in found)
-    table = {name: np.full((len(outcomes), joints), np.nan) for name in found[0][1]}
+    # Only runs with an event have a recovery time.
+    names = dict.fromkeys(name for _, values in found for name in values)
+    table = {name: np.full((len(outcomes), joints), np.nan) for name in names}
     for i, values in found:
         for name, row in values.items():
             table[name][i, : len(row)] = np.array(row, dtype=np.float64)  # None becomes nan.

@@ -1,0 +1,56 @@
+"""Checks the parameters of all nodes together: each against its schema, and their joints against each other."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from pidtsm_core.parameters import ParameterError, Schema, Value, names, resolve
+from pidtsm_core.references import reference_joints
+from pidtsm_core.robots import robot_joints
+
+_JOINTS = {"controller": robot_joints, "simulator": robot_joints, "trajectory": reference_joints}
+
+
+def resolve_nodes(
+    schemas: Mapping[str, Schema], settings: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Value]]:
+    """Complete and check the parameters of every node; see `resolve`.
+
+    If the joints of the trajectory are not given, they are those of the controller.
+
+    Args:
+        schemas: by node, for the nodes ``controller``, ``simulator`` and ``trajectory``.
+        settings: parameters that differ from their defaults, by node.
+
+    Raises:
+        ParameterError: an unknown node or parameter, a refused value, or nodes whose joints have different names. The
+            message begins with the node if it is known.
+    """
+    for node in settings:
+        if node not in schemas:
+            raise ParameterError(f"unknown node {node}; known are {', '.join(schemas)}")
+    values: dict[str, dict[str, Value]] = {}
+    for node, schema in schemas.items():
+        given = dict(settings.get(node, {}))
+        if node == "trajectory" and "joints" not in given:
+            given["joints"] = list(names(values["controller"]["joints"]))
+        try:
+            count = _JOINTS[node](given)
+            if node == "trajectory" and "joints" not in settings.get(node, {}) and count != len(given["joints"]):
+                raise ParameterError(
+                    f"reference.name: this reference moves {count} joints, and the robot has {len(given['joints'])}; "
+                    "choose another reference, or a scenario for this robot",
+                    "reference.name",
+                )
+            values[node] = resolve(schema, given, count)
+        except ParameterError as error:
+            raise ParameterError(f"{node}: {error}", f"{node}.{error.parameter}") from None
+    of_the_controller = names(values["controller"]["joints"])
+    for node, resolved in values.items():
+        joints = names(resolved["joints"])
+        if set(joints) != set(of_the_controller):
+            raise ParameterError(
+                f"{node}: joints are {', '.join(joints)}; those of the controller are {', '.join(of_the_controller)}. "
+                "The nodes match joints by name",
+                f"{node}.joints",
+            )
+    return values

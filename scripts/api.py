@@ -1,0 +1,108 @@
+"""Generates docs/api.md from the docstrings of the public names of pidtsm_core.
+
+./pidtsm shell -c "python scripts/api.py"
+"""
+
+import inspect
+import re
+from collections.abc import Callable, Iterator
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+import pidtsm_core
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "api.md"
+
+_HEAD = """# Python interface
+
+`scripts/api.py` generates this page from docstrings. [examples](../examples) has ten scripts and two notebooks that use
+this interface. An `Array` is a NumPy array of float64; a `Value` is a number, a text, a truth value or a sequence of
+them.
+"""
+_SECTION = re.compile(r"(Args|Attributes|Returns|Raises):$")
+_ENTRY = re.compile(r"    ([\w, ]+): (.*)")
+_MEMBER = re.compile(r"^    (\w+) = \d+(?:  # (.*))?$", re.MULTILINE)
+
+
+def page() -> str:
+    """Content of the page."""
+    parts = [_HEAD, _text(inspect.getdoc(pidtsm_core) or "")]
+    for name in pidtsm_core.__all__:
+        parts += _described(name, getattr(pidtsm_core, name))
+    return "\n\n".join(part.strip("\n") for part in parts) + "\n"
+
+
+def members(owner: type) -> dict[str, Any]:
+    """Public methods and properties that a class itself defines."""
+    kinds = (property, classmethod, staticmethod)
+    own = {name: each for name, each in vars(owner).items() if inspect.isfunction(each) or isinstance(each, kinds)}
+    return {name: each for name, each in own.items() if not name.startswith("_")}
+
+
+def _described(name: str, each: Any) -> Iterator[str]:
+    """Heading, signature and docstring of a public name, and of the members of a class."""
+    yield f"## {name}"
+    if inspect.isfunction(each):
+        yield _signature(name, each)
+    yield _text(inspect.getdoc(each) or "")
+    if inspect.isclass(each) and issubclass(each, IntEnum):
+        rows = (f"| {value.value} | `{value.name}` | {_comments(each)[value.name]} |" for value in each)
+        yield "\n".join(["| value | name | meaning |", "| --- | --- | --- |", *rows])
+    elif inspect.isclass(each) and not issubclass(each, BaseException):
+        for member, function in members(each).items():
+            yield f"### {name}.{member}"
+            if inspect.isfunction(function):
+                yield _signature(member, function)
+            yield _text(inspect.getdoc(function) or "")
+
+
+def _comments(enum: type[IntEnum]) -> dict[str, str]:
+    """The comment of each value."""
+    return dict(_MEMBER.findall(inspect.getsource(enum)))
+
+
+def _signature(name: str, function: Callable[..., Any]) -> str:
+    """The signature as code, on one line if it is short."""
+    signature = inspect.signature(function)
+    kept = [p for p in signature.parameters.values() if p.name != "self"]
+    line = f"{name}{_plain(signature.replace(parameters=kept))}"
+    if len(line) > 100:
+        shown: list[str] = []
+        keyword = False
+        for parameter in kept:
+            if parameter.kind is parameter.KEYWORD_ONLY and not keyword:
+                shown, keyword = [*shown, "*"], True
+            shown.append(_plain(parameter))
+        rest = line[line.rindex(") ->") :] if ") ->" in line else ")"
+        line = "\n".join([f"{name}(", *(f"    {each}," for each in shown), rest])
+    return f"```text\n{line}\n```"
+
+
+def _plain(signature: inspect.Signature | inspect.Parameter) -> str:
+    """A signature in the names that a reader knows."""
+    text = str(signature).replace(
+        "bool | int | float | str | collections.abc.Sequence[bool | int | float | str]", "Value"
+    )
+    text = re.sub(r"(?:collections\.abc|typing|pidtsm_core(?:\.\w+)*|numpy)\.", "", text)
+    return text.replace("'", "").replace("ndarray[tuple[Any, ...], dtype[float64]]", "Array")
+
+
+def _text(docstring: str) -> str:
+    """A docstring as Markdown: its sections become lists."""
+    lines: list[str] = []
+    within = False  # a section
+    for line in docstring.replace("``", "`").splitlines():
+        if section := _SECTION.match(line):
+            lines += [f"**{section[1]}**", ""]
+            within = True
+        elif within and (entry := _ENTRY.match(line)):
+            lines.append(f"* `{entry[1]}`: {entry[2]}")
+        else:
+            # What continues an entry is indented twice; code outside of a section stays as it is.
+            lines.append(re.sub("^ {8}", "  ", line).removeprefix("    ") if within else line)
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
