@@ -1,4 +1,4 @@
-"""Functions fit on a screen, and files can be read at one go."""
+"""Functions fit on a screen, files can be read at one go, and the README in two minutes."""
 
 import ast
 import os
@@ -52,3 +52,7 @@ def test_the_launcher_is_short() -> None:
     files = [ROOT / "pidtsm", ROOT / "scripts" / "bootstrap.py", *(ROOT / "scripts" / "launcher").glob("*.py")]
     assert len(files) == 5
     assert sum(len(file.read_bytes().splitlines()) for file in files) <= LONGEST_LAUNCHER
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= 600

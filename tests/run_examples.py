@@ -1,0 +1,47 @@
+"""Runs examples one after the other in this process, each in a folder of its own; prints what came of them as JSON.
+
+python run_examples.py FOLDER FILE ...
+"""
+
+import io
+import json
+import os
+import re
+import runpy
+import sys
+import traceback
+from contextlib import redirect_stdout
+from pathlib import Path
+
+
+def execute(file: Path) -> None:
+    """Run a script, the code cells of a notebook, or the Python blocks of a document."""
+    if file.suffix == ".py":
+        runpy.run_path(str(file), run_name="__main__")
+        return
+    text = file.read_text(encoding="utf-8")
+    if file.suffix == ".ipynb":
+        blocks = ["".join(cell["source"]) for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+    else:
+        blocks = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    names: dict[str, object] = {"__name__": "__main__"}
+    for block in blocks:
+        exec(compile(block, str(file), "exec"), names)
+
+
+def outcome(file: Path, folder: Path) -> dict[str, str]:
+    """Output and traceback, which is empty if the example ran to its end."""
+    folder.mkdir()
+    os.chdir(folder)
+    failure, output = "", io.StringIO()
+    try:
+        with redirect_stdout(output):
+            execute(file)
+    except Exception:
+        failure = traceback.format_exc()
+    return {"output": output.getvalue(), "failure": failure}
+
+
+if __name__ == "__main__":
+    root, *files = (Path(word).resolve() for word in sys.argv[1:])
+    print(json.dumps({file.name: outcome(file, root / file.stem) for file in files}))

@@ -1,0 +1,60 @@
+"""The library without ROS: in an empty environment it installs, and runs the README's Python and every example."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "scripts"))
+
+from launcher.install import uv_variables  # noqa: E402
+
+SOURCE = ROOT / "ros2_ws" / "src" / "pidtsm_core"
+OF_THE_WORKSPACE = ("analyse_bag.py", "nodes_from_python.py")
+"""test_examples.py runs them."""
+FILES = [
+    ROOT / "README.md",
+    *sorted(f for f in ROOT.glob("examples/*.*") if f.suffix in (".py", ".ipynb") and f.name not in OF_THE_WORKSPACE),
+]
+
+
+def tree(folder: Path) -> set[Path]:
+    return {path for path in folder.rglob("*") if "__pycache__" not in path.parts}
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
+    """Outcome by file, from one process, because the first rollout there has to be compiled."""
+    folder = tmp_path_factory.mktemp("library")
+    pip = subprocess.check_output([sys.executable, "-m", "pip", "config", "list"], text=True)
+    # Nothing of the workspace, nor of ROS.
+    kept = {name: value for name, value in os.environ.items() if not name.endswith("PATH") or name == "PATH"}
+    environment = {**kept, **uv_variables(pip), "MPLBACKEND": "Agg", "NUMBA_CACHE_DIR": str(folder / "cache")}
+    python = folder / "venv" / "bin" / "python"
+
+    def call(*words: object) -> str:
+        done = subprocess.run([str(w) for w in words], env=environment, cwd=folder, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    before = tree(SOURCE)
+    call("uv", "venv", "--python", sys.executable, folder / "venv")
+    call("uv", "pip", "install", "--python", python, f"{SOURCE}[dask,plot,tables]")
+    assert tree(SOURCE) == before, "the installation leaves nothing in the source tree"
+    found: dict[str, dict[str, str]] = json.loads(call(python, ROOT / "tests" / "run_examples.py", folder, *FILES))
+    return found
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
+def test_it_runs_without_ros(results: dict[str, dict[str, Any]], file: Path) -> None:
+    assert not results[file.name]["failure"], results[file.name]["failure"]
+
+
+def test_a_cluster_and_tables_agree_with_the_rollout(results: dict[str, dict[str, Any]]) -> None:
+    assert "threads: True" in results["dask_cluster.py"]["output"]
+    assert "joints that slide: ['joint3']" in results["read_into_pandas.py"]["output"]
