@@ -140,7 +140,7 @@ class Arm:
         """Parameters of a controller for encoders, delays and a roughly correct model."""
         return practical_settings(None, {"simulator": {}, "controller": self.settings})["controller"]
 
-    def motion(self, near: bool = False) -> dict[str, dict[str, Any]]:
+    def motion(self, near: bool = False) -> dict[str, Any]:
         """Settings of all nodes for a motion from rest: Case 1, which begins beside its reference unless it is to begin
         `near` it, or the default motion."""
         if self.description == "two_link":

@@ -197,7 +197,7 @@ def rollout(
 
     Args:
         scenario: a name from `scenario_names`, the path of a scenario file, or an `Experiment`; None: Case 1 of the
-            article, or for another robot a motion within its limits.
+            article, or for another robot (also one given by parameters) a motion within its limits.
         law: name of the control law; None: that of the scenario or of `params`, else ``piddtsm``.
         params: ``article`` (Table 1 of the article), ``practical`` (for real sensors and drives), the path of a ROS
             parameter file, or several of these, of which later ones override earlier ones.

@@ -88,7 +88,7 @@ def test_rows_belong_together(default_run: Recording) -> None:
     assert (np.abs(run.effort) <= [100.0, 50.0]).all()
 
 
-def events(arm: Arm) -> dict[str, dict[str, Any]]:
+def events(arm: Arm) -> dict[str, Any]:
     """Many different events within two seconds."""
     settings = arm.motion()
     push = arm.effort(arm.start, ddq=arm.alternating(15.0)) - arm.effort(arm.start)
@@ -190,7 +190,7 @@ def test_joints_are_matched_by_name_in_any_order(arm: Arm, node: str) -> None:
     settings = arm.motion()
     settings["controller"] |= {"law.name": "pid", **arm.gains("pid"), "limits.effort": arm.limits.tolist()}
     settings["trajectory"] = settings["trajectory"] or SINES
-    permuted = {
+    permuted: dict[str, Any] = {
         name: reversed_joints(given, arm) if name in node else {**given, "joints": arm.names}
         for name, given in settings.items()
     }

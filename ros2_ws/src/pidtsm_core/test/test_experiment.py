@@ -26,6 +26,20 @@ def test_every_scenario_is_accepted(name: str) -> None:
     assert make_experiment(name).resolved(SCHEMAS)
 
 
+def test_an_arm_chosen_by_parameters_has_its_motion_as_one_chosen_by_name() -> None:
+    chosen = {node: {"robot.description": "panda"} for node in ("simulator", "controller")}
+    by_name, by_parameters = make_experiment(None, robot="panda"), make_experiment(None, overrides=chosen)
+    assert by_parameters.settings == by_name.settings
+    assert (by_parameters.scenario, by_parameters.duration) == (by_name.scenario, by_name.duration)
+
+
+@pytest.mark.parametrize("node", ["simulator", "controller"])
+def test_arms_that_differ_between_nodes_are_refused(node: str) -> None:
+    experiment = make_experiment(None, overrides={node: {"robot.description": "panda"}})
+    with pytest.raises(ParameterError, match="joints"):
+        experiment.resolved(SCHEMAS)
+
+
 def write_layers(folder: Path) -> tuple[str, str]:
     """A scenario and a parameter file that contradict each other."""
     scenario, params = folder / "scenario.yaml", folder / "params.yaml"

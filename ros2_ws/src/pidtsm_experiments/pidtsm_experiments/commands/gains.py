@@ -8,7 +8,7 @@ from textwrap import fill
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import resolved_description
 from pidtsm_core.gains import BITS, DELAY, RATE, Gain, first_gains
-from pidtsm_core.parameters import ParameterError, Value
+from pidtsm_core.parameters import Value
 from pidtsm_core.robots import DESCRIPTION
 from pidtsm_experiments.commands.options import add_robot_argument
 
@@ -54,10 +54,7 @@ def execute(options: argparse.Namespace) -> int:
     if not 1.0 <= options.rate <= 100_000.0:
         raise UsageError(f"--rate {options.rate:g}: must be from 1 to 100000 Hz")
     robot = {} if options.robot is None else {DESCRIPTION.name: resolved_description(options.robot)}
-    try:
-        gains = first_gains(robot, options.encoder_bits, 1e-3 * options.delay, options.rate)
-    except ParameterError as error:
-        raise UsageError(str(error)) from None
+    gains = first_gains(robot, options.encoder_bits, 1e-3 * options.delay, options.rate)
     text = _parameter_file(gains)
     if options.json:
         print(json.dumps({gain.name: {"value": gain.value, "reason": gain.reason} for gain in gains}))
