@@ -115,7 +115,7 @@ def test_an_arm_that_moves_fast_comes_to_rest_near_where_it_was_stopped(arm: Arm
         "dropout.duration": 0.03,
     }
     settings["trajectory"] |= {"jump.position": arm.alternating(0.5).tolist(), "jump.time": 1.0}
-    run = rollout(settings, 5.0)
+    run = rollout(**settings, duration=5.0)
     stopped = round(1000 * (1.03 + moved))
     assert run.status[stopped, Status.FAULT] == Fault.STATE_STALE
     assert np.abs(run.velocity[stopped]).max() > 0.1
