@@ -6,6 +6,7 @@ from itertools import count as count_from
 import numba
 import numpy as np
 
+from pidtsm_core.by_reference import reference
 from pidtsm_core.control import Clock, Controller, ControllerConfig, ControllerState, controller_schema
 from pidtsm_core.control import step as controller_step
 from pidtsm_core.parameters import Array, resolve
@@ -21,14 +22,16 @@ _njit = numba.njit(nogil=True, error_model="numpy", _nrt=False)
 
 
 @_njit
-def _ticks(config: ControllerConfig, state: ControllerState, truth: Array, count: int) -> None:
+def _ticks(config_values: ControllerConfig, state_values: ControllerState, count: int) -> None:
+    config, state = reference(config_values), reference(state_values)
     for _k in range(count):
         stamp = state.clock[Clock.LAST] + PERIOD
-        controller_step(config, state, stamp, stamp, truth)
+        controller_step(config, state, stamp, stamp)
 
 
 @_njit
-def _steps(config: PlantConfig, state: PlantState, effort: Array, count: int) -> None:
+def _steps(config_values: PlantConfig, state_values: PlantState, effort: Array, count: int) -> None:
+    config, state = reference(config_values), reference(state_values)
     for k in range(count):
         # The same state each time, so that the arm does not diverge.
         for j in range(effort.size):
@@ -46,7 +49,7 @@ def run(quick: bool) -> Iterator[Row]:
     controller = Controller(resolve(controller_schema, {}, 2))
     plant = Plant(resolve(plant_schema, {}, 2))
     controller.position[:] = 0.1, -0.1
-    truth, effort = np.zeros((2, 2)), np.array([30.0, 10.0])
+    effort = np.array([30.0, 10.0])
 
     def many(call: str) -> float:
         def repeated() -> None:
@@ -58,13 +61,13 @@ def run(quick: bool) -> Iterator[Row]:
                 elif call == "step":
                     plant.step(effort, 0.0, DT)
                 else:
-                    _ticks(controller.config, controller.state, truth, 0)
+                    _ticks(controller.config, controller.state, 0)
 
         return medians(repetitions, repeated)[0] / count * 1e9
 
     inside = medians(
         repetitions,
-        lambda: _ticks(controller.config, controller.state, truth, count),
+        lambda: _ticks(controller.config, controller.state, count),
         lambda: _steps(plant.config, plant.state, effort, count),
     )
     empty = many("nothing")

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pidtsm_core.by_reference import reference
+from pidtsm_core.compilation import first_compilation
 from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.control import Controller, ControllerConfig, ControllerState, controller_schema, step
 from pidtsm_core.estimators import ESTIMATORS
@@ -127,20 +129,21 @@ def _answer(loop: _Loop, sample: int, referred: int, measured: Array, derivative
             state.applied[j] = applied[place]
         state.truth[0, j] = derivatives[0, place]
         state.truth[1, j] = derivatives[1, place]
-    step(loop.controller, state, sample * loop.period, referred, state.truth)
+    step(loop.controller, state, sample * loop.period, referred)
     for j in range(measured.size):
         state.torque[places[0, j]] = state.output[j]
 
 
 @njit
-def _simulate(loop: _Loop, draws: Array, samples: _Samples) -> int:
+def _simulate(values: _Loop, draws: Array, results: _Samples) -> int:
     """Run the loop; return the number of samples with finite values.
 
     Args:
-        loop: the loop, which is read and changed.
+        values: the loop, which is read and changed.
         draws: random numbers of `Randomness`, one row per sample.
-        samples: result.
+        results: filled.
     """
+    loop, samples = reference(values), reference(results)
     period, arm, state = loop.period, loop.robot.arm, loop.state
     dt = seconds(period)
     last = -1  # sample of the last measurement that reached the controller
@@ -220,8 +223,9 @@ def rollout(
     given = {"controller": controller or {}, "simulator": simulator or {}, "trajectory": trajectory or {}}
     experiment = make_experiment(scenario, law, duration, params, given, robot).without_node_parameters()
     values = measuring(experiment).resolved(SCHEMAS)
-    loop, draws, samples = _prepared(values, experiment.duration)
-    done = _simulate(loop, draws, samples)
+    with first_compilation():
+        loop, draws, samples = _prepared(values, experiment.duration)
+        done = _simulate(loop, draws, samples)
     if done < samples.time.size:
         raise DivergedError(f"the loop is not finite any more after {seconds(done * loop.period):g} s")
     _reorder(samples, {node: names(values[node]["joints"]) for node in SCHEMAS})

@@ -75,7 +75,7 @@ _use_own_cache()
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
-_OPTIONS = {"error_model": "numpy", "_nrt": False, "forceinline": True}
+OPTIONS = {"error_model": "numpy", "_nrt": False, "forceinline": True}
 
 
 def njit(function: _Function) -> _Function:
@@ -88,15 +88,15 @@ def njit(function: _Function) -> _Function:
     time. A function that creates an array does not compile; this includes whole assignments (``a[:] = b``), so write
     a loop instead.
     """
-    return cast(_Function, numba.njit(cache=True, nogil=True, **_OPTIONS)(function))
+    return cast(_Function, numba.njit(cache=True, nogil=True, **OPTIONS)(function))
 
 
 def subroutine(function: _Function) -> _Function:
     """As `njit`, but compiled code calls it instead of inlining it: for long functions."""
-    return cast(_Function, numba.njit(cache=True, nogil=True, **{**_OPTIONS, "forceinline": False})(function))
+    return cast(_Function, numba.njit(cache=True, nogil=True, **{**OPTIONS, "forceinline": False})(function))
 
 
-_INSIDE = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+INSIDE = {**OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """For functions that only compiled code calls: without wrappers for Python, they compile in 2/3 of the time."""
 
 
@@ -107,9 +107,4 @@ def inlined(function: _Function, cache: bool = True) -> _Function:
         function: called by compiled functions, and from Python only where speed does not matter.
         cache: False for functions made by functions: Numba's key of a closure changes with every process.
     """
-    return cast(_Function, register_jitable(cache=cache, **_INSIDE)(function))
-
-
-def outlined(function: _Function) -> _Function:
-    """As `inlined`, but compiled code calls it: for rare cases, so that the loop stays small."""
-    return cast(_Function, register_jitable(cache=True, **{**_INSIDE, "forceinline": False})(function))
+    return cast(_Function, register_jitable(cache=cache, **INSIDE)(function))

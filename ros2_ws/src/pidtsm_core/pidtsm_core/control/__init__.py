@@ -4,7 +4,6 @@ from pidtsm_core.control.controller import Controller
 from pidtsm_core.control.parameters import ESTIMATOR_NAME, LAW_NAME, controller_schema
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
 from pidtsm_core.control.step import step
-from pidtsm_core.control.tick import tick
 
 __all__ = [
     "ESTIMATOR_NAME",
@@ -15,5 +14,4 @@ __all__ = [
     "ControllerState",
     "controller_schema",
     "step",
-    "tick",
 ]

@@ -5,9 +5,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pidtsm_core.compilation import first_compilation
 from pidtsm_core.control.parameters import FRICTION, REJECTION
 from pidtsm_core.control.report import LIMITS, ONE_SIDED, Change, changes, tight_rates
-from pidtsm_core.control.state import Clock, floats_size, integers_size, unpack
+from pidtsm_core.control.state import Clock, floats_size, integers_size, part, unpack
 from pidtsm_core.control.step import (
     begin_afresh,
     leave_now,
@@ -16,10 +17,10 @@ from pidtsm_core.control.step import (
     set_clock,
     stop_after,
     stop_now,
+    tick_now,
 )
-from pidtsm_core.control.tick import tick
 from pidtsm_core.control.turns import distance
-from pidtsm_core.estimators import ESTIMATORS
+from pidtsm_core.estimators import ESTIMATORS, estimator_index
 from pidtsm_core.laws import LAWS, law_integers
 from pidtsm_core.parameters import Array, Value, as_float, joint_array, names
 from pidtsm_core.robots import GRAVITY, find_robot, make_model, payload_of
@@ -79,8 +80,7 @@ class Controller:
         """Write the configuration, with packed parameters of model and law, to the arrays."""
         found = find_robot(values)
         robot = make_model(found, model)
-        law = LAWS[str(values["law.name"])]
-        estimator = ESTIMATORS[str(values["estimator.name"])]
+        law, estimator = LAWS[str(values["law.name"])], ESTIMATORS[str(values["estimator.name"])]
         rate = joint_array(values["limits.effort_rate"], self.joints)
         coulomb, viscous = (joint_array(values[parameter.name], self.joints) for parameter in FRICTION)
         lowest, highest = (joint_array(values[f"limits.{end}_position"], self.joints) for end in ("min", "max"))
@@ -90,7 +90,7 @@ class Controller:
             model.size,
             gains.shape[1],
             robot.kind,
-            ESTIMATORS.index(estimator.name),
+            estimator_index(estimator.name),
             law.uses_model,
             values["law.anti_windup"] == "conditional",
             sum(v for v, name in LIMITS.items() if values[f"limits.{name}_action"] == "stop"),
@@ -146,9 +146,11 @@ class Controller:
 
     def compile(self) -> None:
         """Compile everything that a step may call, before the loop; afterwards the state is the initial one."""
-        respond(self.floats, self.integers, 0, -1, self.effort, self.signals)
-        stop_now(self.floats, self.integers, int(Fault.STATE_STALE), 0, self.effort, self.signals)
-        leave_now(self.floats, self.integers, self.effort, self.signals)
+        with first_compilation():
+            respond(self.floats, self.integers, 0, -1, self.effort, self.signals)
+            stop_now(self.floats, self.integers, int(Fault.STATE_STALE), 0, self.effort, self.signals)
+            leave_now(self.floats, self.integers, self.effort, self.signals)
+            part.prepare()
         set_clock(self.state, 0)
         reset_fault(self.state)
         self.reset()
@@ -255,7 +257,9 @@ class Controller:
         Returns:
             The signals, shape (len(Signal), joints), order of `Signal`; overwritten by the next call.
         """
-        tick(self.config, self.state, q, desired, desired, dt)
+        self.state.measured[:] = q
+        self.state.desired[:] = desired
+        tick_now(self.floats, self.integers, dt)
         return self.state.signals
 
 

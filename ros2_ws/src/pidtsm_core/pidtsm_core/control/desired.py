@@ -6,9 +6,9 @@ no step.
 
 import math
 
-from pidtsm_core.compiled import inlined, outlined
+from pidtsm_core.compiled import inlined
 from pidtsm_core.control.effort import write_net_effort
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, part
 from pidtsm_core.control.turns import turn_reference
 from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.laws import command
@@ -48,7 +48,7 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
         stamp: stamp of the sample, ns.
         reference_stamp: stamp of ``state.reference``, ns; negative: there is none.
     """
-    clock, status, desired = state.clock, state.status, state.desired
+    clock, status = state.clock, state.status
     followed = clock[Clock.ANSWERED] > 0 and status[Status.MODE] == Mode.FOLLOWING
     stopped = status[Status.FAULT] != 0
     age = stamp - reference_stamp
@@ -60,7 +60,7 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
         turn_reference(config, state, followed)
     if follows and not followed:
         # Start at the last desired motion; at the first sample, this is rest at the position of the arm.
-        _begin_way(config, state, desired, stamp)
+        _begin_way(config, state, stamp)
         clock[Clock.ADAPTATION] = Adaptation.APPROACHING if state.way_duration[0] > 0.0 else Adaptation.NORMAL
         clock[Clock.STRAYED] = 0
     elif followed and not follows:
@@ -81,7 +81,7 @@ def write_desired(state: ControllerState, stamp: int) -> None:
             _end_way(state)
 
 
-@outlined
+@part
 def begin_at(state: ControllerState, position: Array) -> None:
     """Set the desired motion to rest at `position`, shape (joints,), rad."""
     _end_way(state)
@@ -93,7 +93,7 @@ def begin_at(state: ControllerState, position: Array) -> None:
             state.desired[i, j] = state.held[i, j]
 
 
-@outlined
+@part
 def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
     """Bring the desired motion to rest, without a step of position, velocity or acceleration.
 
@@ -152,14 +152,14 @@ def _end_way(state: ControllerState) -> None:
     state.clock[Clock.STRAYED] = 0
 
 
-@outlined
-def _begin_way(config: ControllerConfig, state: ControllerState, start: Array, stamp: int) -> float:
-    """Plan the way from `start` (q, q', q'', shape (3, joints)) to the reference or the held position.
+@part
+def _begin_way(config: ControllerConfig, state: ControllerState, stamp: int) -> float:
+    """Plan the way from the motion in ``state.desired`` to the reference or the held position.
 
     Returns:
         The `_excess` of the way; 0 if no rate is limited.
     """
-    difference, rest = state.scratch[:3], state.scratch[3:]
+    start, difference, rest = state.desired, state.scratch[:3], state.scratch[3:]
     write_base(state, state.base)
     for i in range(3):
         for j in range(start.shape[1]):
@@ -167,7 +167,7 @@ def _begin_way(config: ControllerConfig, state: ControllerState, start: Array, s
             rest[i, j] = 0.0
     duration, excess = _slow_enough(config, state, difference), 0.0
     if config.rate_limited:
-        duration, excess = _duration(config, state, difference, rest, duration)
+        duration, excess = _duration(config, state, duration)
     if duration > 0.0:
         quintic(difference, rest, duration, state.way)
     state.way_duration[0] = duration
@@ -193,11 +193,13 @@ def _slow_enough(config: ControllerConfig, state: ControllerState, difference: A
     return duration
 
 
-@inlined
-def _duration(
-    config: ControllerConfig, state: ControllerState, difference: Array, rest: Array, shortest: float
-) -> tuple[float, float]:
-    """Duration of the way (s), at least `shortest`, with an `_excess` of at most 1, else with the least; the excess."""
+@part
+def _duration(config: ControllerConfig, state: ControllerState, shortest: float) -> tuple[float, float]:
+    """Duration of the way (s), at least `shortest`, with an `_excess` of at most 1, else with the least; the excess.
+
+    ``state.scratch`` has the difference with which the way begins, then that with which it ends.
+    """
+    difference, rest = state.scratch[:3], state.scratch[3:]
     duration = best = max(shortest, _SHORTEST_WAY)
     least = math.inf
     while duration < _LONGEST_WAY:
@@ -246,7 +248,7 @@ def learnt_acceleration(config: ControllerConfig, state: ControllerState, joint:
     return learnt - state.estimator[joint, DISTURBANCE] if config.rejects else learnt
 
 
-@outlined
+@part
 def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int) -> bool:
     """Begin a way at the arm's estimated motion, with the acceleration for which the law commands the present effort.
 
@@ -265,7 +267,7 @@ def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int)
         learnt = learnt_acceleration(config, state, j)
         if abs(learnt) < _ABSURD:
             start[2, j] -= learnt
-    excess = _begin_way(config, state, start, stamp)
+    excess = _begin_way(config, state, stamp)
     write_base(state, state.desired)
     add_quintic(state.way, state.way_duration[0], 0.0, state.desired)
     if state.clock[Clock.ADAPTATION] == Adaptation.NORMAL:

@@ -2,8 +2,8 @@
 
 import math
 
-from pidtsm_core.compiled import inlined, outlined
-from pidtsm_core.control.state import ControllerConfig, ControllerState
+from pidtsm_core.compiled import inlined
+from pidtsm_core.control.state import ControllerConfig, ControllerState, part
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Limited, Signal
@@ -12,7 +12,7 @@ from pidtsm_core.signals import Limited, Signal
 _AT_LIMIT, _AT_RATE = float(Limited.EFFORT), float(Limited.RATE)
 
 
-@outlined
+@part
 def carry(config: ControllerConfig, state: ControllerState, q: Array) -> None:
     """Write the effort that carries the arm at rest at q (shape (joints,), rad) to the signals."""
     y = state.signals
@@ -43,16 +43,15 @@ def write_command(config: ControllerConfig, state: ControllerState) -> None:
     for j in range(state.sent.size):
         state.sent[j] = state.output[j] = y[Signal.EFFORT, j]
     if config.robot_adds_gravity:
-        gravity = state.scratch[:1]
-        added_gravity(config, state, gravity)
+        added_gravity(config, state)
         for j in range(state.sent.size):
-            state.output[j] -= gravity[0, j]
+            state.output[j] -= state.scratch[0, j]
 
 
-@outlined
-def added_gravity(config: ControllerConfig, state: ControllerState, gravity: Array) -> None:
-    """Write the effort that the arm's firmware adds at the estimated position to `gravity`, shape (1, joints), N m."""
-    still = state.accelerations
+@part
+def added_gravity(config: ControllerConfig, state: ControllerState) -> None:
+    """Write the effort that the arm's firmware adds at the estimated position to ``state.scratch[0]``, N m."""
+    still, gravity = state.accelerations, state.scratch[:1]
     for j in range(still.shape[1]):
         still[0, j] = 0.0
     inverse_dynamics(config.firmware, state.signals[Signal.POSITION], still[0], still[:1], gravity)
@@ -75,7 +74,7 @@ def limit_effort(config: ControllerConfig, state: ControllerState) -> None:
             y[Signal.SATURATED, j] = _AT_LIMIT
 
 
-@outlined
+@part
 def limit_rate(config: ControllerConfig, state: ControllerState, dt: float) -> float:
     """Limit the change of the efforts since the last command, dt (s) ago.
 

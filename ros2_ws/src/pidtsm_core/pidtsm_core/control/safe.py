@@ -2,10 +2,10 @@
 
 import math
 
-from pidtsm_core.compiled import inlined, outlined
+from pidtsm_core.compiled import inlined
 from pidtsm_core.control.desired import come_to_rest, learnt_acceleration, write_desired
 from pidtsm_core.control.effort import added_gravity, carry, limit_effort
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Hold
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Hold, part
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal
 from pidtsm_core.timing import seconds
@@ -25,7 +25,7 @@ _HOLDS, ELSEWHERE = 1, 2
 """Values of `Clock.HELD`; ELSEWHERE: the arm may have moved since, and will be held at its new position."""
 
 
-@outlined
+@part
 def make_safe(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
     """Replace the effort for the joint state of `stamp` (ns), dt (s) after the last one, with the safe effort."""
     for j in range(state.friction.size):
@@ -38,7 +38,7 @@ def make_safe(config: ControllerConfig, state: ControllerState, stamp: int, dt: 
         _engage_brakes(config, state)
 
 
-@outlined
+@part
 def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int) -> None:
     """Replace the effort with the safe one while no joint state arrives, at `now` (ns, in the time of the stamps).
 
@@ -68,17 +68,17 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
 @inlined
 def _fade(config: ControllerConfig, state: ControllerState, left: float) -> None:
     """Leave a share of the effort; what the arm's firmware adds remains, so that the command fades to zero."""
-    efforts, added = state.signals[Signal.EFFORT], state.scratch[:1]
+    efforts, added = state.signals[Signal.EFFORT], state.scratch[0]
     if config.robot_adds_gravity:
-        added_gravity(config, state, added)
+        added_gravity(config, state)
         for j in range(efforts.size):
-            efforts[j] = added[0, j] + left * (efforts[j] - added[0, j])
+            efforts[j] = added[j] + left * (efforts[j] - added[j])
     else:
         for j in range(efforts.size):
             efforts[j] *= left
 
 
-@outlined
+@part
 def leave(config: ControllerConfig, state: ControllerState) -> None:
     """Replace the effort with the one that remains applied after the controller ends: it holds or damps the arm."""
     if not config.holds:
@@ -97,14 +97,14 @@ def leave(config: ControllerConfig, state: ControllerState) -> None:
 @inlined
 def _damp(config: ControllerConfig, state: ControllerState) -> None:
     """Compute gravity compensation, if configured, minus damping; the arm's firmware adds gravity in any case."""
-    y, added = state.signals, state.scratch[:1]
+    y, added = state.signals, state.scratch[0]
     carry(config, state, y[Signal.POSITION])
     for j in range(y.shape[1]):
         y[Signal.EFFORT, j] *= config.gravity
     if config.robot_adds_gravity and config.gravity == 0.0:
-        added_gravity(config, state, added)
+        added_gravity(config, state)
         for j in range(y.shape[1]):
-            y[Signal.EFFORT, j] = added[0, j]
+            y[Signal.EFFORT, j] = added[j]
     for j in range(y.shape[1]):
         y[Signal.EFFORT, j] -= config.damping[j] * y[Signal.VELOCITY, j]
     limit_effort(config, state)

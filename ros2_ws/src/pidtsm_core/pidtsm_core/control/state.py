@@ -10,6 +10,7 @@ from pidtsm_core.compiled import inlined
 from pidtsm_core.family import SLOTS
 from pidtsm_core.laws import LAW_INTEGERS, STATE_SLOTS, Integers
 from pidtsm_core.parameters import Array
+from pidtsm_core.parts import PartOf
 from pidtsm_core.robots import Model
 from pidtsm_core.signals import Signal, Status
 
@@ -252,3 +253,14 @@ def unpack(floats: Array, integers: Integers) -> tuple[ControllerConfig, Control
     joints = integers[0]
     rows = floats[floats.size - joints * _ROWS :].reshape((_ROWS, joints))
     return _config(floats, rows, integers), _state(floats, rows, integers)
+
+
+def _example() -> tuple[ControllerConfig, ControllerState]:
+    """Configuration and state of a controller with one joint."""
+    integers = np.zeros(integers_size(), dtype=np.int64)
+    integers[:3] = 1
+    return unpack(np.zeros(floats_size(1, 1, 1)), integers)
+
+
+part = PartOf(lambda: _example()[0], lambda: _example()[1])
+"""Decorates a function of the controller that is compiled on its own, see `parts`: what few steps need."""

@@ -1,11 +1,12 @@
 """The step of the controller: everything between a measured position and the commanded effort."""
 
-from pidtsm_core.compiled import inlined, njit, outlined
+from pidtsm_core.by_reference import reference
+from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_base
 from pidtsm_core.control.effort import carry, limit_rate, write_command
 from pidtsm_core.control.plausibility import doubt
 from pidtsm_core.control.safe import ELSEWHERE, leave, make_safe, make_safe_blindly
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, unpack
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, part, unpack
 from pidtsm_core.control.tick import tick
 from pidtsm_core.control.turns import distance, unwind_measurement
 from pidtsm_core.laws import Integers
@@ -21,8 +22,8 @@ _LONGEST_BEHIND = NANOSECONDS // 2
 """ns; if the delay persists longer, the limit is too tight for the arm: a fault, which suspends the limit."""
 
 
-@inlined
-def step(config: ControllerConfig, state: ControllerState, stamp: int, reference_stamp: int, truth: Array) -> None:
+@part
+def step(config: ControllerConfig, state: ControllerState, stamp: int, reference_stamp: int) -> None:
     """Respond to the joint state in ``state.measured``; the result is in ``state.signals`` and ``state.status``.
 
     Args:
@@ -30,7 +31,6 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         state: state, which is changed.
         stamp: stamp of the joint state, ns, later than the last one.
         reference_stamp: stamp of the reference in ``state.reference``, ns; negative: there is none.
-        truth: true q', q'' for an estimator with `needs_truth`, shape (2, joints); otherwise ignored.
     """
     clock, y = state.clock, state.signals
     if config.rehearses:
@@ -54,7 +54,7 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
                 state.sent[j] = y[Signal.EFFORT, j]
     choose(config, state, stamp, reference_stamp)
 
-    tick(config, state, state.measured, truth, state.desired, dt)
+    tick(config, state, dt)
     # A limit that was removed is no longer exceeded.
     state.status[Status.VIOLATIONS] = 0
     if config.watches:
@@ -99,7 +99,7 @@ def _doubt(config: ControllerConfig, state: ControllerState, dt: float) -> None:
         _believe(state)
 
 
-@outlined
+@part
 def _believe(state: ControllerState) -> None:
     """Restart the estimates from the measurements."""
     for j in range(state.estimator.shape[0]):
@@ -119,7 +119,7 @@ def _count(state: ControllerState) -> None:
         state.clock[Clock.AT_RATE_LIMIT] += limited & Limited.RATE != 0
 
 
-@outlined
+@part
 def stop(state: ControllerState, fault: int, joint: int) -> None:
     """Latch a fault, unless there is one already; `joint` is the joint that caused it, counted from 1; 0: none."""
     status = state.status
@@ -138,7 +138,7 @@ def hold_elsewhere(state: ControllerState) -> None:
         state.clock[Clock.HELD] = ELSEWHERE
 
 
-@outlined
+@part
 def begin_afresh(state: ControllerState) -> None:
     """Forget the motion so far and start from where the arm is. A fault stays, and so does the effort."""
     y, clock = state.signals, state.clock
@@ -158,7 +158,7 @@ def begin_afresh(state: ControllerState) -> None:
     clock[Clock.BEHIND_SINCE] = 0
 
 
-@outlined
+@part
 def reset_fault(state: ControllerState) -> None:
     """Reset the fault, so that the controller can follow again."""
     state.status[Status.FAULT] = 0
@@ -168,7 +168,7 @@ def reset_fault(state: ControllerState) -> None:
     begin_afresh(state)
 
 
-@outlined
+@part
 def set_clock(state: ControllerState, stamp: int) -> None:
     """Continue as if the last joint state had arrived at `stamp` (ns), because the clock of the stamps was set."""
     clock = state.clock
@@ -182,7 +182,7 @@ def set_clock(state: ControllerState, stamp: int) -> None:
         clock[Clock.BEHIND_SINCE] += later
 
 
-@outlined
+@part
 def _distance(config: ControllerConfig, state: ControllerState) -> float:
     """Largest distance of a joint from its reference, rad."""
     largest = 0.0
@@ -191,7 +191,7 @@ def _distance(config: ControllerConfig, state: ControllerState) -> float:
     return largest
 
 
-@outlined
+@part
 def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, reference_stamp: int) -> None:
     """Record when the controller began; reset or restart it if the parameters ``rehearsal`` demand it now."""
     clock = state.clock
@@ -208,7 +208,7 @@ def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, refe
         reset_fault(state)
 
 
-@outlined
+@part
 def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
     """Find exceeded limits; those of `config.stops` are faults.
 
@@ -240,7 +240,7 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
     state.status[Status.VIOLATIONS] = violations
 
 
-@outlined
+@part
 def _keep_up(config: ControllerConfig, state: ControllerState, stamp: int, behind: float) -> None:
     """Take a slower way if the rate limit delays the effort by `behind` (s), and stop if that does not help.
 
@@ -279,9 +279,9 @@ def respond(
     Returns:
         The status, in the order of `Status`.
     """
-    config, state = unpack(floats, integers)
-    # In a node, no estimator reads the truth.
-    step(config, state, stamp, reference_stamp, state.desired)
+    config_values, state_values = unpack(floats, integers)
+    config, state = reference(config_values), reference(state_values)
+    step(config, state, stamp, reference_stamp)
     return _copy_result(state, effort, signals)
 
 
@@ -297,7 +297,8 @@ def stop_now(floats: Array, integers: Integers, fault: int, elapsed: int, effort
         effort: result, shape (joints,), N m.
         signals: result, shape (len(Signal), joints).
     """
-    config, state = unpack(floats, integers)
+    config_values, state_values = unpack(floats, integers)
+    config, state = reference(config_values), reference(state_values)
     clock = state.clock
     stop(state, fault, 0)
     if clock[Clock.SILENT_SINCE] == 0:
@@ -314,10 +315,18 @@ def stop_now(floats: Array, integers: Integers, fault: int, elapsed: int, effort
 @njit
 def leave_now(floats: Array, integers: Integers, effort: Array, signals: Array) -> None:
     """Replace the effort of the last step with the one that remains after the controller ends; see `stop_now`."""
-    config, state = unpack(floats, integers)
+    config_values, state_values = unpack(floats, integers)
+    config, state = reference(config_values), reference(state_values)
     leave(config, state)
     write_command(config, state)
     _copy_result(state, effort, signals)
+
+
+@njit
+def tick_now(floats: Array, integers: Integers, dt: float) -> None:
+    """`tick` for Python; see `respond`."""
+    config, state = unpack(floats, integers)
+    tick(reference(config), reference(state), dt)
 
 
 @inlined

@@ -2,7 +2,7 @@
 
 import math
 
-from pidtsm_core.compiled import inlined, njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.control.effort import limit_effort, write_net_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
@@ -97,16 +97,14 @@ def _actuate(config: ControllerConfig, state: ControllerState) -> None:
             efforts[1, j] += state.friction[j]
 
 
-@njit
-def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Array, desired: Array, dt: float) -> None:
+@inlined
+def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Write every signal of this sample, including the law's effort within its limit, to ``state.signals``.
 
     Args:
         config: configuration, which is read.
-        state: state, which is changed.
-        q: measured positions, shape (joints,), rad.
-        truth: true q', q'' for an estimator with `needs_truth`, shape (2, joints); otherwise ignored.
-        desired: q_d, q_d', q_d'', shape (3, joints), rad, rad/s, rad/s^2.
+        state: state, which is changed: ``measured``, ``truth`` (for an estimator with `needs_truth`) and ``desired``
+            are those of the sample.
         dt: time since the last tick, s; 0 at the first one.
 
     If absurd positions cause an overflow, the torque is 0, never infinite or nan.
@@ -114,11 +112,11 @@ def tick(config: ControllerConfig, state: ControllerState, q: Array, truth: Arra
     was really held over it. States that can wind up pause while the applied effort is not the law's: at a limit
     (``law.anti_windup``), and while the controller has stopped.
     """
-    y = state.signals
+    y, desired = state.signals, state.desired
     if dt > 0.0:
         _advance(config, state, dt)
     write_net_effort(config, state, state.applied if config.feeds_back else y[Signal.EFFORT])
-    sample = Sample(q, truth, dt, state.net, config.model)
+    sample = Sample(state.measured, state.truth, dt, state.net, config.model)
     estimate(config.estimator, sample, config.estimator_parameters, state.estimator, y[: Signal.POSITION_ERROR])
     _command(config, state, desired, dt)
     if config.compensates:

@@ -2,8 +2,8 @@
 
 import math
 
-from pidtsm_core.compiled import inlined, njit, outlined
-from pidtsm_core.control.state import ControllerConfig, ControllerState
+from pidtsm_core.compiled import inlined, njit
+from pidtsm_core.control.state import ControllerConfig, ControllerState, part
 from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Signal
 
@@ -14,7 +14,7 @@ def _whole_turns(angle: float, turn: float) -> float:
     return turn * math.floor(angle / turn + 0.5) if turn > 0.0 else 0.0
 
 
-@outlined
+@part
 def unwind_measurement(config: ControllerConfig, state: ControllerState) -> None:
     """Take the measured position of a continuous joint at the turn nearest to the last estimate.
 
@@ -25,7 +25,7 @@ def unwind_measurement(config: ControllerConfig, state: ControllerState) -> None
         measured[j] += _whole_turns(y[Signal.POSITION, j] - measured[j], config.turn[j])
 
 
-@outlined
+@part
 def turn_reference(config: ControllerConfig, state: ControllerState, followed: bool) -> None:
     """Choose the turns that are added to the reference of a continuous joint.
 

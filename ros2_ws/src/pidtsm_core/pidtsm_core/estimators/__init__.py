@@ -1,22 +1,41 @@
 """Estimators: from measured position to q, q', q''. One per file; `ESTIMATORS` contains the ones imported here."""
 
+import numpy as np
+from numba import typeof, types
+
+from pidtsm_core.by_reference import Reference, reference
 from pidtsm_core.compiled import njit
 from pidtsm_core.estimators.base import DISTURBANCE, Estimator, Sample
 from pidtsm_core.estimators.exact import EXACT
 from pidtsm_core.estimators.extended_state import EXTENDED_STATE_OBSERVER
 from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
 from pidtsm_core.estimators.robust_differentiator import ROBUST_DIFFERENTIATOR
-from pidtsm_core.family import Family, dispatch
+from pidtsm_core.family import Family
 from pidtsm_core.parameters import Array
+from pidtsm_core.parts import FLOAT, ROW, ROWS, by_index
+from pidtsm_core.robots import Model
 
-__all__ = ["DISTURBANCE", "ESTIMATORS", "Estimator", "Sample", "estimate"]
+__all__ = ["DISTURBANCE", "ESTIMATORS", "Estimator", "Sample", "estimate", "estimator_index"]
 
 ESTIMATORS: Family[Estimator] = Family.of(Estimator, globals())
 
-_estimate = dispatch(estimator.estimate for estimator in ESTIMATORS.members)
+_MODEL = Reference(typeof(Model(0, 0, 0, np.zeros(1))))
+_SAMPLE = types.NamedTuple((ROW, ROWS, FLOAT, ROW, _MODEL), Sample)
+_estimate = by_index(
+    [estimator.estimate for estimator in ESTIMATORS.members],
+    types.none(Reference(_SAMPLE), ROWS, ROWS, ROWS),
+)
+
+
+def estimator_index(name: str) -> int:
+    """Place of the estimator in `ESTIMATORS`, for `estimate`; compiles it."""
+    index = ESTIMATORS.index(name)
+    _estimate.prepare(index)
+    return index
 
 
 @njit
 def estimate(index: int, sample: Sample, p: Array, x: Array, estimates: Array) -> None:
     """Write q, q', q'': see `Estimator.estimate`; `index` is the estimator's place in `ESTIMATORS`."""
-    _estimate(index, sample, p, x, estimates)
+    own = Sample(sample.q, sample.truth, sample.dt, sample.effort, reference(sample.model))
+    _estimate(index, reference(own), p, x, estimates)

@@ -3,9 +3,11 @@
 from collections.abc import Mapping
 
 import numpy as np
+from numba.core.types import none
+from numba.core.types.containers import UniTuple
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.family import Family, dispatch
+from pidtsm_core.family import Family
 from pidtsm_core.laws.base import LAW_INTEGERS, OWN_INTEGERS, STATE_SLOTS, Integers, Law
 from pidtsm_core.laws.computed_torque import COMPUTED_TORQUE
 from pidtsm_core.laws.dtsm import DTSM
@@ -15,7 +17,8 @@ from pidtsm_core.laws.pidnftsm import PIDNFTSM
 from pidtsm_core.laws.sliding_mode import SLIDING_MODE
 from pidtsm_core.laws.super_twisting import SUPER_TWISTING
 from pidtsm_core.parameters import Array, Value
-from pidtsm_core.reaching import Interval
+from pidtsm_core.parts import FLOAT, INTEGER, ROW, by_index
+from pidtsm_core.reaching import INTERVAL, Interval
 
 __all__ = ["LAWS", "LAW_INTEGERS", "STATE_SLOTS", "Integers", "Interval", "Law", "advance", "command", "law_integers"]
 
@@ -23,13 +26,26 @@ LAWS: Family[Law] = Family.of(Law, globals())
 
 # Laws composed of the same kind of parts share their compiled functions.
 _KERNELS = tuple(dict.fromkeys((law.command, law.advance) for law in LAWS.members))
-_command = dispatch(command for command, _ in _KERNELS)
-_advance = dispatch(advance for _, advance in _KERNELS)
+_INTEGERS = INTEGER[::1]
+_command = by_index(
+    [command for command, _ in _KERNELS],
+    UniTuple(FLOAT, 6)(FLOAT, FLOAT, FLOAT, FLOAT, _INTEGERS, ROW, ROW, FLOAT),
+)
+_advance = by_index(
+    [advance for _, advance in _KERNELS],
+    none(FLOAT, FLOAT, FLOAT, _INTEGERS, ROW, ROW, INTERVAL),
+)
 
 
 def law_integers(law: Law, values: Mapping[str, Value]) -> Integers:
-    """Integers that `command` and `advance` read, shape (LAW_INTEGERS,): those of the law, then its kernel's index."""
-    return np.append(law.integers(values), _KERNELS.index((law.command, law.advance)))
+    """Integers that `command` and `advance` read, shape (LAW_INTEGERS,): those of the law, then its kernel's index.
+
+    Compiles the law.
+    """
+    index = _KERNELS.index((law.command, law.advance))
+    _command.prepare(index)
+    _advance.prepare(index)
+    return np.append(law.integers(values), index)
 
 
 @njit

@@ -22,8 +22,8 @@ from pidtsm_core.compiled import njit
 from pidtsm_core.family import SLOTS
 from pidtsm_core.laws.base import Integers, Law
 from pidtsm_core.parameters import Array, Parameter, Value, chosen, joint_array, prefixed
-from pidtsm_core.reaching import REACHING_LAWS, Interval, advance_reaching, switch
-from pidtsm_core.surfaces import SURFACES, evaluate_surface
+from pidtsm_core.reaching import REACHING_LAWS, Interval, advance_reaching, reaching_index, switch
+from pidtsm_core.surfaces import SURFACES, evaluate_surface, surface_index
 
 MANIFOLDS = ("none", "pid")
 _PID = MANIFOLDS.index("pid")
@@ -117,12 +117,15 @@ def _parameters(parts: _Parts, defaults: Mapping[str, Value]) -> Iterator[Parame
 
 
 def _integers(parts: _Parts) -> Integers:
-    """Indices of surface, manifold and reaching law, and whether a prescribed rate of sigma is integrated."""
+    """Indices of surface, manifold and reaching law, and whether a prescribed rate of sigma is integrated.
+
+    Compiles surface and reaching law.
+    """
     return np.array(
         [
-            SURFACES.index(parts.surface),
+            surface_index(parts.surface),
             MANIFOLDS.index(parts.manifold),
-            REACHING_LAWS.index(parts.reaching),
+            reaching_index(parts.reaching),
             parts.manifold == "pid" and REACHING_LAWS[parts.reaching].prescribes_rate,
         ],
         dtype=np.int64,

@@ -1,8 +1,13 @@
 """Reaching laws: from sigma to the switching term. One law per file; `REACHING_LAWS` contains those imported here."""
 
+from numba import typeof
+from numba.core.types import none
+from numba.core.types.containers import UniTuple
+
 from pidtsm_core.compiled import njit
-from pidtsm_core.family import Family, dispatch
+from pidtsm_core.family import Family
 from pidtsm_core.parameters import Array
+from pidtsm_core.parts import FLOAT, ROW, by_index
 from pidtsm_core.reaching.adaptive_continuous import ADAPTIVE_CONTINUOUS
 from pidtsm_core.reaching.base import Interval, ReachingLaw
 from pidtsm_core.reaching.boundary_layer import BOUNDARY_LAYER
@@ -11,12 +16,27 @@ from pidtsm_core.reaching.exponential import EXPONENTIAL
 from pidtsm_core.reaching.power_rate import POWER_RATE
 from pidtsm_core.reaching.super_twisting import SUPER_TWISTING
 
-__all__ = ["REACHING_LAWS", "Interval", "ReachingLaw", "advance_reaching", "switch"]
+__all__ = ["REACHING_LAWS", "Interval", "ReachingLaw", "advance_reaching", "reaching_index", "switch"]
 
 REACHING_LAWS: Family[ReachingLaw] = Family.of(ReachingLaw, globals())
 
-_switch = dispatch(law.switch for law in REACHING_LAWS.members)
-_advance = dispatch(law.advance for law in REACHING_LAWS.members)
+INTERVAL = typeof(Interval(0.0, False, 0))
+_switch = by_index(
+    [law.switch for law in REACHING_LAWS.members],
+    UniTuple(FLOAT, 2)(FLOAT, ROW, ROW, FLOAT),
+)
+_advance = by_index(
+    [law.advance for law in REACHING_LAWS.members],
+    none(FLOAT, ROW, ROW, INTERVAL),
+)
+
+
+def reaching_index(name: str) -> int:
+    """Place of the reaching law in `REACHING_LAWS`, for `switch` and `advance_reaching`; compiles it."""
+    index = REACHING_LAWS.index(name)
+    _switch.prepare(index)
+    _advance.prepare(index)
+    return index
 
 
 @njit

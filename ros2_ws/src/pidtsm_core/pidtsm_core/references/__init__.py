@@ -3,9 +3,12 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from numba.core.types import none
+
 from pidtsm_core.compiled import inlined, njit
-from pidtsm_core.family import Family, dispatch
+from pidtsm_core.family import Family
 from pidtsm_core.parameters import Array, Parameter, Value, as_float, chosen, joint_array, names, prefixed
+from pidtsm_core.parts import FLOAT, ROWS, by_index
 from pidtsm_core.references.article import ARTICLE
 from pidtsm_core.references.base import Reference
 from pidtsm_core.references.chirp import CHIRP
@@ -71,7 +74,10 @@ def reference_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     )
 
 
-_evaluate = dispatch(reference.evaluate for reference in REFERENCES.members)
+_evaluate = by_index(
+    [reference.evaluate for reference in REFERENCES.members],
+    none(FLOAT, ROWS, ROWS),
+)
 
 
 @njit
@@ -133,6 +139,7 @@ class ReferenceMotion:
             ParameterError: a file cannot be used.
         """
         reference = REFERENCES[str(values["reference.name"])]
+        _evaluate.prepare(REFERENCES.index(reference.name))
         self.joints = len(names(values["joints"]))
         begin = as_float(values["dropout.time"])
         self.config = MotionConfig(

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array, Parameter, Value, as_float, joint_array
+from pidtsm_core.parts import PartOf
 from pidtsm_core.timing import period_nanoseconds, seconds
 
 PARAMETERS = (
@@ -70,7 +70,15 @@ def actuator_config(values: Mapping[str, Value], joints: int) -> ActuatorConfig:
     )
 
 
-@njit
+def _example() -> ActuatorConfig:
+    none = np.zeros(1)
+    return ActuatorConfig(none, none, none, none, none, none, ideal=True)
+
+
+part = PartOf(_example)
+
+
+@part
 def drive(config: ActuatorConfig, lagging: Array, command: Array, q: Array, effort: Array) -> None:
     """Write the torque over one sample to `effort`, N m, shape (joints,).
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter, Value, as_float
 from pidtsm_core.timing import period_nanoseconds, seconds
 
@@ -96,7 +96,7 @@ def channel_state(values: Mapping[str, Value], prefix: str, rows: int, joints: i
     )
 
 
-@njit
+@inlined
 def loses(config: ChannelConfig, state: ChannelState, sample: int, loss: float, burst: float) -> bool:
     """Whether the packet of this sample is lost.
 
@@ -111,13 +111,13 @@ def loses(config: ChannelConfig, state: ChannelState, sample: int, loss: float, 
     return out or loss < config.loss
 
 
-@njit
+@inlined
 def place(state: ChannelState, sample: int) -> int:
     """Index of a sample's packet in the ring buffer."""
     return sample % state.sent.size
 
 
-@njit
+@inlined
 def arrived(state: ChannelState, sent: int) -> bool:
     """Whether the packet sent at that sample is in the ring buffer."""
     return sent >= 0 and state.sent[place(state, sent)] == sent

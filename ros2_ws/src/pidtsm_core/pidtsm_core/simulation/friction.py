@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, joint_array, names
+from pidtsm_core.parts import PartOf
 from pidtsm_core.robots import Robot
 
 PARAMETERS = (
@@ -88,7 +88,10 @@ def check_friction(values: Mapping[str, Value], inertia: Array, dt: float) -> No
         )
 
 
-@njit
+part = PartOf(lambda: FrictionConfig(np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1), none=True))
+
+
+@part
 def add_friction(config: FrictionConfig, dq: Array, effort: Array) -> None:
     """Subtract (Fc + (Fs - Fc) exp(-(v / vs)^2)) tanh(v / v0) + Fv v from effort, N m, shape (joints,); v0 = vs / 10.
 

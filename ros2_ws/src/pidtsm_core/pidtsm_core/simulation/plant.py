@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pidtsm_core.by_reference import reference
 from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float, joint_array
@@ -107,7 +108,7 @@ def _acceleration(
     forward_dynamics(model, q, dq, net, ddq)
 
 
-@njit
+@inlined
 def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: float) -> None:
     """Integrate from t to t + dt (s) under the constant, limited `effort` by classical fourth-order Runge-Kutta.
 
@@ -155,6 +156,12 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
         dq[j] += dt * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j]) / 6.0
     if config.accelerations:
         _acceleration(config, model, q, dq, torque, net, state.derivatives[1])
+
+
+@njit
+def _step_now(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: float) -> None:
+    """`step` for Python."""
+    step(reference(config), reference(state), effort, t, dt)
 
 
 class Plant:
@@ -219,4 +226,4 @@ class Plant:
 
     def step(self, effort: Array, t: float, dt: float) -> None:
         """Hold `effort` (shape (joints,), N m, finite) from t to t + dt (s)."""
-        step(self.config, self.state, effort, t, dt)
+        _step_now(self.config, self.state, effort, t, dt)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter, Value, as_float, joint_array
 from pidtsm_core.robots import find_robot
 from pidtsm_core.simulation.randomness import Column
@@ -58,7 +58,7 @@ def sensor_config(values: Mapping[str, Value], joints: int) -> SensorConfig:
     return SensorConfig(step, bias, noise, backlash, jitter, ideal)
 
 
-@njit
+@inlined
 def measure(config: SensorConfig, motor: Array, q: Array, dq: Array, draws: Array, measured: Array) -> None:
     """measured = step round((m + bias + noise) / step), rad, shape (joints,), with the motor position m.
 

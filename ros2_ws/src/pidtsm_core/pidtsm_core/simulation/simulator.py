@@ -5,15 +5,17 @@ One sample is `sense`, then the controller's step, then `act`.
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.compiled import inlined, njit, outlined
-from pidtsm_core.parameters import Array, Parameter, Value, as_float, joint_array
+from pidtsm_core.by_reference import reference
+from pidtsm_core.compiled import inlined, njit
+from pidtsm_core.parameters import Array, Parameter, Value, as_float, joint_array, resolve
+from pidtsm_core.parts import PartOf
 from pidtsm_core.robots import GRAVITY, Model, find_robot, inverse_dynamics, make_model
-from pidtsm_core.simulation import actuator, channel, randomness, sensor
+from pidtsm_core.simulation import actuator, channel, friction, randomness, sensor
 from pidtsm_core.simulation.actuator import ActuatorConfig, actuator_config, drive
 from pidtsm_core.simulation.channel import (
     ChannelConfig,
@@ -83,7 +85,32 @@ class SimulatorState(NamedTuple):
     arm: PlantState
 
 
-@njit
+def _example() -> Any:
+    return SimulatedRobot(resolve(simulator_schema, {}, 2))
+
+
+part = PartOf(lambda: _example().config, lambda: _example().state)
+"""Decorates a function of the simulated robot that is compiled on its own, see `parts`."""
+
+
+@part
+def _acquire(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int) -> int:
+    """Measure the arm and send the measurement through its channel; return the sample whose measurement may arrive."""
+    channel, arm = state.measurements, state.arm
+    slot = place(channel, sample)
+    packet = channel.packets[slot]
+    measure(config.sensor, state.motor, arm.position, arm.derivatives[0], draws, packet[0])
+    for i in range(2):
+        for j in range(arm.position.size):
+            packet[1 + i, j] = arm.derivatives[i, j]
+    for j in range(arm.position.size):
+        packet[3, j] = arm.effort[j]
+    if not loses(config.measurements, channel, sample, draws[Column.MEASUREMENT_LOSS], draws[Column.MEASUREMENT_BURST]):
+        channel.sent[slot] = sample
+    return sample - channel.sent.size + 1
+
+
+@inlined
 def sense(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int) -> tuple[int, Array, Array, Array]:
     """Measure the arm, and return the measurement that reaches the controller at this sample.
 
@@ -98,20 +125,10 @@ def sense(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: 
         true q' and q'' of that sample, shape (2, joints); the effort applied before it, as reported by the drives,
         shape (joints,), N m.
     """
-    channel, arm = state.measurements, state.arm
+    arm, channel = state.arm, state.measurements
     if config.sensor.ideal and config.measurements.direct:
         return sample, arm.position, arm.derivatives, arm.effort
-    slot = place(channel, sample)
-    packet = channel.packets[slot]
-    measure(config.sensor, state.motor, arm.position, arm.derivatives[0], draws, packet[0])
-    for i in range(2):
-        for j in range(arm.position.size):
-            packet[1 + i, j] = arm.derivatives[i, j]
-    for j in range(arm.position.size):
-        packet[3, j] = arm.effort[j]
-    if not loses(config.measurements, channel, sample, draws[Column.MEASUREMENT_LOSS], draws[Column.MEASUREMENT_BURST]):
-        channel.sent[slot] = sample
-    acquired = sample - channel.sent.size + 1
+    acquired = _acquire(config, state, draws, sample)
     packet = channel.packets[place(channel, acquired)]
     return acquired if arrived(channel, acquired) else -1, packet[0], packet[1:3], packet[3]
 
@@ -121,7 +138,7 @@ def _sense_into(
     config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int, measured: Array, applied: Array
 ) -> int:
     """`sense` for Python, which must not receive views created by compiled code."""
-    acquired, q, _, effort = sense(config, state, draws, sample)
+    acquired, q, _, effort = sense(reference(config), reference(state), draws, sample)
     for j in range(q.size):
         measured[j] = q[j]
         applied[j] = effort[j]
@@ -147,7 +164,7 @@ def _watch(config: SimulatorConfig, state: SimulatorState, arrives: bool) -> Non
             state.released[0] = False
 
 
-@njit
+@part
 def _brake(state: SimulatorState, dt: float) -> None:
     """Move the arm over dt (s) with engaged brakes: velocities decay exponentially, the motors deliver no torque."""
     arm, left = state.arm, math.exp(-dt / _BRAKING)
@@ -160,7 +177,7 @@ def _brake(state: SimulatorState, dt: float) -> None:
         state.lagging[j] = 0.0
 
 
-@outlined
+@part
 def _add_gravity(config: SimulatorConfig, state: SimulatorState, command: Array) -> None:
     """Write the command plus the effort that carries the arm, by the firmware's model, to ``state.gravity[1]``."""
     total = state.gravity
@@ -171,7 +188,26 @@ def _add_gravity(config: SimulatorConfig, state: SimulatorState, command: Array)
         total[1, j] += command[j]
 
 
-@njit
+@part
+def _deliver(
+    config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int, commanded: bool, effort: Array
+) -> bool:
+    """Send a command through its channel, and accept the one that arrives; return whether one does."""
+    channel = state.commands
+    lost = loses(config.commands, channel, sample, draws[Column.COMMAND_LOSS], draws[Column.COMMAND_BURST])
+    if commanded and not lost:
+        slot = place(channel, sample)
+        channel.sent[slot] = sample
+        for j in range(effort.size):
+            channel.packets[slot, 0, j] = effort[j]
+    sent = sample - channel.sent.size + 1
+    arrives = arrived(channel, sent)
+    if arrives:
+        _take(state, channel.packets[place(channel, sent), 0])
+    return arrives
+
+
+@inlined
 def act(
     config: SimulatorConfig,
     state: SimulatorState,
@@ -199,17 +235,7 @@ def act(
         if commanded:
             _take(state, effort)
     else:
-        channel = state.commands
-        lost = loses(config.commands, channel, sample, draws[Column.COMMAND_LOSS], draws[Column.COMMAND_BURST])
-        if commanded and not lost:
-            slot = place(channel, sample)
-            channel.sent[slot] = sample
-            for j in range(effort.size):
-                channel.packets[slot, 0, j] = effort[j]
-        sent = sample - channel.sent.size + 1
-        arrives = arrived(channel, sent)
-        if arrives:
-            _take(state, channel.packets[place(channel, sent), 0])
+        arrives = _deliver(config, state, draws, sample, commanded, effort)
         torque = state.command
     _watch(config, state, arrives)
     if state.released[0]:
@@ -222,6 +248,21 @@ def act(
         step(config.plant, state.arm, torque, t, dt)
     else:
         _brake(state, dt)
+
+
+@njit
+def _act_now(
+    config: SimulatorConfig,
+    state: SimulatorState,
+    draws: Array,
+    sample: int,
+    commanded: bool,
+    effort: Array,
+    t: float,
+    dt: float,
+) -> None:
+    """`act` for Python."""
+    act(reference(config), reference(state), draws, sample, commanded, effort, t, dt)
 
 
 class SimulatedRobot:
@@ -268,7 +309,7 @@ class SimulatedRobot:
 
     def _configure(self, values: Mapping[str, Value]) -> None:
         timeout, robot = as_float(values[_COMMAND_TIMEOUT.name]), find_robot(values)
-        config = self.config = SimulatorConfig(
+        self.config = config = SimulatorConfig(
             sensor=sensor_config(values, self.joints),
             measurements=channel_config(values, ""),
             commands=channel_config(values, "command_"),
@@ -296,9 +337,11 @@ class SimulatedRobot:
         """
         draws = np.zeros(len(Column) - 1 + self.joints)
         _sense_into(self.config, self.state, draws, 0, self._measured, self.applied)
-        act(self.config, self.state, draws, 0, True, self.state.effort, 0.0, seconds(self._period))
+        _act_now(self.config, self.state, draws, 0, True, self.state.effort, 0.0, seconds(self._period))
         self._plant.step(self.state.effort, 0.0, seconds(self._period))
-        _brake(self.state, seconds(self._period))
+        part.prepare()
+        actuator.part.prepare()
+        friction.part.prepare()
 
     @property
     def silence(self) -> int:
@@ -351,4 +394,4 @@ class SimulatedRobot:
             else:
                 _brake(self.state, dt)
             return
-        act(self.config, self.state, self._draws, sample, commanded, effort, t, dt)
+        _act_now(self.config, self.state, self._draws, sample, commanded, effort, t, dt)

@@ -1,8 +1,11 @@
 """Sliding surfaces: from errors to s, g and h. One surface per file; `SURFACES` contains the ones imported here."""
 
+from numba.core.types.containers import UniTuple
+
 from pidtsm_core.compiled import njit
-from pidtsm_core.family import Family, dispatch
+from pidtsm_core.family import Family
 from pidtsm_core.parameters import Array
+from pidtsm_core.parts import FLOAT, ROW, by_index
 from pidtsm_core.surfaces.base import Surface
 from pidtsm_core.surfaces.dual_terminal import DUAL_TERMINAL
 from pidtsm_core.surfaces.fast_nonsingular import FAST_NONSINGULAR
@@ -12,11 +15,21 @@ from pidtsm_core.surfaces.linear import LINEAR
 from pidtsm_core.surfaces.nonsingular_terminal import NONSINGULAR_TERMINAL
 from pidtsm_core.surfaces.terminal import TERMINAL
 
-__all__ = ["SURFACES", "Surface", "evaluate_surface"]
+__all__ = ["SURFACES", "Surface", "evaluate_surface", "surface_index"]
 
 SURFACES: Family[Surface] = Family.of(Surface, globals())
 
-_evaluate = dispatch(surface.evaluate for surface in SURFACES.members)
+_evaluate = by_index(
+    [surface.evaluate for surface in SURFACES.members],
+    UniTuple(FLOAT, 3)(FLOAT, FLOAT, FLOAT, ROW),
+)
+
+
+def surface_index(name: str) -> int:
+    """Place of the surface in `SURFACES`, for `evaluate_surface`; compiles it."""
+    index = SURFACES.index(name)
+    _evaluate.prepare(index)
+    return index
 
 
 @njit

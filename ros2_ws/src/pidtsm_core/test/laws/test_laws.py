@@ -61,7 +61,7 @@ class OneJoint:
         return command(e, de, dde, ddq_d, self.integers, self.p, self.x, 0.001)
 
     def advance(self, e: float, s: float, sigma: float, dt: float, frozen: bool) -> None:
-        advance(e, s, sigma, self.integers, self.p, self.x, Interval(dt, frozen, Adaptation.NORMAL))
+        advance(e, s, sigma, self.integers, self.p, self.x, Interval(dt, frozen, Adaptation.NORMAL.value))
 
 
 @EACH_SLIDING

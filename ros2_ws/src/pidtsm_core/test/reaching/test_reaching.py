@@ -34,7 +34,7 @@ def hold(arm: Arm, law: ReachingLaw, sigma: float, x: Array, steps: int, frozen:
     """(tau_sw, gain) after sigma was held for some milliseconds."""
     number, p = REACHING_LAWS.index(law.name), packed(law, arm)
     for _ in range(steps):
-        advance_reaching(number, sigma, p, x, Interval(DT, frozen, Adaptation.NORMAL))
+        advance_reaching(number, sigma, p, x, Interval(DT, frozen, Adaptation.NORMAL.value))
     return switch(number, sigma, p, x, DT)
 
 

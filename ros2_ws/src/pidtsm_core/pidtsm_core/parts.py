@@ -1,0 +1,179 @@
+"""Parts: functions that are compiled on their own, when they are first needed, and called by address.
+
+Numba copies a function into every function that calls it, and compiles all of them before the first call. A part is
+compiled once, and only if a call reaches it: the law that was chosen, the stop that happened. Compiled code finds its
+address in a table at a symbol whose name does not change, so that Numba can store the calling function.
+"""
+
+import ctypes
+import os
+import threading
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from types import FunctionType
+from typing import Any, ClassVar, TypeVar, get_type_hints
+
+from llvmlite import binding, ir
+from numba import njit, typeof
+from numba.core import cgutils, types
+from numba.core.types.containers import UniTuple
+from numba.core.types.misc import VarArg
+from numba.core.typing.templates import AbstractTemplate, infer_global
+from numba.extending import lower_builtin
+
+from pidtsm_core.by_reference import Reference
+from pidtsm_core.compiled import INSIDE
+from pidtsm_core.parameters import Array
+
+FLOAT, INTEGER, ROW, ROWS = types.float64, types.int64, types.float64[::1], types.float64[:, ::1]
+"""Numba's types for signatures; an array of numbers has one dimension (`ROW`) or two (`ROWS`)."""
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_WORD = ir.IntType(64)
+_PREPARE = "pidtsm_core.parts.prepare"
+_PREPARE_TYPE = ir.FunctionType(ir.VoidType(), [_WORD, _WORD])
+
+
+class _Parts:
+    """Parts with one signature, by index."""
+
+    tables: ClassVar[dict[int, "_Parts"]] = {}
+    """All of them, by the address of their table."""
+    lock = threading.RLock()
+
+    def __init__(self, functions: Iterable[Callable[..., Any]], signature: Callable[[], Any]) -> None:
+        """Reserve the table; nothing is compiled. See `by_index`."""
+        self.functions = [getattr(function, "py_func", function) for function in functions]
+        self.signature = signature
+        self._compiled: list[Any] = []
+        self._table = (ctypes.c_int64 * len(self.functions))()
+        first = self.functions[0]
+        self._symbol = f"{first.__module__}.{first.__qualname__}.{len(self.functions)}"
+        binding.add_symbol(self._symbol, ctypes.addressof(self._table))
+        self.tables[ctypes.addressof(self._table)] = self
+
+    def prepare(self, index: int = 0) -> None:
+        """Compile the part at `index`, or load it from the cache, unless that has happened."""
+        with self.lock:
+            if not self._table[index]:
+                part = njit(self.signature(), cache=True, nogil=True, **INSIDE)(_renamed(self.functions[index]))
+                (compiled,) = part.overloads.values()
+                self._compiled.append(part)
+                self._table[index] = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+
+    def lower(self, context: Any, builder: Any, index: Any, arguments: Any) -> Any:
+        """Generate the call of the part at `index`."""
+        table = builder.module.globals.get(self._symbol) or ir.GlobalVariable(
+            builder.module, ir.ArrayType(_WORD, len(self.functions)), self._symbol
+        )
+        place = builder.gep(table, [_WORD(0), index], inbounds=True)
+        with builder.if_then(builder.icmp_unsigned("==", builder.load(place), _WORD(0)), likely=False):
+            prepare = cgutils.get_or_insert_function(builder.module, _PREPARE_TYPE, _PREPARE)
+            builder.call(prepare, [builder.ptrtoint(table, _WORD), index])
+        signature, convention = self.signature(), context.call_conv
+        kind = convention.get_function_type(signature.return_type, signature.args)
+        part = builder.inttoptr(builder.load(place), kind.as_pointer())
+        return convention.call_function(builder, part, signature.return_type, signature.args, arguments)[1]
+
+    def make_callable(self, function: Any, indexed: bool) -> None:
+        """Make compiled code that calls the Python function `function` call the parts, the index first if `indexed`."""
+        parts = self
+
+        class Template(AbstractTemplate):
+            key = function
+
+            def generic(self, given: Any, keywords: Any) -> Any:
+                signature = parts.signature()
+                arguments = (INTEGER, *signature.args) if indexed else signature.args
+                fits = len(given) == len(arguments) and not keywords
+                return signature.replace(args=arguments) if fits else None
+
+        infer_global(function, types.Function(Template))
+
+        @lower_builtin(function, VarArg(types.Any))
+        def lower(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            index, passed = (arguments[0], arguments[1:]) if indexed else (_WORD(0), arguments)
+            return parts.lower(context, builder, index, passed)
+
+
+def _renamed(function: Any) -> Any:
+    """The same function under another name: Numba stores functions by name, and callers may contain this one too."""
+    copy = FunctionType(
+        function.__code__, function.__globals__, function.__name__, function.__defaults__, function.__closure__
+    )
+    copy.__module__, copy.__qualname__ = function.__module__, f"{function.__qualname__}.part"
+    return copy
+
+
+@ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
+def _prepare(table: int, index: int) -> None:
+    """Called by compiled code that needs a part, and that cannot go on without it."""
+    for _ in range(3):
+        try:
+            return _Parts.tables[table].prepare(index)
+        except KeyboardInterrupt:
+            continue
+        except BaseException:
+            traceback.print_exc()
+            break
+    os._exit(os.EX_SOFTWARE)
+
+
+binding.add_symbol(_PREPARE, ctypes.cast(_prepare, ctypes.c_void_p).value)
+
+
+def by_index(functions: Iterable[Callable[..., Any]], signature: Any) -> Any:
+    """Combine functions into one that compiled code calls as ``call(index, *arguments)``; each of them is a part.
+
+    Its attribute ``prepare(index)`` compiles a part, so that errors appear in Python.
+
+    Args:
+        functions: Python functions or Numba's dispatchers, in the order of their indices, at least one.
+        signature: their common signature, as Numba has it.
+    """
+    parts = _Parts(functions, lambda: signature)
+
+    def call(index: int, *arguments: Any) -> Any:
+        return parts.functions[index](*arguments)
+
+    call.prepare = parts.prepare  # type: ignore[attr-defined]
+    parts.make_callable(call, indexed=True)
+    return call
+
+
+_KINDS = {
+    int: INTEGER,
+    float: FLOAT,
+    bool: types.boolean,
+    type(None): types.none,
+    Array: ROW,
+    tuple[float, float]: UniTuple(FLOAT, 2),
+}
+"""Numba's types by annotation; an array has one dimension."""
+
+
+class PartOf:
+    """A decorator that makes a function a part; from Python, it runs as Python."""
+
+    def __init__(self, *make_examples: Callable[[], Any]) -> None:
+        """Args: make_examples: return an example of each named tuple among the arguments, which are references."""
+        self._make_examples = make_examples
+        self._parts: list[_Parts] = []
+
+    def __call__(self, function: _Function) -> _Function:
+        parts = _Parts([function], lambda: self._signature(function))
+        parts.make_callable(function, indexed=False)
+        self._parts.append(parts)
+        return function
+
+    def _signature(self, function: Any) -> Any:
+        examples = [make() for make in self._make_examples]
+        kinds: Mapping[Any, Any] = {**_KINDS, **{type(e): Reference(typeof(e)) for e in examples}}
+        hints = get_type_hints(function)
+        result = kinds[hints.pop("return")]
+        return result(*(kinds[hint] for hint in hints.values()))
+
+    def prepare(self) -> None:
+        """Compile every part, for a caller that must not wait later."""
+        for parts in self._parts:
+            parts.prepare()

@@ -1,0 +1,101 @@
+"""Functions that are compiled when they are first needed, and named tuples that are passed by reference."""
+
+import subprocess
+import sys
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numba.core.errors import TypingError
+
+from pidtsm_core.by_reference import reference
+from pidtsm_core.compiled import njit
+from pidtsm_core.parameters import Array
+from pidtsm_core.parts import FLOAT, ROW, PartOf, by_index
+
+
+class Inner(NamedTuple):
+    flag: bool
+    numbers: Array
+
+
+class Outer(NamedTuple):
+    number: int
+    inner: Inner
+    table: Array
+
+
+OUTER = Outer(3, Inner(True, np.array([1.0, 2.0])), np.array([[5.0, 6.0], [7.0, 8.0]]))
+part = PartOf(lambda: OUTER)
+
+
+def double(x: float, row: Array) -> float:
+    return 2.0 * x + row[0]
+
+
+def halve(x: float, row: Array) -> float:
+    return 0.5 * x + row[0]
+
+
+def misspelt(x: float, row: Array) -> float:
+    return x + row.sise  # type: ignore[attr-defined]
+
+
+choose = by_index([double, halve, misspelt], FLOAT(FLOAT, ROW))
+
+
+@part
+def change(outer: Outer, by: float) -> bool:
+    """Change what the tuple's arrays contain."""
+    outer.inner.numbers[0] += by
+    outer.table[1, 0] = outer.inner.numbers[0]
+    return outer.inner.flag
+
+
+@njit
+def call(index: int, x: float, row: Array) -> float:
+    result: float = choose(index, x, row)
+    return result
+
+
+@njit
+def change_it(outer: Outer, by: float) -> tuple[int, bool]:
+    lent = reference(outer)
+    return reference(lent).number, change(lent, by)
+
+
+@pytest.mark.parametrize(("index", "expected"), [(0, 7.0), (1, 2.5)])
+def test_compiled_code_and_python_call_the_same_function(index: int, expected: float) -> None:
+    row = np.array([1.0])
+    assert call(index, 3.0, row) == choose(index, 3.0, row) == expected
+
+
+def test_a_function_that_does_not_compile_is_an_error_in_python_and_hinders_no_other() -> None:
+    with pytest.raises(TypingError, match="sise"):
+        choose.prepare(2)
+    assert call(0, 1.0, np.zeros(1)) == 2.0
+
+
+def test_a_named_tuple_is_read_and_its_arrays_are_changed_through_a_reference() -> None:
+    numbers, table = OUTER.inner.numbers, OUTER.table
+    before = numbers[0]
+    assert change_it(OUTER, 2.0) == (3, True)
+    assert numbers[0] == table[1, 0] == before + 2.0
+    assert reference(OUTER) is OUTER
+
+
+ALONE = """
+import sys
+from pidtsm_core.closed_loop import rollout
+from pidtsm_core.parts import _Parts
+rollout("case1", duration=0.1)
+ready = {parts.functions[i].__module__ for parts in _Parts.tables.values() for i, a in enumerate(parts._table) if a}
+print(*ready)
+"""
+
+
+def test_a_rollout_compiles_only_the_members_that_it_has() -> None:
+    ready: Any = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, check=True).stdout
+    members = {m.removeprefix("pidtsm_core.") for m in ready.split()}
+    assert {"surfaces.dual_terminal", "reaching.adaptive_continuous", "references.article"} <= members
+    assert not {"surfaces.linear", "reaching.constant", "references.chirp", "control.safe"} & members
