@@ -1,4 +1,6 @@
-"""The library without ROS: in an empty environment it installs, and runs the README's Python and every example."""
+"""The library without ROS: it installs in an empty environment of every supported Python of the machine, and runs the
+README's Python and every example.
+"""
 
 import json
 import os
@@ -23,12 +25,39 @@ FILES = [
 ]
 
 
+SUPPORTED = [f"3.{minor}" for minor in range(10, 15)]
+
+
+def pythons() -> list[str]:
+    """The interpreters of the supported versions, one each: this one, those of the path, of pyenv and of uv."""
+    folders = [*os.environ["PATH"].split(os.pathsep), *map(str, Path.home().glob(".pyenv/versions/*/bin"))]
+    folders += map(str, Path.home().glob(".local/share/uv/python/*/bin"))
+    found = {f"{sys.version_info.major}.{sys.version_info.minor}": sys.executable}
+    for folder in folders:
+        for version in SUPPORTED:
+            file = Path(folder, f"python{version}")
+            if version not in found and os.access(file, os.X_OK) and runs(file):
+                found[version] = str(file)
+    return [found[version] for version in sorted(found)]
+
+
+def runs(python: Path) -> bool:
+    """Whether it is an interpreter; a shim of pyenv may be none."""
+    return subprocess.run([python, "-c", "import venv"], capture_output=True).returncode == 0
+
+
+def version(python: str) -> str:
+    return subprocess.check_output(
+        [python, "-c", "import sys; print('%d.%d' % sys.version_info[:2])"], text=True
+    ).strip()
+
+
 def tree(folder: Path) -> set[Path]:
     return {path for path in folder.rglob("*") if "__pycache__" not in path.parts}
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
+@pytest.fixture(scope="module", params=pythons(), ids=version)
+def results(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
     """Outcome by file, from one process, because the first rollout there has to be compiled."""
     folder = tmp_path_factory.mktemp("library")
     pip = subprocess.check_output([sys.executable, "-m", "pip", "config", "list"], text=True)
@@ -37,16 +66,18 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str
     environment = {**kept, **uv_variables(pip), "MPLBACKEND": "Agg", "NUMBA_CACHE_DIR": str(folder / "cache")}
     python = folder / "venv" / "bin" / "python"
 
-    def call(*words: object) -> str:
+    def call(*words: object) -> subprocess.CompletedProcess[str]:
         done = subprocess.run([str(w) for w in words], env=environment, cwd=folder, capture_output=True, text=True)
         assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
+        return done
 
     before = tree(SOURCE)
-    call("uv", "venv", "--python", sys.executable, folder / "venv")
+    call("uv", "venv", "--python", request.param, folder / "venv")
     call("uv", "pip", "install", "--python", python, f"{SOURCE}[dask,plot,tables]")
     assert tree(SOURCE) == before, "the installation leaves nothing in the source tree"
-    found: dict[str, dict[str, str]] = json.loads(call(python, ROOT / "tests" / "run_examples.py", folder, *FILES))
+    done = call(python, ROOT / "tests" / "run_examples.py", folder, *FILES)
+    assert "pidtsm: compiling, once after an installation .." in done.stderr, "the first rollout shows its progress"
+    found: dict[str, dict[str, str]] = json.loads(done.stdout)
     return found
 
 

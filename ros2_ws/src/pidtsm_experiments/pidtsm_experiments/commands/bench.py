@@ -74,7 +74,13 @@ def medians(repetitions: int, *functions: Callable[[], object]) -> list[float]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print only the figures, as one JSON object")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="also write DIR/bench.json, after every row")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("results", "bench"),
+        metavar="DIR",
+        help="folder of bench.json, which has each row as soon as it is measured (default: %(default)s)",
+    )
     parser.add_argument(
         "--only",
         nargs="*",
@@ -108,8 +114,7 @@ def execute(options: argparse.Namespace) -> int:
 def _measure(modules: Mapping[str, Any], options: argparse.Namespace) -> None:
     """Run the benchmarks; every row is printed, and written to ``bench.json``, when it is measured."""
     result: dict[str, Any] = {"machine": _machine(), "quick": options.quick, "complete": False, "rows": []}
-    if options.out is not None:
-        options.out.mkdir(parents=True, exist_ok=True)
+    options.out.mkdir(parents=True, exist_ok=True)
     if not options.quick:
         CONSOLE.print(f"{', '.join(modules)}: {_minutes(sum(module.TAKES for module in modules.values()))}")
     for name, module in modules.items():
@@ -126,10 +131,9 @@ def _measure(modules: Mapping[str, Any], options: argparse.Namespace) -> None:
         print(json.dumps(result, indent=2, allow_nan=False))
 
 
-def _write(result: Mapping[str, Any], folder: Path | None) -> None:
-    if folder is not None:
-        text = json.dumps(result, indent=2, allow_nan=False) + "\n"
-        (folder / "bench.json").write_text(text, encoding="utf-8")
+def _write(result: Mapping[str, Any], folder: Path) -> None:
+    text = json.dumps(result, indent=2, allow_nan=False) + "\n"
+    (folder / "bench.json").write_text(text, encoding="utf-8")
 
 
 def _machine() -> dict[str, Any]:

@@ -38,7 +38,7 @@ def compare(commit: str, names: Sequence[str], quick: bool, as_json: bool) -> in
             for turn in range(_TURNS):
                 for side, (checkout, figures) in sides.items():
                     CONSOLE.print(f"turn {turn + 1} of {_TURNS}: {side}")
-                    for row in _measured(checkout, names, quick):
+                    for row in _measured(checkout, names, quick, Path(folder, "results")):
                         figures.setdefault((row["benchmark"], row["name"]), []).append(row["figure"])
         finally:
             _git(root, "worktree", "remove", "--force", str(other))
@@ -58,9 +58,10 @@ def _git(root: Path, *words: str) -> None:
         raise UsageError(f"git {words[0]}: {' '.join(done.stderr.split())}")
 
 
-def _measured(checkout: Path, names: Sequence[str], quick: bool) -> list[Mapping[str, Any]]:
+def _measured(checkout: Path, names: Sequence[str], quick: bool, out: Path) -> list[Mapping[str, Any]]:
     """Rows of the benchmarks in a checkout, which is set up first if it is new."""
-    command = [str(checkout / "pidtsm"), "bench", "--json", *(["--quick"] if quick else []), "--only", *names]
+    options = ["--json", "--out", str(out), *(["--quick"] if quick else [])]
+    command = [str(checkout / "pidtsm"), "bench", *options, "--only", *names]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=checkout)
     if done.returncode:
         raise RunError(f"{checkout}: bench ended with {done.returncode}: {' '.join(done.stderr.split()[-40:])}")

@@ -14,7 +14,13 @@ from pidtsm_experiments.commands.bench import Row, medians
 from pidtsm_experiments.commands.bench_against import show
 
 FIELDS = {"benchmark", "met", *(field.name for field in fields(Row))}
-OWN = ["analyze", "batch", "dynamics", "rollout", "tick"]
+OWN = ["analyze", "batch", "dynamics", "library", "rollout", "tick"]
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Results are written below the working folder."""
+    monkeypatch.chdir(tmp_path)
 
 
 def test_a_benchmark_that_compiles_runs_again_in_the_next_process() -> None:
@@ -48,7 +54,7 @@ def test_the_rows_name_figure_floor_and_target(capfd: pytest.CaptureFixture[str]
 
 def test_an_interrupted_run_keeps_its_rows(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "pidtsm_experiments.cli", "bench", "--quick", "--only", "tick", "soak"]
-    with subprocess.Popen([*command, "--out", str(tmp_path)], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         shown = []
         for line in process.stdout:
@@ -56,7 +62,7 @@ def test_an_interrupted_run_keeps_its_rows(tmp_path: Path) -> None:
             if line == "soak\n":
                 process.send_signal(signal.SIGINT)
         assert process.wait() == 130
-    kept = json.loads((tmp_path / "bench.json").read_text())
+    kept = json.loads((tmp_path / "results" / "bench" / "bench.json").read_text())
     assert not kept["complete"]
     assert {row["benchmark"] for row in kept["rows"]} == {"tick"}
     for row in kept["rows"]:
