@@ -1,4 +1,4 @@
-"""Generates docs/performance.md from the figures of a whole `./pidtsm bench`.
+"""Generates docs/performance.md from the figures of `./pidtsm bench`, in one run or in several (`--only`).
 
 ./pidtsm shell -c "python scripts/performance.py results/bench/bench.json"
 """
@@ -15,7 +15,8 @@ _HEAD = """# Performance
 
 `./pidtsm bench` measured these figures, and `scripts/performance.py` made this page of them. A figure depends on the
 machine and on what else it does; a ratio to the figure beside it, measured in the same run, depends much less. To
-measure your machine, see [Benchmarks](running.md#benchmarks).
+measure your machine, see [Benchmarks](running.md#benchmarks). The page may lack those that take longer than ten
+minutes.
 
 Machine: {processor}, {cores} cores, Python {python}; load at the start {load:.1f}.
 """
@@ -26,19 +27,20 @@ _TABLE = """## {name}
 """
 
 
-def page(result: Mapping[str, Any]) -> str:
+def page(results: Sequence[Mapping[str, Any]]) -> str:
     """Content of the page.
 
     Args:
-        result: content of ``bench.json``.
+        results: content of each ``bench.json``, measured on one machine.
 
     Raises:
         ValueError: the figures are from a quick or an interrupted run.
     """
-    if result["quick"] or not result["complete"]:
-        raise ValueError("the page needs a whole run: ./pidtsm bench, without --quick")
-    parts = [_HEAD.format(**result["machine"])]
-    for name, rows in groupby(result["rows"], key=lambda row: row["benchmark"]):
+    if any(result["quick"] or not result["complete"] for result in results):
+        raise ValueError("the page needs whole runs: ./pidtsm bench, without --quick")
+    parts = [_HEAD.format(**results[0]["machine"])]
+    every = sorted((row for result in results for row in result["rows"]), key=lambda row: row["benchmark"])
+    for name, rows in groupby(every, key=lambda row: row["benchmark"]):
         parts.append(_TABLE.format(name=name) + "\n".join(map(_line, rows)) + "\n")
     return "\n".join(parts)
 
@@ -59,8 +61,8 @@ def _quantity(value: float, unit: str) -> str:
 
 def main(words: Sequence[str]) -> None:
     """Write the page; `words` are the arguments of the command."""
-    (file,) = words
-    PAGE.write_text(page(json.loads(Path(file).read_text(encoding="utf-8"))), encoding="utf-8")
+    results = [json.loads(Path(file).read_text(encoding="utf-8")) for file in words]
+    PAGE.write_text(page(results), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -30,12 +30,14 @@ SUPPORTED = [f"3.{minor}" for minor in range(10, 15)]
 
 def pythons() -> list[str]:
     """The interpreters of the supported versions, one each: this one, those of the path, of pyenv and of uv."""
-    folders = [*os.environ["PATH"].split(os.pathsep), *map(str, Path.home().glob(".pyenv/versions/*/bin"))]
-    folders += map(str, Path.home().glob(".local/share/uv/python/*/bin"))
+    path = [Path(folder) for folder in os.environ["PATH"].split(os.pathsep)]
+    # pyenv has the interpreters beside its shims, which run only one of them.
+    pyenv = [folder for shims in path if shims.name == "shims" for folder in shims.parent.glob("versions/*/bin")]
+    uv = Path.home().glob(".local/share/uv/python/*/bin")
     found = {f"{sys.version_info.major}.{sys.version_info.minor}": sys.executable}
-    for folder in folders:
+    for folder in (*path, *pyenv, *uv):
         for version in SUPPORTED:
-            file = Path(folder, f"python{version}")
+            file = folder / f"python{version}"
             if version not in found and os.access(file, os.X_OK) and runs(file):
                 found[version] = str(file)
     return [found[version] for version in sorted(found)]

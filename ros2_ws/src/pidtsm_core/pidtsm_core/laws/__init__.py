@@ -1,6 +1,7 @@
 """Control laws: from errors to acceleration. One law per file; `LAWS` contains the laws imported here."""
 
 from collections.abc import Mapping
+from itertools import chain
 
 import numpy as np
 from numba.core.types import none
@@ -14,7 +15,7 @@ from pidtsm_core.laws.dtsm import DTSM
 from pidtsm_core.laws.pid import PID
 from pidtsm_core.laws.piddtsm import PIDDTSM
 from pidtsm_core.laws.pidnftsm import PIDNFTSM
-from pidtsm_core.laws.sliding_mode import SLIDING_MODE
+from pidtsm_core.laws.sliding_mode import KERNELS, SLIDING_MODE
 from pidtsm_core.laws.super_twisting import SUPER_TWISTING
 from pidtsm_core.parameters import Array, Value
 from pidtsm_core.parts import FLOAT, INTEGER, ROW, by_index
@@ -24,8 +25,8 @@ __all__ = ["LAWS", "LAW_INTEGERS", "STATE_SLOTS", "Integers", "Interval", "Law",
 
 LAWS: Family[Law] = Family.of(Law, globals())
 
-# Laws composed of the same kind of parts share their compiled functions.
-_KERNELS = tuple(dict.fromkeys((law.command, law.advance) for law in LAWS.members))
+_NONE = np.zeros(OWN_INTEGERS, dtype=np.int64)
+_KERNELS = list(dict.fromkeys([*(law.kernel(_NONE) for law in LAWS.members), *chain.from_iterable(KERNELS)]))
 _INTEGERS = INTEGER[::1]
 _command = by_index(
     [command for command, _ in _KERNELS],
@@ -42,21 +43,22 @@ def law_integers(law: Law, values: Mapping[str, Value]) -> Integers:
 
     Compiles the law.
     """
-    index = _KERNELS.index((law.command, law.advance))
+    integers = law.integers(values)
+    index = _KERNELS.index(law.kernel(integers))
     _command.prepare(index)
     _advance.prepare(index)
-    return np.append(law.integers(values), index)
+    return np.append(integers, index)
 
 
 @njit
 def command(
     e: float, de: float, dde: float, ddq_d: float, integers: Integers, p: Array, x: Array, dt: float
 ) -> tuple[float, float, float, float, float, float]:
-    """(a_cmd, a_eq, s, sigma, gain, tau_sw) of one joint: see `Law.command` and `law_integers`."""
+    """(a_cmd, a_eq, s, sigma, gain, tau_sw) of one joint: see `Kernel.command` and `law_integers`."""
     return _command(integers[OWN_INTEGERS], e, de, dde, ddq_d, integers, p, x, dt)
 
 
 @njit
 def advance(e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, interval: Interval) -> None:
-    """Advance the state of one joint over the interval: see `Law.advance` and `law_integers`."""
+    """Advance the state of one joint over the interval: see `Kernel.advance` and `law_integers`."""
     _advance(integers[OWN_INTEGERS], e, s, sigma, integers, p, x, interval)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,21 @@ Command = Callable[
 Advance = Callable[[float, float, float, Integers, Array, Array, Interval], None]
 
 
+class Kernel(NamedTuple):
+    """The functions of a law, compiled.
+
+    Attributes:
+        command: ``(e, de, dde, ddq_d, integers, p, x, dt) -> (a_cmd, a_eq, s, sigma, gain, tau_sw)``; the errors are in
+            rad, rad/s, rad/s^2; p are the gains of the joint; x has shape (STATE_SLOTS,) and starts at zero; dt is the
+            period in s (0 at the first sample); a_eq is a_cmd without the switching term.
+        advance: ``(e, s, sigma, integers, p, x, interval)``: advances x over the `Interval` while these values are
+            held.
+    """
+
+    command: Command
+    advance: Advance
+
+
 @dataclass(frozen=True)
 class Law:
     """A control law of one joint: from errors to a commanded acceleration, which the robot model converts to torque.
@@ -36,11 +52,7 @@ class Law:
         parameters: the parameters of the group ``law`` for given settings (in some laws, users choose the parts).
         integers: the integers that its compiled functions read, shape (OWN_INTEGERS,).
         pack: the parameter values as the compiled functions read them, shape (joints, parameters).
-        command: compiled ``(e, de, dde, ddq_d, integers, p, x, dt) -> (a_cmd, a_eq, s, sigma, gain, tau_sw)``;
-            the errors are in rad, rad/s, rad/s^2; x has shape (STATE_SLOTS,) and starts at zero; dt is the period in s
-            (0 at the first sample); a_eq is a_cmd without the switching term.
-        advance: compiled ``(e, s, sigma, integers, p, x, interval)``: advances x over the `Interval` while these
-            values are held.
+        kernel: its functions for given `integers`.
         uses_model: False if a_cmd and a_eq are torques (N m), not accelerations; then the robot model is not used.
     """
 
@@ -49,6 +61,5 @@ class Law:
     parameters: Callable[[Mapping[str, object]], tuple[Parameter, ...]]
     integers: Callable[[Mapping[str, Value]], Integers]
     pack: Callable[[Mapping[str, Value], int], Array]
-    command: Command
-    advance: Advance
+    kernel: Callable[[Integers], Kernel]
     uses_model: bool = True

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pidtsm_core.family import Member
-from pidtsm_core.laws.base import OWN_INTEGERS, Advance, Command, Integers, Law
+from pidtsm_core.laws.base import OWN_INTEGERS, Advance, Command, Integers, Kernel, Law
 from pidtsm_core.laws.sliding_mode import ANTI_WINDUP
 from pidtsm_core.parameters import Array, Parameter, Value
 
@@ -24,8 +24,8 @@ def baseline(
         name: the name by which users choose it.
         summary: one sentence with its source.
         parameters: at most SLOTS, in the order in which the compiled functions read them.
-        command: see `Law.command`.
-        advance: see `Law.advance`.
+        command: see `Kernel`.
+        advance: see `Kernel`.
         uses_model: see `Law.uses_model`.
     """
     member = Member(name, summary, parameters)
@@ -39,4 +39,7 @@ def baseline(
     def pack(values: Mapping[str, Value], joints: int) -> Array:
         return member.pack(values, "law", joints)
 
-    return Law(name, summary, of_group, integers, pack, command, advance, uses_model)
+    def kernel(_chosen: Integers) -> Kernel:
+        return Kernel(command, advance)
+
+    return Law(name, summary, of_group, integers, pack, kernel, uses_model)

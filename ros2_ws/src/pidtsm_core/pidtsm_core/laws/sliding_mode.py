@@ -18,12 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.family import SLOTS
-from pidtsm_core.laws.base import Integers, Law
+from pidtsm_core.laws.base import Integers, Kernel, Law
 from pidtsm_core.parameters import Array, Parameter, Value, chosen, joint_array, prefixed
-from pidtsm_core.reaching import REACHING_LAWS, Interval, advance_reaching, reaching_index, switch
-from pidtsm_core.surfaces import SURFACES, evaluate_surface, surface_index
+from pidtsm_core.reaching import REACHING_LAWS, Interval, ReachingLaw
+from pidtsm_core.surfaces import SURFACES, Surface
 
 MANIFOLDS = ("none", "pid")
 _PID = MANIFOLDS.index("pid")
@@ -57,7 +57,7 @@ _REACHING_CHOICE = Parameter(
 )
 
 
-@njit
+@inlined
 def _finite(acceleration: float) -> float:
     """Limit the acceleration to its bound; nan (0 times infinity at a singularity) becomes 0."""
     if math.isnan(acceleration):
@@ -65,39 +65,46 @@ def _finite(acceleration: float) -> float:
     return min(max(acceleration, -ACCELERATION_BOUND), ACCELERATION_BOUND)
 
 
-@njit
-def command(
-    e: float, de: float, dde: float, ddq_d: float, integers: Integers, p: Array, x: Array, dt: float
-) -> tuple[float, float, float, float, float, float]:
-    """See `Law.command`."""
-    s, g, h = evaluate_surface(integers[0], e, de, x[1], p[:SLOTS])
-    if integers[1] == _PID:
-        kp, ki, kd = p[_MANIFOLD], p[_MANIFOLD + 1], p[_MANIFOLD + 2]
-        proportional_integral = kp * s + ki * x[0]
-        sigma = proportional_integral + kd * (g * dde + h)
-        tau_sw, gain = switch(integers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)
-        if integers[3]:
-            tau_sw = x[2]
-        a_eq = ddq_d + (-h - proportional_integral / kd) / g
-        a_cmd = ddq_d + (-h - (proportional_integral - tau_sw) / kd) / g
-    else:
-        sigma = s
-        tau_sw, gain = switch(integers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)
-        a_eq = ddq_d - h / g
-        a_cmd = ddq_d + (-h + tau_sw) / g
-    return _finite(a_cmd), _finite(a_eq), s, sigma, gain, tau_sw
+def _kernel(surface: Surface, reaching: ReachingLaw) -> Kernel:
+    """Functions of the laws with these parts, see `Law`: what is known when a law is chosen is compiled into them."""
+    evaluate, switch, advance_reaching = surface.evaluate, reaching.switch, reaching.advance
+
+    def command(
+        e: float, de: float, dde: float, ddq_d: float, integers: Integers, p: Array, x: Array, dt: float
+    ) -> tuple[float, float, float, float, float, float]:
+        """See `Kernel.command`."""
+        s, g, h = evaluate(e, de, x[1], p[:SLOTS])
+        if integers[1] == _PID:
+            kp, ki, kd = p[_MANIFOLD], p[_MANIFOLD + 1], p[_MANIFOLD + 2]
+            proportional_integral = kp * s + ki * x[0]
+            sigma = proportional_integral + kd * (g * dde + h)
+            tau_sw, gain = switch(sigma, p[_REACHING:], x[_REACHING_STATE:], dt)
+            if integers[3]:
+                tau_sw = x[2]
+            a_eq = ddq_d + (-h - proportional_integral / kd) / g
+            a_cmd = ddq_d + (-h - (proportional_integral - tau_sw) / kd) / g
+        else:
+            sigma = s
+            tau_sw, gain = switch(sigma, p[_REACHING:], x[_REACHING_STATE:], dt)
+            a_eq = ddq_d - h / g
+            a_cmd = ddq_d + (-h + tau_sw) / g
+        return _finite(a_cmd), _finite(a_eq), s, sigma, gain, tau_sw
+
+    def advance(e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, interval: Interval) -> None:
+        """See `Kernel.advance`; explicit Euler."""
+        dt = interval.dt
+        if not interval.frozen:
+            x[0] += dt * s
+            x[1] += dt * e
+            if integers[3]:
+                x[2] += dt * switch(sigma, p[_REACHING:], x[_REACHING_STATE:], dt)[0]
+        advance_reaching(sigma, p[_REACHING:], x[_REACHING_STATE:], interval)
+
+    return Kernel(command, advance)
 
 
-@njit
-def advance(e: float, s: float, sigma: float, integers: Integers, p: Array, x: Array, interval: Interval) -> None:
-    """See `Law.advance`; explicit Euler."""
-    dt = interval.dt
-    if not interval.frozen:
-        x[0] += dt * s
-        x[1] += dt * e
-        if integers[3]:
-            x[2] += dt * switch(integers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], dt)[0]
-    advance_reaching(integers[2], sigma, p[_REACHING:], x[_REACHING_STATE:], interval)
+KERNELS = [[_kernel(surface, reaching) for reaching in REACHING_LAWS.members] for surface in SURFACES.members]
+"""By surface and reaching law."""
 
 
 class _Parts(NamedTuple):
@@ -117,15 +124,12 @@ def _parameters(parts: _Parts, defaults: Mapping[str, Value]) -> Iterator[Parame
 
 
 def _integers(parts: _Parts) -> Integers:
-    """Indices of surface, manifold and reaching law, and whether a prescribed rate of sigma is integrated.
-
-    Compiles surface and reaching law.
-    """
+    """Indices of surface, manifold and reaching law, and whether a prescribed rate of sigma is integrated."""
     return np.array(
         [
-            surface_index(parts.surface),
+            SURFACES.index(parts.surface),
             MANIFOLDS.index(parts.manifold),
-            reaching_index(parts.reaching),
+            REACHING_LAWS.index(parts.reaching),
             parts.manifold == "pid" and REACHING_LAWS[parts.reaching].prescribes_rate,
         ],
         dtype=np.int64,
@@ -178,7 +182,10 @@ def compose(
     def pack(values: Mapping[str, Value], joints: int) -> Array:
         return _pack(parts(values), values, joints)
 
-    return Law(name, summary, parameters, integers, pack, command, advance)
+    def kernel(chosen: Integers) -> Kernel:
+        return KERNELS[chosen[0]][chosen[2]]
+
+    return Law(name, summary, parameters, integers, pack, kernel)
 
 
 SLIDING_MODE = compose("sliding_mode", "any surface, manifold and reaching law, chosen by parameter")

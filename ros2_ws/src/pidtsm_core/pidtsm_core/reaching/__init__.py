@@ -16,7 +16,7 @@ from pidtsm_core.reaching.exponential import EXPONENTIAL
 from pidtsm_core.reaching.power_rate import POWER_RATE
 from pidtsm_core.reaching.super_twisting import SUPER_TWISTING
 
-__all__ = ["REACHING_LAWS", "Interval", "ReachingLaw", "advance_reaching", "reaching_index", "switch"]
+__all__ = ["REACHING_LAWS", "Interval", "ReachingLaw", "advance_reaching", "switch"]
 
 REACHING_LAWS: Family[ReachingLaw] = Family.of(ReachingLaw, globals())
 
@@ -31,17 +31,9 @@ _advance = by_index(
 )
 
 
-def reaching_index(name: str) -> int:
-    """Place of the reaching law in `REACHING_LAWS`, for `switch` and `advance_reaching`; compiles it."""
-    index = REACHING_LAWS.index(name)
-    _switch.prepare(index)
-    _advance.prepare(index)
-    return index
-
-
 @njit
 def switch(index: int, sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
-    """(tau_sw, gain): see `ReachingLaw.switch`; `index` is the law's place in `REACHING_LAWS`."""
+    """(tau_sw, gain) of a law on its own: see `ReachingLaw.switch`; `index` is the law's place in `REACHING_LAWS`."""
     return _switch(index, sigma, p, x, dt)
 
 

@@ -4,7 +4,7 @@ Eq. (27) integrates |sigma|, so any noise of sigma beyond the dead zone increase
 counteract this: leakage (Ioannou and Kokotovic 1984, sigma modification) and projection to a bound.
 """
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.reaching.base import Interval, ReachingLaw
 from pidtsm_core.reaching.static import sign
@@ -17,13 +17,13 @@ _MEAN = 0.05
 """s; averaging time of sigma, in which noise averages out."""
 
 
-@njit
+@inlined
 def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
     """tau_sw is a state; sigma affects only its derivative, so tau_sw is continuous."""
     return x[0], x[1]
 
 
-@njit
+@inlined
 def advance(sigma: float, p: Array, x: Array, interval: Interval) -> None:
     """Euler step: tau_sw' = -k tau_sw - (Y + xi) sign(sigma), Y' = |sigma| / kappa - leakage Y; Y <= gain_maximum.
 

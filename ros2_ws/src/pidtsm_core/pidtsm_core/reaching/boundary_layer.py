@@ -1,12 +1,12 @@
 """Saturation in a boundary layer instead of the sign (Slotine and Sastry 1983)."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.reaching.base import ReachingLaw
 from pidtsm_core.reaching.static import keep
 
 
-@njit
+@inlined
 def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
     """-gain sat(sigma / width)."""
     return -p[0] * min(max(sigma / p[1], -1.0), 1.0), p[0]

@@ -1,12 +1,12 @@
 """Constant plus proportional rate reaching law (Gao and Hung 1993)."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.reaching.base import ReachingLaw
 from pidtsm_core.reaching.static import keep, sign
 
 
-@njit
+@inlined
 def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
     """-gain sign(sigma) - decay sigma."""
     return -p[0] * sign(sigma) - p[1] * sigma, p[0]

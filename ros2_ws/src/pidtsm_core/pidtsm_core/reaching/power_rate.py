@@ -2,13 +2,13 @@
 
 import math
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.reaching.base import ReachingLaw
 from pidtsm_core.reaching.static import keep
 
 
-@njit
+@inlined
 def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
     """-gain |sigma|^exponent sign(sigma)."""
     return -p[0] * math.copysign(abs(sigma) ** p[1], sigma), p[0]

@@ -1,16 +1,16 @@
 """Common functions of reaching laws without state: sign(sigma) as in eq. (25), and an `advance` that does nothing."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array
 from pidtsm_core.reaching.base import Interval
 
 
-@njit
+@inlined
 def sign(x: float) -> float:
     """-1, 0 or 1."""
     return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else 0.0)
 
 
-@njit
+@inlined
 def keep(sigma: float, p: Array, x: Array, interval: Interval) -> None:
     """Leave the state unchanged; see `ReachingLaw.advance`."""

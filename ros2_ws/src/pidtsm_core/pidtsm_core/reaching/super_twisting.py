@@ -6,14 +6,14 @@ algorithm", IEEE Transactions on Automatic Control 65(8), 2020.
 
 import math
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.reaching.base import Interval, ReachingLaw
 
 # State x: v.
 
 
-@njit
+@inlined
 def _implicit(sigma: float, p: Array, v: float, dt: float) -> tuple[float, float]:
     """(|z|^(1/2) sign z, selection of sign z), where z is the undisturbed sigma one period later.
 
@@ -28,14 +28,14 @@ def _implicit(sigma: float, p: Array, v: float, dt: float) -> tuple[float, float
     return math.copysign(root, free), math.copysign(1.0, free)
 
 
-@njit
+@inlined
 def switch(sigma: float, p: Array, x: Array, dt: float) -> tuple[float, float]:
     """-gain |z|^(1/2) sign z + v at the end of the period."""
     root, selection = _implicit(sigma, p, x[0], dt)
     return -p[0] * root + x[0] - dt * p[1] * selection, p[0]
 
 
-@njit
+@inlined
 def advance(sigma: float, p: Array, x: Array, interval: Interval) -> None:
     """v' = -integral_gain sign z."""
     if not interval.frozen:

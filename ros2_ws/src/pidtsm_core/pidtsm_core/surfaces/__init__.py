@@ -15,7 +15,7 @@ from pidtsm_core.surfaces.linear import LINEAR
 from pidtsm_core.surfaces.nonsingular_terminal import NONSINGULAR_TERMINAL
 from pidtsm_core.surfaces.terminal import TERMINAL
 
-__all__ = ["SURFACES", "Surface", "evaluate_surface", "surface_index"]
+__all__ = ["SURFACES", "Surface", "evaluate_surface"]
 
 SURFACES: Family[Surface] = Family.of(Surface, globals())
 
@@ -25,14 +25,7 @@ _evaluate = by_index(
 )
 
 
-def surface_index(name: str) -> int:
-    """Place of the surface in `SURFACES`, for `evaluate_surface`; compiles it."""
-    index = SURFACES.index(name)
-    _evaluate.prepare(index)
-    return index
-
-
 @njit
 def evaluate_surface(index: int, e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
-    """(s, g, h) of one joint: see `Surface.evaluate`; `index` is the surface's place in `SURFACES`."""
+    """(s, g, h) of a surface on its own: see `Surface.evaluate`; `index` is its place in `SURFACES`."""
     return _evaluate(index, e, de, integral, p)

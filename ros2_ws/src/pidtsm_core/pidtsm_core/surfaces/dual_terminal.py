@@ -1,12 +1,12 @@
 """Dual terminal surface of the article, eqs. (11), (13), (29), after Ma and Sun (2018)."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.surfaces.base import Surface
 from pidtsm_core.surfaces.powers import limited_rate, signed_power
 
 
-@njit
+@inlined
 def evaluate(e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
     """s = e' + K1 (e^[alpha] + e^3) + K2 e, with the nonsingular u_f = sat(|e|^(alpha-1) e', u_s) in s'."""
     k1, k2, alpha, u_s = p[0], p[1], p[2], p[3]

@@ -1,13 +1,13 @@
 """Fast nonsingular terminal surface (Van 2018, the article's reference 23)."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.surfaces.base import Surface
 from pidtsm_core.surfaces.nonsingular_terminal import P_OVER_Q
 from pidtsm_core.surfaces.powers import signed_power
 
 
-@njit
+@inlined
 def evaluate(e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
     """s = e + K1 e^[lambda] + K2 (e')^[p/q]; g vanishes at e' = 0, where a law that divides by it is singular."""
     k1, k2, exponent, p_over_q = p[0], p[1], p[2], p[3]

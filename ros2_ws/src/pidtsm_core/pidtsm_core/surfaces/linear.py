@@ -1,11 +1,11 @@
 """Linear surface (Utkin; Slotine and Li 1991, eq. 7.5)."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.surfaces.base import Surface
 
 
-@njit
+@inlined
 def evaluate(e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
     """s = e' + K1 e."""
     return de + p[0] * e, 1.0, p[0] * de

@@ -1,12 +1,12 @@
 """Nonsingular terminal surface (Feng, Yu and Man 2002)."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.surfaces.base import Surface
 from pidtsm_core.surfaces.powers import signed_power
 
 
-@njit
+@inlined
 def evaluate(e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
     """s = e + K2 (e')^[p/q]; g vanishes at e' = 0."""
     k2, p_over_q = p[0], p[1]

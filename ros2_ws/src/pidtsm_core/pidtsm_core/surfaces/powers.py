@@ -2,16 +2,16 @@
 
 import math
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 
 
-@njit
+@inlined
 def signed_power(x: float, exponent: float) -> float:
     """x^[a] = |x|^a sign x."""
     return math.copysign(abs(x) ** exponent, x)
 
 
-@njit
+@inlined
 def limited_rate(e: float, de: float, exponent: float, limit: float) -> float:
     """sat(|e|^(a-1) e', limit), eqs. (13), (29); if it is not limited, the rate of e^[a] is a times this value.
 

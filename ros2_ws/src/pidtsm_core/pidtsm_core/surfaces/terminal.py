@@ -1,12 +1,12 @@
 """Terminal surface (Man, Paplinski and Wu 1994)."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.surfaces.base import Surface
 from pidtsm_core.surfaces.powers import limited_rate, signed_power
 
 
-@njit
+@inlined
 def evaluate(e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
     """s = e' + K1 e^[alpha]; its derivative is singular at e = 0 and is limited there as in eq. (29)."""
     k1, alpha, u_s = p[0], p[1], p[2]

@@ -9,11 +9,14 @@ from hypothesis import strategies as st
 from testarms import Arm
 
 from pidtsm_core.parameters import Array
+from pidtsm_core.reaching import REACHING_LAWS, advance_reaching, switch
 from pidtsm_core.reaching.adaptive_continuous import ADAPTIVE_CONTINUOUS
 from pidtsm_core.reaching.base import Interval
 from pidtsm_core.signals import Adaptation
 
 K, KAPPA, XI, UPSILON = 2.0, 0.1, 0.3, 0.2
+
+_INDEX = REACHING_LAWS.index(ADAPTIVE_CONTINUOUS.name)
 
 
 def gains(arm: Arm, leakage: float = 0.0, maximum: float = 0.0, layer: float = 0.0) -> Array:
@@ -32,10 +35,10 @@ def hold(
     frozen: bool = False,
     adaptation: Adaptation = Adaptation.NORMAL,
 ) -> tuple[float, float]:
-    x, interval = np.zeros(8) if x is None else x, Interval(time / steps, frozen, adaptation)
+    x, interval = np.zeros(8) if x is None else x, Interval(time / steps, frozen, adaptation.value)
     for _ in range(steps):
-        ADAPTIVE_CONTINUOUS.advance(sigma, p, x, interval)
-    return ADAPTIVE_CONTINUOUS.switch(sigma, p, x, 0.001)
+        advance_reaching(_INDEX, sigma, p, x, interval)
+    return switch(_INDEX, sigma, p, x, 0.001)
 
 
 def solution(sigma: float, t: float) -> tuple[float, float]:
