@@ -254,7 +254,7 @@ def make_controller(
     rate: int = 1000,
     controller: Mapping[str, Any] | None = None,
 ) -> Controller:
-    """Build the controller of a rollout, to be called in a loop of one's own.
+    """Build the controller of a rollout, to be called in a loop of one's own, where nothing is compiled any more.
 
     Args:
         scenario: as for `rollout`.
@@ -270,7 +270,9 @@ def make_controller(
     given = {"controller": controller or {}, "simulator": {"rate": rate}}
     experiment = measuring(make_experiment(scenario, law, None, params, given, robot).without_node_parameters())
     alone = replace(experiment, settings={"controller": experiment.settings["controller"]})
-    return Controller(alone.resolved({"controller": controller_schema})["controller"])
+    built = Controller(alone.resolved({"controller": controller_schema})["controller"])
+    built.compile()
+    return built
 
 
 def measuring(experiment: Experiment) -> Experiment:

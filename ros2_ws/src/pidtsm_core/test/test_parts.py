@@ -93,6 +93,21 @@ print(*(parts.functions[i].__module__ for parts in _Parts.tables.values() for i,
 """
 
 
+READY = """
+from pidtsm_core import make_controller
+from pidtsm_core.parts import _Parts
+make_controller()
+print(*(parts.functions[0].__name__ for parts in _Parts.tables.values() if len(parts._table) == 1 and parts._table[0]))
+"""
+
+
+def test_a_controller_for_a_loop_of_ones_own_has_nothing_left_to_compile_when_it_has_to_stop() -> None:
+    ready = subprocess.run([sys.executable, "-c", READY], capture_output=True, text=True, check=True).stdout.split()
+    assert {"step", "make_safe", "make_safe_blindly", "leave", "come_to_rest", "begin_way_here", "limit_rate"} <= {
+        *ready
+    }
+
+
 def test_a_rollout_compiles_only_the_members_that_it_has() -> None:
     ready: Any = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, check=True).stdout
     modules = [module.removeprefix("pidtsm_core.") for module in ready.split()]
