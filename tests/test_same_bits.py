@@ -218,8 +218,8 @@ def test_nodes_and_rollout_agree(law: str, condition: str, tmp_path: Path) -> No
     assert_same_bits(heard, simulated, settings["simulator"].get("delay.samples", 0))
 
 
-@pytest.mark.parametrize("arm", ["panda", "scara"])
-def test_nodes_and_rollout_agree_for_other_arms(arm: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("arm", "engine"), [("panda", "rigid_body"), ("scara", "rigid_body"), ("panda", "mujoco")])
+def test_nodes_and_rollout_agree_for_other_arms(arm: str, engine: str, tmp_path: Path) -> None:
     """With seven joints, or one that slides; the simulator has the joints in the opposite order."""
     settings = make_experiment(None, robot=arm).settings
     joints = find_robot({"robot.description": arm}).joints
@@ -231,6 +231,7 @@ def test_nodes_and_rollout_agree_for_other_arms(arm: str, tmp_path: Path) -> Non
     }
     settings["simulator"] |= {
         "joints": joints[::-1],
+        "engine": engine,
         "initial_position": settings["simulator"]["initial_position"][::-1],
         "encoder.bits": 14,
         "model_error.mass": 0.2,

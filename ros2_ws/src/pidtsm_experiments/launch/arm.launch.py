@@ -23,7 +23,8 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import DEFAULT_SCENARIO, make_experiment, scenario_names
 from pidtsm_core.laws import LAWS
 from pidtsm_core.robots import NAMES, description_schema, find_description
-from pidtsm_experiments.commands.options import seconds
+from pidtsm_core.simulation.mujoco_plant import ENGINE
+from pidtsm_experiments.commands.options import engine_overrides, seconds
 from pidtsm_experiments.runs.runner import EXECUTABLES, bag_metadata, node_parameters
 
 _VIEWED = ("/tf", "/robot_description", "/visualization/markers")
@@ -40,6 +41,7 @@ _ARGUMENTS = (
     ),
     DeclareLaunchArgument("law", default_value="", description=f"one of {', '.join(LAWS.names)}"),
     DeclareLaunchArgument("robot", default_value="", description=f"the arm: one of {', '.join(NAMES)}, or a URDF"),
+    DeclareLaunchArgument("engine", default_value="", description=f"of the simulator: {', '.join(ENGINE.choices)}"),
     DeclareLaunchArgument("duration", default_value="", description="duration in seconds (default: the scenario's)"),
     DeclareLaunchArgument(
         "clock",
@@ -142,7 +144,7 @@ def _actions(context: LaunchContext) -> list[Node]:
         given["law"] or None,
         _duration(given["duration"]),
         _words("params", given["params"]),
-        [*overrides, *_words("set", given["set"])],
+        [*overrides, *engine_overrides(given["engine"]), *_words("set", given["set"])],
         given["robot"] or None,
     )
     viewed, recorded = given["viewer"] == "rviz", given["record"]

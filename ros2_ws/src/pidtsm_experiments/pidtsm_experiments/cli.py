@@ -16,6 +16,7 @@ _COMMANDS = {
     "rollout": "run the same loop without ROS",
     "report": "make metrics, figures and report of a result folder anew",
     "compare": "compare runs: one report with curves over each other, metrics with differences, parameters that differ",
+    "compare-engines": "simulate an experiment on both engines of the simulated arm, and show how far they differ",
     "gains": "compute a first set of gains for an arm, with the reason for each number",
     "reproduce": "compare both cases and all laws with the article",
     "robustness": "measure how much imperfection of sensors, drives and model each controller tolerates",
@@ -57,7 +58,7 @@ def _parser(command: str | None) -> argparse.ArgumentParser:
             name, help=text, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
         )
         if name == command:
-            module = importlib.import_module(f"pidtsm_experiments.commands.{name}")
+            module = importlib.import_module(f"pidtsm_experiments.commands.{name.replace('-', '_')}")
             module.add_arguments(sub)
             sub.set_defaults(execute=module.execute)
     # Handled by the launcher, before it enters the Python environment.

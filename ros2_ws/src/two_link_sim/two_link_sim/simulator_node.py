@@ -59,7 +59,7 @@ class SimulatorNode(ManagedNode):
         self._period = period_nanoseconds(int(as_float(values["rate"])))
         self._samples = round(as_float(values["duration"]) * 1e9 / self._period)
         # Compile before the loop.
-        SimulatedRobot(values).compile()
+        SimulatedRobot(values, accelerations=False).compile()
 
         joints = len(self._joints_of_arm)
         self._measured = OutgoingMessage(JointState(name=self._joints_of_arm), ("position", "effort"), joints=joints)
@@ -88,7 +88,7 @@ class SimulatorNode(ManagedNode):
         return self.values["clock"] == "lockstep"
 
     def activate(self) -> None:
-        self._robot = SimulatedRobot(self.values)
+        self._robot = SimulatedRobot(self.values, accelerations=False)
         self._effort = np.zeros(self._robot.joints)
         self._progress, self._commands = Progress(), Commands()
         self._brakes, self._waiting = BrakeLog(), Waiting()

@@ -21,8 +21,11 @@ SIGNATURE = types.void(_POINTER, _POINTER, _POINTER, int64, int64, _POINTER, int
 
 
 @intrinsic
-def _call(_typing: Any, address: Any, values: Any) -> Any:
-    """Call the function of `SIGNATURE` at `address` with a tuple of values; the arrays are contiguous."""
+def call(_typing: Any, address: Any, values: Any) -> Any:
+    """Call the function at `address`, which returns nothing, with a tuple of numbers and contiguous arrays.
+
+    Numbers arrive as they are, also as addresses; arrays as the addresses of their first elements.
+    """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kinds, unpacked = signature.args[1], unpack_tuple(builder, arguments[1])
@@ -40,10 +43,10 @@ def _call(_typing: Any, address: Any, values: Any) -> Any:
 @inlined
 def inverse_at(address: int, q: Array, dq: Array, ddq: Array, p: Array, effort: Array) -> None:
     """See `Dynamics.inverse_dynamics`."""
-    _call(address, (q, dq, ddq, ddq.shape[0], q.size, p, p.size, effort))
+    call(address, (q, dq, ddq, ddq.shape[0], q.size, p, p.size, effort))
 
 
 @inlined
 def forward_at(address: int, q: Array, dq: Array, effort: Array, p: Array, ddq: Array) -> None:
     """See `Dynamics.forward_dynamics`."""
-    _call(address, (q, dq, effort, 1, q.size, p, p.size, ddq))
+    call(address, (q, dq, effort, 1, q.size, p, p.size, ddq))

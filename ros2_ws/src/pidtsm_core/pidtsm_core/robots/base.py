@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -62,6 +62,8 @@ class Robot(Member):
         velocity_limit: default velocity limits, rad/s, one per joint; infinite if there is none; empty: no limits.
         friction, damping: Coulomb and viscous friction, N m and N m s/rad, one per joint; the defaults of the simulated
             arm and of the controller; empty: none.
+        mjcf: the text of an MJCF of these packed parameters, for MuJoCo, see `text_bodies`; None: there is none.
+        rigid: values of parameters with which a closed form moves as a rigid body does; empty: with any.
         urdf: source of a URDF with these joints, see `read_source`, which viewers show; empty: they show nothing.
     """
 
@@ -78,6 +80,8 @@ class Robot(Member):
     continuous: tuple[bool, ...] = ()
     friction: tuple[float, ...] = ()
     damping: tuple[float, ...] = ()
+    mjcf: Callable[[Array], str] | None = None
+    rigid: Mapping[str, str] = field(default_factory=dict)
     urdf: str = ""
 
     def pack_model(

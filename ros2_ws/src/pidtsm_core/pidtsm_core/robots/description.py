@@ -1,19 +1,17 @@
 """An arm as data: from URDF or MJCF to the flat array of `tree`, by MuJoCo's compiler."""
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.parameters import Array
+from pidtsm_core.robots.compiler import compile_spec, parse
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.tree.layout import GRAVITY, Column, rotation, rows, set_inertia, size
-from pidtsm_core.robots.urdf import check_urdf, joint_limits, rotor_inertias, strip
 
 _SLIDE, _HINGE = 2, 3  # mjtJoint
 _CONNECT, _WELD, _COUPLE = 0, 1, 2  # mjtEq
@@ -55,8 +53,10 @@ class Description:
         tool: origin of the tool frame in that link, shape (3,), m. The tool is the end of the chain of fixed links
             behind the last joint, if that chain does not branch; otherwise the link behind the last joint.
         tool_rotation: from the tool frame to the frame of that link, shape (3, 3).
+        tool_link: index of the link whose frame is that of the tool, in `links`.
         links: all links, also those that the tree does not keep.
-        urdf: the text of the description, if it is a URDF; empty: it is an MJCF.
+        text: the text of the description.
+        is_urdf: whether that is a URDF, and not an MJCF.
     """
 
     joints: tuple[str, ...]
@@ -72,8 +72,15 @@ class Description:
     tool_row: int
     tool: Array
     tool_rotation: Array
+    tool_link: int
     links: Links
-    urdf: str
+    text: str
+    is_urdf: bool
+
+    @property
+    def urdf(self) -> str:
+        """The text of the description, if it is a URDF; empty: it is an MJCF."""
+        return self.text if self.is_urdf else ""
 
 
 @dataclass(frozen=True)
@@ -85,14 +92,16 @@ class _Model:
         names: names of the joints.
         base: body that is the base: 0, the world, in an MJCF; 1 in a URDF, unless its base is called world.
         limits: by joint of a URDF, the attributes of its element ``limit``.
-        urdf: the text of a URDF; empty for an MJCF.
+        text: the text of the description.
+        is_urdf: whether it is a URDF.
     """
 
     model: Any
     names: tuple[str, ...]
     base: int
     limits: Mapping[str, Mapping[str, float]]
-    urdf: str
+    text: str
+    is_urdf: bool
 
 
 def read_description(
@@ -118,40 +127,13 @@ def read_description(
 
 def _compile(text: str) -> _Model:
     """Compile a description without its geometry."""
-    try:
-        root = ElementTree.fromstring(text)  # noqa: S314  A robot's own description; expat limits expansion.
-    except ElementTree.ParseError as error:
-        raise DescriptionError(f"the description is not XML: {error}") from None
-    if root.tag not in ("robot", "mujoco"):
-        raise DescriptionError(f"the description is neither URDF nor MJCF: its root element is <{root.tag}>")
-    limits: Mapping[str, Mapping[str, float]] = {}
-    rotors: Mapping[str, float] = {}
-    base = 0
-    if root.tag == "robot":
-        check_urdf(root)
-        base = 0 if "world" in {link.get("name") for link in root.findall("link")} else 1
-        limits, rotors = joint_limits(root), rotor_inertias(root)
-        strip(root)
-    try:
-        import mujoco
-    except ImportError:
-        raise DescriptionError("reading a robot description needs MuJoCo: pip install mujoco") from None
-    try:
-        model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
-    except ValueError as error:
-        raise DescriptionError(_cause(str(error))) from None
+    parsed = parse(text)
+    model = compile_spec(parsed.spec)
     names = tuple(model.joint(i).name for i in range(model.njnt))
-    for name, inertia in rotors.items():
+    for name, inertia in parsed.rotors.items():
         if name in names:
             model.dof_armature[model.joint(name).dofadr] = inertia
-    return _Model(model, names, base, limits, text if root.tag == "robot" else "")
-
-
-def _cause(message: str) -> str:
-    """An error of MuJoCo's compiler on one line, with the name of the link or joint in front."""
-    text = " ".join(message.split()).removeprefix("Error: ")
-    named = re.fullmatch(r"(.*?)[,;]? Element name '(.*)', id -?\d+.*", text)
-    return f"{named[2]}: {named[1]}" if named else f"the description cannot be read: {text}"
+    return _Model(model, names, parsed.base, parsed.limits, text, parsed.is_urdf)
 
 
 def _chain(compiled: _Model) -> tuple[str, ...]:
@@ -246,7 +228,7 @@ class _Assembly:
     def _moved(self, body: int) -> _Placement:
         """Placement of a body on the tree; adds the rows of its joints."""
         m = self._model
-        here = self._bodies[int(m.body_parentid[body])].at(_rotation(m.body_quat[body]), m.body_pos[body])
+        here = self._bodies[int(m.body_parentid[body])].at(rotation_of(m.body_quat[body]), m.body_pos[body])
         for joint in range(m.body_jntadr[body], m.body_jntadr[body] + m.body_jntnum[body]):
             if self._compiled.names[joint] in self._chosen:
                 here = self._add_row(joint, here)
@@ -273,18 +255,14 @@ class _Assembly:
         low, high = m.jnt_range[joint] if m.jnt_limited[joint] else (-math.inf, math.inf)
         value = self._given.get(name, min(max(0.0, low), high))
         self._locked[name] = value
-        if m.jnt_type[joint] == _SLIDE:
-            return here.at(np.eye(3), m.jnt_axis[joint] * value)
-        turned, c, s = _onto(m.jnt_axis[joint]), math.cos(value), math.sin(value)
-        spin = turned @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ turned.T
-        return here.at(spin, m.jnt_pos[joint] - spin @ m.jnt_pos[joint])
+        return here.at(*joint_displacement(m, joint, value))
 
     def _add_mass(self, body: int) -> None:
         m, frame = self._model, self._bodies[body]
         if frame.row < 0:
             return
         mass = m.body_mass[body]
-        principal = frame.at(_rotation(m.body_iquat[body]), m.body_ipos[body])
+        principal = frame.at(rotation_of(m.body_iquat[body]), m.body_ipos[body])
         centre, axes = principal.translation, principal.rotation
         self._rows[frame.row, Column.MASS] += mass
         self._rows[frame.row, Column.MOMENT : Column.INERTIA] += mass * centre
@@ -306,7 +284,8 @@ class _Assembly:
 
     def description(self) -> Description:
         """The result, in the order of the chosen joints."""
-        m, names, tool = self._model, self._compiled.names, self._tool()
+        m, names, body = self._model, self._compiled.names, self._tool_body()
+        tool = self._bodies[body]
         order = [names.index(name) for name in self._chosen]
         dofs = m.jnt_dofadr[order]
         limits = [self._compiled.limits.get(name, {}) for name in self._chosen]
@@ -326,8 +305,10 @@ class _Assembly:
             tool_row=tool.row,
             tool=tool.translation,
             tool_rotation=tool.rotation,
+            tool_link=body - self._compiled.base,
             links=self._links(),
-            urdf=self._compiled.urdf,
+            text=self._compiled.text,
+            is_urdf=self._compiled.is_urdf,
         )
 
     def _links(self) -> Links:
@@ -342,16 +323,31 @@ class _Assembly:
             placements=np.array([np.column_stack([each.rotation, each.translation]) for each in placements]),
         )
 
-    def _tool(self) -> _Placement:
+    def _tool_body(self) -> int:
         m = self._model
         body = int(m.jnt_bodyid[self._used[-1]])
         while len(children := np.flatnonzero(m.body_parentid == body)) == 1 and m.body_jntnum[children[0]] == 0:
             body = int(children[0])
-        return self._bodies[body]
+        return body
 
 
-def _rotation(quaternion: Array) -> Array:
-    """Rotation matrix of a unit quaternion (w, x, y, z)."""
+def joint_displacement(model: Any, joint: int, value: float) -> tuple[Array, Array]:
+    """How a joint at a position (rad or m) moves its body: rotation, shape (3, 3), and translation, shape (3,), m.
+
+    Args:
+        model: of type ``mujoco.MjModel``.
+        joint: index of the joint.
+        value: its position, rad or m.
+    """
+    if model.jnt_type[joint] == _SLIDE:
+        return np.eye(3), model.jnt_axis[joint] * value
+    turned, c, s = _onto(model.jnt_axis[joint]), math.cos(value), math.sin(value)
+    spin = turned @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ turned.T
+    return spin, model.jnt_pos[joint] - spin @ model.jnt_pos[joint]
+
+
+def rotation_of(quaternion: Array) -> Array:
+    """Rotation matrix, shape (3, 3), of a unit quaternion w, x, y, z, shape (4,)."""
     w, x, y, z = quaternion
     return np.array(
         [

@@ -14,7 +14,7 @@ from pidtsm_core.robots.address import SIGNATURE
 from pidtsm_core.robots.base import Dynamics, Robot
 from pidtsm_core.robots.description import Description, read_description
 from pidtsm_core.robots.payload import Payload
-from pidtsm_core.robots.tree.layout import Column, inertia_matrix, rows, set_inertia
+from pidtsm_core.robots.tree.layout import Column, inertia_matrix, rows, set_inertia, steiner
 
 
 def _inverse_at(q: Any, dq: Any, ddq: Any, rows: int, joints: int, p: Any, length: int, effort: Any) -> None:
@@ -87,17 +87,12 @@ def _scale(row: Array, factors: Mapping[str, float]) -> None:
     if mass == inertia == length == 1.0:
         return
     weight, centre = row[Column.MASS], row[Column.MOMENT : Column.INERTIA] / row[Column.MASS]
-    about = inertia_matrix(row) - weight * _steiner(centre)
+    about = inertia_matrix(row) - weight * steiner(centre)
     row[Column.MASS] = mass * weight
     row[Column.MOMENT : Column.INERTIA] = mass * weight * length * centre
-    set_inertia(row, mass * (inertia * about + weight * _steiner(length * centre)))
+    set_inertia(row, mass * (inertia * about + weight * steiner(length * centre)))
     row[Column.TRANSLATION : Column.MASS] *= length
     row[Column.ARMATURE] *= inertia
-
-
-def _steiner(centre: Array) -> Array:
-    """Inertia of 1 kg at a point, about the origin, shape (3, 3), m^2."""
-    return np.asarray(centre @ centre * np.eye(3) - np.outer(centre, centre))
 
 
 def _add_load(description: Description, p: Array, payload: Payload) -> None:
@@ -107,7 +102,7 @@ def _add_load(description: Description, p: Array, payload: Payload) -> None:
     row[Column.MASS] += payload.mass
     row[Column.MOMENT : Column.INERTIA] += payload.mass * center
     about = axes @ payload.inertia @ axes.T
-    set_inertia(row, inertia_matrix(row) + about + payload.mass * _steiner(center))
+    set_inertia(row, inertia_matrix(row) + about + payload.mass * steiner(center))
 
 
 @lru_cache(maxsize=64)

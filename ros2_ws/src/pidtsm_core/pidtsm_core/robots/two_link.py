@@ -75,6 +75,20 @@ def load(p: Array, payload: Payload) -> None:
     p[_M2] += payload.mass
 
 
+def mjcf(p: Array) -> str:
+    """The arm as rigid bodies, in the vertical plane x-z as in its URDF; points have 1e-12 kg m^2 instead of 0."""
+    m1, m2, r1, r2, j1, j2, g, _ = p
+    joint = '<joint name="{}" axis="0 -1 0" armature="{!r}"/>'
+    inertial = '<inertial pos="{!r} 0 0" mass="{!r}" diaginertia="1e-12 1e-12 1e-12"/>'
+    first = joint.format("joint1", float(j1)) + inertial.format(float(r1), float(m1))
+    second = joint.format("joint2", float(j2)) + inertial.format(float(r2), float(m2))
+    return (
+        f'<mujoco><option gravity="0 0 {float(-g)!r}"/><worldbody><body name="link1">{first}'
+        f'<body name="link2" pos="{float(r1)!r} 0 0">{second}<body name="tool" pos="{float(r2)!r} 0 0"/></body></body>'
+        "</worldbody></mujoco>"
+    )
+
+
 TWO_LINK = Robot(
     name="two_link",
     summary="planar two-link arm of the article, eqs. (48)-(50)",
@@ -101,5 +115,7 @@ TWO_LINK = Robot(
     dynamics=Dynamics(inverse_dynamics, forward_dynamics, energy),
     load=load,
     disturbance="article",
+    mjcf=mjcf,
+    rigid={"coriolis": "lagrange"},
     urdf="package://two_link_sim/urdf/two_link.urdf",
 )

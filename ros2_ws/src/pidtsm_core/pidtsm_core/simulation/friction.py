@@ -72,6 +72,12 @@ def friction_config(values: Mapping[str, Value], inertia: Array, dt: float) -> F
     return FrictionConfig(coulomb, np.maximum(static - coulomb, 0.0), velocity, np.minimum(viscous, steepest), none)
 
 
+def without_viscous(config: FrictionConfig) -> FrictionConfig:
+    """The same friction without its viscous part, for an engine that has its own."""
+    none = not (config.coulomb.any() or config.excess.any())
+    return config._replace(viscous=np.zeros_like(config.viscous), none=none)
+
+
 def check_friction(values: Mapping[str, Value], inertia: Array, dt: float) -> None:
     """Check that the simulation can follow the viscous friction; arguments as those of `friction_config`.
 

@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pidtsm_core.by_reference import reference
 from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
-from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float, joint_array
+from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float, joint_array, resolve
+from pidtsm_core.parts import PartOf
 from pidtsm_core.robots import (
     Model,
     find_robot,
@@ -19,8 +20,26 @@ from pidtsm_core.robots import (
     payload_schema,
     robot_schema,
 )
-from pidtsm_core.simulation import friction
-from pidtsm_core.simulation.friction import FrictionConfig, add_friction, check_friction, friction_config
+from pidtsm_core.simulation import friction as joint_friction
+from pidtsm_core.simulation.friction import (
+    FrictionConfig,
+    add_friction,
+    check_friction,
+    friction_config,
+    without_viscous,
+)
+from pidtsm_core.simulation.mujoco_plant import (
+    ENGINE,
+    MUJOCO,
+    MujocoArm,
+    MujocoConfig,
+    MujocoState,
+    acceleration,
+    advance,
+    engine_schema,
+    no_config,
+    no_state,
+)
 from pidtsm_core.timing import sum_of_times
 
 _QUANTITIES = ("mass", "inertia", "length")
@@ -53,7 +72,7 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the simulated arm; they depend on the robot."""
     robot = find_robot(settings)
     return (
-        *robot_schema(settings),
+        *engine_schema(settings, robot_schema(settings)),
         RATE,
         Parameter("initial_position", robot.initial_position, "joint positions at the start", "rad", per_joint=True),
         Parameter(
@@ -65,7 +84,7 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         ),
         *payload_schema(settings, _PAYLOAD),
         *_LOADS,
-        *friction.parameters(robot),
+        *joint_friction.parameters(robot),
         *_MODEL_ERRORS,
     )
 
@@ -84,6 +103,7 @@ class PlantConfig(NamedTuple):
     push_end: float  # s
     friction: FrictionConfig
     accelerations: bool  # compute q'' at the samples
+    mujoco: MujocoConfig
 
 
 class PlantState(NamedTuple):
@@ -93,6 +113,17 @@ class PlantState(NamedTuple):
     derivatives: Array  # q', q'', shape (2, joints); q'' under the torque held before the sample, 0 at the start
     effort: Array  # torque applied over the last step, within the limits, shape (joints,), N m
     work: Array  # scratch, shape (8, joints)
+    mujoco: MujocoState
+
+
+@inlined
+def _net_effort(config: PlantConfig, q: Array, dq: Array, effort: Array, net: Array) -> None:
+    """Write the effort plus disturbance and friction to `net`, shape (joints,), N m."""
+    for j in range(effort.size):
+        net[j] = effort[j]
+    add_disturbance(config.disturbance, q, dq, net)
+    if not config.friction.none:
+        add_friction(config.friction, dq, net)
 
 
 @inlined
@@ -100,22 +131,50 @@ def _acceleration(
     config: PlantConfig, model: Model, q: Array, dq: Array, effort: Array, net: Array, ddq: Array
 ) -> None:
     """ddq of eq. (5); `net` is scratch for the torque with disturbance and friction."""
-    for j in range(effort.size):
-        net[j] = effort[j]
-    add_disturbance(config.disturbance, q, dq, net)
-    if not config.friction.none:
-        add_friction(config.friction, dq, net)
+    _net_effort(config, q, dq, effort, net)
     forward_dynamics(model, q, dq, net, ddq)
+
+
+def _example() -> Any:
+    return Plant(resolve(plant_schema, {}, 2))
+
+
+part = PartOf(lambda: _example().config, lambda: _example().state)
+
+
+@part
+def _step_of_mujoco(config: PlantConfig, state: PlantState, loaded: bool, effort: Array) -> None:
+    """As `step`, by MuJoCo; disturbance and dry friction are those at the start of each of its steps."""
+    q, dq, net = state.position, state.derivatives[0], state.work[0]
+    for _ in range(config.mujoco.steps):
+        _net_effort(config, q, dq, effort, net)
+        advance(config.mujoco, state.mujoco, loaded, net, q, dq)
+    if config.accelerations:
+        _net_effort(config, q, dq, effort, net)
+        acceleration(config.mujoco, state.mujoco, loaded, net, q, dq, state.derivatives[1])
+
+
+@part
+def carry(config: PlantConfig, state: PlantState, t: float) -> None:
+    """One period of MuJoCo from t (s) in which the arm is where it is, whatever acts on it, and all else moves."""
+    loaded = config.payload_begin <= t < config.payload_end
+    none, q, dq = state.work[0], state.work[1], state.work[2]
+    for _ in range(config.mujoco.steps):
+        for j in range(none.size):
+            none[j], q[j], dq[j] = 0.0, state.position[j], state.derivatives[0, j]
+        advance(config.mujoco, state.mujoco, loaded, none, q, dq)
 
 
 @inlined
 def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: float) -> None:
     """Integrate from t to t + dt (s) under the constant, limited `effort` by classical fourth-order Runge-Kutta.
 
-    `effort` has shape (joints,), N m. Payload and push are those at the start of the step.
+    `effort` has shape (joints,), N m. Payload and push are those at the start of the step. With the engine MuJoCo, dt
+    must be a period.
     """
     joints = effort.size
-    model = config.loaded_model if config.payload_begin <= t < config.payload_end else config.model
+    loaded = config.payload_begin <= t < config.payload_end
+    model = config.loaded_model if loaded else config.model
     q, dq, held = state.position, state.derivatives[0], state.effort
     net, stage_q, stage_dq, k1, k2, k3, k4, pushed = (
         state.work[0],
@@ -135,6 +194,9 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
         for j in range(joints):
             pushed[j] = held[j] + config.push[j]
         torque = pushed
+    if config.mujoco.steps > 0:
+        _step_of_mujoco(config, state, loaded, torque)
+        return
 
     half = 0.5 * dt
     _acceleration(config, model, q, dq, torque, net, k1)
@@ -180,7 +242,8 @@ class Plant:
             accelerations: compute q'' at the samples, which takes a fifth of the time; otherwise it stays 0.
 
         Raises:
-            ParameterError: the disturbance is for another number of joints, or see `check_friction`.
+            ParameterError: the disturbance is for another number of joints, MuJoCo cannot simulate the arm, or see
+                `check_friction`.
         """
         self.joints = len(find_robot(values).joints)
         disturbance = DISTURBANCES[str(values["disturbance.name"])]
@@ -189,6 +252,7 @@ class Plant:
                 f"disturbance.name: {disturbance.name} requires {disturbance.joints} joints, not {self.joints}"
             )
         self._accelerations = accelerations
+        self._mujoco: MujocoArm | None = None
         self.set_parameters(values)
         check_friction(values, self._inertia(values), 1.0 / as_float(values["rate"]))
         self.state = PlantState(
@@ -196,6 +260,7 @@ class Plant:
             derivatives=np.zeros((2, self.joints)),
             effort=np.zeros(self.joints),
             work=np.zeros((8, self.joints)),
+            mujoco=self._mujoco.state if self._mujoco else no_state(),
         )
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
@@ -203,6 +268,13 @@ class Plant:
         robot = find_robot(values)
         factors = {quantity: 1.0 + as_float(values[f"model_error.{quantity}"]) for quantity in _QUANTITIES}
         model = robot.pack_model(values, factors=factors)
+        friction = friction_config(values, self._inertia(values), 1.0 / as_float(values["rate"]))
+        if values[ENGINE.name] == MUJOCO:
+            if self._mujoco:
+                self._mujoco.set_parameters(values, factors, friction.viscous)
+            else:
+                self._mujoco = MujocoArm(values, factors, friction.viscous)
+            friction = without_viscous(friction)
         picked_up, carried = as_float(values["payload.time"]), as_float(values["payload.duration"])
         pushed = as_float(values["push.time"])
         self.config = PlantConfig(
@@ -215,14 +287,20 @@ class Plant:
             push=joint_array(values["push.effort"], self.joints),
             push_begin=pushed,
             push_end=sum_of_times(pushed, as_float(values["push.duration"])),
-            friction=friction_config(values, self._inertia(values), 1.0 / as_float(values["rate"])),
+            friction=friction,
             accelerations=self._accelerations,
+            mujoco=self._mujoco.config if self._mujoco else no_config(),
         )
 
     def _inertia(self, values: Mapping[str, Value]) -> Array:
         """See `Robot.joint_inertia`; at the start, for the model of the controller."""
         robot = find_robot(values)
         return robot.joint_inertia(robot.pack_model(values), joint_array(values["initial_position"], self.joints))
+
+    def reset(self) -> None:
+        """Put everything but the arm back to its start."""
+        if self._mujoco:
+            self._mujoco.reset()
 
     def step(self, effort: Array, t: float, dt: float) -> None:
         """Hold `effort` (shape (joints,), N m, finite) from t to t + dt (s)."""

@@ -15,7 +15,7 @@ from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.parameters import Array, Parameter, Value, as_float, joint_array, resolve
 from pidtsm_core.parts import PartOf
 from pidtsm_core.robots import GRAVITY, Model, find_robot, inverse_dynamics, make_model
-from pidtsm_core.simulation import actuator, channel, friction, randomness, sensor
+from pidtsm_core.simulation import actuator, channel, friction, plant, randomness, sensor
 from pidtsm_core.simulation.actuator import ActuatorConfig, actuator_config, drive
 from pidtsm_core.simulation.channel import (
     ChannelConfig,
@@ -26,7 +26,7 @@ from pidtsm_core.simulation.channel import (
     loses,
     place,
 )
-from pidtsm_core.simulation.plant import Plant, PlantConfig, PlantState, plant_schema, step
+from pidtsm_core.simulation.plant import Plant, PlantConfig, PlantState, carry, plant_schema, step
 from pidtsm_core.simulation.randomness import Column, Randomness
 from pidtsm_core.simulation.sensor import SensorConfig, measure, sensor_config
 from pidtsm_core.timing import period_nanoseconds, seconds
@@ -165,8 +165,11 @@ def _watch(config: SimulatorConfig, state: SimulatorState, arrives: bool) -> Non
 
 
 @part
-def _brake(state: SimulatorState, dt: float) -> None:
-    """Move the arm over dt (s) with engaged brakes: velocities decay exponentially, the motors deliver no torque."""
+def _brake(config: SimulatorConfig, state: SimulatorState, t: float, dt: float) -> None:
+    """Move the arm from t to t + dt (s) with engaged brakes, which no force moves.
+
+    Velocities decay exponentially, the motors deliver no torque.
+    """
     arm, left = state.arm, math.exp(-dt / _BRAKING)
     for j in range(arm.position.size):
         velocity = arm.derivatives[0, j]
@@ -175,6 +178,8 @@ def _brake(state: SimulatorState, dt: float) -> None:
         arm.derivatives[1, j] = -left * velocity / _BRAKING
         arm.effort[j] = 0.0
         state.lagging[j] = 0.0
+    if config.plant.mujoco.steps > 0:
+        carry(config.plant, arm, t)
 
 
 @part
@@ -247,7 +252,7 @@ def act(
             torque = state.effort
         step(config.plant, state.arm, torque, t, dt)
     else:
-        _brake(state, dt)
+        _brake(config, state, t, dt)
 
 
 @njit
@@ -263,6 +268,12 @@ def _act_now(
 ) -> None:
     """`act` for Python."""
     act(reference(config), reference(state), draws, sample, commanded, effort, t, dt)
+
+
+@njit
+def _brake_now(config: SimulatorConfig, state: SimulatorState, t: float, dt: float) -> None:
+    """`_brake` for Python."""
+    _brake(reference(config), reference(state), t, dt)
 
 
 class SimulatedRobot:
@@ -339,9 +350,9 @@ class SimulatedRobot:
         _sense_into(self.config, self.state, draws, 0, self._measured, self.applied)
         _act_now(self.config, self.state, draws, 0, True, self.state.effort, 0.0, seconds(self._period))
         self._plant.step(self.state.effort, 0.0, seconds(self._period))
-        part.prepare()
-        actuator.part.prepare()
-        friction.part.prepare()
+        _brake_now(self.config, self.state, 0.0, seconds(self._period))
+        for each in (part, actuator.part, friction.part, plant.part):
+            each.prepare()
 
     @property
     def silence(self) -> int:
@@ -359,6 +370,7 @@ class SimulatedRobot:
         Args:
             values: parameters of the robot; only ``initial_position`` is used.
         """
+        self._plant.reset()
         arm = self.state.arm
         arm.position[:] = joint_array(values["initial_position"], self.joints)
         arm.derivatives[:] = 0.0
@@ -392,6 +404,6 @@ class SimulatedRobot:
             if self.state.released[0]:
                 self._plant.step(effort, t, dt)
             else:
-                _brake(self.state, dt)
+                _brake_now(self.config, self.state, t, dt)
             return
         _act_now(self.config, self.state, self._draws, sample, commanded, effort, t, dt)

@@ -4,17 +4,19 @@ import argparse
 from pathlib import Path
 
 from pidtsm_core.experiment import make_experiment
-from pidtsm_experiments.commands.options import add_robot_argument
+from pidtsm_experiments.commands.options import add_engine_argument, add_robot_argument, engine_overrides
 from pidtsm_experiments.commands.run import run_and_report
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot_argument(parser)
+    add_engine_argument(parser)
     parser.add_argument(
         "--out", type=Path, default=Path("results", "demo"), metavar="DIR", help="default: results/demo"
     )
 
 
 def execute(options: argparse.Namespace) -> int:
-    run_and_report(make_experiment(None, robot=options.robot), "lockstep", options.out)
+    experiment = make_experiment(None, overrides=engine_overrides(options.engine), robot=options.robot)
+    run_and_report(experiment, "lockstep", options.out)
     return 0

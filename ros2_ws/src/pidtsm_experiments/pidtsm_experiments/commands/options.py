@@ -20,6 +20,7 @@ from pidtsm_core.outcome import why_not_followed
 from pidtsm_core.parameters import Value
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import NAMES
+from pidtsm_core.simulation.mujoco_plant import ENGINE
 from pidtsm_experiments.commands.table import print_metrics
 from pidtsm_experiments.errors import RunError
 
@@ -27,8 +28,8 @@ CONSOLE = Console(stderr=True)
 """For progress and messages; results go to standard output."""
 
 
-def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options that define the experiment."""
+def add_experiment_arguments(parser: argparse.ArgumentParser, engine: bool = True) -> None:
+    """Add the options that define the experiment; `engine`: also the one that chooses the engine."""
     parser.description = f"{parser.description}\n\nPrecedence, lowest first: scenario, --robot, --params, --law, --set."
     parser.add_argument(
         "--scenario",
@@ -37,6 +38,10 @@ def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
         "every joint swings about its middle)",
     )
     add_robot_argument(parser)
+    if engine:
+        add_engine_argument(parser)
+    else:
+        parser.set_defaults(engine=None)
     parser.add_argument("--law", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: {LAW_NAME.default})")
     parser.add_argument("--duration", type=seconds, metavar="S", help="duration in seconds (default: the scenario's)")
     add_parameter_arguments(parser)
@@ -70,10 +75,25 @@ def add_robot_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_engine_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option that chooses what computes the motion of the arm."""
+    parser.add_argument(
+        "--engine",
+        choices=ENGINE.choices,
+        help=f"what computes the motion of the simulated arm (default: {ENGINE.default})",
+    )
+
+
+def engine_overrides(engine: str | None) -> list[str]:
+    """The value of ``--engine`` as overrides, see `make_experiment`."""
+    return [f"simulator.{ENGINE.name}={engine}"] if engine else []
+
+
 def experiment_of(options: argparse.Namespace) -> Experiment:
     """The experiment defined by the options."""
+    overrides = [*engine_overrides(options.engine), *options.set]
     return make_experiment(
-        options.scenario, options.law, options.duration, options.params, options.set, robot=options.robot
+        options.scenario, options.law, options.duration, options.params, overrides, robot=options.robot
     )
 
 

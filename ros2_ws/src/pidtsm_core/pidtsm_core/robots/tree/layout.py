@@ -77,6 +77,11 @@ def inertia_matrix(row: Array) -> Array:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
+def steiner(center: Array) -> Array:
+    """Inertia of 1 kg at a point, about the origin, shape (3, 3), m^2."""
+    return np.asarray(center @ center * np.eye(3) - np.outer(center, center))
+
+
 def set_inertia(row: Array, inertia: Array) -> None:
     """Write a rotational inertia, shape (3, 3), to a row."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia

@@ -1,0 +1,88 @@
+"""MuJoCo's compiler: from the text of a URDF or MJCF to bodies, joints and inertias."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+from xml.etree import ElementTree
+
+from pidtsm_core.robots.errors import DescriptionError
+from pidtsm_core.robots.urdf import check_urdf, joint_limits, rotor_inertias, strip
+
+
+@dataclass(frozen=True)
+class Parsed:
+    """A description as MuJoCo's compiler reads it, and what it does not read from a URDF.
+
+    Attributes:
+        spec: of type ``mujoco.MjSpec``.
+        base: body that is the base: 0, the world, in an MJCF; 1 in a URDF, unless its base is called world.
+        limits: by joint of a URDF, the attributes of its element ``limit``.
+        rotors: inertia of the rotors that a URDF has as transmissions, by joint, kg m^2 or kg.
+        is_urdf: whether it is a URDF.
+    """
+
+    spec: Any
+    base: int
+    limits: Mapping[str, Mapping[str, float]]
+    rotors: Mapping[str, float]
+    is_urdf: bool
+
+
+def parse(text: str) -> Parsed:
+    """Parse the text of a URDF, without its geometry, or of an MJCF.
+
+    Raises:
+        DescriptionError: the text is neither, or it is broken.
+    """
+    try:
+        root = ElementTree.fromstring(text)  # noqa: S314  A robot's own description; expat limits expansion.
+    except ElementTree.ParseError as error:
+        raise DescriptionError(f"the description is not XML: {error}") from None
+    if root.tag not in ("robot", "mujoco"):
+        raise DescriptionError(f"the description is neither URDF nor MJCF: its root element is <{root.tag}>")
+    limits: Mapping[str, Mapping[str, float]] = {}
+    rotors: Mapping[str, float] = {}
+    base = 0
+    if root.tag == "robot":
+        check_urdf(root)
+        base = 0 if "world" in {link.get("name") for link in root.findall("link")} else 1
+        limits, rotors = joint_limits(root), rotor_inertias(root)
+        strip(root)
+    try:
+        spec = load_mujoco().MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
+    except ValueError as error:
+        raise DescriptionError(_cause(str(error))) from None
+    return Parsed(spec, base, limits, rotors, root.tag == "robot")
+
+
+def compile_spec(spec: Any) -> Any:
+    """The ``mujoco.MjModel`` of a ``mujoco.MjSpec``.
+
+    Raises:
+        DescriptionError: it cannot be compiled; the message begins with the link or joint.
+    """
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise DescriptionError(_cause(str(error))) from None
+
+
+def load_mujoco() -> Any:
+    """The module ``mujoco``, which takes long to import.
+
+    Raises:
+        DescriptionError: it is not installed.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise DescriptionError("reading a robot description needs MuJoCo: pip install mujoco") from None
+    return mujoco
+
+
+def _cause(message: str) -> str:
+    """An error of MuJoCo's compiler on one line, with the name of the link or joint in front."""
+    text = " ".join(message.split()).removeprefix("Error: ")
+    named = re.fullmatch(r"(.*?)[,;]? Element name '(.*)', id -?\d+.*", text)
+    return f"{named[2]}: {named[1]}" if named else f"the description cannot be read: {text}"
