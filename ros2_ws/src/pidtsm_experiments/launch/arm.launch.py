@@ -23,7 +23,7 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import DEFAULT_SCENARIO, make_experiment, scenario_names
 from pidtsm_core.laws import LAWS
 from pidtsm_core.robots import NAMES, description_schema, find_description
-from pidtsm_core.simulation.mujoco_plant import ENGINE
+from pidtsm_core.simulation.mujoco_model import ENGINE
 from pidtsm_experiments.commands.options import engine_overrides, seconds
 from pidtsm_experiments.runs.runner import EXECUTABLES, bag_metadata, node_parameters
 

@@ -13,7 +13,7 @@ from pidtsm_core.experiment import Experiment
 from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot
-from pidtsm_core.simulation.mujoco_plant import ENGINE, MUJOCO
+from pidtsm_core.simulation.mujoco_model import ENGINE, MUJOCO
 from pidtsm_core.units import alike
 from pidtsm_studies.reports.figures import envelope, finished, line, logarithmic, panels, save_figures
 

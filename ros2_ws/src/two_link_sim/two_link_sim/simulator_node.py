@@ -3,6 +3,7 @@
 import time
 
 import numpy as np
+from geometry_msgs.msg import WrenchStamped
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -11,7 +12,7 @@ from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.joints import JointOrder
 from pidtsm_core.node_parameters import simulator_node_schema
 from pidtsm_core.parameters import as_float, names
-from pidtsm_core.robots import robot_joints
+from pidtsm_core.robots import find_robot, robot_joints
 from pidtsm_core.simulation.simulator import SimulatedRobot
 from pidtsm_core.timing import period_nanoseconds, seconds
 from pidtsm_ros.diagnostics import Diagnostics, Reading, loop_readings
@@ -21,8 +22,11 @@ from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run_nodes
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
+from two_link_sim import pushes
 from two_link_sim.brake_log import BrakeLog
 from two_link_sim.progress import Commands, Progress, Waiting
+from two_link_sim.pushes import Pushes
+from two_link_sim.touches import Touches
 
 _POLL = 0.02
 """Time between two checks of the connections, s."""
@@ -59,7 +63,10 @@ class SimulatorNode(ManagedNode):
         self._period = period_nanoseconds(int(as_float(values["rate"])))
         self._samples = round(as_float(values["duration"]) * 1e9 / self._period)
         # Compile before the loop.
-        SimulatedRobot(values, accelerations=False).compile()
+        robot = SimulatedRobot(values, accelerations=False)
+        robot.compile()
+        # First, since a recorder looks for them when it has found the others.
+        self._touches = Touches(self, robot.touchable)
 
         joints = len(self._joints_of_arm)
         self._measured = OutgoingMessage(JointState(name=self._joints_of_arm), ("position", "effort"), joints=joints)
@@ -81,6 +88,8 @@ class SimulatorNode(ManagedNode):
         on_command = self._on_command if self._stamped else self._on_array
         self._subscription = self.listen(self._input.message_type, self._input.name, on_command, raw=self._stamped)
         self._diagnostics = Diagnostics(self)
+        self._pushes = Pushes(find_robot(values).base, self._period)
+        self.listen(WrenchStamped, pushes.TOPIC, self._pushes.take, reliable=True)
         self.offer("~/reset", self._reset)
 
     @property
@@ -193,6 +202,8 @@ class SimulatorNode(ManagedNode):
         if not done:
             self._publish_sample(self._progress.sample + 1)
         self._ground_truth.publish(self._truth.to_bytes(ended))
+        if self._touches:
+            self._touches.publish(self._robot.contacts(), ended)
         if done:
             took = (time.monotonic_ns() - self._progress.began) / 1e9
             self.get_logger().info(
@@ -213,6 +224,7 @@ class SimulatorNode(ManagedNode):
     def _act(self) -> None:
         """Move the arm over one period."""
         commanded, self._commands.new = self._commands.new, False
+        self._pushes.act(self._robot)
         self._robot.act(self._progress.sample, commanded, self._effort)
         # Before the first command, the brakes are always engaged.
         if self._robot.silence and self._brakes.changes(self._robot.braked):

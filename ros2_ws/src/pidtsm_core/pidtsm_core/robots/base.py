@@ -41,6 +41,14 @@ class Model(NamedTuple):
     parameters: Array  # as `Robot.pack_model` returns them
 
 
+class Tool(NamedTuple):
+    """Where the tool is, for wrenches on it; see `tree.add_wrench`."""
+
+    tree: Array  # the joints as a tree, shape (size(joints),); its masses do not matter
+    row: int  # row of the link that carries the tool; -1: it is not known
+    point: Array  # origin of the tool in that link, shape (3,), m
+
+
 @dataclass(frozen=True)
 class Robot(Member):
     """A rigid manipulator, eq. (1): H(q) q'' + C(q, q') q' + G(q) = effort.
@@ -62,8 +70,10 @@ class Robot(Member):
         velocity_limit: default velocity limits, rad/s, one per joint; infinite if there is none; empty: no limits.
         friction, damping: Coulomb and viscous friction, N m and N m s/rad, one per joint; the defaults of the simulated
             arm and of the controller; empty: none.
+        tool: its tool for these packed parameters; None: it is not known where the tool is.
         mjcf: the text of an MJCF of these packed parameters, for MuJoCo, see `text_bodies`; None: there is none.
         rigid: values of parameters with which a closed form moves as a rigid body does; empty: with any.
+        base: name of its base link.
         urdf: source of a URDF with these joints, see `read_source`, which viewers show; empty: they show nothing.
     """
 
@@ -80,8 +90,10 @@ class Robot(Member):
     continuous: tuple[bool, ...] = ()
     friction: tuple[float, ...] = ()
     damping: tuple[float, ...] = ()
+    tool: Callable[[Array], Tool] | None = None
     mjcf: Callable[[Array], str] | None = None
     rigid: Mapping[str, str] = field(default_factory=dict)
+    base: str = "base_link"
     urdf: str = ""
 
     def pack_model(

@@ -3,11 +3,12 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 from pidtsm_core.robots.errors import DescriptionError
-from pidtsm_core.robots.urdf import check_urdf, joint_limits, rotor_inertias, strip
+from pidtsm_core.robots.urdf import check_urdf, joint_limits, keep_shapes, rotor_inertias, strip
 
 
 @dataclass(frozen=True)
@@ -29,8 +30,12 @@ class Parsed:
     is_urdf: bool
 
 
-def parse(text: str) -> Parsed:
-    """Parse the text of a URDF, without its geometry, or of an MJCF.
+def parse(text: str, geometry: bool = False) -> Parsed:
+    """Parse the text of a URDF or MJCF.
+
+    Args:
+        text: the text.
+        geometry: keep that of a URDF, see `keep_shapes`; an MJCF keeps its own.
 
     Raises:
         DescriptionError: the text is neither, or it is broken.
@@ -48,12 +53,28 @@ def parse(text: str) -> Parsed:
         check_urdf(root)
         base = 0 if "world" in {link.get("name") for link in root.findall("link")} else 1
         limits, rotors = joint_limits(root), rotor_inertias(root)
-        strip(root)
+        if geometry:
+            keep_shapes(root)
+        strip(root, geometry)
     try:
         spec = load_mujoco().MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
     except ValueError as error:
         raise DescriptionError(_cause(str(error))) from None
     return Parsed(spec, base, limits, rotors, root.tag == "robot")
+
+
+def load_spec(file: Path) -> Any:
+    """The ``mujoco.MjSpec`` of an MJCF file.
+
+    Raises:
+        DescriptionError: it cannot be read.
+    """
+    if not file.is_file():
+        raise DescriptionError("no such file")
+    try:
+        return load_mujoco().MjSpec.from_file(str(file))
+    except ValueError as error:
+        raise DescriptionError(_cause(str(error))) from None
 
 
 def compile_spec(spec: Any) -> Any:

@@ -13,10 +13,10 @@ from pidtsm_core.robots.tree.layout import Column, inertia_matrix, rows, steiner
 PAYLOAD = "pidtsm_payload"
 """Name of the body of the payload, which is part of the tool."""
 TOOL = "pidtsm_tool"
-"""Name of the site in the origin of the tool."""
+"""Name of the site at the tool."""
 
 
-def described_bodies(arm: Description, length: float = 1.0, tree: Array | None = None) -> Any:
+def described_bodies(arm: Description, length: float = 1.0, tree: Array | None = None, touchable: bool = False) -> Any:
     """The bodies of a description.
 
     Args:
@@ -24,14 +24,21 @@ def described_bodies(arm: Description, length: float = 1.0, tree: Array | None =
         length: factor of the distances of joints and centres of mass.
         tree: masses and inertias, as `TreeRobot.pack_model` returns them, shape (size(joints),); None: those of the
             description.
+        touchable: keep the geometry of a URDF, which touches other things than the arm itself. An MJCF always has its
+            own.
 
     Returns:
         Of type ``mujoco.MjSpec``, with the joints of the arm alone, without actuators, and with an empty payload.
 
     Raises:
-        DescriptionError: a link has both a joint of the arm and a locked one.
+        DescriptionError: a link has both a joint of the arm and a locked one, or nothing of the arm can touch.
     """
-    spec = parse(arm.text).spec
+    spec = parse(arm.text, geometry=touchable).spec
+    if touchable and arm.is_urdf:
+        for geom in spec.geoms:
+            geom.conaffinity = 0
+    if touchable and not spec.geoms:
+        raise DescriptionError("no link has a shape that MuJoCo can read, so the arm cannot touch a scene")
     model = compile_spec(spec)
     links = [body for body in spec.bodies if body.id >= model.nbody - len(arm.links.names)]
     for body, name in zip(links, arm.links.names, strict=True):
@@ -42,22 +49,23 @@ def described_bodies(arm: Description, length: float = 1.0, tree: Array | None =
         _place(spec, model, body, arm, length)
     if tree is not None:
         _set_masses(links, arm, length, tree)
-    add_payload(links[arm.tool_link])
+    # The tool is where it is, however long the links are.
+    add_payload(links[arm.tool_link], (1.0 - length) * arm.tool_rotation.T @ arm.tool)
     return spec
 
 
 def text_bodies(text: str) -> Any:
     """The bodies of an MJCF all of whose joints are those of the arm, and whose last body is its tool, as above."""
     spec = parse(text).spec
-    add_payload(spec.bodies[-1])
+    add_payload(spec.bodies[-1], np.zeros(3))
     return spec
 
 
-def add_payload(tool: Any) -> None:
-    """Add an empty payload to a body of type ``mujoco.MjsBody``, and a site in its origin."""
-    tool.add_site(name=TOOL)
+def add_payload(tool: Any, place: Array) -> None:
+    """Add an empty payload to a body of type ``mujoco.MjsBody``, at a place in it, shape (3,), m, and a site there."""
+    tool.add_site(name=TOOL, pos=place)
     # With a body of its own, the structure of the model is the same with and without payload, and so is its state.
-    tool.add_body(name=PAYLOAD, explicitinertial=True, mass=0.0, inertia=np.zeros(3))
+    tool.add_body(name=PAYLOAD, pos=place, explicitinertial=True, mass=0.0, inertia=np.zeros(3))
 
 
 def set_inertial(body: Any, mass: float, center: Array, inertia: Array) -> None:

@@ -3,6 +3,8 @@
 import os
 from functools import lru_cache
 from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
 
 import yaml
 
@@ -12,6 +14,8 @@ from pidtsm_core.robots.errors import DescriptionError
 _FOLDER = Path(__file__).with_name("arms")
 ARMS = tuple(sorted(file.stem for file in _FOLDER.glob("*.urdf")))
 """Names of the arms that come with the package."""
+_DEEPEST = 20
+"""Largest number of MJCF files that include each other."""
 
 
 def rated_payload(arm: str) -> float:
@@ -35,7 +39,7 @@ def read_source(source: str) -> tuple[str, str]:
     if source in ARMS:
         file = _FOLDER / f"{source}.urdf"
     else:
-        file = _in_package(source) if source.startswith("package://") else Path(source)
+        file = file_in_package(source) if source.startswith("package://") else Path(source)
     try:
         return _read(file.resolve(), file.stat().st_mtime_ns)
     except OSError as error:
@@ -51,11 +55,57 @@ def _read(file: Path, _changed: int) -> tuple[str, str]:
     """Read a file, and again when it has changed: a node looks for its robot with every change of a parameter."""
     if file.suffix == ".xacro":
         return file.name.split(".")[0], _expanded(file)
-    return file.stem, file.read_text(encoding="utf-8")
+    text = file.read_text(encoding="utf-8")
+    return file.stem, _located(file.parent, text) if "<mujoco" in text else text
 
 
-def _in_package(uri: str) -> Path:
-    """The file of a ``package://`` URI, in the installed packages of ROS."""
+def _located(folder: Path, text: str) -> str:
+    """An MJCF that does not depend on its folder: with its included files, and with absolute paths of its assets.
+
+    Raises:
+        DescriptionError: an included file cannot be read.
+    """
+    try:
+        root = ElementTree.fromstring(text)  # noqa: S314  A robot's own description; expat limits expansion.
+    except ElementTree.ParseError:
+        return text  # The compiler says what is wrong.
+    if root.tag != "mujoco" or not any("file" in element.attrib for element in root.iter()):
+        return text
+    _include(folder, root, 0)
+    compilers = list(root.iter("compiler")) or [SubElement(root, "compiler")]
+    for kind in ("meshdir", "texturedir"):
+        given = [value for each in compilers if (value := each.get(kind, each.get("assetdir")))]
+        for compiler in compilers:
+            compiler.set(kind, str(folder / "".join(given[-1:])))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _include(folder: Path, element: Element, depth: int) -> None:
+    """Replace the elements ``include`` by the content of their files, whose paths are relative to the main file."""
+    children = []
+    for child in element:
+        if child.tag == "include":
+            file = folder / child.get("file", "")
+            try:
+                if depth > _DEEPEST:
+                    raise DescriptionError(f"{file} includes itself")
+                included = ElementTree.parse(file).getroot()  # noqa: S314  As above.
+            except (OSError, ElementTree.ParseError) as error:
+                raise DescriptionError(f"the included file {file} cannot be read: {error}") from None
+            _include(folder, included, depth + 1)
+            children += list(included)
+        else:
+            _include(folder, child, depth)
+            children.append(child)
+    element[:] = children
+
+
+def file_in_package(uri: str) -> Path:
+    """The file of a ``package://`` URI, in the installed packages of ROS.
+
+    Raises:
+        DescriptionError: there is no such package.
+    """
     package, _, rest = uri.removeprefix("package://").partition("/")
     for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
         share = Path(prefix, "share", package)

@@ -11,7 +11,7 @@ from numba import carray, cfunc
 from pidtsm_core.parameters import Array, Parameter, Value, joint_array
 from pidtsm_core.robots import tree
 from pidtsm_core.robots.address import SIGNATURE
-from pidtsm_core.robots.base import Dynamics, Robot
+from pidtsm_core.robots.base import Dynamics, Robot, Tool
 from pidtsm_core.robots.description import Description, read_description
 from pidtsm_core.robots.payload import Payload
 from pidtsm_core.robots.tree.layout import Column, inertia_matrix, rows, set_inertia, steiner
@@ -145,11 +145,13 @@ def tree_robot(
         quantities={},
         dynamics=TREE,
         load=lambda p, payload: _add_load(found, p, payload),
+        tool=lambda p: Tool(p.copy(), found.tool_row, found.tool),
         position_limits=tuple(zip(found.lower.tolist(), found.upper.tolist(), strict=True)),
         velocity_limit=tuple(found.velocity.tolist()),
         slides=tuple(found.slides.tolist()),
         continuous=tuple((~(found.slides | np.isfinite(half))).tolist()),
         friction=tuple(found.friction.tolist()),
         damping=tuple(found.damping.tolist()),
+        base=found.links.names[0],
         description=found,
     )

@@ -2,13 +2,16 @@
 
 import math
 
+import numpy as np
+
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array, Parameter
-from pidtsm_core.robots.base import Dynamics, Robot
+from pidtsm_core.robots.base import Dynamics, Robot, Tool
 from pidtsm_core.robots.payload import Payload
+from pidtsm_core.robots.tree.layout import Column, rotation, rows, size
 
 # Order of the packed parameters: m1, m2, r1, r2, j1, j2, g, coriolis (0 paper, 1 lagrange).
-_M2 = 1
+_M2, _R1, _R2 = 1, 2, 3
 _LAGRANGE = 1.0
 
 
@@ -75,13 +78,25 @@ def load(p: Array, payload: Payload) -> None:
     p[_M2] += payload.mass
 
 
+def tool(p: Array) -> Tool:
+    """The end of the second link, in the vertical plane x-z as in the URDF."""
+    tree = np.zeros(size(2))
+    first, second = rows(tree)
+    # The first joint turns about -y.
+    rotation(first)[:], rotation(second)[:] = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]], np.eye(3)
+    first[Column.PARENT], second[Column.PLACE] = -1.0, 1.0
+    second[Column.TRANSLATION] = p[_R1]
+    return Tool(tree, 1, np.array([p[_R2], 0.0, 0.0]))
+
+
 def mjcf(p: Array) -> str:
     """The arm as rigid bodies, in the vertical plane x-z as in its URDF; points have 1e-12 kg m^2 instead of 0."""
     m1, m2, r1, r2, j1, j2, g, _ = p
     joint = '<joint name="{}" axis="0 -1 0" armature="{!r}"/>'
+    shape = '<geom type="capsule" fromto="0 0 0 {!r} 0 0" size="0.05" conaffinity="0"/>'
     inertial = '<inertial pos="{!r} 0 0" mass="{!r}" diaginertia="1e-12 1e-12 1e-12"/>'
-    first = joint.format("joint1", float(j1)) + inertial.format(float(r1), float(m1))
-    second = joint.format("joint2", float(j2)) + inertial.format(float(r2), float(m2))
+    first = joint.format("joint1", float(j1)) + inertial.format(float(r1), float(m1)) + shape.format(float(r1))
+    second = joint.format("joint2", float(j2)) + inertial.format(float(r2), float(m2)) + shape.format(float(r2))
     return (
         f'<mujoco><option gravity="0 0 {float(-g)!r}"/><worldbody><body name="link1">{first}'
         f'<body name="link2" pos="{float(r1)!r} 0 0">{second}<body name="tool" pos="{float(r2)!r} 0 0"/></body></body>'
@@ -115,6 +130,7 @@ TWO_LINK = Robot(
     dynamics=Dynamics(inverse_dynamics, forward_dynamics, energy),
     load=load,
     disturbance="article",
+    tool=tool,
     mjcf=mjcf,
     rigid={"coriolis": "lagrange"},
     urdf="package://two_link_sim/urdf/two_link.urdf",

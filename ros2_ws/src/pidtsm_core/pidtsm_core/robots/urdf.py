@@ -2,17 +2,19 @@
 
 import math
 from contextlib import suppress
+from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
 from pidtsm_core.robots.errors import DescriptionError
+from pidtsm_core.robots.source import file_in_package
 
 _TYPES = ("revolute", "continuous", "prismatic", "fixed")
 _COMPILER = {
     "fusestatic": "false",  # keeps the names of fixed links
     "discardvisual": "true",
     "balanceinertia": "false",  # an impossible inertia is an error
-    "strippath": "true",
 }
+_MESHES = (".stl", ".obj")
 
 
 def check_urdf(root: Element) -> None:
@@ -117,12 +119,48 @@ def rotor_inertias(root: Element) -> dict[str, float]:
     return found
 
 
-def strip(root: Element) -> None:
-    """Remove the geometry, so that missing meshes do not matter, and set the options of MuJoCo's compiler."""
+def keep_shapes(root: Element) -> None:
+    """Make the geometry of a URDF what MuJoCo can read and touch.
+
+    These are its collision elements, or if it has none its visual elements, except meshes that do not exist or have
+    another format than STL or OBJ.
+    """
+    links = root.findall("link")
+    kind = "collision" if any(link.find("collision") is not None for link in links) else "visual"
+    for link in links:
+        for element in link.findall(kind):
+            mesh = element.find("geometry/mesh")
+            file = None if mesh is None else _mesh_file(mesh.get("filename", ""))
+            if mesh is not None and file is None:
+                link.remove(element)
+            elif mesh is not None:
+                mesh.set("filename", str(file))
+            element.tag = "collision"
+        if kind == "collision":
+            for element in link.findall("visual"):
+                link.remove(element)
+
+
+def _mesh_file(name: str) -> Path | None:
+    """The file of a mesh that MuJoCo can read; None if there is none."""
+    with suppress(DescriptionError):
+        file = file_in_package(name) if name.startswith("package://") else Path(name.removeprefix("file://"))
+        if file.is_file() and file.suffix.lower() in _MESHES:
+            return file.resolve()
+    return None
+
+
+def strip(root: Element, geometry: bool = False) -> None:
+    """Remove what MuJoCo's compiler need not read, and set its options.
+
+    Args:
+        root: the URDF.
+        geometry: whether the geometry is kept; without it, missing meshes do not matter.
+    """
     for link in root.findall("link"):
-        for kind in ("visual", "collision"):
+        for kind in () if geometry else ("visual", "collision"):
             for element in link.findall(kind):
                 link.remove(element)
     for extension in (*root.findall("mujoco"), *root.findall("transmission")):
         root.remove(extension)
-    SubElement(SubElement(root, "mujoco"), "compiler", _COMPILER)
+    SubElement(SubElement(root, "mujoco"), "compiler", {**_COMPILER, "strippath": str(not geometry).lower()})

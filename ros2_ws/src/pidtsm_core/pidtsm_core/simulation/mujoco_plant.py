@@ -9,49 +9,18 @@ import ctypes
 import math
 import weakref
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.compiled import inlined
-from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float
-from pidtsm_core.robots import DESCRIPTION, DescriptionError, Robot, TreeRobot, find_robot, payload_of
+from pidtsm_core.parameters import Array, Value
 from pidtsm_core.robots.address import call
-from pidtsm_core.robots.compiler import compile_spec, load_mujoco
-from pidtsm_core.robots.rigid_bodies import PAYLOAD, described_bodies, set_inertial, text_bodies
-from pidtsm_core.robots.tree.layout import Column, rows
-from pidtsm_core.timing import period_nanoseconds, seconds
-
-MUJOCO = "mujoco"
-ENGINE = Parameter(
-    "engine",
-    "rigid_body",
-    "what computes the motion of the arm; rigid_body: the equations of the robot model, by Runge-Kutta; mujoco: "
-    "MuJoCo, from the same description",
-    choices=("rigid_body", MUJOCO),
-    read_only=True,
-)
-_INTEGRATOR = Parameter(
-    "mujoco.integrator",
-    "rk4",
-    "integrator of MuJoCo",
-    choices=("euler", "implicit", "implicitfast", "rk4"),
-    read_only=True,
-)
-_TIMESTEP = Parameter(
-    "mujoco.timestep",
-    0.001,
-    "largest step of MuJoCo: a period is divided into equal steps that are not longer",
-    "s",
-    minimum=1e-6,
-    read_only=True,
-)
-_PARAMETERS = (_INTEGRATOR, _TIMESTEP)
-"""Those that only this engine has."""
+from pidtsm_core.robots.compiler import load_mujoco
+from pidtsm_core.simulation.mujoco_model import SCENE, make_models, steps_of
 
 _FASTEST = 1e6
 """Position or velocity (rad or rad/s) above which the simulation has diverged."""
@@ -79,19 +48,6 @@ class MujocoState(NamedTuple):
     qacc: Array  # shape (nv,)
     force: Array  # on the joints, qfrc_applied, shape (nv,)
     owner: Array  # keeps the mjData alive, shape (0,)
-
-
-def engine_schema(settings: Mapping[str, object], of_robot: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
-    """The parameters of the simulated arm, `of_robot`, with the choice of the engine and what depends on it.
-
-    Raises:
-        ParameterError: there is no such engine.
-    """
-    if ENGINE.check(settings.get(ENGINE.name, ENGINE.default), 1) != MUJOCO:
-        return (*of_robot, ENGINE)
-    rigid = {f"robot.{name}": value for name, value in find_robot(settings).rigid.items()}
-    chosen = (replace(p, default=rigid[p.name], choices=(rigid[p.name],)) if p.name in rigid else p for p in of_robot)
-    return (*chosen, ENGINE, *_PARAMETERS)
 
 
 @inlined
@@ -148,7 +104,7 @@ class MujocoArm:
     """An arm that MuJoCo simulates.
 
     Attributes:
-        model, loaded_model: of type ``mujoco.MjModel``, without and with payload; both have the same structure.
+        models: the models, and what belongs to the arm.
         data: of type ``mujoco.MjData``.
         config, state: arguments of `advance`.
     """
@@ -156,17 +112,11 @@ class MujocoArm:
     def __init__(self, values: Mapping[str, Value], factors: Mapping[str, float], viscous: Array) -> None:
         """Compile the models.
 
-        Args:
-            values: every parameter of `plant_schema`, as returned by `resolve`.
-            factors: model errors by quantity, see `Robot.pack_model`.
-            viscous: friction that MuJoCo integrates together with the motion, shape (joints,), N m s/rad.
-
-        Raises:
-            ParameterError: MuJoCo cannot simulate this arm.
+        For arguments and `ParameterError`, see `make_models`.
         """
         self._built: tuple[object, ...] = ()
         self.set_parameters(values, factors, viscous)
-        self.data = data = load_mujoco().MjData(self.model)
+        self.data = data = load_mujoco().MjData(self.models.empty)
         self.state = MujocoState(data._address, data.qpos, data.qvel, data.qacc, data.qfrc_applied, _owner(data))
 
     def set_parameters(self, values: Mapping[str, Value], factors: Mapping[str, float], viscous: Array) -> None:
@@ -174,90 +124,32 @@ class MujocoArm:
 
         For arguments and `ParameterError`, see `__init__`.
         """
-        robot, payload = find_robot(values), payload_of(values)
-        packed = robot.pack_model(values, factors=factors)
-        built = (payload.mass, *(a.tobytes() for a in (packed, payload.center_of_mass, payload.inertia, viscous)))
+        built = ({name: values[name] for name in values if _concerns(name)}, tuple(factors.items()), viscous.tobytes())
         if built == self._built:
             return
         self._built = built
-        try:
-            spec = _bodies(robot, packed, factors)
-            self.model = _compiled(spec, values)
-            set_inertial(spec.body(PAYLOAD), *payload)
-            self.loaded_model = _compiled(spec, values)
-        except DescriptionError as error:
-            raise ParameterError(f"{DESCRIPTION.name}: {error}", DESCRIPTION.name) from None
-        joints = [self.model.joint(name) for name in robot.joints]
-        for model in (self.model, self.loaded_model):
-            _set_joints(model, [int(joint.dofadr[0]) for joint in joints], viscous, _armature(robot, packed))
+        self.models = models = make_models(values, factors, viscous)
         step, forward = _addresses()
+        joints = list(models.joints)
         self.config = MujocoConfig(
-            steps=_steps(values),
+            steps=steps_of(values),
             step=step,
             forward=forward,
-            model=self.model._address,
-            loaded_model=self.loaded_model._address,
-            positions=np.array([joint.qposadr[0] for joint in joints], dtype=np.int64),
-            velocities=np.array([joint.dofadr[0] for joint in joints], dtype=np.int64),
-            owner=_owner((self.model, self.loaded_model)),
+            model=models.empty._address,
+            loaded_model=models.loaded._address,
+            positions=models.empty.jnt_qposadr[joints].astype(np.int64),
+            velocities=models.empty.jnt_dofadr[joints].astype(np.int64),
+            owner=_owner(models),
         )
 
     def reset(self) -> None:
         """Put everything but the arm back to where it is in the description."""
-        load_mujoco().mj_resetData(self.model, self.data)
+        load_mujoco().mj_resetData(self.models.empty, self.data)
 
 
-def _bodies(robot: Robot, packed: Array, factors: Mapping[str, float]) -> Any:
-    """The bodies of a robot with model errors, of type ``mujoco.MjSpec``, with an empty payload."""
-    if isinstance(robot, TreeRobot):
-        changed = factors["mass"] != 1.0 or factors["inertia"] != 1.0
-        return described_bodies(robot.description, factors["length"], packed if changed else None)
-    if robot.mjcf is None:
-        raise DescriptionError(f"{robot.name} is a closed form without an MJCF, so MuJoCo cannot simulate it")
-    return text_bodies(robot.mjcf(packed))
-
-
-def _compiled(spec: Any, values: Mapping[str, Value]) -> Any:
-    """The model of the bodies, of type ``mujoco.MjModel``.
-
-    Raises:
-        DescriptionError: see `compile_spec`.
-    """
-    mujoco = load_mujoco()
-    model = compile_spec(spec)
-    model.opt.timestep = seconds(_period(values)) / _steps(values)
-    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{str(values[_INTEGRATOR.name]).upper()}")
-    # A value that is not finite ends a rollout; MuJoCo would start again.
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    return model
-
-
-def _set_joints(model: Any, dofs: list[int], viscous: Array, armature: Array | None) -> None:
-    """Set what the parameters say of the joints, whose places in qvel are `dofs`; dry friction is that of `plant`."""
-    model.dof_damping[dofs] = viscous
-    model.dof_frictionloss[dofs] = 0.0
-    if armature is not None:
-        model.dof_armature[dofs] = armature
-    mujoco = load_mujoco()
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-
-
-def _armature(robot: Robot, packed: Array) -> Array | None:
-    """Inertia of the rotors of an arm of data, in the order of its joints, shape (joints,), kg m^2."""
-    if not isinstance(robot, TreeRobot):
-        return None
-    table = rows(packed)
-    return np.asarray(table[np.argsort(table[:, Column.PLACE]), Column.ARMATURE])
-
-
-def _period(values: Mapping[str, Value]) -> int:
-    return period_nanoseconds(int(as_float(values["rate"])))
-
-
-def _steps(values: Mapping[str, Value]) -> int:
-    """Steps of MuJoCo in one period."""
-    # Less a rounding error, so that a period of 1 ms is one step of 1 ms.
-    return math.ceil(seconds(_period(values)) / as_float(values[_TIMESTEP.name]) * (1.0 - 1e-9))
+def _concerns(name: str) -> bool:
+    """Whether a parameter with this name is part of the models."""
+    return name.startswith(("robot.", "payload.")) or name in ("joints", SCENE.name)
 
 
 _Warning = ctypes.CFUNCTYPE(None, ctypes.c_char_p)

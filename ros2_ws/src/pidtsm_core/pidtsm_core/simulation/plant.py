@@ -13,6 +13,8 @@ from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_f
 from pidtsm_core.parts import PartOf
 from pidtsm_core.robots import (
     Model,
+    Robot,
+    Tool,
     find_robot,
     forward_dynamics,
     make_model,
@@ -20,6 +22,7 @@ from pidtsm_core.robots import (
     payload_schema,
     robot_schema,
 )
+from pidtsm_core.robots.tree import add_wrench
 from pidtsm_core.simulation import friction as joint_friction
 from pidtsm_core.simulation.friction import (
     FrictionConfig,
@@ -28,15 +31,13 @@ from pidtsm_core.simulation.friction import (
     friction_config,
     without_viscous,
 )
+from pidtsm_core.simulation.mujoco_model import ENGINE, MUJOCO, engine_schema
 from pidtsm_core.simulation.mujoco_plant import (
-    ENGINE,
-    MUJOCO,
     MujocoArm,
     MujocoConfig,
     MujocoState,
     acceleration,
     advance,
-    engine_schema,
     no_config,
     no_state,
 )
@@ -52,7 +53,21 @@ _LOADS = (
     Parameter(
         "payload.duration", 0.0, "time from picking up the payload to dropping it; 0: never dropped", "s", minimum=0.0
     ),
-    Parameter("push.effort", 0.0, "torque of a push on the arm", "N m", per_joint=True),
+    Parameter("push.effort", 0.0, "torque of a push on the joints", "N m", per_joint=True),
+    Parameter(
+        "push.force",
+        (0.0, 0.0, 0.0),
+        "force of a push on the tool, in the axes of the base: x, y, z",
+        "N",
+        length=3,
+    ),
+    Parameter(
+        "push.torque",
+        (0.0, 0.0, 0.0),
+        "torque of a push on the tool, in the axes of the base: x, y, z",
+        "N m",
+        length=3,
+    ),
     Parameter("push.time", 0.0, "time from the start at which the push begins", "s", minimum=0.0),
     Parameter("push.duration", 0.0, "duration of the push; 0: no push", "s", minimum=0.0),
 )
@@ -98,7 +113,9 @@ class PlantConfig(NamedTuple):
     payload_end: float  # s
     disturbance: int
     effort_limit: Array  # shape (joints,), N m
-    push: Array  # shape (joints,), N m
+    push: Array  # on the joints, shape (joints,), N m
+    wrench: Array  # of a push on the tool: force and torque in the axes of the base, shape (6,), N and N m
+    tool: Tool
     push_begin: float  # s
     push_end: float  # s
     friction: FrictionConfig
@@ -113,6 +130,8 @@ class PlantState(NamedTuple):
     derivatives: Array  # q', q'', shape (2, joints); q'' under the torque held before the sample, 0 at the start
     effort: Array  # torque applied over the last step, within the limits, shape (joints,), N m
     work: Array  # scratch, shape (8, joints)
+    wrench: Array  # on the tool from outside, as that of a push, shape (6,); and scratch; shape (2, 6)
+    placements: Array  # scratch, shape (joints, 3, 4)
     mujoco: MujocoState
 
 
@@ -140,6 +159,28 @@ def _example() -> Any:
 
 
 part = PartOf(lambda: _example().config, lambda: _example().state)
+
+
+@inlined
+def _is_pushed(state: PlantState) -> bool:
+    """Whether a wrench from outside acts on the tool."""
+    total = 0.0
+    for i in range(6):
+        total += abs(state.wrench[0, i])
+    return total > 0.0
+
+
+@part
+def _push(config: PlantConfig, state: PlantState, pushes: bool, pushed: Array) -> None:
+    """Write the torque with what pushes the arm, `pushes`: the push of the parameters too, shape (joints,), N m."""
+    for j in range(pushed.size):
+        pushed[j] = state.effort[j] + config.push[j] if pushes else state.effort[j]
+    if config.tool.row < 0:
+        return
+    wrench = state.wrench[1]
+    for i in range(6):
+        wrench[i] = state.wrench[0, i] + config.wrench[i] if pushes else state.wrench[0, i]
+    add_wrench(state.position, config.tool.tree, config.tool.row, config.tool.point, wrench, state.placements, pushed)
 
 
 @part
@@ -190,9 +231,9 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
         limit = config.effort_limit[j]
         held[j] = min(max(effort[j], -limit), limit)
     torque = held
-    if config.push_begin <= t < config.push_end:
-        for j in range(joints):
-            pushed[j] = held[j] + config.push[j]
+    pushes = config.push_begin <= t < config.push_end
+    if pushes or _is_pushed(state):
+        _push(config, state, pushes, pushed)
         torque = pushed
     if config.mujoco.steps > 0:
         _step_of_mujoco(config, state, loaded, torque)
@@ -226,12 +267,28 @@ def _step_now(config: PlantConfig, state: PlantState, effort: Array, t: float, d
     step(reference(config), reference(state), effort, t, dt)
 
 
+_NO_TOOL = Tool(np.zeros(0), -1, np.zeros(3))
+
+
+def _wrench(robot: Robot, values: Mapping[str, Value]) -> Array:
+    """The wrench of a push on the tool, shape (6,).
+
+    Raises:
+        ParameterError: it is not known where the tool is.
+    """
+    wrench = np.hstack([np.asarray(values[name], dtype=np.float64) for name in ("push.force", "push.torque")])
+    if wrench.any() and robot.tool is None:
+        raise ParameterError(f"push.force: {robot.name} is a closed form without a tool; use push.effort", "push.force")
+    return wrench
+
+
 class Plant:
     """A simulated arm, built from checked parameters.
 
     Attributes:
         joints: number of joints.
         config, state: arguments of `step`.
+        mujoco: the arm as MuJoCo simulates it; None: the other engine does.
     """
 
     def __init__(self, values: Mapping[str, Value], accelerations: bool = True) -> None:
@@ -252,7 +309,7 @@ class Plant:
                 f"disturbance.name: {disturbance.name} requires {disturbance.joints} joints, not {self.joints}"
             )
         self._accelerations = accelerations
-        self._mujoco: MujocoArm | None = None
+        self.mujoco: MujocoArm | None = None
         self.set_parameters(values)
         check_friction(values, self._inertia(values), 1.0 / as_float(values["rate"]))
         self.state = PlantState(
@@ -260,7 +317,9 @@ class Plant:
             derivatives=np.zeros((2, self.joints)),
             effort=np.zeros(self.joints),
             work=np.zeros((8, self.joints)),
-            mujoco=self._mujoco.state if self._mujoco else no_state(),
+            wrench=np.zeros((2, 6)),
+            placements=np.zeros((self.joints, 3, 4)),
+            mujoco=self.mujoco.state if self.mujoco else no_state(),
         )
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
@@ -270,10 +329,10 @@ class Plant:
         model = robot.pack_model(values, factors=factors)
         friction = friction_config(values, self._inertia(values), 1.0 / as_float(values["rate"]))
         if values[ENGINE.name] == MUJOCO:
-            if self._mujoco:
-                self._mujoco.set_parameters(values, factors, friction.viscous)
+            if self.mujoco:
+                self.mujoco.set_parameters(values, factors, friction.viscous)
             else:
-                self._mujoco = MujocoArm(values, factors, friction.viscous)
+                self.mujoco = MujocoArm(values, factors, friction.viscous)
             friction = without_viscous(friction)
         picked_up, carried = as_float(values["payload.time"]), as_float(values["payload.duration"])
         pushed = as_float(values["push.time"])
@@ -285,11 +344,13 @@ class Plant:
             disturbance=DISTURBANCES.index(str(values["disturbance.name"])),
             effort_limit=joint_array(values["limits.effort"], self.joints),
             push=joint_array(values["push.effort"], self.joints),
+            wrench=_wrench(robot, values),
+            tool=_NO_TOOL if robot.tool is None else robot.tool(model),
             push_begin=pushed,
             push_end=sum_of_times(pushed, as_float(values["push.duration"])),
             friction=friction,
             accelerations=self._accelerations,
-            mujoco=self._mujoco.config if self._mujoco else no_config(),
+            mujoco=self.mujoco.config if self.mujoco else no_config(),
         )
 
     def _inertia(self, values: Mapping[str, Value]) -> Array:
@@ -299,8 +360,8 @@ class Plant:
 
     def reset(self) -> None:
         """Put everything but the arm back to its start."""
-        if self._mujoco:
-            self._mujoco.reset()
+        if self.mujoco:
+            self.mujoco.reset()
 
     def step(self, effort: Array, t: float, dt: float) -> None:
         """Hold `effort` (shape (joints,), N m, finite) from t to t + dt (s)."""

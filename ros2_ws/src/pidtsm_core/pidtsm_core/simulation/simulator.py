@@ -26,6 +26,7 @@ from pidtsm_core.simulation.channel import (
     loses,
     place,
 )
+from pidtsm_core.simulation.contacts import bodies_that_can_touch, contact_wrenches
 from pidtsm_core.simulation.plant import Plant, PlantConfig, PlantState, carry, plant_schema, step
 from pidtsm_core.simulation.randomness import Column, Randomness
 from pidtsm_core.simulation.sensor import SensorConfig, measure, sensor_config
@@ -363,6 +364,28 @@ class SimulatedRobot:
     def braked(self) -> bool:
         """Whether the brakes are engaged."""
         return not self.state.released[0]
+
+    @property
+    def has_tool(self) -> bool:
+        """Whether it is known where the tool is, so that it can be pushed."""
+        return self.config.plant.tool.row >= 0
+
+    def push(self, wrench: Array) -> None:
+        """From the next sample on, act on the tool with force (N) and torque (N m) in the axes of the base.
+
+        `wrench` has shape (6,); zeros end the push.
+        """
+        self.state.arm.wrench[0] = wrench
+
+    @property
+    def touchable(self) -> tuple[str, ...]:
+        """Names of the arm's bodies that can touch something: of those with a shape, on the engine MuJoCo."""
+        return bodies_that_can_touch(self._plant.mujoco.models) if self._plant.mujoco else ()
+
+    def contacts(self) -> dict[str, Array]:
+        """By name of the body, the wrench of its contacts at the end of the last sample; see `contact_wrenches`."""
+        mujoco = self._plant.mujoco
+        return contact_wrenches(mujoco.models, mujoco.data) if mujoco else {}
 
     def reset(self, values: Mapping[str, Value]) -> None:
         """Put the arm at its initial position, at rest, with engaged brakes; time and messages in transit are kept.

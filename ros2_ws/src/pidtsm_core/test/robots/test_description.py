@@ -187,6 +187,30 @@ def test_a_description_is_a_name_a_file_a_uri_or_its_text(tmp_path: Path, monkey
         read_source(str(folder / "broken.urdf.xacro"))
 
 
+def test_an_mjcf_finds_its_files_wherever_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "assets").mkdir()
+    corners = ("0 0 0", "0.2 0 0", "0 0.2 0", "0 0 0.2")
+    faces = ("1 3 2", "1 2 4", "1 4 3", "2 3 4")
+    lines = [*(f"v {corner}" for corner in corners), *(f"f {face}" for face in faces)]
+    (tmp_path / "assets" / "rod.obj").write_text("\n".join(lines))
+    rod = '<body name="{0}"><joint name="{0}" axis="0 1 0"/><geom type="mesh" mesh="rod"/>'
+    (tmp_path / "second.xml").write_text(f"<mujoco>{rod.format('second')}</body></mujoco>")
+    (tmp_path / "arm.xml").write_text(
+        '<mujoco><compiler meshdir="assets"/><asset><mesh name="rod" file="rod.obj"/></asset><worldbody>'
+        f'{rod.format("first")}<include file="second.xml"/></body></worldbody></mujoco>'
+    )
+    monkeypatch.chdir("/")
+    name, text = read_source(str(tmp_path / "arm.xml"))
+    assert name == "arm"
+    assert read_description(text).joints == ("first", "second")
+    (tmp_path / "arm.xml").write_text('<mujoco><include file="arm.xml"/></mujoco>')
+    with pytest.raises(DescriptionError, match=r"arm\.xml includes itself"):
+        read_source(str(tmp_path / "arm.xml"))
+    (tmp_path / "arm.xml").write_text('<mujoco><include file="third.xml"/></mujoco>')
+    with pytest.raises(DescriptionError, match=r"included file .*third\.xml cannot be read"):
+        read_source(str(tmp_path / "arm.xml"))
+
+
 def test_an_arm_without_effort_limits_needs_them_as_parameter() -> None:
     text = urdf(ARM.replace('effort="30"', 'effort="0"'))
     with pytest.raises(ParameterError, match=r"limits\.effort: the description has no effort limit of shoulder, elbow"):

@@ -21,6 +21,13 @@ CHANGES: dict[str, dict[str, Any]] = {
     "nothing": {},
     "payload": {"payload.mass": 0.5, "payload.time": 0.01, "payload.duration": 0.02},
     "push": {"push.effort": 2.0, "push.time": 0.01, "push.duration": 0.02},
+    "push of the tool": {
+        "push.force": [3.0, -2.0, 4.0],
+        "push.torque": [0.1, 0.3, -0.2],
+        "push.time": 0.01,
+        "push.duration": 0.02,
+        "model_error.length": 0.1,
+    },
     "masses": {"model_error.mass": 0.3, "model_error.inertia": -0.2},
     "lengths": {"model_error.length": 0.1},
     "viscous": {"friction.viscous": 0.3},

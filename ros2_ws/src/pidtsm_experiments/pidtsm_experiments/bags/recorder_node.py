@@ -11,6 +11,7 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
@@ -38,6 +39,8 @@ TOPICS = {
 node has enough subscribers on its topic in the loop (``start.subscribers``), its other topic has them too."""
 DIAGNOSTICS = "/diagnostics"
 """Recorded from every publisher, even of other systems; the recorder neither waits for them nor counts losses."""
+WRENCHES = "simulator/"
+"""What precedes the names of the topics with wrenches, of contacts and pushes: recorded if they exist at the start."""
 BARRIER = "joint_states"
 """Subscribed to last, when every other topic has a publisher. The simulator waits for this subscription to start."""
 
@@ -47,6 +50,7 @@ MAX_BAG_DURATION = 300.0
 """s. A file's index grows in memory until the file is finished, by 1.3 MB in this time."""
 FLUSH_PERIOD = 0.2
 """Time between two writes to the file, s."""
+_WRENCH = "geometry_msgs/msg/WrenchStamped"
 _BATCH = 0.02  # s
 _STATUS_PERIOD = 0.2  # s between two lines on standard output
 _WARNING_PERIOD = 1.0  # s between two lines about lost messages
@@ -142,7 +146,7 @@ class RecorderNode(Node):
         self._writer = BagWriter(output, metadata, size, duration)
         self.connected = False
         self._topics = {topic: self._record(topic) for topic in TOPICS if topic != BARRIER}
-        self._diagnostics = self._subscribe(DIAGNOSTICS, DiagnosticArray, RELIABLE_READER)
+        self._others = [self._subscribe(DIAGNOSTICS, DiagnosticArray, RELIABLE_READER)]
         self._reported = 0
 
     def _parameter(self, name: str, default: Any, description: str) -> Any:
@@ -170,8 +174,16 @@ class RecorderNode(Node):
     def connect(self) -> None:
         """Subscribe to `BARRIER` once all other topics have a publisher."""
         if not self.connected and not self.missing():
+            self._others += self._wrenches()
             self._topics[BARRIER] = self._record(BARRIER)
             self.connected = True
+
+    def _wrenches(self) -> list[_RecordedTopic]:
+        """Subscribe to the wrenches on the simulated arm that somebody publishes."""
+        folder = f"{self.get_namespace().rstrip('/')}/{WRENCHES}"
+        found = self.get_topic_names_and_types()
+        names = sorted(name for name, types in found if name.startswith(folder) and _WRENCH in types)
+        return [self._subscribe(name, WrenchStamped, RELIABLE_READER) for name in names]
 
     def missing(self) -> list[str]:
         """Topics without a publisher."""
@@ -186,7 +198,7 @@ class RecorderNode(Node):
         """Write all messages that have arrived to the bag."""
         with self._writing():
             received = self._received()
-            for topic in (*self._topics.values(), self._diagnostics):
+            for topic in (*self._topics.values(), *self._others):
                 while (data := topic.take()) is not None:
                     if self.failure:
                         self._unwritten += 1

@@ -20,7 +20,7 @@ from pidtsm_core.outcome import why_not_followed
 from pidtsm_core.parameters import Value
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import NAMES
-from pidtsm_core.simulation.mujoco_plant import ENGINE
+from pidtsm_core.simulation.mujoco_model import ENGINE
 from pidtsm_experiments.commands.table import print_metrics
 from pidtsm_experiments.errors import RunError
 

@@ -2,7 +2,8 @@
 
 from pidtsm_core.robots.tree.articulated_body import forward_dynamics
 from pidtsm_core.robots.tree.composite_body import inertia_matrix
+from pidtsm_core.robots.tree.jacobian import add_wrench
 from pidtsm_core.robots.tree.kinematics import energy, forward_kinematics
 from pidtsm_core.robots.tree.newton_euler import inverse_dynamics
 
-__all__ = ["energy", "forward_dynamics", "forward_kinematics", "inertia_matrix", "inverse_dynamics"]
+__all__ = ["add_wrench", "energy", "forward_dynamics", "forward_kinematics", "inertia_matrix", "inverse_dynamics"]

@@ -1,0 +1,188 @@
+"""The model that MuJoCo simulates: the arm, alone or in a scene, and the parameters of the engine."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float
+from pidtsm_core.robots import DESCRIPTION, DescriptionError, Robot, TreeRobot, find_robot, payload_of
+from pidtsm_core.robots.compiler import compile_spec, load_mujoco, load_spec
+from pidtsm_core.robots.rigid_bodies import PAYLOAD, described_bodies, set_inertial, text_bodies
+from pidtsm_core.robots.tree.layout import Column, rows
+from pidtsm_core.timing import period_nanoseconds, seconds
+
+MUJOCO = "mujoco"
+ENGINE = Parameter(
+    "engine",
+    "rigid_body",
+    "what computes the motion of the arm; rigid_body: the equations of the robot model, by Runge-Kutta; mujoco: "
+    "MuJoCo, from the same description",
+    choices=("rigid_body", MUJOCO),
+    read_only=True,
+)
+_INTEGRATOR = Parameter(
+    "mujoco.integrator",
+    "rk4",
+    "integrator of MuJoCo",
+    choices=("euler", "implicit", "implicitfast", "rk4"),
+    read_only=True,
+)
+_TIMESTEP = Parameter(
+    "mujoco.timestep",
+    0.001,
+    "largest step of MuJoCo: a period is divided into equal steps that are not longer",
+    "s",
+    minimum=1e-6,
+    read_only=True,
+)
+SCENE = Parameter(
+    "scene",
+    "",
+    "what surrounds the arm: the path of an MJCF file; the arm stands on its site named robot, or else in the origin; "
+    "empty: nothing",
+    read_only=True,
+)
+_PARAMETERS = (_INTEGRATOR, _TIMESTEP, SCENE)
+"""Those that only this engine has."""
+_PLACE = "robot"
+"""Name of the site of a scene on which the arm stands."""
+_OF_ARM = "robot/"
+"""What precedes the names of the arm's bodies and joints in a scene."""
+
+
+class MujocoModels(NamedTuple):
+    """The arm as MuJoCo simulates it; both models have the same structure."""
+
+    empty: Any  # of type mujoco.MjModel, without payload
+    loaded: Any  # with payload
+    joints: tuple[int, ...]  # index of each joint
+    bodies: Mapping[int, str]  # names of the arm's bodies by their index; that of the tool also for its payload
+
+
+def engine_schema(settings: Mapping[str, object], of_robot: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
+    """The parameters of the simulated arm, `of_robot`, with the choice of the engine and what depends on it.
+
+    Raises:
+        ParameterError: there is no such engine.
+    """
+    if ENGINE.check(settings.get(ENGINE.name, ENGINE.default), 1) != MUJOCO:
+        return (*of_robot, ENGINE)
+    rigid = {f"robot.{name}": value for name, value in find_robot(settings).rigid.items()}
+    chosen = (replace(p, default=rigid[p.name], choices=(rigid[p.name],)) if p.name in rigid else p for p in of_robot)
+    return (*chosen, ENGINE, *_PARAMETERS)
+
+
+def make_models(values: Mapping[str, Value], factors: Mapping[str, float], viscous: Array) -> MujocoModels:
+    """Compile the arm in its scene.
+
+    Args:
+        values: every parameter of `plant_schema`, as returned by `resolve`.
+        factors: model errors by quantity, see `Robot.pack_model`.
+        viscous: friction that MuJoCo integrates together with the motion, shape (joints,), N m s/rad.
+
+    Raises:
+        ParameterError: MuJoCo cannot simulate the arm, or the scene cannot be read.
+    """
+    robot, scene = find_robot(values), str(values[SCENE.name])
+    packed = robot.pack_model(values, factors=factors)
+    try:
+        arm = _bodies(robot, packed, factors, touchable=bool(scene))
+        compile_spec(arm)  # An error of the arm is not one of the scene.
+    except DescriptionError as error:
+        raise ParameterError(f"{DESCRIPTION.name}: {error}", DESCRIPTION.name) from None
+    prefix = _OF_ARM if scene else ""
+    try:
+        spec = _placed(scene, arm) if scene else arm
+        empty = _compiled(spec, values)
+        set_inertial(spec.body(prefix + PAYLOAD), *payload_of(values))
+        loaded = _compiled(spec, values)
+    except DescriptionError as error:
+        raise ParameterError(f"{SCENE.name}: {scene}: {error}", SCENE.name) from None
+    joints = [empty.joint(prefix + name) for name in robot.joints]
+    for model in (empty, loaded):
+        _set_joints(model, [int(joint.dofadr[0]) for joint in joints], viscous, _armature(robot, packed))
+    return MujocoModels(empty, loaded, tuple(joint.id for joint in joints), _bodies_of_arm(empty, prefix))
+
+
+def _placed(scene: str, arm: Any) -> Any:
+    """The scene with the arm, of type ``mujoco.MjSpec``; gravity is that of the arm.
+
+    Raises:
+        DescriptionError: the scene cannot be read.
+    """
+    spec = load_spec(Path(scene))
+    spec.option.gravity = arm.option.gravity
+    site = spec.site(_PLACE)
+    where = {"frame": spec.worldbody.add_frame()} if site is None else {"site": site}
+    spec.attach(arm, prefix=_OF_ARM, **where)
+    return spec
+
+
+def _bodies_of_arm(model: Any, prefix: str) -> dict[int, str]:
+    """See `MujocoModels.bodies`."""
+    names = {body: model.body(body).name for body in range(1, model.nbody)}
+    found = {body: name.removeprefix(prefix) for body, name in names.items() if name.startswith(prefix)}
+    payload = model.body(prefix + PAYLOAD)
+    found[payload.id] = found[int(payload.parentid[0])]
+    return found
+
+
+def _bodies(robot: Robot, packed: Array, factors: Mapping[str, float], touchable: bool) -> Any:
+    """The bodies of a robot with model errors, of type ``mujoco.MjSpec``, with an empty payload.
+
+    Raises:
+        DescriptionError: MuJoCo cannot simulate the robot.
+    """
+    if isinstance(robot, TreeRobot):
+        changed = factors["mass"] != 1.0 or factors["inertia"] != 1.0
+        return described_bodies(robot.description, factors["length"], packed if changed else None, touchable)
+    if robot.mjcf is None:
+        raise DescriptionError(f"{robot.name} is a closed form without an MJCF, so MuJoCo cannot simulate it")
+    return text_bodies(robot.mjcf(packed))
+
+
+def _compiled(spec: Any, values: Mapping[str, Value]) -> Any:
+    """The model of the bodies, of type ``mujoco.MjModel``.
+
+    Raises:
+        DescriptionError: see `compile_spec`.
+    """
+    mujoco = load_mujoco()
+    model = compile_spec(spec)
+    model.opt.timestep = seconds(_period(values)) / steps_of(values)
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{str(values[_INTEGRATOR.name]).upper()}")
+    # A value that is not finite ends a rollout; MuJoCo would start again.
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    return model
+
+
+def _set_joints(model: Any, dofs: list[int], viscous: Array, armature: Array | None) -> None:
+    """Set what the parameters say of the joints, whose places in qvel are `dofs`; dry friction is that of `plant`."""
+    model.dof_damping[dofs] = viscous
+    model.dof_frictionloss[dofs] = 0.0
+    if armature is not None:
+        model.dof_armature[dofs] = armature
+    mujoco = load_mujoco()
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def _armature(robot: Robot, packed: Array) -> Array | None:
+    """Inertia of the rotors of an arm of data, in the order of its joints, shape (joints,), kg m^2."""
+    if not isinstance(robot, TreeRobot):
+        return None
+    table = rows(packed)
+    return np.asarray(table[np.argsort(table[:, Column.PLACE]), Column.ARMATURE])
+
+
+def _period(values: Mapping[str, Value]) -> int:
+    return period_nanoseconds(int(as_float(values["rate"])))
+
+
+def steps_of(values: Mapping[str, Value]) -> int:
+    """Steps of MuJoCo in one period."""
+    # Less a rounding error, so that a period of 1 ms is one step of 1 ms.
+    return math.ceil(seconds(_period(values)) / as_float(values[_TIMESTEP.name]) * (1.0 - 1e-9))
