@@ -26,7 +26,7 @@ ROSDEP_KEYS = {
 """Of Python packages, as in rosdep/python.yaml of rosdistro; ROS packages are declared by their names."""
 WITHOUT_KEY = {"llvmlite", "mcap", "mujoco", "plotly"}
 """llvmlite comes with numba."""
-OPTIONAL = {"dask", "distributed", "pinocchio"}
+OPTIONAL = {"OpenGL", "av", "dask", "distributed", "glfw", "pinocchio"}
 """Imported only where they are installed."""
 HELPERS = {path.stem for path in Path(__file__).parent.glob("*.py")}
 

@@ -12,7 +12,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
     ],
     install_requires=["setuptools", "pidtsm_core", "numpy", "scipy", "matplotlib", "plotly", "jinja2", "pyyaml"],
-    extras_require={"test": ["pytest"]},
+    extras_require={"test": ["pytest"], "video": ["av", "pyopengl"], "viewer": ["glfw", "pyopengl"]},
     zip_safe=True,
     maintainer="pidtsm maintainers",
     maintainer_email="maintainers@pidtsm.example",

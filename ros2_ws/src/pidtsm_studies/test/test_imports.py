@@ -12,6 +12,9 @@ import pidtsm_studies
 PACKAGES = [Path(package.__path__[0]) for package in (pidtsm_core, pidtsm_studies)]
 FILES = [file for package in PACKAGES for file in sorted(package.rglob("*.py"))]
 LIBRARIES = {
+    "OpenGL",
+    "av",
+    "glfw",
     "jinja2",
     "joblib",
     "llvmlite",

@@ -12,6 +12,10 @@ from pidtsm_core.robots.tree.layout import Column, inertia_matrix, rows, steiner
 
 PAYLOAD = "pidtsm_payload"
 """Name of the body of the payload, which is part of the tool."""
+PICTURE = 1280, 720
+"""Width and height of a picture, pixels."""
+_BONE = 0.06
+"""Radius of a line of a skeleton, as a share of the longest one."""
 TOOL = "pidtsm_tool"
 """Name of the site at the tool."""
 
@@ -31,14 +35,12 @@ def described_bodies(arm: Description, length: float = 1.0, tree: Array | None =
         Of type ``mujoco.MjSpec``, with the joints of the arm alone, without actuators, and with an empty payload.
 
     Raises:
-        DescriptionError: a link has both a joint of the arm and a locked one, or nothing of the arm can touch.
+        DescriptionError: a link has both a joint of the arm and a locked one.
     """
     spec = parse(arm.text, geometry=touchable).spec
     if touchable and arm.is_urdf:
         for geom in spec.geoms:
             geom.conaffinity = 0
-    if touchable and not spec.geoms:
-        raise DescriptionError("no link has a shape that MuJoCo can read, so the arm cannot touch a scene")
     model = compile_spec(spec)
     links = [body for body in spec.bodies if body.id >= model.nbody - len(arm.links.names)]
     for body, name in zip(links, arm.links.names, strict=True):
@@ -66,6 +68,35 @@ def add_payload(tool: Any, place: Array) -> None:
     tool.add_site(name=TOOL, pos=place)
     # With a body of its own, the structure of the model is the same with and without payload, and so is its state.
     tool.add_body(name=PAYLOAD, pos=place, explicitinertial=True, mass=0.0, inertia=np.zeros(3))
+
+
+def add_skeleton(spec: Any) -> None:
+    """Give an arm without shapes a line from each body to those behind it, in a ``mujoco.MjSpec``, for pictures."""
+    spec.compiler.discardvisual = False
+    if spec.geoms:
+        return
+    bodies = [(body, np.array(body.pos)) for body in spec.bodies[2:] if body.name != PAYLOAD]
+    width = _BONE * max((float(np.linalg.norm(to)) for _, to in bodies), default=1.0)
+    for body, to in bodies:
+        if np.linalg.norm(to) > width:
+            kind = load_mujoco().mjtGeom.mjGEOM_CAPSULE
+            ends = [*np.zeros(3), *to]
+            body.parent.add_geom(type=kind, fromto=ends, size=[width, 0.0, 0.0], contype=0, conaffinity=0)
+
+
+def add_surroundings(spec: Any) -> None:
+    """Add what pictures need to a ``mujoco.MjSpec``: a sky, light, and memory for pictures of `PICTURE` pixels."""
+    mujoco = load_mujoco()
+    kinds = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
+    if not any(texture.type == kinds[0] for texture in spec.textures):
+        light, dark = [0.95, 0.97, 1.0], [0.55, 0.6, 0.7]
+        spec.add_texture(type=kinds[0], builtin=kinds[1], rgb1=light, rgb2=dark, width=64, height=384)
+    if not spec.lights:
+        kind = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        spec.worldbody.add_light(type=kind, pos=[0.0, 0.0, 4.0], dir=[0.4, 0.6, -1.0], castshadow=False)
+    spec.compiler.discardvisual = False
+    sizes = spec.visual.global_
+    sizes.offwidth, sizes.offheight = max(sizes.offwidth, PICTURE[0]), max(sizes.offheight, PICTURE[1])
 
 
 def set_inertial(body: Any, mass: float, center: Array, inertia: Array) -> None:

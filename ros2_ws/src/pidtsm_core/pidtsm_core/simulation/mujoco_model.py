@@ -11,7 +11,14 @@ import numpy as np
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float
 from pidtsm_core.robots import DESCRIPTION, DescriptionError, Robot, TreeRobot, find_robot, payload_of
 from pidtsm_core.robots.compiler import compile_spec, load_mujoco, load_spec
-from pidtsm_core.robots.rigid_bodies import PAYLOAD, described_bodies, set_inertial, text_bodies
+from pidtsm_core.robots.rigid_bodies import (
+    PAYLOAD,
+    add_skeleton,
+    add_surroundings,
+    described_bodies,
+    set_inertial,
+    text_bodies,
+)
 from pidtsm_core.robots.tree.layout import Column, rows
 from pidtsm_core.timing import period_nanoseconds, seconds
 
@@ -76,13 +83,21 @@ def engine_schema(settings: Mapping[str, object], of_robot: tuple[Parameter, ...
     return (*chosen, ENGINE, *_PARAMETERS)
 
 
-def make_models(values: Mapping[str, Value], factors: Mapping[str, float], viscous: Array) -> MujocoModels:
+def with_engine(values: Mapping[str, Value]) -> dict[str, Value]:
+    """Parameters of a simulator, with those of MuJoCo if they are of one with the other engine."""
+    return {**{p.name: p.default for p in _PARAMETERS}, **values}
+
+
+def make_models(
+    values: Mapping[str, Value], factors: Mapping[str, float], viscous: Array, shown: bool = False
+) -> MujocoModels:
     """Compile the arm in its scene.
 
     Args:
         values: every parameter of `plant_schema`, as returned by `resolve`.
         factors: model errors by quantity, see `Robot.pack_model`.
         viscous: friction that MuJoCo integrates together with the motion, shape (joints,), N m s/rad.
+        shown: for pictures: also an arm without a scene has its shapes, and one without shapes a skeleton.
 
     Raises:
         ParameterError: MuJoCo cannot simulate the arm, or the scene cannot be read.
@@ -90,13 +105,19 @@ def make_models(values: Mapping[str, Value], factors: Mapping[str, float], visco
     robot, scene = find_robot(values), str(values[SCENE.name])
     packed = robot.pack_model(values, factors=factors)
     try:
-        arm = _bodies(robot, packed, factors, touchable=bool(scene))
+        arm = _bodies(robot, packed, factors, touchable=bool(scene) or shown)
+        if shown:
+            add_skeleton(arm)
+        elif scene:
+            _check_shapes(arm)
         compile_spec(arm)  # An error of the arm is not one of the scene.
     except DescriptionError as error:
         raise ParameterError(f"{DESCRIPTION.name}: {error}", DESCRIPTION.name) from None
     prefix = _OF_ARM if scene else ""
     try:
         spec = _placed(scene, arm) if scene else arm
+        if shown:
+            add_surroundings(spec)
         empty = _compiled(spec, values)
         set_inertial(spec.body(prefix + PAYLOAD), *payload_of(values))
         loaded = _compiled(spec, values)
@@ -106,6 +127,16 @@ def make_models(values: Mapping[str, Value], factors: Mapping[str, float], visco
     for model in (empty, loaded):
         _set_joints(model, [int(joint.dofadr[0]) for joint in joints], viscous, _armature(robot, packed))
     return MujocoModels(empty, loaded, tuple(joint.id for joint in joints), _bodies_of_arm(empty, prefix))
+
+
+def _check_shapes(arm: Any) -> None:
+    """Check that an arm can touch a scene.
+
+    Raises:
+        DescriptionError: it has no shape.
+    """
+    if not arm.geoms:
+        raise DescriptionError("no link has a shape that MuJoCo can read, so the arm cannot touch a scene")
 
 
 def _placed(scene: str, arm: Any) -> Any:

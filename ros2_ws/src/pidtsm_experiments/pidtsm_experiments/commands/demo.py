@@ -4,7 +4,12 @@ import argparse
 from pathlib import Path
 
 from pidtsm_core.experiment import make_experiment
-from pidtsm_experiments.commands.options import add_engine_argument, add_robot_argument, engine_overrides
+from pidtsm_experiments.commands.options import (
+    add_engine_argument,
+    add_robot_argument,
+    engine_overrides,
+    require_followed,
+)
 from pidtsm_experiments.commands.run import run_and_report
 
 
@@ -18,5 +23,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     experiment = make_experiment(None, overrides=engine_overrides(options.engine), robot=options.robot)
-    run_and_report(experiment, "lockstep", options.out)
+    require_followed(run_and_report(experiment, "lockstep", options.out).metrics())
     return 0

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from pidtsm_core.experiment import Experiment
+from pidtsm_core.recording import Recording
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.commands.options import (
@@ -19,6 +20,7 @@ from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.outputs import write_outputs
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_experiments.runs.runner import recorded_parameters, run
+from pidtsm_studies.replay import check_video, check_viewer, show, write_video
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,21 +35,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--composed", action="store_true", help="run all nodes but the recorder in one process: lowest latency"
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="result folder (default: results/SCENARIO-LAW)")
+    parser.add_argument("--video", action="store_true", help="also render the run to video.mp4 and still.png")
+    parser.add_argument("--viewer", action="store_true", help="play the run in MuJoCo's viewer when it has ended")
 
 
 def execute(options: argparse.Namespace) -> int:
+    if options.video:
+        check_video()
+    if options.viewer:
+        check_viewer()
     experiment = experiment_of(options)
     out = options.out or Path("results", f"{experiment.scenario}-{experiment.law}")
-    run_and_report(experiment, options.clock, out, options.composed)
+    recording = run_and_report(experiment, options.clock, out, options.composed, options.video)
+    if options.viewer:
+        show(recording, recorded_parameters(experiment, options.clock)["simulator"])
+    require_followed(recording.metrics())
     return 0
 
 
-def run_and_report(experiment: Experiment, clock: str, out: Path, composed: bool = False) -> None:
-    """Run an experiment, analyse it, draw the figures, and print where the results are.
+def run_and_report(
+    experiment: Experiment, clock: str, out: Path, composed: bool = False, video: bool = False
+) -> Recording:
+    """Run an experiment, analyse it, draw the figures, and print where the results are; returns the run.
 
     Raises:
         UsageError: see `runner.run` and `result_folder`.
-        RunError: the run failed, or, with complete results, the controller does not follow at the end.
+        RunError: the run failed.
     """
     parameters = recorded_parameters(experiment, clock)  # Reject invalid parameters before anything starts.
     warn(parameters["controller"])
@@ -68,6 +81,10 @@ def run_and_report(experiment: Experiment, clock: str, out: Path, composed: bool
         except RecordingError as error:
             raise RunError(str(error)) from None
         metrics = write_outputs(recording, folder)
+        if video:
+            bar.update(task, description=f"{title}: rendering")
+            write_video(recording, parameters["simulator"], folder)
     show_metrics(metrics, as_json=False)
-    CONSOLE.print(f"{out}: report.html metrics.json figures/ bag/ params/ log/", highlight=False)
-    require_followed(metrics)
+    files = "report.html metrics.json figures/ bag/ params/ log/"
+    CONSOLE.print(f"{out}: {files}{' video.mp4 still.png' if video else ''}", highlight=False)
+    return recording

@@ -10,7 +10,16 @@ from pathlib import Path
 from pidtsm_core.errors import UsageError
 
 _FOLDERS = {"bag", "params", "log", "figures"}
-_FILES = {"recording.npz", "metrics.json", "robustness.json", "comparison.json", "engines.json", "report.html"}
+_FILES = {
+    "recording.npz",
+    "metrics.json",
+    "robustness.json",
+    "comparison.json",
+    "engines.json",
+    "report.html",
+    "video.mp4",
+    "still.png",
+}
 
 
 @contextmanager
