@@ -14,6 +14,7 @@ from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.tree.layout import GRAVITY, Column, rotation, rows, set_inertia, size
 
 _SLIDE, _HINGE = 2, 3  # mjtJoint
+_ON_JOINT, _FIXED, _NO_BIAS = 0, 0, 0  # mjtTrn, mjtGain, mjtBias
 _CONNECT, _WELD, _COUPLE = 0, 1, 2  # mjtEq
 
 
@@ -291,6 +292,7 @@ class _Assembly:
         limits = [self._compiled.limits.get(name, {}) for name in self._chosen]
         bounded = m.jnt_limited[order].astype(bool)
         forces = np.where(m.jnt_actfrclimited[order].astype(bool), m.jnt_actfrcrange[order, 1], math.inf)
+        forces = np.minimum(forces, _motor_limits(m)[order])
         return Description(
             joints=self._chosen,
             tree=self._tree,
@@ -329,6 +331,17 @@ class _Assembly:
         while len(children := np.flatnonzero(m.body_parentid == body)) == 1 and m.body_jntnum[children[0]] == 0:
             body = int(children[0])
         return body
+
+
+def _motor_limits(model: Any) -> Array:
+    """Largest effort of the motors on each joint of an MJCF, shape (njnt,), N m or N; infinite without one."""
+    limits = np.full(model.njnt, math.inf)
+    for i in range(model.nu):
+        force = model.actuator_gainprm[i, 0] * model.actuator_gear[i, 0]
+        is_motor = (model.actuator_gaintype[i], model.actuator_biastype[i]) == (_FIXED, _NO_BIAS)
+        if is_motor and model.actuator_trntype[i] == _ON_JOINT and model.actuator_ctrllimited[i]:
+            limits[model.actuator_trnid[i, 0]] = abs(force) * model.actuator_ctrlrange[i, 1]
+    return limits
 
 
 def joint_displacement(model: Any, joint: int, value: float) -> tuple[Array, Array]:

@@ -211,6 +211,16 @@ def test_an_mjcf_finds_its_files_wherever_it_is_read(tmp_path: Path, monkeypatch
         read_source(str(tmp_path / "arm.xml"))
 
 
+def test_the_motors_of_an_mjcf_limit_the_efforts() -> None:
+    body = '<body name="{0}"><joint name="{0}" axis="0 1 0"/><inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/>'
+    motors = (
+        '<motor joint="a" ctrllimited="true" ctrlrange="-2 2" gear="30"/>'
+        '<position joint="b" kp="5" ctrllimited="true" ctrlrange="-1 1"/>'
+    )
+    text = f"<worldbody>{body.format('a')}{body.format('b')}</body></body></worldbody><actuator>{motors}</actuator>"
+    assert read_description(f"<mujoco>{text}</mujoco>").effort.tolist() == [60.0, math.inf]
+
+
 def test_an_arm_without_effort_limits_needs_them_as_parameter() -> None:
     text = urdf(ARM.replace('effort="30"', 'effort="0"'))
     with pytest.raises(ParameterError, match=r"limits\.effort: the description has no effort limit of shoulder, elbow"):
