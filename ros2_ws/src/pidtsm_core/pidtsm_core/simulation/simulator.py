@@ -3,12 +3,10 @@
 One sample is `sense`, then the controller's step, then `act`.
 """
 
-import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pidtsm_core.by_reference import reference
 from pidtsm_core.compiled import inlined, njit
@@ -17,6 +15,7 @@ from pidtsm_core.parts import PartOf
 from pidtsm_core.robots import GRAVITY, Model, find_robot, inverse_dynamics, make_model
 from pidtsm_core.simulation import actuator, channel, friction, plant, randomness, sensor
 from pidtsm_core.simulation.actuator import ActuatorConfig, actuator_config, drive
+from pidtsm_core.simulation.brakes import COMMAND_TIMEOUT, BrakesState, brake, brakes_state, patience_of, watch
 from pidtsm_core.simulation.channel import (
     ChannelConfig,
     ChannelState,
@@ -27,22 +26,10 @@ from pidtsm_core.simulation.channel import (
     place,
 )
 from pidtsm_core.simulation.contacts import bodies_that_can_touch, contact_wrenches
-from pidtsm_core.simulation.plant import Plant, PlantConfig, PlantState, carry, plant_schema, step
+from pidtsm_core.simulation.plant import Plant, PlantConfig, PlantState, plant_schema, step
 from pidtsm_core.simulation.randomness import Column, Randomness
 from pidtsm_core.simulation.sensor import SensorConfig, measure, sensor_config
 from pidtsm_core.timing import period_nanoseconds, seconds
-
-_BRAKING = 0.002
-"""Time constant with which the brakes stop the arm, s."""
-
-_COMMAND_TIMEOUT = Parameter(
-    "command.timeout",
-    0.02,
-    "how long the last torque is held without a new command; then brakes stop the arm until the next command; "
-    "0: the last torque is held without limit",
-    "s",
-    minimum=0.0,
-)
 
 
 def simulator_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
@@ -52,7 +39,7 @@ def simulator_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         GRAVITY,
         *sensor.PARAMETERS,
         *channel.PARAMETERS,
-        _COMMAND_TIMEOUT,
+        COMMAND_TIMEOUT,
         *actuator.PARAMETERS,
         *randomness.PARAMETERS,
     )
@@ -77,8 +64,7 @@ class SimulatorState(NamedTuple):
     measurements: ChannelState  # packets: measured q, true q', q'', applied effort; shape (4, joints)
     commands: ChannelState  # packets: effort, shape (1, joints)
     command: Array  # effort that arrived last, shape (joints,), N m
-    released: NDArray[np.bool_]  # shape (1,): a command has arrived, the brakes are released
-    silence: NDArray[np.int64]  # shape (1,): samples since the last one with a command, inclusive; 0: none yet
+    brakes: BrakesState
     motor: Array  # position on the motor side of the backlash, shape (joints,), rad
     lagging: Array  # torque of the drives at the end of the sample, shape (joints,), N m
     effort: Array  # torque of the motors over the sample, before the limits, shape (joints,), N m
@@ -151,36 +137,15 @@ def _take(state: SimulatorState, effort: Array) -> None:
     """Accept a command."""
     for j in range(effort.size):
         state.command[j] = effort[j]
-    state.released[0] = True
-
-
-@inlined
-def _watch(config: SimulatorConfig, state: SimulatorState, arrives: bool) -> None:
-    """Engage the brakes if no command has reached the drives for too long."""
-    if arrives:
-        state.silence[0] = 1
-    elif state.silence[0] > 0:
-        state.silence[0] += 1
-        if state.silence[0] > config.patience:
-            state.released[0] = False
+    state.brakes.released[0] = True
 
 
 @part
 def _brake(config: SimulatorConfig, state: SimulatorState, t: float, dt: float) -> None:
-    """Move the arm from t to t + dt (s) with engaged brakes, which no force moves.
-
-    Velocities decay exponentially, the motors deliver no torque.
-    """
-    arm, left = state.arm, math.exp(-dt / _BRAKING)
-    for j in range(arm.position.size):
-        velocity = arm.derivatives[0, j]
-        arm.position[j] += _BRAKING * (1.0 - left) * velocity
-        arm.derivatives[0, j] = left * velocity
-        arm.derivatives[1, j] = -left * velocity / _BRAKING
-        arm.effort[j] = 0.0
+    """Move the arm with engaged brakes, see `brake`; the drives deliver no torque."""
+    brake(config.plant, state.arm, t, dt)
+    for j in range(state.lagging.size):
         state.lagging[j] = 0.0
-    if config.plant.mujoco.steps > 0:
-        carry(config.plant, arm, t)
 
 
 @part
@@ -243,8 +208,8 @@ def act(
     else:
         arrives = _deliver(config, state, draws, sample, commanded, effort)
         torque = state.command
-    _watch(config, state, arrives)
-    if state.released[0]:
+    watch(config.patience, state.brakes, arrives)
+    if state.brakes.released[0]:
         if config.adds_gravity:
             _add_gravity(config, state, torque)
             torque = state.gravity[1]
@@ -306,8 +271,7 @@ class SimulatedRobot:
             measurements=channel_state(values, "", 4, joints),
             commands=channel_state(values, "command_", 1, joints),
             command=np.zeros(joints),
-            released=np.zeros(1, dtype=np.bool_),
-            silence=np.zeros(1, dtype=np.int64),
+            brakes=brakes_state(),
             motor=self._plant.state.position.copy(),
             lagging=np.zeros(joints),
             effort=np.zeros(joints),
@@ -320,12 +284,12 @@ class SimulatedRobot:
         self.applied = np.zeros(joints)
 
     def _configure(self, values: Mapping[str, Value]) -> None:
-        timeout, robot = as_float(values[_COMMAND_TIMEOUT.name]), find_robot(values)
+        robot = find_robot(values)
         self.config = config = SimulatorConfig(
             sensor=sensor_config(values, self.joints),
             measurements=channel_config(values, ""),
             commands=channel_config(values, "command_"),
-            patience=min(round(timeout * 1e9) // self._period if timeout else 2**62, 2**62),
+            patience=patience_of(values, self._period),
             actuator=actuator_config(values, self.joints),
             adds_gravity=values[GRAVITY.name] == "added_by_robot",
             firmware=make_model(robot, robot.pack_model(values)),
@@ -358,12 +322,12 @@ class SimulatedRobot:
     @property
     def silence(self) -> int:
         """Samples since the last one with a command, inclusive; 0: none yet."""
-        return int(self.state.silence[0])
+        return int(self.state.brakes.silence[0])
 
     @property
     def braked(self) -> bool:
         """Whether the brakes are engaged."""
-        return not self.state.released[0]
+        return not self.state.brakes.released[0]
 
     @property
     def has_tool(self) -> bool:
@@ -400,8 +364,8 @@ class SimulatedRobot:
         arm.effort[:] = 0.0
         self.state.motor[:] = arm.position
         self.state.lagging[:] = 0.0
-        self.state.released[0] = False
-        self.state.silence[0] = 0
+        self.state.brakes.released[0] = False
+        self.state.brakes.silence[0] = 0
 
     def sense(self, sample: int) -> tuple[int, Array]:
         """Begin a sample; call it once for every sample, in order.
@@ -421,10 +385,10 @@ class SimulatedRobot:
         """Move the arm to the next sample, see `act`."""
         t, dt = seconds(sample * self._period), self._dt
         if self._ideal:
-            _watch(self.config, self.state, commanded)
+            watch(self.config.patience, self.state.brakes, commanded)
             if commanded:
                 _take(self.state, effort)
-            if self.state.released[0]:
+            if self.state.brakes.released[0]:
                 self._plant.step(effort, t, dt)
             else:
                 _brake_now(self.config, self.state, t, dt)
