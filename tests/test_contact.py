@@ -20,22 +20,30 @@ def told(*first: str, cells: int) -> list[str]:
 
 
 @pytest.mark.parametrize("contender", ["piddtsm", "computed_torque", "piddtsm, practical"])
-@pytest.mark.parametrize("limits", ["low", "of the arm, tracking limit"])
+@pytest.mark.parametrize("limits", contact.LIMITS)
 def test_a_controller_does_in_the_wall_what_the_page_says(contender: str, limits: str) -> None:
-    run = contact.press(contender, limits)
-    judged = contact.judge(run, limits)
+    judged = contact.judge(contact.press(contender, limits), limits)
     assert judged.torque <= 1.0
-    torque, gain, within, after = told(contender, limits, cells=4)
+    torque, gain, within, after, free = told(contender, limits, cells=5)
     assert [float(torque), float(gain), float(within)] == pytest.approx(
         [judged.torque, judged.gain, 1e3 * judged.within], rel=0.2, abs=0.02
     )
-    if limits == "low":
-        assert judged.fault == ""
-        assert judged.after < 0.01
-        assert float(after) == pytest.approx(1e3 * judged.after, rel=0.2, abs=0.2)
-    else:
+    if "tracking limit" in limits:
         assert judged.fault == "TRACKING_LIMIT"
         assert judged.fault in after
+    else:
+        # Back on its reference, and nothing has run away.
+        assert judged.fault == ""
+        assert judged.after < 2.5e-3
+        assert judged.gain < 50.0
+        assert float(after) == pytest.approx(1e3 * judged.after, rel=0.2, abs=0.2)
+        assert float(free) < 0.1
+
+
+def test_the_gain_runs_away_where_contact_is_not_recognised() -> None:
+    careless = contact.judge(contact.press("piddtsm", "of the arm", careful=False), "of the arm")
+    assert careless.gain > 100.0
+    assert careless.after > 5e-3
 
 
 @pytest.mark.parametrize("engine", ["rigid_body", "mujoco"])

@@ -24,7 +24,7 @@ from pidtsm_core.node_parameters import AUTOSTART
 from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot
-from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
+from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status, Violation
 from pidtsm_experiments.runs.domain import own_domain
 from pidtsm_experiments.runs.runner import node_parameters
 from pidtsm_msgs.msg import ControllerState, JointReference
@@ -145,6 +145,10 @@ CONDITIONS: dict[str, Any] = {
     "rate limit of 1000 N m/s of one joint, blend": {
         "controller": {"limits.effort_rate": [1000.0, 0.0], "activation.blend": 0.2}
     },
+    "contact": {
+        "controller": {"limits.external_effort": [5.0, 2.0]},
+        "simulator": {"push.effort": [60.0, -30.0], "push.time": 0.2, "push.duration": 0.2},
+    },
     "blend": {"controller": {"activation.blend": 0.4}},
     "limits that warn": {
         "controller": {
@@ -255,6 +259,7 @@ def test_the_conditions_are_what_they_are_called() -> None:
 
     limited = runs["rate limit of 300 N m/s, push"].signals[:, Signal.SATURATED].astype(int)
     assert (limited & Limited.RATE).any()
+    assert Violation.EXTERNAL_EFFORT in status("contact", Status.VIOLATIONS)
     assert Fault.TRACKING_LIMIT in status("tracking limit, reset", Status.FAULT)
     assert runs["tracking limit, reset"].status[-1, Status.FAULT] == Fault.NO_FAULT
     assert Fault.STATE_STALE in status("gap in the joint states that stops, reset", Status.FAULT)

@@ -30,6 +30,8 @@ from pidtsm_ros.wire import IncomingMessages, OutgoingMessage, deserialize
 
 _REFERENCE_FIELDS = ("position", "velocity", "acceleration")
 _LOOP_FIELDS = ("period", "rate", "period_jitter", "state_age", "missed_deadlines", "compute_time")
+_CALM = 1.0
+"""s; sooner, the same warning is not logged again: a limit may be exceeded again and again."""
 _NO_REFERENCE = serialize_message(JointReference())
 """Sent by the trajectory node in lockstep if there is no reference, because the controller waits for a message."""
 
@@ -58,6 +60,7 @@ class ControllerNode(ManagedNode):
         self._reported = _Reported()
         self._status: tuple[int, ...] | None = None
         self._braked: bool | None = None
+        self._warned: dict[str, float] = {}  # when, s
 
     @property
     def lockstep(self) -> bool:
@@ -228,10 +231,11 @@ class ControllerNode(ManagedNode):
             # One line of code per level: rclpy identifies logging calls by their line.
             if change.level == "error":
                 self.get_logger().error(change.text)
-            elif change.level == "warning":
-                self.get_logger().warning(change.text)
-            else:
+            elif change.level == "info":
                 self.get_logger().info(change.text)
+            elif time.monotonic() - self._warned.get(change.text, -_CALM) >= _CALM:
+                self.get_logger().warning(change.text)
+                self._warned[change.text] = time.monotonic()
         self._status = status
 
     def _publish_once_more(self) -> None:

@@ -95,7 +95,11 @@ def first_gains(
         Gain("law.xi", 0.3, "the least switching gain, so that little is left to adapt to"),
         Gain("law.layer", 0.02, "the sign of sigma would make a large gain chatter"),
         Gain("law.gain_maximum", 20.0, "the observer leaves little to adapt to, so more would be noise"),
-        Gain("law.anti_windup", "conditional", "integrals and adaptation pause at the limits of the torque"),
+        Gain(
+            "law.anti_windup",
+            "conditional",
+            "integrals and adaptation pause at the limits of the torque, and in contact",
+        ),
     )
 
 

@@ -54,6 +54,7 @@ class Fault(IntEnum):
     TRACKING_LIMIT = 4
     EFFORT_RATE_LIMIT = 5
     MEASUREMENT = 6
+    EXTERNAL_EFFORT_LIMIT = 7
 
 
 class Violation(IntEnum):
@@ -62,6 +63,7 @@ class Violation(IntEnum):
     POSITION = 1
     VELOCITY = 2
     TRACKING = 4
+    EXTERNAL_EFFORT = 8
 
 
 class Limited(IntEnum):

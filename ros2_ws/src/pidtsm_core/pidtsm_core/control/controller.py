@@ -109,6 +109,7 @@ class Controller:
             bool(law.uses_model and (coulomb.any() or viscous.any())),
             any(found.continuous),
             values[GRAVITY.name] == "added_by_robot",
+            bool(np.any(values["limits.external_effort"])),
             *law_integers(law, values),
         ]
         self.integers[: len(integers)] = integers
@@ -130,6 +131,7 @@ class Controller:
         config.max_position[:] = highest
         config.velocity_limit[:] = joint_array(values["limits.velocity"], self.joints)
         config.tracking_limit[:] = joint_array(values["limits.tracking_error"], self.joints)
+        config.external_limit[:] = joint_array(values["limits.external_effort"], self.joints)
         config.plausible_velocity[:] = joint_array(values["plausibility.velocity"], self.joints)
         config.coulomb[:] = coulomb
         config.viscous[:] = viscous

@@ -10,7 +10,6 @@ from pidtsm_core.compiled import inlined
 from pidtsm_core.control.effort import write_net_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, part
 from pidtsm_core.control.turns import turn_reference
-from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.laws import command
 from pidtsm_core.parameters import Array
 from pidtsm_core.polynomials import add_quintic, quintic
@@ -245,7 +244,7 @@ def learnt_acceleration(config: ControllerConfig, state: ControllerState, joint:
     Its unit is rad/s^2, or N m for a law that does not use the model.
     """
     learnt = command(0.0, 0.0, 0.0, 0.0, config.law_integers, config.law[joint], state.law[joint], 0.0)[0]
-    return learnt - state.estimator[joint, DISTURBANCE] if config.rejects else learnt
+    return learnt - state.rejected[joint]
 
 
 @part

@@ -1,7 +1,7 @@
 """All parameters of the controller that affect its effort, in nodes and rollouts."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -21,19 +21,19 @@ ESTIMATOR_NAME = Parameter(
 )
 
 
-def _action(name: str, limits: str) -> Parameter:
+def _action(name: str, limits: str, default: str = "stop") -> Parameter:
     return Parameter(
         f"limits.{name}_action",
-        "stop",
+        default,
         f"what the controller does if a joint exceeds {limits}: stop (a fault) or warn",
         choices=("stop", "warn"),
     )
 
 
-def _limit(name: str, description: str, unit: str) -> tuple[Parameter, Parameter]:
+def _limit(name: str, description: str, unit: str, action: str = "stop") -> tuple[Parameter, Parameter]:
     return (
         Parameter(f"limits.{name}", 0.0, f"{description}; 0: none", unit, minimum=0.0, per_joint=True),
-        _action(name, f"limits.{name}"),
+        _action(name, f"limits.{name}", action),
     )
 
 
@@ -58,6 +58,13 @@ _LIMITS = (
     _action("position", "limits.min_position or limits.max_position"),
     *_limit("velocity", "largest estimated velocity in either direction", "rad/s"),
     *_limit("tracking_error", "largest error in either direction", "rad"),
+    *_limit(
+        "external_effort",
+        "largest torque that something outside the arm exerts on a joint, by the model, averaged over 0.1 s. Beyond "
+        "it, the arm is taken to be in contact: with law.anti_windup: conditional, all integrals and adaptation pause",
+        "N m",
+        "warn",
+    ),
 )
 _RANGE = ("limits.min_position", "limits.max_position")
 _SAFETY = (
@@ -178,6 +185,8 @@ REJECTION = Parameter(
     "estimator.name: extended_state_observer",
     read_only=True,
 )
+_TOUCH = 0.25
+"""Share of the effort limit of a joint that only contact exerts, not a payload or an error of the model."""
 FRICTION = (
     Parameter(
         "compensation.coulomb",
@@ -209,6 +218,16 @@ def _of_robot(parameters: Iterable[Parameter], robot: Robot) -> tuple[Parameter,
         "compensation.viscous": robot.damping,
     }
     return tuple(replace(p, default=described.get(p.name) or p.default) for p in parameters)
+
+
+def _with_touch(parameters: Iterable[Parameter], settings: Mapping[str, object], robot: Robot) -> Iterator[Parameter]:
+    """The parameters, with a default of ``limits.external_effort`` that follows from ``limits.effort``."""
+    try:
+        limit = np.broadcast_to(np.asarray(settings.get("limits.effort", robot.effort_limit), float), len(robot.joints))
+    except (TypeError, ValueError):  # It is rejected elsewhere.
+        limit = np.full(len(robot.joints), math.inf)
+    touch = tuple(np.where(np.isfinite(limit), _TOUCH * limit, 0.0).tolist())
+    return (replace(p, default=touch) if p.name == "limits.external_effort" else p for p in parameters)
 
 
 def _check_range(settings: Mapping[str, object], robot: Robot) -> None:
@@ -246,7 +265,7 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         *prefixed("estimator", estimator.parameters),
         *robot_schema(settings),
         *payload_schema(settings, "mass at the tool that the controller knows"),
-        *_of_robot((*FRICTION, *_LIMITS), robot),
+        *_with_touch(_of_robot((*FRICTION, *_LIMITS), robot), settings, robot),
         *_SAFETY,
         _FEEDBACK,
         GRAVITY,

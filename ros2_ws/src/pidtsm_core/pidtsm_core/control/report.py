@@ -17,19 +17,22 @@ LIMITS = {
     Violation.POSITION: "position",
     Violation.VELOCITY: "velocity",
     Violation.TRACKING: "tracking_error",
+    Violation.EXTERNAL_EFFORT: "external_effort",
 }
 """NAME of the parameter ``limits.NAME_action``, by violation."""
-ONE_SIDED = ("limits.velocity", "limits.tracking_error")
+ONE_SIDED = ("limits.velocity", "limits.tracking_error", "limits.external_effort")
 """Limits of a magnitude; 0: none."""
 _NAMED = {
     Violation.POSITION: "its position limits (limits.*_position)",
     Violation.VELOCITY: "limits.velocity",
     Violation.TRACKING: "limits.tracking_error",
+    Violation.EXTERNAL_EFFORT: "limits.external_effort",
 }
 _OF_FAULTS = {
     Fault.POSITION_LIMIT: Violation.POSITION,
     Fault.VELOCITY_LIMIT: Violation.VELOCITY,
     Fault.TRACKING_LIMIT: Violation.TRACKING,
+    Fault.EXTERNAL_EFFORT_LIMIT: Violation.EXTERNAL_EFFORT,
 }
 _FALL = 1.0  # rad
 _CONFIGURATIONS = 500

@@ -51,6 +51,15 @@ class Hold(IntEnum):
     OFFSET = 4  # what is left of the difference between the last command before the stop and the first safe one, N m
 
 
+class External(IntEnum):
+    """Rows of the effort that acts on the arm from outside, per joint, N m, see contact.py."""
+
+    ONCE = 0  # averaged once
+    TWICE = 1  # averaged twice: noise of the position is differentiated twice
+    USUAL = 2  # the same when the arm was last near its reference
+    CHANGE = 3  # since then
+
+
 class ControllerConfig(NamedTuple):
     """What a step reads. The estimator is its index in `ESTIMATORS`; a limit of 0 means no limit."""
 
@@ -73,6 +82,7 @@ class ControllerConfig(NamedTuple):
     rejects: bool  # the disturbance that the observer estimates is subtracted from the law's acceleration
     doubts: bool  # the measurements of a joint are checked for plausibility
     turns: bool  # a joint is continuous
+    feels: bool  # a joint has a limit of the external effort
     robot_adds_gravity: bool  # the command is without the effort that carries the arm
     law_integers: Integers  # shape (LAW_INTEGERS,)
     blend: float  # s
@@ -95,6 +105,7 @@ class ControllerConfig(NamedTuple):
     coulomb: Array  # friction that is compensated, shape (joints,), N m
     viscous: Array  # likewise, N m s/rad
     turn: Array  # 2 pi for a continuous joint, else 0, shape (joints,), rad
+    external_limit: Array  # shape (joints,), N m
 
 
 class ControllerState(NamedTuple):
@@ -120,20 +131,25 @@ class ControllerState(NamedTuple):
     output: Array  # the command for the arm, shape (joints,), N m
     doubted: Array  # number of consecutive implausible measurements, shape (joints,)
     hold: Array  # of the safe effort that holds the arm, see `Hold`, shape (len(Hold), joints)
+    external: Array  # effort that acts on the arm from outside, see `External`, shape (len(External), joints)
+    rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of a simulation, shape (joints,), N m
     received: Array  # values of a joint state: `measured`, and `applied` if it is used, shape (1 or 2, joints)
     accelerations: Array  # scratch: a_eq, a_cmd, shape (2, joints)
+    motion: Array  # scratch: the same and the estimated q'', shape (3, joints)
     scratch: Array  # shape (6, joints)
     net: Array  # scratch: effort that accelerates the arm, shape (joints,), N m
 
 
-_CONFIG_INTEGERS = 26  # lengths, and the integers of `ControllerConfig` except the law's
+_CONFIG_INTEGERS = 27  # lengths, and the integers of `ControllerConfig` except the law's
 _FEEDS_BACK = 14
 _CLOCK = len(Clock)
 _SCALARS = 6
 # Rows of the table at the end of the floats, one number per joint: configuration, state, signals, scratch.
-_CONFIG, _MOTION, _SCRATCH = 11, 26 + len(Hold), 12
+_EXTERNAL = 26
+_HOLD = _EXTERNAL + len(External) + 1
+_CONFIG, _MOTION, _SCRATCH = 12, _HOLD + len(Hold), 13
 _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
 
 
@@ -174,6 +190,7 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
         doubts=integers[19] != 0,
         turns=integers[24] != 0,
         robot_adds_gravity=integers[25] != 0,
+        feels=integers[26] != 0,
         law_integers=integers[_CONFIG_INTEGERS : _CONFIG_INTEGERS + LAW_INTEGERS],
         blend=floats[0],
         distance=floats[1],
@@ -195,6 +212,7 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
         coulomb=rows[8],
         viscous=rows[9],
         turn=rows[10],
+        external_limit=rows[11],
     )
 
 
@@ -227,13 +245,16 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
         referred=motion[23],
         output=motion[24],
         doubted=motion[25],
-        hold=motion[26:],
+        external=motion[_EXTERNAL : _HOLD - 1],
+        rejected=motion[_HOLD - 1],
+        hold=motion[_HOLD:],
         truth=scratch[:2],
         torque=scratch[2],
         received=motion[: 1 + integers[_FEEDS_BACK]],
         accelerations=scratch[3:5],
-        scratch=scratch[5:11],
-        net=scratch[11],
+        motion=scratch[3:6],
+        scratch=scratch[6:12],
+        net=scratch[12],
     )
 
 

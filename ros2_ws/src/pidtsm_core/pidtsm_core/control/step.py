@@ -6,7 +6,7 @@ from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_
 from pidtsm_core.control.effort import carry, limit_rate, write_command
 from pidtsm_core.control.plausibility import doubt
 from pidtsm_core.control.safe import ELSEWHERE, leave, make_safe, make_safe_blindly
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, part, unpack
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, External, part, unpack
 from pidtsm_core.control.tick import tick
 from pidtsm_core.control.turns import distance, unwind_measurement
 from pidtsm_core.laws import Integers
@@ -154,7 +154,9 @@ def begin_afresh(state: ControllerState) -> None:
     hold_elsewhere(state)
     clock[Clock.ANSWERED] = 0
     for j in range(state.doubted.size):
-        state.doubted[j] = 0.0
+        state.doubted[j] = state.rejected[j] = 0.0
+        for i in range(state.external.shape[0]):
+            state.external[i, j] = 0.0
     clock[Clock.BEHIND_SINCE] = 0
 
 
@@ -229,6 +231,8 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
             exceeded |= Violation.VELOCITY
         if 0.0 < config.tracking_limit[j] < abs(errors[j]):
             exceeded |= Violation.TRACKING
+        if 0.0 < config.external_limit[j] < abs(state.external[External.CHANGE, j]):
+            exceeded |= Violation.EXTERNAL_EFFORT
         violations |= exceeded
         exceeded &= config.stops
         if exceeded & Violation.POSITION:
@@ -237,6 +241,8 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
             stop(state, Fault.VELOCITY_LIMIT, j + 1)
         elif exceeded & Violation.TRACKING:
             stop(state, Fault.TRACKING_LIMIT, j + 1)
+        elif exceeded & Violation.EXTERNAL_EFFORT:
+            stop(state, Fault.EXTERNAL_EFFORT_LIMIT, j + 1)
     state.status[Status.VIOLATIONS] = violations
 
 

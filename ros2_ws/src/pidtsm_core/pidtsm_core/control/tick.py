@@ -3,6 +3,7 @@
 import math
 
 from pidtsm_core.compiled import inlined
+from pidtsm_core.control.contact import in_contact, sense_contact
 from pidtsm_core.control.effort import limit_effort, write_net_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
@@ -13,7 +14,6 @@ from pidtsm_core.signals import Signal, Status
 
 _DIFFERENT = 0.05
 """Share of a joint's effort limit by which the applied effort may differ from the commanded one."""
-
 
 _REVERSAL = 0.01
 """rad/s; below this velocity, the compensated Coulomb friction goes to zero."""
@@ -33,8 +33,8 @@ def _held_back(config: ControllerConfig, state: ControllerState, joint: int) -> 
 def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Advance the states of the law over dt (s) with the values of the last tick, eqs. (10), (25), (27)."""
     y = state.signals
-    stopped = state.status[Status.FAULT] != 0
     adaptation = state.clock[Clock.ADAPTATION]
+    stopped = state.status[Status.FAULT] != 0 or in_contact(config, state)
     for j in range(y.shape[1]):
         frozen = stopped or (config.freezes and _held_back(config, state, j))
         advance(
@@ -49,6 +49,17 @@ def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> Non
 
 
 @inlined
+def _reject(config: ControllerConfig, state: ControllerState) -> None:
+    """Update the disturbance that the law rejects; like an integral, it does not grow while the arm cannot follow."""
+    touches = in_contact(config, state)
+    for j in range(state.rejected.size):
+        found = state.estimator[j, DISTURBANCE]
+        blocked = touches or (config.freezes and _held_back(config, state, j))
+        if not blocked or abs(found) < abs(state.rejected[j]):
+            state.rejected[j] = found
+
+
+@inlined
 def _command(config: ControllerConfig, state: ControllerState, desired: Array, dt: float) -> None:
     """Write the law's signals and accelerations, from the estimates."""
     y = state.signals
@@ -59,15 +70,14 @@ def _command(config: ControllerConfig, state: ControllerState, desired: Array, d
         a_cmd, a_eq, s, sigma, gain, tau_sw = command(
             e, de, dde, desired[2, j], config.law_integers, config.law[j], state.law[j], dt
         )
-        disturbance = state.estimator[j, DISTURBANCE] if config.rejects else 0.0
         y[Signal.POSITION_ERROR, j] = e
         y[Signal.VELOCITY_ERROR, j] = de
         y[Signal.SLIDING_VARIABLE, j] = s
         y[Signal.MANIFOLD_VARIABLE, j] = sigma
         y[Signal.ADAPTIVE_GAIN, j] = gain
         y[Signal.SWITCHING_TERM, j] = tau_sw
-        state.accelerations[0, j] = a_eq - disturbance
-        state.accelerations[1, j] = a_cmd - disturbance
+        state.accelerations[0, j] = a_eq - state.rejected[j]
+        state.accelerations[1, j] = a_cmd - state.rejected[j]
 
 
 @inlined
@@ -79,22 +89,28 @@ def _compensate(config: ControllerConfig, state: ControllerState, desired: Array
 
 
 @inlined
-def _actuate(config: ControllerConfig, state: ControllerState) -> None:
+def _actuate(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Convert the law's accelerations to efforts with the model; the outputs of a law without model are efforts."""
-    y = state.signals
-    efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
-    if config.uses_model:
-        q_hat, dq_hat = y[Signal.POSITION], y[Signal.VELOCITY]
-        inverse_dynamics(config.model, q_hat, dq_hat, state.accelerations, efforts)
-    for j in range(y.shape[1]):
+    y, motion, efforts = state.signals, state.motion, state.scratch
+    q_hat, dq_hat = y[Signal.POSITION], y[Signal.VELOCITY]
+    if config.feels:
+        for j in range(y.shape[1]):
+            motion[2, j] = y[Signal.ACCELERATION, j]
         if config.uses_model:
-            y[Signal.ACCELERATION_COMMAND, j] = state.accelerations[1, j]
+            inverse_dynamics(config.model, q_hat, dq_hat, motion, efforts[:3])
         else:
-            efforts[0, j] = state.accelerations[0, j]
-            efforts[1, j] = state.accelerations[1, j]
-        if config.compensates:
-            efforts[0, j] += state.friction[j]
-            efforts[1, j] += state.friction[j]
+            inverse_dynamics(config.model, q_hat, dq_hat, motion[2:], efforts[2:3])
+        sense_contact(state, efforts[2], dt)
+    elif config.uses_model:
+        inverse_dynamics(config.model, q_hat, dq_hat, motion[:2], efforts[:2])
+    for j in range(y.shape[1]):
+        added = state.friction[j] if config.compensates else 0.0
+        if config.uses_model:
+            y[Signal.ACCELERATION_COMMAND, j] = motion[1, j]
+        else:
+            efforts[0, j], efforts[1, j] = motion[0, j], motion[1, j]
+        y[Signal.EQUIVALENT_EFFORT, j] = efforts[0, j] + added
+        y[Signal.EFFORT, j] = efforts[1, j] + added
 
 
 @inlined
@@ -110,7 +126,7 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     If absurd positions cause an overflow, the torque is 0, never infinite or nan.
     The states of the law first advance over dt with the values of the last tick, so an irregular period integrates what
     was really held over it. States that can wind up pause while the applied effort is not the law's: at a limit
-    (``law.anti_windup``), and while the controller has stopped.
+    (``law.anti_windup``), and while the controller has stopped. They also pause in contact, see contact.py.
     """
     y, desired = state.signals, state.desired
     if dt > 0.0:
@@ -118,8 +134,10 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     write_net_effort(config, state, state.applied if config.feeds_back else y[Signal.EFFORT])
     sample = Sample(state.measured, state.truth, dt, state.net, config.model)
     estimate(config.estimator, sample, config.estimator_parameters, state.estimator, y[: Signal.POSITION_ERROR])
+    if config.rejects:
+        _reject(config, state)
     _command(config, state, desired, dt)
     if config.compensates:
         _compensate(config, state, desired)
-    _actuate(config, state)
+    _actuate(config, state, dt)
     limit_effort(config, state)

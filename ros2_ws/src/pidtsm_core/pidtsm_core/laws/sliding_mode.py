@@ -47,7 +47,7 @@ ANTI_WINDUP = Parameter(
     "anti_windup",
     "conditional",
     "conditional: the integrals and the adaptation of a joint pause while its torque, or the rate of its torque, is at "
-    "a limit, or the drives report another torque; none: as in the article",
+    "a limit, or the drives report another torque, and in contact (limits.external_effort); none: as in the article",
     choices=("conditional", "none"),
 )
 _SURFACE = Parameter("surface", "dual_terminal", "sliding surface", choices=SURFACES.names, read_only=True)

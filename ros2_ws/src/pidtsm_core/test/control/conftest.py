@@ -111,7 +111,7 @@ def _members(state: Any) -> Iterator[NDArray[Any]]:
     for member in state:
         if isinstance(member, np.ndarray):
             yield member
-        else:
+        elif isinstance(member, tuple):
             yield from _members(member)
 
 

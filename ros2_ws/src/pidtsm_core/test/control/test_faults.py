@@ -33,8 +33,8 @@ SECOND = 1000 * MS
 HOUR = 3600 * SECOND
 SETTLED = 20  # ticks before a fault
 UNDISTURBED = 100  # ticks
-BASE: dict[str, Any] = {"stop.effort": "gravity_damping", "plausibility.velocity": 0.0}
-"""A safe torque that can be predicted, and an arm that may jump; the rest: test_safe.py and test_plausibility.py."""
+BASE: dict[str, Any] = {"stop.effort": "gravity_damping", "plausibility.velocity": 0.0, "limits.external_effort": 0.0}
+"""A safe torque that can be predicted, and an arm that may jump and be held; the rest is tested in files of its own."""
 
 
 class Rig:
@@ -421,6 +421,12 @@ def cannot_keep_up(rig: Rig) -> None:
     pytest.fail("the controller does not see that the limit is too tight")
 
 
+def be_held(rig: Rig) -> None:
+    """Take the arm aside, and hold it there for half a second."""
+    for k in range(1000):
+        rig.step(rig.start + min(k / 500, 1.0) * rig.aside)
+
+
 JUDGED = {"plausibility.velocity": 20.0}
 LOST = "stopped: no joint state for {} s; safe torque until ~/reset_fault is called"
 RANGE = "its position limits (limits.*_position)"
@@ -530,6 +536,19 @@ def of_limits(arm: Arm) -> dict[str, Row]:
             leave(n - 1, 0.15),
             **stopped(Fault.TRACKING_LIMIT, BEYOND.format(last, "limits.tracking_error"), n),
             settings={"limits.tracking_error": 0.1},
+        ),
+        "beyond `limits.external_effort`": Row(
+            be_held,
+            log=("a joint is beyond limits.external_effort",),
+            settings={"limits.external_effort": [0.02 * limit for limit in limits]},
+        ),
+        "the same with `limits.external_effort_action: stop`": Row(
+            be_held,
+            **stopped(Fault.EXTERNAL_EFFORT_LIMIT, BEYOND.format(last, "limits.external_effort"), n),
+            settings={
+                "limits.external_effort": [0.0] * (n - 1) + [0.02 * limits[-1]],
+                "limits.external_effort_action": "stop",
+            },
         ),
         "beyond a limit that only warns": Row(
             leave(0, 0.4),

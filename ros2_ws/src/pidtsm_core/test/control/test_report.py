@@ -29,6 +29,7 @@ def clock(**times: int) -> NDArray[np.int64]:
         (Fault.POSITION_LIMIT, "{} is beyond its position limits (limits.*_position)"),
         (Fault.VELOCITY_LIMIT, "{} is beyond limits.velocity"),
         (Fault.TRACKING_LIMIT, "{} is beyond limits.tracking_error"),
+        (Fault.EXTERNAL_EFFORT_LIMIT, "{} is beyond limits.external_effort"),
         (Fault.EFFORT_RATE_LIMIT, "limits.effort_rate is too tight for the motion of the arm"),
         (Fault.MEASUREMENT, "{} has implausible measurements (plausibility.velocity)"),
     ],
