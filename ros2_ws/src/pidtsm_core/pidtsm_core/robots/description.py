@@ -113,7 +113,7 @@ def read_description(
     Args:
         text: the description; meshes need not exist.
         joints: names of the movable joints in the order of all arrays; None: the chain from the base to the first link
-            with more than one moving child, or none.
+            with more than one moving child, or none. In an MJCF with motors, bodies that no motor moves do not count.
         locked: positions of other joints, rad or m; the joints that are neither in `joints` nor here are locked at
             zero, or at the limit next to zero.
 
@@ -138,15 +138,19 @@ def _compile(text: str) -> _Model:
 
 
 def _chain(compiled: _Model) -> tuple[str, ...]:
-    """Movable joints from the base to the first link that has more than one moving child, or none."""
+    """Movable joints from the base to the first link that has more than one moving child, or none.
+
+    If the description has motors, only bodies that they move count: the others are surroundings.
+    """
     m = compiled.model
+    driven = _driven(m)
     children: dict[int, list[int]] = {}
     for body in range(1, m.nbody):
         children.setdefault(int(m.body_parentid[body]), []).append(body)
 
     def moving(body: int) -> list[int]:
         """The next moving bodies."""
-        below = children.get(body, [])
+        below = [child for child in children.get(body, []) if not driven or child in driven]
         return [b for child in below for b in ([child] if m.body_jntnum[child] else moving(child))]
 
     body = 0
@@ -156,6 +160,18 @@ def _chain(compiled: _Model) -> tuple[str, ...]:
         first = int(m.body_jntadr[body])
         found += range(first, first + int(m.body_jntnum[body]))
     return tuple(compiled.names[i] for i in found)
+
+
+def _driven(model: Any) -> set[int]:
+    """The bodies with a motor at one of their joints, and those between them and the base."""
+    on_joints = model.actuator_trnid[model.actuator_trntype == _ON_JOINT, 0]
+    found: set[int] = set()
+    for joint in on_joints:
+        body = int(model.jnt_bodyid[joint])
+        while body:
+            found.add(body)
+            body = int(model.body_parentid[body])
+    return found
 
 
 def _check_joints(compiled: _Model, chosen: Sequence[str], locked: Mapping[str, float]) -> None:

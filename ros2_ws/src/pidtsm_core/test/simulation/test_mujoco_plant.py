@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import simpson
 from testarms import PANDA, PENDULUM, TWO_LINK, Arm
 
 from pidtsm_core.closed_loop import DivergedError, rollout
@@ -129,21 +130,26 @@ def test_new_parameters_keep_the_state() -> None:
     np.testing.assert_allclose(moved[1], moved[0], atol=1e-9, rtol=1e-7)
 
 
+@pytest.mark.parametrize("viscous", [0.0, 0.5])
 @pytest.mark.parametrize("engine", ["rigid_body", "mujoco"])
-def test_the_work_of_the_efforts_is_in_the_energy(arm: Arm, engine: str) -> None:
-    """Of ~/ground_truth: an effort is held over a period, so its work is effort times way. No friction dissipates."""
-    plant = Plant(values_of(arm, engine, {"friction.viscous": 0.0}))
+def test_the_work_of_the_efforts_is_in_the_energy_or_dissipated(arm: Arm, engine: str, viscous: float) -> None:
+    """Of ~/ground_truth: an effort is held over a period, so its work is effort times way."""
+    plant = Plant(values_of(arm, engine, {"friction.viscous": viscous}))
     energy, parameters = arm.robot.dynamics.energy, plant.config.model.parameters
     work, amplitude = 0.0, arm.inertia
     before = energy(plant.state.position, plant.state.derivatives[0], parameters)
+    velocities = [plant.state.derivatives[0].copy()]
     for k in range(400):
         start = plant.state.position.copy()
         wanted = arm.effort(arm.start) + amplitude * math.cos(10.0 * k * DT)
         plant.step(wanted, k * DT, DT)
         work += float(plant.state.effort @ (plant.state.position - start))
+        velocities.append(plant.state.derivatives[0].copy())
     gained = energy(plant.state.position, plant.state.derivatives[0], parameters) - before
+    dissipated = float(simpson(viscous * np.square(velocities), dx=DT, axis=0).sum())
     assert abs(gained) > 1e-3
-    assert gained == pytest.approx(work, rel=1e-6)
+    assert dissipated > 1e-4 or viscous == 0.0
+    assert gained + dissipated == pytest.approx(work, rel=1e-6)
 
 
 def test_a_rollout_is_repeatable_bit_for_bit_and_outlives_its_plant() -> None:
