@@ -82,8 +82,8 @@ integrals and the adaptation pause, and the disturbance that the law rejects may
 and with `practical`. Without it (`limits.external_effort: 0`), see the last rows, its gain runs away.
 
 The other laws need longer with these gains, also without windup: `super_twisting` unlearns by at most `integral_gain`
-per second, `pid` and `dtsm` return from any error slowly, and `pidnftsm` has its singularity. A lower
-`limits.external_effort` helps them.
+per second, `dtsm` returns from any error slowly, and `pidnftsm` has its singularity. A lower `limits.external_effort`
+helps them. `pid` has no model, and so does not recognise contact.
 
 The default of `limits.external_effort` is a quarter of `limits.effort`. Errors of the model and payloads act from
 outside too, but the law has learnt them while the arm tracks, and most of them are smaller: on all arms of the project,

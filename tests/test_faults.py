@@ -254,7 +254,7 @@ ROWS = {
             f"stopped: {PANDA.names[0]} is beyond limits.tracking_error; safe torque until ~/reset_fault is called",
             RESET,
         ),
-        settings={"limits.tracking_error": 0.1},
+        settings={"limits.tracking_error": 0.1, "limits.external_effort": 0.0},
     ),
 }
 """Of the table of the controller."""

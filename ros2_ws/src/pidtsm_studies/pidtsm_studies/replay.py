@@ -1,22 +1,29 @@
 """A run once more, as a picture: the arm moves as recorded, and what surrounds it as MuJoCo computes."""
 
+import math
 import os
 import time
 from collections.abc import Iterator, Mapping
+from copy import copy
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.parameters import Value
+from pidtsm_core.parameters import Value, as_float
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots.rigid_bodies import PICTURE
-from pidtsm_core.simulation.mujoco_model import make_models, with_engine
+from pidtsm_core.simulation.mujoco_model import with_engine
+from pidtsm_core.simulation.mujoco_payload import Phase
+from pidtsm_core.simulation.mujoco_plant import MujocoArm, drop
+from pidtsm_core.timing import sum_of_times
 
 WIDTH, HEIGHT = PICTURE
 RATE = 30
 """Pictures per second."""
+_OF_PHASE = ("geom_rgba", "geom_contype", "geom_conaffinity", "body_contype", "body_conaffinity", "body_gravcomp")
+"""Arrays of a model that depend on where the payload is."""
 _FACTORS = {"mass": 1.0, "inertia": 1.0, "length": 1.0}
 _AZIMUTH, _ELEVATION, _DISTANCE = 60.0, -20.0, 3.0
 """Direction in which the camera looks, degrees, and its distance as a multiple of the size of the arm."""
@@ -39,8 +46,12 @@ class Replay:
 
         self._mujoco, self._recording = mujoco, recording
         values = with_engine(simulator)
-        models = make_models(values, _FACTORS, np.zeros(len(recording.joints)), shown=True)
-        self.model, self.data = models.empty, mujoco.MjData(models.empty)
+        self._arm = MujocoArm(values, _FACTORS, np.zeros(len(recording.joints)), shown=True)
+        models = self._arm.models
+        self.model, self.data = copy(models.empty), self._arm.data
+        self._picked_up, carried = as_float(values["payload.time"]), as_float(values["payload.duration"])
+        self._dropped = sum_of_times(self._picked_up, carried) if carried else math.inf
+        self._phase = Phase.ABSENT
         # A recording has the names of the simulator's joints, in its order.
         joints = list(models.joints)
         self._positions, self._velocities = self.model.jnt_qposadr[joints], self.model.jnt_dofadr[joints]
@@ -53,6 +64,7 @@ class Replay:
         shown = 0
         for k, now in enumerate(times):
             self._place(k)
+            self._carry(float(now))
             if now >= times[0] + shown / rate:
                 self._mujoco.mj_forward(self.model, self.data)
                 yield float(now)
@@ -65,6 +77,19 @@ class Replay:
         """Put the arm where it was at sample k."""
         self.data.qpos[self._positions] = self._recording.position[k]
         self.data.qvel[self._velocities] = self._recording.velocity[k]
+
+    def _carry(self, now: float) -> None:
+        """Show the payload where it is at the time, s."""
+        phase = Phase.ABSENT if now < self._picked_up else Phase.CARRIED if now < self._dropped else Phase.DROPPED
+        if phase == self._phase:
+            return
+        self._phase, models = phase, self._arm.models
+        if phase == Phase.DROPPED and models.dropped:
+            self._mujoco.mj_forward(self.model, self.data)
+            drop(self._arm.config, self._arm.state)
+        source = (models.empty, models.loaded, models.left)[phase]
+        for name in _OF_PHASE:
+            getattr(self.model, name)[:] = getattr(source, name)
 
     def camera(self) -> Any:
         """A camera of type ``mujoco.MjvCamera`` that looks at the arm where it starts."""

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pidtsm_core.compilation import first_compilation
-from pidtsm_core.control.parameters import FRICTION, REJECTION
-from pidtsm_core.control.report import LIMITS, ONE_SIDED, Change, changes, tight_rates
+from pidtsm_core.control.parameters import CONTACT, FRICTION, REJECTION
+from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
 from pidtsm_core.control.state import Clock, floats_size, integers_size, part, unpack
 from pidtsm_core.control.step import (
     begin_afresh,
@@ -27,6 +27,20 @@ from pidtsm_core.robots import GRAVITY, find_robot, make_model, payload_of
 from pidtsm_core.signals import Fault, Signal, Status
 from pidtsm_core.timing import NANOSECONDS
 
+_OF_JOINTS = {
+    "effort_limit": "limits.effort",
+    "effort_rate": "limits.effort_rate",
+    "min_position": "limits.min_position",
+    "max_position": "limits.max_position",
+    "velocity_limit": "limits.velocity",
+    "tracking_limit": "limits.tracking_error",
+    "external_limit": CONTACT[0].name,
+    "plausible_velocity": "plausibility.velocity",
+    "coulomb": FRICTION[0].name,
+    "viscous": FRICTION[1].name,
+    "damping": "stop.damping",
+}
+"""Parameters with a value for each joint, by their field of `ControllerConfig`; 0 where a law does not have them."""
 _NEAR = 0.05
 """rad; if the arm is farther from its last estimated position, its motion cannot be continued."""
 
@@ -81,9 +95,8 @@ class Controller:
         found = find_robot(values)
         robot = make_model(found, model)
         law, estimator = LAWS[str(values["law.name"])], ESTIMATORS[str(values["estimator.name"])]
-        rate = joint_array(values["limits.effort_rate"], self.joints)
-        coulomb, viscous = (joint_array(values[parameter.name], self.joints) for parameter in FRICTION)
-        lowest, highest = (joint_array(values[f"limits.{end}_position"], self.joints) for end in ("min", "max"))
+        of_joints = {field: joint_array(values.get(name, 0.0), self.joints) for field, name in _OF_JOINTS.items()}
+        limits = [of_joints[name] for name in ("velocity_limit", "tracking_limit", "external_limit")]
         stop = values["stop.effort"]
         integers = [
             self.joints,
@@ -93,23 +106,23 @@ class Controller:
             estimator_index(estimator.name),
             law.uses_model,
             values["law.anti_windup"] == "conditional",
-            sum(v for v, name in LIMITS.items() if values[f"limits.{name}_action"] == "stop"),
+            sum(v for v, name in LIMITS.items() if values.get(f"limits.{name}_action") == "stop"),
             *(_nanoseconds(values[f"watchdog.{name}"]) for name in ("state_hold", "state_stop", "reference")),
             *(_nanoseconds(values[f"rehearsal.{name}"]) for name in ("reset_fault", "restart")),
-            rate.any(),
+            of_joints["effort_rate"].any(),
             values["feedback.effort"] == "measured",
-            bool(np.any(lowest != highest) or any(np.any(values[name]) for name in ONE_SIDED)),
+            bool(np.any(of_joints["min_position"] != of_joints["max_position"]) or np.any(limits)),
             any(values[f"rehearsal.{name}"] for name in ("reset_fault", "restart")),
             stop == "hold",
             bool(values["stop.brakes"]),
-            bool(np.any(values["plausibility.velocity"])),
+            of_joints["plausible_velocity"].any(),
             robot.inverse,
             robot.forward,
             bool(values.get(REJECTION.name, False)),
-            bool(law.uses_model and (coulomb.any() or viscous.any())),
+            bool(law.uses_model and (of_joints["coulomb"].any() or of_joints["viscous"].any())),
             any(found.continuous),
             values[GRAVITY.name] == "added_by_robot",
-            bool(np.any(values["limits.external_effort"])),
+            of_joints["external_limit"].any(),
             *law_integers(law, values),
         ]
         self.integers[: len(integers)] = integers
@@ -125,19 +138,11 @@ class Controller:
         config.firmware.parameters[:] = found.pack_model(values)
         config.law[:] = gains
         config.estimator_parameters[:] = estimator.pack(values, "estimator", self.joints)
-        config.effort_limit[:] = joint_array(values["limits.effort"], self.joints)
-        config.effort_rate[:] = rate
-        config.min_position[:] = lowest
-        config.max_position[:] = highest
-        config.velocity_limit[:] = joint_array(values["limits.velocity"], self.joints)
-        config.tracking_limit[:] = joint_array(values["limits.tracking_error"], self.joints)
-        config.external_limit[:] = joint_array(values["limits.external_effort"], self.joints)
-        config.plausible_velocity[:] = joint_array(values["plausibility.velocity"], self.joints)
-        config.coulomb[:] = coulomb
-        config.viscous[:] = viscous
         config.turn[:] = np.where(found.continuous, 2.0 * math.pi, 0.0) if found.continuous else 0.0
-        damps = stop in ("damping", "gravity_damping")
-        config.damping[:] = joint_array(values["stop.damping"] if damps else 0.0, self.joints)
+        for field, array in of_joints.items():
+            getattr(config, field)[:] = array
+        if stop not in ("damping", "gravity_damping"):
+            config.damping[:] = 0.0
 
     def reset(self) -> None:
         """Return to the initial state; measurements and reference are kept."""

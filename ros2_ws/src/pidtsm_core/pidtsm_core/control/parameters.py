@@ -1,7 +1,7 @@
 """All parameters of the controller that affect its effort, in nodes and rollouts."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -58,13 +58,13 @@ _LIMITS = (
     _action("position", "limits.min_position or limits.max_position"),
     *_limit("velocity", "largest estimated velocity in either direction", "rad/s"),
     *_limit("tracking_error", "largest error in either direction", "rad"),
-    *_limit(
-        "external_effort",
-        "largest torque that something outside the arm exerts on a joint, by the model, averaged over 0.1 s. Beyond "
-        "it, the arm is taken to be in contact: with law.anti_windup: conditional, all integrals and adaptation pause",
-        "N m",
-        "warn",
-    ),
+)
+CONTACT = _limit(
+    "external_effort",
+    "largest torque that something outside the arm exerts on a joint, by the model, averaged over 0.1 s. Beyond it, "
+    "the arm is taken to be in contact: with law.anti_windup: conditional, all integrals and adaptation pause",
+    "N m",
+    "warn",
 )
 _RANGE = ("limits.min_position", "limits.max_position")
 _SAFETY = (
@@ -220,14 +220,14 @@ def _of_robot(parameters: Iterable[Parameter], robot: Robot) -> tuple[Parameter,
     return tuple(replace(p, default=described.get(p.name) or p.default) for p in parameters)
 
 
-def _with_touch(parameters: Iterable[Parameter], settings: Mapping[str, object], robot: Robot) -> Iterator[Parameter]:
-    """The parameters, with a default of ``limits.external_effort`` that follows from ``limits.effort``."""
+def _contact(settings: Mapping[str, object], robot: Robot) -> tuple[Parameter, ...]:
+    """How contact is recognised, with a default that follows from ``limits.effort``."""
     try:
         limit = np.broadcast_to(np.asarray(settings.get("limits.effort", robot.effort_limit), float), len(robot.joints))
     except (TypeError, ValueError):  # It is rejected elsewhere.
         limit = np.full(len(robot.joints), math.inf)
-    touch = tuple(np.where(np.isfinite(limit), _TOUCH * limit, 0.0).tolist())
-    return (replace(p, default=touch) if p.name == "limits.external_effort" else p for p in parameters)
+    share = tuple(np.where(np.isfinite(limit), _TOUCH * limit, 0.0).tolist())
+    return replace(CONTACT[0], default=share), CONTACT[1]
 
 
 def _check_range(settings: Mapping[str, object], robot: Robot) -> None:
@@ -265,7 +265,8 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         *prefixed("estimator", estimator.parameters),
         *robot_schema(settings),
         *payload_schema(settings, "mass at the tool that the controller knows"),
-        *_with_touch(_of_robot((*FRICTION, *_LIMITS), robot), settings, robot),
+        *_of_robot((*FRICTION, *_LIMITS), robot),
+        *(_contact(settings, robot) if law.uses_model else ()),
         *_SAFETY,
         _FEEDBACK,
         GRAVITY,

@@ -20,8 +20,6 @@ LIMITS = {
     Violation.EXTERNAL_EFFORT: "external_effort",
 }
 """NAME of the parameter ``limits.NAME_action``, by violation."""
-ONE_SIDED = ("limits.velocity", "limits.tracking_error", "limits.external_effort")
-"""Limits of a magnitude; 0: none."""
 _NAMED = {
     Violation.POSITION: "its position limits (limits.*_position)",
     Violation.VELOCITY: "limits.velocity",

@@ -96,10 +96,7 @@ def _actuate(config: ControllerConfig, state: ControllerState, dt: float) -> Non
     if config.feels:
         for j in range(y.shape[1]):
             motion[2, j] = y[Signal.ACCELERATION, j]
-        if config.uses_model:
-            inverse_dynamics(config.model, q_hat, dq_hat, motion, efforts[:3])
-        else:
-            inverse_dynamics(config.model, q_hat, dq_hat, motion[2:], efforts[2:3])
+        inverse_dynamics(config.model, q_hat, dq_hat, motion, efforts[:3])
         sense_contact(state, efforts[2], dt)
     elif config.uses_model:
         inverse_dynamics(config.model, q_hat, dq_hat, motion[:2], efforts[:2])

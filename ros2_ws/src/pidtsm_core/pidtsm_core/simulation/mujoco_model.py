@@ -20,6 +20,7 @@ from pidtsm_core.robots.rigid_bodies import (
     text_bodies,
 )
 from pidtsm_core.robots.tree.layout import Column, rows
+from pidtsm_core.simulation.mujoco_payload import DROPPED, Phase, add_boxes, release_box, show_box
 from pidtsm_core.timing import period_nanoseconds, seconds
 
 MUJOCO = "mujoco"
@@ -62,12 +63,15 @@ _OF_ARM = "robot/"
 
 
 class MujocoModels(NamedTuple):
-    """The arm as MuJoCo simulates it; both models have the same structure."""
+    """The arm as MuJoCo simulates it; all models have the same structure."""
 
-    empty: Any  # of type mujoco.MjModel, without payload
+    empty: Any  # of type mujoco.MjModel, before the payload is picked up
     loaded: Any  # with payload
+    left: Any  # after it is dropped
     joints: tuple[int, ...]  # index of each joint
     bodies: Mapping[int, str]  # names of the arm's bodies by their index; that of the tool also for its payload
+    payload: int  # index of the body of the payload at the tool
+    dropped: int  # index of the body that falls when the payload is dropped; 0: it just vanishes
 
 
 def engine_schema(settings: Mapping[str, object], of_robot: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
@@ -115,18 +119,24 @@ def make_models(
         raise ParameterError(f"{DESCRIPTION.name}: {error}", DESCRIPTION.name) from None
     prefix = _OF_ARM if scene else ""
     try:
-        spec = _placed(scene, arm) if scene else arm
+        spec = _placed(scene, arm, payload_of(values)) if scene else arm
         if shown:
             add_surroundings(spec)
-        empty = _compiled(spec, values)
-        set_inertial(spec.body(prefix + PAYLOAD), *payload_of(values))
-        loaded = _compiled(spec, values)
+        empty, loaded, left = (_compiled(spec, values, phase) for phase in Phase)
     except DescriptionError as error:
         raise ParameterError(f"{SCENE.name}: {scene}: {error}", SCENE.name) from None
     joints = [empty.joint(prefix + name) for name in robot.joints]
-    for model in (empty, loaded):
+    for model in (empty, loaded, left):
         _set_joints(model, [int(joint.dofadr[0]) for joint in joints], viscous, _armature(robot, packed))
-    return MujocoModels(empty, loaded, tuple(joint.id for joint in joints), _bodies_of_arm(empty, prefix))
+    return MujocoModels(
+        empty,
+        loaded,
+        left,
+        tuple(joint.id for joint in joints),
+        _bodies_of_arm(empty, prefix),
+        empty.body(prefix + PAYLOAD).id,
+        empty.body(DROPPED).id if scene else 0,
+    )
 
 
 def _check_shapes(arm: Any) -> None:
@@ -139,8 +149,8 @@ def _check_shapes(arm: Any) -> None:
         raise DescriptionError("no link has a shape that MuJoCo can read, so the arm cannot touch a scene")
 
 
-def _placed(scene: str, arm: Any) -> Any:
-    """The scene with the arm, of type ``mujoco.MjSpec``; gravity is that of the arm.
+def _placed(scene: str, arm: Any, payload: tuple[float, Array, Array]) -> Any:
+    """The scene with the arm and its payload, of type ``mujoco.MjSpec``; gravity is that of the arm.
 
     Raises:
         DescriptionError: the scene cannot be read.
@@ -150,6 +160,7 @@ def _placed(scene: str, arm: Any) -> Any:
     site = spec.site(_PLACE)
     where = {"frame": spec.worldbody.add_frame()} if site is None else {"site": site}
     spec.attach(arm, prefix=_OF_ARM, **where)
+    add_boxes(spec, _OF_ARM + PAYLOAD, [body.name for body in spec.bodies if body.name.startswith(_OF_ARM)], payload)
     return spec
 
 
@@ -176,14 +187,20 @@ def _bodies(robot: Robot, packed: Array, factors: Mapping[str, float], touchable
     return text_bodies(robot.mjcf(packed))
 
 
-def _compiled(spec: Any, values: Mapping[str, Value]) -> Any:
-    """The model of the bodies, of type ``mujoco.MjModel``.
+def _compiled(spec: Any, values: Mapping[str, Value], phase: Phase) -> Any:
+    """The model of the bodies in a phase, of type ``mujoco.MjModel``.
 
     Raises:
         DescriptionError: see `compile_spec`.
     """
-    mujoco = load_mujoco()
+    mujoco, scene = load_mujoco(), bool(values[SCENE.name])
+    tool = next(body for body in spec.bodies if body.name.endswith(PAYLOAD))
+    set_inertial(tool, *(payload_of(values) if phase == Phase.CARRIED else (0.0, np.zeros(3), np.zeros((3, 3)))))
+    if scene:
+        show_box(spec, tool.name, phase)
     model = compile_spec(spec)
+    if scene:
+        release_box(model, phase)
     model.opt.timestep = seconds(_period(values)) / steps_of(values)
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{str(values[_INTEGRATOR.name]).upper()}")
     # A value that is not finite ends a rollout; MuJoCo would start again.

@@ -183,27 +183,36 @@ def _push(config: PlantConfig, state: PlantState, pushes: bool, pushed: Array) -
     add_wrench(state.position, config.tool.tree, config.tool.row, config.tool.point, wrench, state.placements, pushed)
 
 
+@inlined
+def _phase(config: PlantConfig, t: float) -> int:
+    """Where the payload is at t (s), see `Phase`."""
+    if t < config.payload_begin:
+        return 0
+    return 1 if t < config.payload_end else 2
+
+
 @part
-def _step_of_mujoco(config: PlantConfig, state: PlantState, loaded: bool, effort: Array) -> None:
+def _step_of_mujoco(config: PlantConfig, state: PlantState, t: float, effort: Array) -> None:
     """As `step`, by MuJoCo; disturbance and dry friction are those at the start of each of its steps."""
     q, dq, net = state.position, state.derivatives[0], state.work[0]
+    phase = _phase(config, t)
     for _ in range(config.mujoco.steps):
         _net_effort(config, q, dq, effort, net)
-        advance(config.mujoco, state.mujoco, loaded, net, q, dq)
+        advance(config.mujoco, state.mujoco, phase, net, q, dq)
     if config.accelerations:
         _net_effort(config, q, dq, effort, net)
-        acceleration(config.mujoco, state.mujoco, loaded, net, q, dq, state.derivatives[1])
+        acceleration(config.mujoco, state.mujoco, phase, net, q, dq, state.derivatives[1])
 
 
 @part
 def carry(config: PlantConfig, state: PlantState, t: float) -> None:
     """One period of MuJoCo from t (s) in which the arm is where it is, whatever acts on it, and all else moves."""
-    loaded = config.payload_begin <= t < config.payload_end
+    phase = _phase(config, t)
     none, q, dq = state.work[0], state.work[1], state.work[2]
     for _ in range(config.mujoco.steps):
         for j in range(none.size):
             none[j], q[j], dq[j] = 0.0, state.position[j], state.derivatives[0, j]
-        advance(config.mujoco, state.mujoco, loaded, none, q, dq)
+        advance(config.mujoco, state.mujoco, phase, none, q, dq)
 
 
 @inlined
@@ -236,7 +245,7 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
         _push(config, state, pushes, pushed)
         torque = pushed
     if config.mujoco.steps > 0:
-        _step_of_mujoco(config, state, loaded, torque)
+        _step_of_mujoco(config, state, t, torque)
         return
 
     half = 0.5 * dt

@@ -116,3 +116,37 @@ def test_the_shapes_of_a_urdf_touch_but_not_each_other(tmp_path: Path) -> None:
     text = PENDULUM.description.replace('<link name="rod">', ball.format("visual", mesh))
     with pytest.raises(ParameterError, match="no link has a shape"):
         robot_in(scene(tmp_path, FLOOR), Arm(text, (0.3,)))
+
+
+def test_a_dropped_payload_falls_to_the_floor_beside_the_arm(tmp_path: Path) -> None:
+    robot = robot_in({**scene(tmp_path, FLOOR), "payload.mass": 1.0, "payload.time": 0.05, "payload.duration": 0.07})
+    mujoco = robot._plant.mujoco
+    assert mujoco is not None
+    model, data = mujoco.models.empty, mujoco.data
+    box = int(model.body_jntadr[mujoco.models.dropped])
+    place, speed = int(model.jnt_qposadr[box]), int(model.jnt_dofadr[box])
+    run(robot, 120)
+    assert data.qpos[place : place + 3].tolist() == [0.0, 0.0, 0.0]  # Until it is dropped, nobody sees it.
+    robot.sense(120)
+    robot.act(120, True, np.zeros(1))
+    foot = robot.state.arm
+    assert data.qpos[place + 2] == pytest.approx(0.3 + foot.position[0], abs=1e-4)
+    assert data.qvel[speed + 2] == pytest.approx(foot.derivatives[0, 0], abs=1e-3)
+    assert foot.derivatives[0, 0] < -1.1
+    # The arm is pushed up, and the payload falls on.
+    for k in range(121, 2000):
+        robot.sense(k)
+        robot.act(k, True, np.full(1, 60.0))
+    assert foot.position[0] > 0.5
+    assert data.qpos[place + 2] == pytest.approx(0.05, abs=2e-3)  # Half its side.
+    assert robot.contacts() == {}
+    robot.reset(FOOT.values(simulator_schema, {}))
+    assert data.qpos[place : place + 3].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_carried_payload_touches_the_floor(tmp_path: Path) -> None:
+    robot = robot_in({**scene(tmp_path, FLOOR), "payload.mass": 1.0, "payload.center_of_mass": [0.0, -0.2, 0.0]})
+    run(robot, 1500)
+    # The box hangs 0.2 m below the foot, and half its side is 0.05 m.
+    assert robot.state.arm.position[0] == pytest.approx(-0.05, abs=2e-3)
+    assert robot.contacts()["foot"][1] == pytest.approx(3 * 9.81, abs=1e-2)
