@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -68,15 +70,13 @@ def files_of(python: str) -> list[Path]:
     return FILES if python in ENDS else FILES[:1]
 
 
-@pytest.fixture(scope="module")
-def results(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
+def outcome(python: str, folder: Path) -> dict[str, dict[str, str]]:
     """Outcome by file, from one process, because the first rollout there has to be compiled."""
-    folder = tmp_path_factory.mktemp("library")
     pip = subprocess.check_output([sys.executable, "-m", "pip", "config", "list"], text=True)
     # Nothing of the workspace, nor of ROS.
     kept = {name: value for name, value in os.environ.items() if not name.endswith("PATH") or name == "PATH"}
     environment = {**kept, **uv_variables(pip), "MPLBACKEND": "Agg", "NUMBA_CACHE_DIR": str(folder / "cache")}
-    python = folder / "venv" / "bin" / "python"
+    installed = folder / "venv" / "bin" / "python"
 
     def call(*words: object) -> subprocess.CompletedProcess[str]:
         done = subprocess.run([str(w) for w in words], env=environment, cwd=folder, capture_output=True, text=True)
@@ -84,21 +84,27 @@ def results(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
         return done
 
     before = tree(SOURCE)
-    call("uv", "venv", "--python", request.param, folder / "venv")
-    call("uv", "pip", "install", "--python", python, f"{SOURCE}[dask,plot,tables]")
+    call("uv", "venv", "--python", python, folder / "venv")
+    call("uv", "pip", "install", "--python", installed, f"{SOURCE}[dask,plot,tables]")
     assert tree(SOURCE) == before, "the installation leaves nothing in the source tree"
-    done = call(python, ROOT / "tests" / "run_examples.py", folder, *files_of(request.param))
+    done = call(installed, ROOT / "tests" / "run_examples.py", folder, *files_of(python))
     assert "pidtsm: compiling, once after an installation .." in done.stderr, "the first rollout shows its progress"
     found: dict[str, dict[str, str]] = json.loads(done.stdout)
     return found
 
 
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], dict[str, dict[str, str]]]:
+    """The outcome of each Python, once."""
+    return cache(lambda python: outcome(python, tmp_path_factory.mktemp("library")))
+
+
 @pytest.mark.parametrize(
-    ("results", "file"),
+    ("python", "file"),
     [(python, file) for python in PYTHONS for file in files_of(python)],
-    indirect=["results"],
     ids=lambda value: value.name if isinstance(value, Path) else version(value),
 )
-def test_it_runs_without_ros(results: dict[str, dict[str, Any]], file: Path) -> None:
-    assert not results[file.name]["failure"], results[file.name]["failure"]
-    assert SHOWN.get(file.name, "") in results[file.name]["output"]
+def test_it_runs_without_ros(outcomes: Callable[[str], dict[str, Any]], python: str, file: Path) -> None:
+    found = outcomes(python)[file.name]
+    assert not found["failure"], found["failure"]
+    assert SHOWN.get(file.name, "") in found["output"]
