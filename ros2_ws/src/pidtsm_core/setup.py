@@ -21,6 +21,7 @@ setup(
         "numba>=0.60",
         "joblib>=1.3",
         "scipy>=1.11",
+        "ruckig>=0.15",
         "pyyaml>=6",
         # mujoco-core is mujoco without its viewer.
         "mujoco-core; python_version >= '3.11'",

@@ -13,8 +13,11 @@ from pidtsm_core.joints import JointOrder, MessageError
 from pidtsm_core.node_parameters import trajectory_node_schema
 from pidtsm_core.parameters import Array, as_float, names
 from pidtsm_core.references import ReferenceMotion, reference_joints
-from pidtsm_core.references.trajectory import MotionUnderWay, Rest, TrajectoryError
 from pidtsm_core.timing import seconds
+from pidtsm_core.trajectories.errors import TrajectoryError
+from pidtsm_core.trajectories.limits import motion_limits
+from pidtsm_core.trajectories.motion import Rest
+from pidtsm_core.trajectories.splice import MotionUnderWay
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.diagnostics import Diagnostics, Reading
 from pidtsm_ros.managed_node import ManagedNode
@@ -49,10 +52,11 @@ class TrajectoryNode(ManagedNode):
         joints = list(names(self.values["joints"]))
         self._order = JointOrder(joints)
         self._built_in = ReferenceMotion(self.values)
+        self._limits = motion_limits(self.values)
         self._desired = np.zeros((3, len(joints)))
         # Compile before the loop.
         self._built_in.evaluate(0.0, self._desired)
-        self._motion = MotionUnderWay(self._built_in, 0, self._built_in.joints)
+        self._motion = MotionUnderWay(self._built_in, 0, self._limits)
         self._motion.approach(0, self._built_in)
         self._motion.cancel(0)
         self._motion.evaluate(0, self._desired)
@@ -110,7 +114,7 @@ class TrajectoryNode(ManagedNode):
             self._rest(position, last + arrivals.elapsed, stamp)
         if self._began < 0:
             self._began = stamp
-            self._motion = MotionUnderWay(self._built_in, stamp, self._built_in.joints)
+            self._motion = MotionUnderWay(self._built_in, stamp, self._limits)
         self._publish(stamp)
 
     def _publish(self, stamp: int) -> None:
@@ -139,7 +143,7 @@ class TrajectoryNode(ManagedNode):
         if np.abs(self._desired[0] - position).max() <= as_float(self.values["start_tolerance"]):
             self._motion.cancel(stamp)
         else:
-            self._motion = MotionUnderWay(Rest(position), stamp, self._built_in.joints)
+            self._motion = MotionUnderWay(Rest(position), stamp, self._limits)
         self._began = stamp
         self.get_logger().warning(
             f"joint_states: {Stamp.RESTARTED.value}; holding the arm where it is; "

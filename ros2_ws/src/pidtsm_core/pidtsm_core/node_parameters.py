@@ -11,6 +11,7 @@ from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, chosen
 from pidtsm_core.references import reference_schema
 from pidtsm_core.simulation.simulator import simulator_schema
+from pidtsm_core.trajectories.limits import PARAMETERS as MOTION_LIMITS
 
 AUTOSTART = Parameter("autostart", True, "configure and activate on start, without a lifecycle manager", read_only=True)
 
@@ -150,6 +151,7 @@ _TRAJECTORY = (
         "rad",
         minimum=0.0,
     ),
+    *MOTION_LIMITS,
 )
 
 

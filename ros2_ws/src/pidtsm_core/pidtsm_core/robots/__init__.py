@@ -18,6 +18,7 @@ __all__ = [
     "DESCRIPTION",
     "FROM_TOPIC",
     "GRAVITY",
+    "LOCKED",
     "NAMES",
     "ROBOTS",
     "Description",
@@ -60,7 +61,7 @@ DESCRIPTION = Parameter(
     "the node waits for robot_description (std_msgs/String, latched)",
     read_only=True,
 )
-_LOCKED = Parameter(
+LOCKED = Parameter(
     "robot.locked",
     "",
     "positions of joints of the description that do not move, such as those of a gripper: finger1=0.02 finger2=0.02; "
@@ -90,7 +91,7 @@ def find_robot(settings: Mapping[str, object]) -> Robot:
         return ROBOTS[source]
     if source == FROM_TOPIC:
         raise ParameterError(f"{DESCRIPTION.name}: {FROM_TOPIC} works in nodes only", DESCRIPTION.name)
-    joints, locked = settings.get("joints"), str(settings.get(_LOCKED.name, ""))
+    joints, locked = settings.get("joints"), str(settings.get(LOCKED.name, ""))
     chosen = tuple(str(joint) for joint in joints) if isinstance(joints, (list, tuple)) else None
     try:
         return tree_robot(*read_source(source), chosen, _positions(locked))
@@ -119,12 +120,12 @@ def find_description(settings: Mapping[str, object]) -> Description:
 
 
 def _positions(text: str) -> tuple[tuple[str, float], ...]:
-    """The positions in the text of `_LOCKED`."""
+    """The positions in the text of `LOCKED`."""
     try:
         pairs = [entry.split("=") for entry in text.replace(",", " ").split()]
         return tuple((name, float(value)) for name, value in pairs)
     except ValueError:
-        raise ParameterError(f"{_LOCKED.name}: {text!r} is not of the form JOINT=POSITION ...", _LOCKED.name) from None
+        raise ParameterError(f"{LOCKED.name}: {text!r} is not of the form JOINT=POSITION ...", LOCKED.name) from None
 
 
 def make_model(robot: Robot, parameters: Array) -> Model:
@@ -154,7 +155,7 @@ def description_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     joints = Parameter(
         "joints", robot.joints, "names of the joints, in the order of the robot model", per_joint=True, read_only=True
     )
-    return joints, DESCRIPTION, *((_LOCKED,) if isinstance(robot, TreeRobot) else ())
+    return joints, DESCRIPTION, *((LOCKED,) if isinstance(robot, TreeRobot) else ())
 
 
 def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:

@@ -1,0 +1,5 @@
+"""The error of this package."""
+
+
+class TrajectoryError(ValueError):
+    """A trajectory cannot be followed; the message gives the reason."""

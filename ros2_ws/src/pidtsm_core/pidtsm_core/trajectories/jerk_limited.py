@@ -1,0 +1,50 @@
+"""Fastest motions with limited jerk, computed by ruckig (Berscheid and Kröger, RSS 2021)."""
+
+from itertools import accumulate
+
+import numpy as np
+from ruckig import InputParameter, Result, Ruckig, Trajectory
+
+from pidtsm_core.parameters import Array
+from pidtsm_core.trajectories.errors import TrajectoryError
+from pidtsm_core.trajectories.motion import PiecewiseMotion
+
+_SHORTEST = 1e-9
+"""Shorter segments are left out, s."""
+
+
+def fastest(given: InputParameter) -> PiecewiseMotion:
+    """The fastest motion from a state at time 0 to rest.
+
+    Raises:
+        TrajectoryError: ruckig finds none.
+    """
+    found, joints = Trajectory(given.degrees_of_freedom), given.degrees_of_freedom
+    try:
+        result = Ruckig(joints).calculate(given, found)
+    except RuntimeError as error:
+        raise TrajectoryError(f"no motion to rest is possible: {error}") from None
+    if result not in (Result.Working, Result.Finished):
+        raise TrajectoryError(f"no motion to rest is possible ({result.name}): {given}")
+    ends = [0.0]
+    for profile in found.profiles[0]:
+        ends += accumulate((profile.brake.duration - sum(profile.brake.t), *profile.brake.t, *profile.t))
+    times = np.unique(np.array(ends))
+    times = times[np.concatenate([[True], np.diff(times) > _SHORTEST])]
+    if times.size == 1:
+        times = np.array([0.0, _SHORTEST])
+    return _cubics(times, np.array([found.at_time(float(t)) for t in times]))
+
+
+def _cubics(times: Array, states: Array) -> PiecewiseMotion:
+    """The motion whose acceleration is linear between these states, shape (n, 3, joints), the last of which rests."""
+    states[-1, 1:] = 0.0
+    durations = np.diff(times)[:, None]
+    q, dq, ddq = states.transpose(1, 0, 2)
+    coefficients = np.zeros((len(durations), 6, q.shape[1]))
+    coefficients[:, 0] = q[:-1]
+    coefficients[:, 1] = dq[:-1] * durations
+    coefficients[:, 2] = ddq[:-1] * durations**2 / 2.0
+    coefficients[:, 3] = np.diff(ddq, axis=0) * durations**2 / 6.0
+    flat = coefficients.transpose(2, 0, 1).reshape(q.shape[1], -1)
+    return PiecewiseMotion(np.hstack([np.tile(times, (q.shape[1], 1)), flat]))

@@ -1,0 +1,235 @@
+"""What an arm can do: the limits of its motions."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, joint_array, names
+from pidtsm_core.robots import DESCRIPTION, LOCKED, Model, Robot, find_robot, inverse_dynamics, make_model
+
+_OF_DESCRIPTION = "; 0: that of robot.description"
+
+PARAMETERS = (
+    replace(
+        DESCRIPTION,
+        default="",
+        description=f"{DESCRIPTION.description}; empty: no arm, so that only limits set here apply",
+    ),
+    LOCKED,
+    Parameter(
+        "limits.min_position",
+        0.0,
+        "smallest position of a trajectory; if it equals limits.max_position, both are those of robot.description",
+        "rad",
+        per_joint=True,
+        read_only=True,
+    ),
+    Parameter(
+        "limits.max_position",
+        0.0,
+        "largest position of a trajectory",
+        "rad",
+        per_joint=True,
+        read_only=True,
+    ),
+    Parameter(
+        "limits.velocity",
+        0.0,
+        f"largest velocity of a trajectory{_OF_DESCRIPTION}",
+        "rad/s",
+        minimum=0.0,
+        per_joint=True,
+        read_only=True,
+    ),
+    Parameter(
+        "limits.acceleration",
+        0.0,
+        "largest acceleration of a trajectory. 0: no limit for a trajectory that is sent; stops and motions planned "
+        "here keep within what half the torque beyond gravity can accelerate (5 rad/s^2 without robot.description)",
+        "rad/s^2",
+        minimum=0.0,
+        per_joint=True,
+        read_only=True,
+    ),
+    Parameter(
+        "limits.jerk",
+        0.0,
+        "largest jerk of stops and of motions planned here; 0: the largest acceleration is reached in 0.1 s",
+        "rad/s^3",
+        minimum=0.0,
+        per_joint=True,
+        read_only=True,
+    ),
+    Parameter(
+        "limits.effort",
+        0.0,
+        f"largest torque that a trajectory may need{_OF_DESCRIPTION}",
+        "N m",
+        minimum=0.0,
+        per_joint=True,
+        read_only=True,
+    ),
+)
+"""Parameters of `motion_limits`, for a node."""
+
+_SHARE = 0.5
+"""Of the torque beyond gravity, for the default acceleration."""
+_LEAST = 0.1
+"""Least share of the effort limit that counts as beyond gravity, where gravity takes nearly all of it."""
+_WITHOUT_MODEL = 5.0
+"""Default acceleration where no model or no effort limit is known, rad/s^2 or m/s^2."""
+_RAMP = 0.1
+"""Time in which the default jerk reaches the largest acceleration, s."""
+_POSTURES = 200
+"""Number of postures in which the default acceleration is possible."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """Limits of motions, each an array of shape (joints,); infinite: there is none.
+
+    Attributes:
+        joints: names of the joints, in the order of all arrays.
+        lower, upper: position, rad or m.
+        velocity: rad/s or m/s.
+        acceleration: of stops and of motions planned by `timing`, rad/s^2 or m/s^2; finite.
+        jerk: likewise, rad/s^3 or m/s^3; finite.
+        effort: N m or N.
+        given_acceleration: largest acceleration of trajectories that are sent, see `checking.check`.
+        continuous: whether a joint turns without end, so that positions a turn apart are the same.
+        model: of the arm, with which `checking` computes efforts; None: efforts are not checked.
+        places: index in `joints` of each joint of the model.
+    """
+
+    joints: tuple[str, ...]
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    effort: Array
+    given_acceleration: Array
+    continuous: NDArray[np.bool_]
+    model: Model | None
+    places: NDArray[np.int_]
+
+
+def motion_limits(values: Mapping[str, Value]) -> MotionLimits:
+    """The limits that parameters set, completed from the description of the arm.
+
+    Args:
+        values: ``joints`` and every parameter of `PARAMETERS`, as `resolve` returns them.
+
+    Raises:
+        ParameterError: the description cannot be used, see `find_robot`, or has another number of joints; or a joint
+            has a smallest position above its largest one.
+    """
+    joints = names(values["joints"])
+    count = len(joints)
+    robot = _robot(values, joints)
+    given = {p.name: joint_array(values[p.name], count) for p in PARAMETERS if p.per_joint}
+    lower, upper = given["limits.min_position"], given["limits.max_position"]
+    if np.any(lower > upper):
+        raise ParameterError(
+            f"limits.min_position: {lower.tolist()} exceeds limits.max_position, {upper.tolist()}",
+            "limits.min_position",
+        )
+    places = _places(robot, joints) if robot else np.arange(count)
+    described = _described(robot, places, count)
+    open_ = lower == upper
+    effort = _or(given["limits.effort"], described["effort"])
+    chosen = _or(given["limits.acceleration"], np.full(count, math.inf))
+    model = _model(robot) if robot else None
+    acceleration = chosen
+    if np.isinf(chosen).any():
+        acceleration = np.minimum(chosen, _accelerations(robot, model, effort, places))
+    return MotionLimits(
+        joints=joints,
+        lower=np.where(open_, described["lower"], lower),
+        upper=np.where(open_, described["upper"], upper),
+        velocity=_or(given["limits.velocity"], described["velocity"]),
+        acceleration=acceleration,
+        jerk=_or(given["limits.jerk"], acceleration / _RAMP),
+        effort=effort,
+        given_acceleration=chosen,
+        continuous=described["continuous"] > 0.0,
+        model=model,
+        places=places,
+    )
+
+
+def unlimited(joints: int) -> MotionLimits:
+    """The limits of an unknown arm: only those of acceleration and jerk, by default."""
+    named = tuple(f"joint{i + 1}" for i in range(joints))
+    return motion_limits({"joints": named} | {p.name: p.default for p in PARAMETERS})
+
+
+def _robot(values: Mapping[str, Value], joints: tuple[str, ...]) -> Robot | None:
+    """The arm, None if none is described."""
+    if not values[DESCRIPTION.name]:
+        return None
+    robot = find_robot({name: values[name] for name in (DESCRIPTION.name, LOCKED.name)} | {"joints": joints})
+    if len(robot.joints) != len(joints):
+        raise ParameterError(
+            f"{DESCRIPTION.name}: {robot.name} has {len(robot.joints)} joints, and joints are {', '.join(joints)}",
+            DESCRIPTION.name,
+        )
+    return robot
+
+
+def _places(robot: Robot, joints: tuple[str, ...]) -> NDArray[np.int_]:
+    """Index in `joints` of each joint of the robot; those of a closed form may be renamed in the same order."""
+    if set(robot.joints) != set(joints):
+        return np.arange(len(joints))
+    return np.array([joints.index(joint) for joint in robot.joints])
+
+
+def _described(robot: Robot | None, places: NDArray[np.int_], count: int) -> dict[str, Array]:
+    """Limits of the description in the order of the joints; infinite where it has none."""
+    low, high = (tuple(zip(*robot.position_limits, strict=True)) or ((), ())) if robot else ((), ())
+    found = {
+        "lower": (low, -math.inf),
+        "upper": (high, math.inf),
+        "velocity": (robot.velocity_limit if robot else (), math.inf),
+        "effort": (robot.effort_limit if robot else (), math.inf),
+        "continuous": (robot.continuous if robot else (), 0.0),
+    }
+    result = {name: np.full(count, default) for name, (_, default) in found.items()}
+    for name, (limits, _) in found.items():
+        if limits:
+            result[name][places] = limits
+    return result
+
+
+def _or(given: Array, otherwise: Array) -> Array:
+    """What is given, and something else where zero is given."""
+    return np.where(given > 0.0, given, otherwise)
+
+
+def _model(robot: Robot) -> Model:
+    """The model of an arm with its default parameters."""
+    return make_model(robot, robot.pack_model({f"robot.{p.name}": p.default for p in robot.parameters}))
+
+
+def _accelerations(robot: Robot | None, model: Model | None, effort: Array, places: NDArray[np.int_]) -> Array:
+    """Default accelerations, shape (joints,): what `_SHARE` of the torque beyond gravity gives a joint alone.
+
+    That is the least of it in random postures.
+    """
+    result = np.full(effort.size, math.inf)
+    if robot is None or model is None:
+        return np.full(effort.size, _WITHOUT_MODEL)
+    joints = effort.size
+    middle = np.array(robot.initial_position)
+    low, high = np.array(robot.position_limits).T if robot.position_limits else (middle - math.pi, middle + math.pi)
+    low, high = np.maximum(low, middle - math.pi), np.minimum(high, middle + math.pi)
+    rows, efforts = np.vstack([np.zeros(joints), np.eye(joints)]), np.empty((joints + 1, joints))
+    for share in np.random.default_rng(0).random((_POSTURES, joints)):
+        inverse_dynamics(model, low + share * (high - low), np.zeros(joints), rows, efforts)
+        gravity, inertia = np.abs(efforts[0]), np.diag(efforts[1:] - efforts[0])
+        beyond = np.maximum(effort[places] - gravity, _LEAST * effort[places])
+        result[places] = np.minimum(result[places], _SHARE * beyond / inertia)
+    return np.where(np.isinf(result), _WITHOUT_MODEL, result)
