@@ -14,6 +14,7 @@ from pidtsm_core.node_parameters import trajectory_node_schema
 from pidtsm_core.parameters import Array, as_float, names
 from pidtsm_core.references import ReferenceMotion, reference_joints
 from pidtsm_core.timing import seconds
+from pidtsm_core.trajectories.checking import prepare
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import motion_limits
 from pidtsm_core.trajectories.motion import Rest
@@ -53,6 +54,7 @@ class TrajectoryNode(ManagedNode):
         self._order = JointOrder(joints)
         self._built_in = ReferenceMotion(self.values)
         self._limits = motion_limits(self.values)
+        prepare(self._limits)
         self._desired = np.zeros((3, len(joints)))
         # Compile before the loop.
         self._built_in.evaluate(0.0, self._desired)

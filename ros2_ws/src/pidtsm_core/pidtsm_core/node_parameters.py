@@ -11,7 +11,7 @@ from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, chosen
 from pidtsm_core.references import reference_schema
 from pidtsm_core.simulation.simulator import simulator_schema
-from pidtsm_core.trajectories.limits import PARAMETERS as MOTION_LIMITS
+from pidtsm_core.trajectories import limits
 
 AUTOSTART = Parameter("autostart", True, "configure and activate on start, without a lifecycle manager", read_only=True)
 
@@ -151,7 +151,7 @@ _TRAJECTORY = (
         "rad",
         minimum=0.0,
     ),
-    *MOTION_LIMITS,
+    *limits.PARAMETERS,
 )
 
 
@@ -176,7 +176,12 @@ def controller_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, .
 
 
 def trajectory_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Every parameter of the trajectory node."""
+    """Every parameter of the trajectory node.
+
+    Raises:
+        ParameterError: see `limits.limits_schema`.
+    """
+    limits.limits_schema(settings)
     return (*reference_schema(settings), *_TRAJECTORY)
 
 

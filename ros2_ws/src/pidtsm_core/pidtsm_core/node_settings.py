@@ -5,8 +5,17 @@ from typing import Any
 
 from pidtsm_core.parameters import ParameterError, Schema, Value, names, resolve
 from pidtsm_core.references import reference_joints
-from pidtsm_core.robots import robot_joints
+from pidtsm_core.robots import DESCRIPTION, LOCKED, ROBOTS, robot_joints
 
+_SHARED = (
+    DESCRIPTION.name,
+    LOCKED.name,
+    "limits.min_position",
+    "limits.max_position",
+    "limits.velocity",
+    "limits.effort",
+)
+"""Parameters that the trajectory takes from the controller."""
 _JOINTS = {"controller": robot_joints, "simulator": robot_joints, "trajectory": reference_joints}
 
 
@@ -15,7 +24,7 @@ def resolve_nodes(
 ) -> dict[str, dict[str, Value]]:
     """Complete and check the parameters of every node; see `resolve`.
 
-    If the joints of the trajectory are not given, they are those of the controller.
+    If the joints of the trajectory are not given, they are those of the controller. So are its arm and its limits.
 
     Args:
         schemas: by node, for the nodes ``controller``, ``simulator`` and ``trajectory``.
@@ -31,9 +40,9 @@ def resolve_nodes(
     values: dict[str, dict[str, Value]] = {}
     for node, schema in schemas.items():
         given = dict(settings.get(node, {}))
-        if node == "trajectory" and "joints" not in given:
-            given["joints"] = list(names(values["controller"]["joints"]))
         try:
+            if node == "trajectory":
+                given = {**_of_the_controller(values["controller"], schema, given), **given}
             count = _JOINTS[node](given)
             if node == "trajectory" and "joints" not in settings.get(node, {}) and count != len(given["joints"]):
                 raise ParameterError(
@@ -44,6 +53,28 @@ def resolve_nodes(
             values[node] = resolve(schema, given, count)
         except ParameterError as error:
             raise ParameterError(f"{node}: {error}", f"{node}.{error.parameter}") from None
+    _check_joints(values)
+    return values
+
+
+def _of_the_controller(controller: Mapping[str, Value], schema: Schema, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of the controller that the trajectory shares, in the order of its joints; none if those differ."""
+    joints = names(controller["joints"])
+    order = given.get("joints", joints)
+    if not isinstance(order, (list, tuple)) or set(order) != set(joints):
+        return {}
+    shared: dict[str, Any] = {"joints": list(order)}
+    known = {parameter.name for parameter in schema(given)}
+    for name in known & set(_SHARED) & set(controller):
+        value = controller[name]
+        shared[name] = [value[joints.index(each)] for each in order] if isinstance(value, tuple) else value
+    if tuple(order) != joints and shared.get(DESCRIPTION.name) in ROBOTS.names:
+        del shared[DESCRIPTION.name]  # A closed form has no names by which another order could be known.
+    return shared
+
+
+def _check_joints(values: Mapping[str, Mapping[str, Value]]) -> None:
+    """Check that all nodes name the same joints."""
     of_the_controller = names(values["controller"]["joints"])
     for node, resolved in values.items():
         joints = names(resolved["joints"])
@@ -53,4 +84,3 @@ def resolve_nodes(
                 "The nodes match joints by name",
                 f"{node}.joints",
             )
-    return values

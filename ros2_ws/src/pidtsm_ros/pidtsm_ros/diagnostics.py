@@ -109,7 +109,7 @@ class Diagnostics:
             level=level,
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: loop",
             message=message,
-            hardware_id=find_robot(self._node.values).name if DESCRIPTION.name in self._node.values else "",
+            hardware_id=find_robot(self._node.values).name if self._node.values.get(DESCRIPTION.name) else "",
             values=[
                 KeyValue(key=r.name + (f" ({r.unit})" if r.unit else ""), value=f"{r.value:.6g}") for r in readings
             ],

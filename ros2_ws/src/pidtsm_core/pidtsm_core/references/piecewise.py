@@ -25,11 +25,17 @@ def piecewise(times: Array, starts: Array, ends: Array) -> Array:
     n, _, joints = starts.shape
     motion = np.empty((joints, 7 * n + 1))
     motion[:, : n + 1] = times
-    coefficients = np.empty((6, joints))
-    for i, duration in enumerate(np.diff(times)):
-        quintic(starts[i], ends[i], duration, coefficients)
-        motion[:, n + 1 + 6 * i : n + 7 + 6 * i] = coefficients.T
+    _fill(np.diff(times), starts, ends, motion)
     return motion
+
+
+@njit
+def _fill(durations: Array, starts: Array, ends: Array, motion: Array) -> None:
+    """Write the coefficients of all segments; compiled, because a trajectory may have thousands."""
+    n = durations.size
+    for i in range(n):
+        first = n + 1 + 6 * i
+        quintic(starts[i], ends[i], durations[i], motion[:, first : first + 6].T)
 
 
 @njit

@@ -65,10 +65,10 @@ def plan(
 def interpolate(times: Array, points: Array, start: Array, interpolation: Interpolation = "spline") -> PiecewiseMotion:
     """A motion from a state through points.
 
-    Points with velocities are joined by cubics, with velocities and accelerations by quintics. Positions only are joined
-    by a cubic spline whose acceleration is continuous everywhere, also at the start and at the end, where velocity and
-    acceleration are zero; its first and last segment are therefore quartics. With ``linear`` they are joined by
-    straight lines, except for the first segment, a cubic, because it begins with the velocity of `start`.
+    Points with velocities are joined by cubics, with velocities and accelerations by quintics. Positions only are
+    joined by a cubic spline whose acceleration is continuous everywhere, also at the start and at the end, where
+    velocity and acceleration are zero; its first and last segment are therefore quartics. With ``linear`` they are
+    joined by straight lines, except for the first segment, a cubic, because it begins with the velocity of `start`.
 
     Args:
         times: of start and points, s, increasing, shape (n + 1,).

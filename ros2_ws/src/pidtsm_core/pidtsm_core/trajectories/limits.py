@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, joint_array, names
 from pidtsm_core.robots import DESCRIPTION, LOCKED, Model, Robot, find_robot, inverse_dynamics, make_model
+from pidtsm_core.units import TURNS, JointUnits
 
 _OF_DESCRIPTION = "; 0: that of robot.description"
 
@@ -81,6 +82,8 @@ _LEAST = 0.1
 """Least share of the effort limit that counts as beyond gravity, where gravity takes nearly all of it."""
 _WITHOUT_MODEL = 5.0
 """Default acceleration where no model or no effort limit is known, rad/s^2 or m/s^2."""
+_RUN_UP = 0.2
+"""Time in which the default acceleration reaches the largest velocity at the soonest, s."""
 _RAMP = 0.1
 """Time in which the default jerk reaches the largest acceleration, s."""
 _POSTURES = 200
@@ -102,6 +105,7 @@ class MotionLimits:
         continuous: whether a joint turns without end, so that positions a turn apart are the same.
         model: of the arm, with which `checking` computes efforts; None: efforts are not checked.
         places: index in `joints` of each joint of the model.
+        units: of each joint.
     """
 
     joints: tuple[str, ...]
@@ -115,6 +119,18 @@ class MotionLimits:
     continuous: NDArray[np.bool_]
     model: Model | None
     places: NDArray[np.int_]
+    units: tuple[JointUnits, ...]
+
+
+def limits_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    """The parameters of `motion_limits`.
+
+    Raises:
+        ParameterError: the description cannot be used, see `find_robot`, or has another number of joints.
+    """
+    if settings.get(DESCRIPTION.name):
+        _robot(settings)
+    return PARAMETERS
 
 
 def motion_limits(values: Mapping[str, Value]) -> MotionLimits:
@@ -124,12 +140,11 @@ def motion_limits(values: Mapping[str, Value]) -> MotionLimits:
         values: ``joints`` and every parameter of `PARAMETERS`, as `resolve` returns them.
 
     Raises:
-        ParameterError: the description cannot be used, see `find_robot`, or has another number of joints; or a joint
-            has a smallest position above its largest one.
+        ParameterError: see `limits_schema`, or a joint has a smallest position above its largest one.
     """
     joints = names(values["joints"])
     count = len(joints)
-    robot = _robot(values, joints)
+    robot = _robot(values) if values[DESCRIPTION.name] else None
     given = {p.name: joint_array(values[p.name], count) for p in PARAMETERS if p.per_joint}
     lower, upper = given["limits.min_position"], given["limits.max_position"]
     if np.any(lower > upper):
@@ -141,16 +156,17 @@ def motion_limits(values: Mapping[str, Value]) -> MotionLimits:
     described = _described(robot, places, count)
     open_ = lower == upper
     effort = _or(given["limits.effort"], described["effort"])
+    velocity = _or(given["limits.velocity"], described["velocity"])
     chosen = _or(given["limits.acceleration"], np.full(count, math.inf))
     model = _model(robot) if robot else None
     acceleration = chosen
     if np.isinf(chosen).any():
-        acceleration = np.minimum(chosen, _accelerations(robot, model, effort, places))
+        acceleration = np.minimum(chosen, _accelerations(robot, model, effort, velocity, places))
     return MotionLimits(
         joints=joints,
         lower=np.where(open_, described["lower"], lower),
         upper=np.where(open_, described["upper"], upper),
-        velocity=_or(given["limits.velocity"], described["velocity"]),
+        velocity=velocity,
         acceleration=acceleration,
         jerk=_or(given["limits.jerk"], acceleration / _RAMP),
         effort=effort,
@@ -158,6 +174,7 @@ def motion_limits(values: Mapping[str, Value]) -> MotionLimits:
         continuous=described["continuous"] > 0.0,
         model=model,
         places=places,
+        units=_units(robot, places, count),
     )
 
 
@@ -167,14 +184,13 @@ def unlimited(joints: int) -> MotionLimits:
     return motion_limits({"joints": named} | {p.name: p.default for p in PARAMETERS})
 
 
-def _robot(values: Mapping[str, Value], joints: tuple[str, ...]) -> Robot | None:
-    """The arm, None if none is described."""
-    if not values[DESCRIPTION.name]:
-        return None
-    robot = find_robot({name: values[name] for name in (DESCRIPTION.name, LOCKED.name)} | {"joints": joints})
-    if len(robot.joints) != len(joints):
+def _robot(settings: Mapping[str, object]) -> Robot:
+    """The arm of the description."""
+    keys = (DESCRIPTION.name, LOCKED.name, "joints")
+    robot, joints = find_robot({key: settings[key] for key in keys if key in settings}), settings.get("joints")
+    if isinstance(joints, (list, tuple)) and len(joints) != len(robot.joints):
         raise ParameterError(
-            f"{DESCRIPTION.name}: {robot.name} has {len(robot.joints)} joints, and joints are {', '.join(joints)}",
+            f"{DESCRIPTION.name}: {robot.name} has {len(robot.joints)} joints, and joints names {len(joints)}",
             DESCRIPTION.name,
         )
     return robot
@@ -204,6 +220,12 @@ def _described(robot: Robot | None, places: NDArray[np.int_], count: int) -> dic
     return result
 
 
+def _units(robot: Robot | None, places: NDArray[np.int_], count: int) -> tuple[JointUnits, ...]:
+    """Units of the joints."""
+    of_robot = dict(zip(places.tolist(), robot.units, strict=True)) if robot else {}
+    return tuple(of_robot.get(i, TURNS) for i in range(count))
+
+
 def _or(given: Array, otherwise: Array) -> Array:
     """What is given, and something else where zero is given."""
     return np.where(given > 0.0, given, otherwise)
@@ -214,22 +236,27 @@ def _model(robot: Robot) -> Model:
     return make_model(robot, robot.pack_model({f"robot.{p.name}": p.default for p in robot.parameters}))
 
 
-def _accelerations(robot: Robot | None, model: Model | None, effort: Array, places: NDArray[np.int_]) -> Array:
+def _accelerations(
+    robot: Robot | None, model: Model | None, effort: Array, velocity: Array, places: NDArray[np.int_]
+) -> Array:
     """Default accelerations, shape (joints,): what `_SHARE` of the torque beyond gravity gives a joint alone.
 
-    That is the least of it in random postures.
+    It is the least of that in random postures, and less where the largest velocity would be reached within `_RUN_UP`.
     """
-    result = np.full(effort.size, math.inf)
+    fastest = velocity / _RUN_UP
     if robot is None or model is None:
-        return np.full(effort.size, _WITHOUT_MODEL)
+        return np.minimum(fastest, _WITHOUT_MODEL)
     joints = effort.size
     middle = np.array(robot.initial_position)
     low, high = np.array(robot.position_limits).T if robot.position_limits else (middle - math.pi, middle + math.pi)
     low, high = np.maximum(low, middle - math.pi), np.minimum(high, middle + math.pi)
     rows, efforts = np.vstack([np.zeros(joints), np.eye(joints)]), np.empty((joints + 1, joints))
+    least = np.full(joints, math.inf)
     for share in np.random.default_rng(0).random((_POSTURES, joints)):
         inverse_dynamics(model, low + share * (high - low), np.zeros(joints), rows, efforts)
         gravity, inertia = np.abs(efforts[0]), np.diag(efforts[1:] - efforts[0])
         beyond = np.maximum(effort[places] - gravity, _LEAST * effort[places])
-        result[places] = np.minimum(result[places], _SHARE * beyond / inertia)
-    return np.where(np.isinf(result), _WITHOUT_MODEL, result)
+        least = np.minimum(least, _SHARE * beyond / inertia)
+    possible = np.empty(joints)
+    possible[places] = np.where(np.isinf(least), _WITHOUT_MODEL, least)
+    return np.minimum(fastest, possible)

@@ -55,6 +55,12 @@ class PiecewiseMotion:
         """Of the powers 0 to 5 of the share of a segment that has passed, shape (joints, segments, 6), rad."""
         return self.parameters[:, self.segments + 1 :].reshape(len(self.parameters), -1, 6)
 
+    def stretched(self, factor: float) -> "PiecewiseMotion":
+        """The same path from the same begin, slower by this factor."""
+        parameters = self.parameters.copy()
+        parameters[:, : self.segments + 1] = self.begin + factor * (self.times - self.begin)
+        return PiecewiseMotion(parameters)
+
     def evaluate(self, t: float, desired: Array) -> None:
         """See `Motion.evaluate`."""
         evaluate(t, self.parameters, desired)
