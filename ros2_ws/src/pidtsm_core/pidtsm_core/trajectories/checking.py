@@ -88,12 +88,12 @@ def _error(limits: MotionLimits, quantity: str, worst: Array, allowed: Array | t
         "effort": unit.effort,
     }[quantity]
     if isinstance(allowed, tuple):
-        range_ = f"{allowed[0][joint]:.4g} to {allowed[1][joint]:.4g}"
+        range_ = f"{allowed[0][joint]:.6g} to {allowed[1][joint]:.6g}"
     else:
-        range_ = f"at most {allowed[joint]:.4g}"
+        range_ = f"at most {allowed[joint]:.6g}"
     word = "torque" if name == "N m" else "force" if quantity == "effort" else quantity
     return TrajectoryError(
-        f"{limits.joints[joint]}: the {word} would be {value:.4g} {name} at {worst[3]:.3f} s; {range_} is allowed"
+        f"{limits.joints[joint]}: the {word} would be {value:.6g} {name} at {worst[3]:.3f} s; {range_} is allowed"
     )
 
 

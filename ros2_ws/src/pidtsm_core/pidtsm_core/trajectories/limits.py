@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, joint_array, names
+from pidtsm_core.parameters import Array, Parameter, ParameterError, joint_array
 from pidtsm_core.robots import DESCRIPTION, LOCKED, Model, Robot, find_robot, inverse_dynamics, make_model
 from pidtsm_core.units import TURNS, JointUnits
 
@@ -133,19 +133,26 @@ def limits_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     return PARAMETERS
 
 
-def motion_limits(values: Mapping[str, Value]) -> MotionLimits:
+def motion_limits(settings: Mapping[str, object]) -> MotionLimits:
     """The limits that parameters set, completed from the description of the arm.
 
     Args:
-        values: ``joints`` and every parameter of `PARAMETERS`, as `resolve` returns them.
+        settings: parameters in `PARAMETERS` that differ from their defaults, and ``joints``; by default those of the
+            description. Other parameters do not matter.
 
     Raises:
-        ParameterError: see `limits_schema`, or a joint has a smallest position above its largest one.
+        ParameterError: see `limits_schema`, or a value is invalid, or a joint has a smallest position above its largest
+            one, or neither joints nor an arm are given.
     """
-    joints = names(values["joints"])
+    robot = _robot(settings) if settings.get(DESCRIPTION.name) else None
+    given_joints = settings.get("joints", robot.joints if robot else ())
+    joints = tuple(map(str, given_joints)) if isinstance(given_joints, (list, tuple)) else ()
+    if not joints:
+        raise ParameterError(f"neither joints nor {DESCRIPTION.name} are given", "joints")
     count = len(joints)
-    robot = _robot(values) if values[DESCRIPTION.name] else None
-    given = {p.name: joint_array(values[p.name], count) for p in PARAMETERS if p.per_joint}
+    given = {
+        p.name: joint_array(p.check(settings.get(p.name, p.default), count), count) for p in PARAMETERS if p.per_joint
+    }
     lower, upper = given["limits.min_position"], given["limits.max_position"]
     if np.any(lower > upper):
         raise ParameterError(
@@ -158,10 +165,9 @@ def motion_limits(values: Mapping[str, Value]) -> MotionLimits:
     effort = _or(given["limits.effort"], described["effort"])
     velocity = _or(given["limits.velocity"], described["velocity"])
     chosen = _or(given["limits.acceleration"], np.full(count, math.inf))
-    model = _model(robot) if robot else None
-    acceleration = chosen
-    if np.isinf(chosen).any():
-        acceleration = np.minimum(chosen, _accelerations(robot, model, effort, velocity, places))
+    defaults = {f"robot.{p.name}": p.default for p in robot.parameters} if robot else {}
+    model = make_model(robot, robot.pack_model(defaults)) if robot else None
+    acceleration = np.where(np.isinf(chosen), _accelerations(robot, model, effort, velocity, places), chosen)
     return MotionLimits(
         joints=joints,
         lower=np.where(open_, described["lower"], lower),
@@ -176,12 +182,6 @@ def motion_limits(values: Mapping[str, Value]) -> MotionLimits:
         places=places,
         units=_units(robot, places, count),
     )
-
-
-def unlimited(joints: int) -> MotionLimits:
-    """The limits of an unknown arm: only those of acceleration and jerk, by default."""
-    named = tuple(f"joint{i + 1}" for i in range(joints))
-    return motion_limits({"joints": named} | {p.name: p.default for p in PARAMETERS})
 
 
 def _robot(settings: Mapping[str, object]) -> Robot:
@@ -229,11 +229,6 @@ def _units(robot: Robot | None, places: NDArray[np.int_], count: int) -> tuple[J
 def _or(given: Array, otherwise: Array) -> Array:
     """What is given, and something else where zero is given."""
     return np.where(given > 0.0, given, otherwise)
-
-
-def _model(robot: Robot) -> Model:
-    """The model of an arm with its default parameters."""
-    return make_model(robot, robot.pack_model({f"robot.{p.name}": p.default for p in robot.parameters}))
 
 
 def _accelerations(

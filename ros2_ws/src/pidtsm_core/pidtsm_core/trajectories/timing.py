@@ -33,7 +33,8 @@ def retime(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
 
     With two way points it is the fastest motion on the straight line between them. With more it passes through all of
     them on a spline (see `interpolate`) without stopping; the durations of its segments are adapted so that a limit of
-    velocity, acceleration or jerk is reached nearly everywhere. If it needs too much effort, it is slowed down as a whole.
+    velocity, acceleration or jerk is reached nearly everywhere. If it needs too much effort, it is slowed down as a
+    whole.
 
     Args:
         waypoints: shape (n, joints), rad or m.
@@ -52,7 +53,7 @@ def retime(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     waypoints = waypoints[np.concatenate([[True], moves])]
     motion = _on_a_line(waypoints, limits) if len(waypoints) <= 2 else _on_a_spline(waypoints, limits)
     for _ in range(_SLOWEST):
-        if not excessive_effort(motion, limits):
+        if excessive_effort(motion, limits) is None:
             break
         motion = motion.stretched(_STEP)
     check(motion, limits)

@@ -1,4 +1,6 @@
-"""Trajectories that are commanded while another motion is in progress."""
+"""Motions that replace another one while it is under way."""
+
+import math
 
 import numpy as np
 import pytest
@@ -7,9 +9,9 @@ from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.interpolation import plan
-from pidtsm_core.trajectories.limits import unlimited
-from pidtsm_core.trajectories.motion import PiecewiseMotion
-from pidtsm_core.trajectories.splice import MotionUnderWay
+from pidtsm_core.trajectories.limits import MotionLimits, motion_limits
+from pidtsm_core.trajectories.splice import MotionUnderWay, unwind
+from pidtsm_core.trajectories.stopping import stop
 
 TIMES = np.array([1.0, 2.0, 4.0])
 POINTS = np.array(
@@ -19,83 +21,14 @@ POINTS = np.array(
         [[0.7, -0.4], [0.0, 0.0], [0.0, 0.0]],
     ]
 )
-PRESENT = np.array([[0.05, 0.15], [0.2, -0.3], [0.4, 0.1]])
-REST = np.zeros((3, 2))
 NOW = 10**9
 
 
-def at(motion: PiecewiseMotion, t: float) -> Array:
-    desired = np.full((3, 2), np.nan)
-    motion.evaluate(t, desired)
-    return desired
-
-
-def plan_of(fields: int, elapsed: float = 0.0, present: Array = PRESENT) -> PiecewiseMotion:
-    return plan(TIMES, POINTS[:, :fields], elapsed, present, 0.2, "linear")
-
-
-@pytest.mark.parametrize("fields", [1, 2, 3])
-@pytest.mark.parametrize("elapsed", [0.0, 0.3, 1.0, 1.2])
-def test_it_leaves_the_present_motion_smoothly_meets_the_points_and_holds(fields: int, elapsed: float) -> None:
-    motion = plan_of(fields, elapsed)
-    continuous = 3 if fields == 3 else 2
-    np.testing.assert_allclose(at(motion, elapsed)[:continuous], PRESENT[:continuous], atol=1e-13)
-    for t, point in zip(TIMES, POINTS, strict=True):
-        if t > elapsed:
-            for side in (t - 1e-12, t):
-                np.testing.assert_allclose(at(motion, side)[0], point[0], atol=1e-10)
-            np.testing.assert_allclose(at(motion, t - 1e-12)[1:fields], point[1:fields], atol=1e-9)
-    for t in (4.0, 50.0):
-        np.testing.assert_allclose(at(motion, t), [POINTS[-1, 0], [0.0, 0.0], [0.0, 0.0]], atol=1e-13)
-
-
-@pytest.mark.parametrize("fields", [1, 2, 3])
-def test_derivatives_are_exact(fields: int) -> None:
-    motion, step = plan_of(fields), 1e-5
-    for t in (0.3, 1.5, 3.1):
-        before, now, after = (at(motion, t + d) for d in (-step, 0.0, step))
-        np.testing.assert_allclose((after[:2] - before[:2]) / (2 * step), now[1:], atol=1e-8)
-
-
-def test_positions_alone_are_joined_by_lines_after_the_first_segment() -> None:
-    motion = plan_of(1)
-    np.testing.assert_allclose(at(motion, 1.25), [[0.2, 0.15], [0.4, -0.2], [0.0, 0.0]], atol=1e-12)
-    np.testing.assert_allclose(at(motion, 1.0 - 1e-12)[1], [0.4, -0.2], atol=1e-9)
-
-
-def test_with_velocities_the_segments_are_cubics() -> None:
-    motion = plan_of(2)
-    # The acceleration of a cubic is linear.
-    for first, last in ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0)):
-        a, b, c = (at(motion, first + share * (last - first))[2] for share in (0.25, 0.5, 0.75))
-        np.testing.assert_allclose(b, (a + c) / 2.0, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("times", "points", "elapsed", "reason"),
-    [
-        ([0.0, 1.0, 1.0], POINTS, 0.0, "increase"),
-        ([2.0, 1.0, 3.0], POINTS, 0.0, "increase"),
-        ([-1.0, 1.0, 3.0], POINTS, 0.0, "0 or later"),
-        ([1.0, 2.0, 4.0], POINTS, 4.0, "it is over: it started 4 s ago and takes 4 s"),
-        ([0.0], POINTS[-1:], 0.0, "takes no time"),
-        ([1.0, 2.0], POINTS[:2], 0.0, "must end at rest"),
-        ([0.0, 1.0], [[[0.06, 0.3]], [[1.0, 1.0]]], 0.0, "point 1 is due now, and 0.3 from the present"),
-        ([0.0, 1.0, 2.0], [[[0.0, 0.0]], [[0.3, 0.0]], [[1.0, 1.0]]], 1.5, "point 2 is due now, and 0.3 from"),
-    ],
-)
-def test_trajectories_that_cannot_be_followed_are_refused(
-    times: list[float], points: object, elapsed: float, reason: str
-) -> None:
-    with pytest.raises(TrajectoryError, match=reason):
-        plan(np.array(times), np.array(points), elapsed, REST, 0.2)
-
-
 @pytest.fixture
-def under_way() -> MotionUnderWay:
+def under_way(unlimited: MotionLimits) -> MotionUnderWay:
     """A sine of 0.3 rad and 0.2 Hz that begins at 0."""
     motion = ReferenceMotion(resolve(reference_schema, {"reference.name": "sines"}, 2))
-    return MotionUnderWay(motion, 0, unlimited(2))
+    return MotionUnderWay(motion, 0, unlimited)
 
 
 def desired(motion: MotionUnderWay, now: int) -> Array:
@@ -124,11 +57,32 @@ def test_the_last_trajectory_counts(under_way: MotionUnderWay) -> None:
     np.testing.assert_allclose(desired(under_way, 9 * NOW)[0], -POINTS[-1, 0], atol=1e-13)
 
 
-def test_a_refused_trajectory_changes_nothing(under_way: MotionUnderWay) -> None:
+def test_a_motion_planned_ahead_takes_over_without_a_step(under_way: MotionUnderWay, unlimited: MotionLimits) -> None:
+    desired(under_way, NOW)
+    begin, start = NOW + 20_000_000, NOW // 2
+    present = under_way.state_at(begin)
+    motion = plan(TIMES, POINTS, (begin - start) * 1e-9, present, 1.0)
+    under_way.replace(motion, start, begin)
+    np.testing.assert_array_equal(desired(under_way, begin - 1), under_way.state_at(begin - 1))
+    np.testing.assert_allclose(desired(under_way, begin), present, atol=1e-12)
+    np.testing.assert_allclose(desired(under_way, start + 2 * NOW), POINTS[1], atol=1e-12)
+    expected = desired(under_way, start + 3 * NOW)
+    with pytest.raises(TrajectoryError, match=r"2\.48 s too late"):
+        under_way.replace(stop(present, unlimited), begin, begin)
+    np.testing.assert_array_equal(desired(under_way, start + 3 * NOW), expected)
+
+
+@pytest.mark.parametrize(
+    ("count", "factor", "reason"), [(2, 1.0, "must end at rest"), (3, 100.0, "joint1: the velocity would be")]
+)
+def test_a_refused_trajectory_changes_nothing(count: int, factor: float, reason: str) -> None:
+    motion = ReferenceMotion(resolve(reference_schema, {"reference.name": "sines"}, 2))
+    limits = motion_limits({"joints": ("joint1", "joint2"), "limits.velocity": 3.0})
+    under_way = MotionUnderWay(motion, 0, limits)
     under_way.follow(NOW, NOW, TIMES, POINTS, 0.2)
     expected = desired(under_way, 3 * NOW)
-    with pytest.raises(TrajectoryError):
-        under_way.follow(3 * NOW, 3 * NOW, TIMES[:2], POINTS[:2], 0.2)
+    with pytest.raises(TrajectoryError, match=reason):
+        under_way.follow(3 * NOW, 3 * NOW, TIMES[:count], factor * POINTS[:count], 0.2)
     np.testing.assert_array_equal(desired(under_way, 3 * NOW), expected)
 
 
@@ -142,3 +96,27 @@ def test_a_cancelled_trajectory_comes_to_rest_smoothly_and_holds(under_way: Moti
     assert (path[:, 1] < 1.1 * present[1]).all(), "it does not hurry"
     assert not path[-1, 1:].any()
     np.testing.assert_array_equal(desired(under_way, 9 * NOW), path[-1])
+
+
+def test_a_clock_that_is_set_changes_no_motion(under_way: MotionUnderWay) -> None:
+    under_way.follow(NOW, 2 * NOW, TIMES, POINTS, 0.2)
+    expected = [under_way.state_at(NOW), POINTS[1]]
+    under_way.move(-5 * NOW)
+    np.testing.assert_array_equal(desired(under_way, -4 * NOW), expected[0])
+    np.testing.assert_allclose(desired(under_way, -NOW), expected[1], atol=1e-12)
+
+
+def test_joints_that_turn_without_end_go_to_the_nearest_turn() -> None:
+    urdf = (
+        '<robot name="wheel"><link name="base"/><link name="rim"><inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="hub" '
+        'type="continuous"><parent link="base"/><child link="rim"/><axis xyz="0 0 1"/>'
+        '<limit effort="9" velocity="9"/></joint></robot>'
+    )
+    turn = 2.0 * math.pi
+    for limits, expected in (
+        (motion_limits({"robot.description": urdf}), [[[-0.1 + 2 * turn]], [[3.0 + 2 * turn]]]),
+        (motion_limits({"joints": ["hub"]}), [[[-0.1]], [[3.0]]]),
+    ):
+        unwound = unwind(np.array([[[-0.1]], [[3.0]]]), np.array([2 * turn + 0.3]), limits)
+        np.testing.assert_allclose(unwound, expected)
