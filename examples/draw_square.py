@@ -1,4 +1,6 @@
-"""Panda draws a square of 20 cm with its tool: inverse kinematics, a motion within the limits of the arm, a rollout."""
+"""The Panda draws a square of 20 cm with its tool: inverse kinematics, a motion within limits, a rollout."""
+
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,7 +20,7 @@ centre, axes = tool_pose(robot, values, start)
 # The corners in the plane of the table, and points between them, 1 cm apart; the tool keeps its orientation.
 corners = 0.1 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0], [1, 1, 0]])
 share = np.linspace(0.0, 1.0, 20, endpoint=False)[:, None]
-line = [a + share * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)]
+line = [a + share * (b - a) for a, b in pairwise(corners)]
 points = centre + np.concatenate([*line, corners[-1:]])
 
 postures = []
@@ -43,6 +45,5 @@ settings = {
 }
 run = pidtsm.rollout(pidtsm.Experiment("square", "", motion.end + 0.5, settings), params="practical")
 drawn, wanted = ([tool_pose(robot, values, q)[0] for q in path[::10]] for path in (run.position, run.desired))
-print(
-    f"largest distance of the tool from its path: {1e3 * np.linalg.norm(np.subtract(drawn, wanted), axis=1).max():.2f} mm"
-)
+distance = 1e3 * np.linalg.norm(np.subtract(drawn, wanted), axis=1).max()
+print(f"largest distance of the tool from its path: {distance:.2f} mm")
