@@ -79,7 +79,7 @@ def write_bag(path: Path, seconds: int) -> None:
     def messages(k: int) -> dict[str, Any]:
         return {
             "joint_states": joint_state(header, names, run.position[k], run.velocity[k], nothing),
-            "reference": reference(header, names, *run.reference[k]),
+            "reference": reference(header, names, *run.reference[k], np.zeros(len(names))),
             "joint_commands": joint_state(header, names, nothing, nothing, run.effort[k]),
             "controller/state": state(header, names, *run.signals[k], *run.status[k].tolist(), *[2e-5] * others),
             "simulator/ground_truth": joint_state(header, names, run.position[k], run.velocity[k], run.effort[k]),

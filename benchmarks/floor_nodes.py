@@ -32,7 +32,7 @@ from pidtsm_ros.wire import OutgoingMessage
 from two_link_sim.simulator_node import SimulatorNode
 
 JOINTS = ["joint1", "joint2"]
-MOTION = ("position", "velocity", "acceleration")
+MOTION = ("position", "velocity", "acceleration", "effort")
 _SCALARS = ("period", "rate", "period_jitter", "state_age", "missed_deadlines", "compute_time")
 
 

@@ -83,8 +83,8 @@ def joint_command(name: list[str], values: Any, others: Any) -> Any:
     return JointState(name=name, effort=values, position=others)
 
 
-def reference(name: list[str], position: Any, velocity: Any, acceleration: Any) -> Any:
-    return JointReference(name=name, position=position, velocity=velocity, acceleration=acceleration)
+def reference(name: list[str], position: Any, velocity: Any, acceleration: Any, effort: Any) -> Any:
+    return JointReference(name=name, position=position, velocity=velocity, acceleration=acceleration, effort=effort)
 
 
 def trajectory(name: list[str], points: Any) -> Any:
@@ -129,7 +129,7 @@ points = st.lists(
 Kind = tuple[str, type, Callable[..., Any], st.SearchStrategy[Any], Sequence[str]]
 STAMPED: list[Kind] = [
     ("joint_states", JointState, joint_state, st.tuples(names, arrays, arrays), ("controller", "trajectory")),
-    ("reference", JointReference, reference, st.tuples(names, arrays, arrays, arrays), ("controller",)),
+    ("reference", JointReference, reference, st.tuples(names, arrays, arrays, arrays, arrays), ("controller",)),
     ("joint_trajectory", JointTrajectory, trajectory, st.tuples(names, points), ("trajectory",)),
     ("joint_commands", JointState, joint_command, st.tuples(names, arrays, arrays), ("simulator",)),
 ]

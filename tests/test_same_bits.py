@@ -128,6 +128,7 @@ def assert_same_bits(run: dict[str, dict[int, Any]], simulated: Recording, delay
         assert list(status.values()) == simulated.status[k].tolist(), f"status of sample {k}"
     for k, message in run["reference"].items():
         if message.name:  # Else there is none.
+            assert len(message.effort) == len(joints)
             assert (table(message, motion, joints) == simulated.reference[k]).all(), f"reference of sample {k}"
 
 
@@ -168,6 +169,10 @@ CONDITIONS: dict[str, Any] = {
     "no reference at first, then one that jumps": {
         "controller": {"limits.effort_rate": 300.0},
         "trajectory": {"dropout.duration": 0.1, "jump.position": [0.2, -0.1], "jump.time": 0.3},
+    },
+    "effort that is fed forward, stale reference": {
+        "controller": {"activation.blend": 0.1, "limits.effort_rate": 1000.0},
+        "trajectory": {"feedforward.effort": [20.0, -8.0], "dropout.time": 0.2, "dropout.duration": 0.25},
     },
     "gap in the joint states that is borne": {"simulator": {"dropout.time": 0.2, "dropout.duration": 0.05}},
     "gap in the joint states that stops, reset": {

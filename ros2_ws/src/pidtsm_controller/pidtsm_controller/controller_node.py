@@ -28,7 +28,7 @@ from pidtsm_ros.qos import KEPT
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage, deserialize
 
-_REFERENCE_FIELDS = ("position", "velocity", "acceleration")
+_REFERENCE_FIELDS = ("position", "velocity", "acceleration", "effort")
 _LOOP_FIELDS = ("period", "rate", "period_jitter", "state_age", "missed_deadlines", "compute_time")
 _CALM = 1.0
 """s; sooner, the same warning is not logged again: a limit may be exceeded again and again."""
@@ -84,7 +84,7 @@ class ControllerNode(ManagedNode):
         fields = ("position", "effort") if self._controller.config.feeds_back else ("position",)
         self._statistics = LoopStatistics(as_float(self.values["diagnostics.deadline"]))
         self._incoming_state = IncomingMessages(JointState, fields, joints)
-        self._incoming_reference = IncomingMessages(JointReference, _REFERENCE_FIELDS, joints)
+        self._incoming_reference = IncomingMessages(JointReference, _REFERENCE_FIELDS, joints, optional=("effort",))
         self._decimation = int(as_float(self.values["state.decimation"]))
         self._answered_stamp = self._waiting_stamp = -1
         self._state_arrivals, self._reference_arrivals = Arrivals(), Arrivals()
@@ -162,7 +162,7 @@ class ControllerNode(ManagedNode):
             judged = self._reference_arrivals.judge(stamp, now)
             if judged in (Stamp.LATE, Stamp.AHEAD):
                 raise MessageError(judged.explanation)
-            self._incoming_reference.read(data, self._controller.reference)
+            self._incoming_reference.read(data, self._controller.given)
             self._reference_arrivals.take(judged, stamp, now)
         self._answered_stamp = stamp
         if self.active and self._waiting_stamp >= 0:

@@ -63,8 +63,9 @@ class TrajectoryNode(ManagedNode):
         self._motion.cancel(0)
         self._motion.evaluate(0, self._desired)
 
-        fields = ("position", "velocity", "acceleration")
+        fields = ("position", "velocity", "acceleration", "effort")
         self._reference = OutgoingMessage(JointReference(name=joints), fields, joints=len(joints))
+        self._reference.arrays[3] = self._built_in.config.feedforward
         self._none = OutgoingMessage(JointReference())
 
         self._references = self.advertise(JointReference, "reference")
@@ -126,7 +127,7 @@ class TrajectoryNode(ManagedNode):
                 self._references.publish(self._none.to_bytes(stamp))
             return
         self._motion.evaluate(stamp, self._desired)
-        self._reference.arrays[:] = self._desired
+        self._reference.arrays[:3] = self._desired
         self._published += 1
         self._references.publish(self._reference.to_bytes(stamp))
 

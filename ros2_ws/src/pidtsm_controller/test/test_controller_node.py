@@ -1,8 +1,10 @@
 """When the controller node becomes active, why it refuses to, and its topics after clean-up."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import JointState
@@ -23,12 +25,14 @@ class Arm:
         self.states = graph.stranger.create_publisher(JointState, "joint_states", 10)
         self.references = graph.stranger.create_publisher(JointReference, "reference", 10)
         self.position, self.desired = position, desired
+        self.effort: list[float] = []
         self.sample = 0
 
     def send(self) -> None:
         rest = [0.0] * len(NAMES)
         state = JointState(name=NAMES, position=self.position)
-        reference = JointReference(name=NAMES, position=self.desired, velocity=rest, acceleration=rest)
+        motion = {"position": self.desired, "velocity": rest, "acceleration": rest}
+        reference = JointReference(name=NAMES, **motion, effort=self.effort)
         for publisher, message in ((self.references, reference), (self.states, state)):
             message.header.stamp.nanosec = self.sample * MS
             publisher.publish(message)
@@ -67,6 +71,33 @@ def test_it_becomes_active_only_near_its_reference(
     assert node.trigger_activate() == expected
     assert node.active is not bool(refusal)
     assert (f"not activated: {refusal}" in capfd.readouterr().err) is bool(refusal)
+
+
+def test_the_effort_of_a_reference_is_added_to_the_command_and_may_be_empty(graph: Callable[..., Any]) -> None:
+    made = graph(ControllerNode, LOCKSTEP, "activation.blend:=0.0")
+    node, arm = made.node, Arm(made, [0.2, -0.1], [0.2, -0.1])
+    commands: list[JointState] = []
+    made.stranger.create_subscription(JointState, "joint_commands", commands.append, 10)
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    made.until(lambda: not node.refusal(), arm.send)
+    assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+    made.until(lambda: made.stranger.count_publishers("joint_commands") == 1)
+
+    def command() -> Any:
+        arm.send()
+        made.until(lambda: commands and commands[-1].header.stamp.nanosec == (arm.sample - 1) * MS)
+        return np.array(commands[-1].effort)
+
+    still = command()
+    for effort in ([7.0, -3.0], [], [7.0, -3.0]):
+        arm.effort = effort
+        np.testing.assert_allclose(command(), still + (effort or 0.0), atol=1e-9)
+    for count, effort in enumerate(([7.0], [7.0, math.nan]), 1):
+        arm.effort = effort
+        arm.send()
+        made.until(lambda count=count: node.rejected == count)
+    arm.effort = []
+    np.testing.assert_allclose(command(), still, atol=1e-9)
 
 
 def test_in_realtime_an_old_joint_state_does_not_activate_it(graph: Callable[..., Any]) -> None:

@@ -103,10 +103,12 @@ def _observe(loop: _Loop, samples: _Samples, k: int, elapsed: float) -> None:
 @inlined
 def _refer(loop: _Loop, desired: Array) -> None:
     """Pass a reference to the controller; `desired` is in the order of the trajectory, shape (3, joints)."""
-    reference = loop.state.reference
+    reference, places = loop.state.reference, loop.places[1]
     for i in range(3):
         for j in range(reference.shape[1]):
-            reference[i, j] = desired[i, loop.places[1, j]]
+            reference[i, j] = desired[i, places[j]]
+    for j in range(places.size):
+        loop.state.feedforward[j] = loop.motion.feedforward[places[j]]
 
 
 @inlined

@@ -68,7 +68,7 @@ def sent(run: Recording) -> list[Sent]:
         signals = run.signals[k]
         for topic, message in {
             "joint_states": joint_state(header, names, run.position[k], run.velocity[k], nothing),
-            "reference": reference(header, names, *run.reference[k]),
+            "reference": reference(header, names, *run.reference[k], nothing),
             "joint_commands": joint_state(header, names, nothing, nothing, signals[Signal.EFFORT]),
             "controller/state": state(header, names, *signals, *run.status[k].tolist(), *LOOP, COMPUTE_TIME),
             "simulator/ground_truth": joint_state(header, names, run.position[k], run.velocity[k], run.effort[k]),

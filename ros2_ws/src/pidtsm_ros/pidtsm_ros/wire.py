@@ -143,7 +143,7 @@ def _take(
         words: the message as integers, shape (words,).
         layout: a message that was read before, and a mask of the bits that must not change, shape (2, words).
         numbers: the same message as floats, shape (words,).
-        wanted: indices of the numbers in `numbers`, shape (fields, joints).
+        wanted: indices of the numbers in `numbers`, shape (fields, joints); negative: the message has none, take 0.
         target: result, shape (fields, joints).
 
     Returns:
@@ -154,11 +154,11 @@ def _take(
             return False
     for i in range(wanted.shape[0]):
         for j in range(wanted.shape[1]):
-            if not -ABSURD < numbers[wanted[i, j]] < ABSURD:
+            if wanted[i, j] >= 0 and not -ABSURD < numbers[wanted[i, j]] < ABSURD:
                 return False
     for i in range(wanted.shape[0]):
         for j in range(wanted.shape[1]):
-            target[i, j] = numbers[wanted[i, j]]
+            target[i, j] = numbers[wanted[i, j]] if wanted[i, j] >= 0 else 0.0
     return True
 
 
@@ -168,16 +168,19 @@ class IncomingMessages:
     The messages begin with a std_msgs/Header and have a field ``name``.
     """
 
-    def __init__(self, message_type: type, fields: Sequence[str], joints: Sequence[str]) -> None:
+    def __init__(
+        self, message_type: type, fields: Sequence[str], joints: Sequence[str], optional: Sequence[str] = ()
+    ) -> None:
         """Compile the reader and store the expected layout.
 
         Args:
             message_type: type of the messages.
             fields: float64[] fields to read.
             joints: joint names of the node, in its order.
+            optional: those of the fields that may be empty, which means zeros.
         """
         self._type = message_type
-        self._fields = list(fields)
+        self._fields, self._optional = list(fields), optional
         self._order = JointOrder(joints)
         self._values = np.zeros((len(fields), len(joints)))
         self._length = -1  # of the layout seen last; see `_learn`
@@ -200,7 +203,10 @@ class IncomingMessages:
     def _read_slowly(self, data: bytes, target: Array) -> None:
         message = deserialize(data, self._type)
         for row, name in zip(self._values, self._fields, strict=True):
-            self._order.read(message.name, getattr(message, name), name, row)
+            values = getattr(message, name)
+            row[:] = 0.0
+            if len(values) or name not in self._optional:
+                self._order.read(message.name, values, name, row)
         target[:] = self._values
         self._learn(data, message)
 
@@ -218,7 +224,8 @@ class IncomingMessages:
         order = self._order.match(message.name)
         self._words, self._numbers = buffer.view(np.int64), buffer.view(np.float64)
         self._layout = np.array([self._words, ~changing.view(np.int64)])
-        wanted = [(LEAD + places[name]) // DOUBLE + order for name in self._fields]
+        none = np.full(order.size, -1)
+        wanted = [(LEAD + places[name]) // DOUBLE + order if name in places else none for name in self._fields]
         self._wanted = np.array(wanted, dtype=np.int64)
         self._memory = buffer.data[LEAD : LEAD + len(data)]
         self._length = len(data)

@@ -21,7 +21,7 @@ from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 
 NAMES = st.lists(st.text("jointé_1", min_size=1, max_size=9), min_size=1, max_size=7, unique=True)
 NUMBERS = st.floats(allow_subnormal=True, width=64)
-REFERENCE = ("position", "velocity", "acceleration")
+REFERENCE = ("position", "velocity", "acceleration", "effort")
 STATE = tuple(n for n, t in ControllerState.get_fields_and_field_types().items() if t == "sequence<double>")
 SCALARS = tuple(n for n, t in ControllerState.get_fields_and_field_types().items() if t == "double")
 
@@ -128,12 +128,28 @@ def test_incoming_messages_are_read_whatever_came_before(messages: list[tuple[by
 
 
 def test_several_fields_are_read_in_the_requested_order() -> None:
-    incoming, target = IncomingMessages(JointReference, REFERENCE[::-1], OWN), np.zeros((3, 2))
+    incoming, target = IncomingMessages(JointReference, REFERENCE[::-1], OWN), np.zeros((4, 2))
     for factor in (1.0, 2.0):
-        values = [[factor, 2.0], [3.0, 4.0], [5.0, 6.0]]
+        values = [[factor, 2.0], [3.0, 4.0], [5.0, 6.0], [7.0, 8.0]]
         message = JointReference(name=OWN[::-1], **dict(zip(REFERENCE, values, strict=True)))
         incoming.read(serialize_message(message), target)
         assert target.tolist() == [row[::-1] for row in values[::-1]]
+
+
+@settings(deadline=None)
+@given(st.lists(st.sampled_from([[], [1.0, -2.0], [1.0], [1.0, math.nan], [1e9, 0.0]]), max_size=8))
+def test_an_optional_field_may_be_empty(efforts: list[list[float]]) -> None:
+    incoming, target = IncomingMessages(JointReference, REFERENCE, OWN, ("effort",)), np.ones((4, 2))
+    for effort in efforts:
+        message = JointReference(name=OWN, **{name: [0.5, 1.5] for name in REFERENCE[:3]}, effort=effort)
+        before = target.copy()
+        if effort in ([], [1.0, -2.0]):
+            incoming.read(serialize_message(message), target)
+            assert target.tolist() == [[0.5, 1.5]] * 3 + [effort or [0.0, 0.0]]
+        else:
+            with pytest.raises(MessageError, match=r"effort (has 1 values for 2|is not finite|is absurd)"):
+                incoming.read(serialize_message(message), target)
+            assert target.tobytes() == before.tobytes()
 
 
 def test_other_byte_orders_are_read_too() -> None:

@@ -48,7 +48,8 @@ _NEAR = 0.05
 class Controller:
     """A controller of one robot, built from checked parameters.
 
-    For each sample, write the measurement to `position` and the newest reference to `reference`, then call `step`.
+    For each sample, write the measurement to `position` and the newest reference to `reference` or `given`, then call
+    `step`.
 
     Attributes:
         joints: number of joints.
@@ -56,6 +57,7 @@ class Controller:
         measured: `position`, and the effort that the drives report (N m) if ``feedback.effort`` is ``measured``,
             shape (1 or 2, joints).
         reference: q_d, q_d', q_d'', shape (3, joints), rad, rad/s, rad/s^2.
+        given: `reference`, and the effort (N m) that is fed forward, shape (4, joints).
         effort: the result of the last step, shape (joints,), N m.
         signals: likewise, shape (len(Signal), joints), order of `Signal`.
         floats, integers: arguments of `respond`.
@@ -79,8 +81,8 @@ class Controller:
         self.floats = np.zeros(floats_size(self.joints, model.size, gains.shape[1]))
         self.integers = np.zeros(integers_size(), dtype=np.int64)
         self._fill(values, model, gains)
-        self.position, self.reference = self.state.measured, self.state.reference
-        self.measured = self.state.received
+        self.position, self.measured = self.state.measured, self.state.received
+        self.reference, self.given = self.state.reference, self.state.given
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
         """Use other parameters from the next step on; the state is kept.
@@ -146,8 +148,9 @@ class Controller:
 
     def reset(self) -> None:
         """Return to the initial state; measurements and reference are kept."""
-        kept = (self.state.measured, self.state.applied, self.state.received, self.state.reference)
-        for array in self.state:
+        state = self.state
+        kept = (state.measured, state.applied, state.received, state.reference, state.feedforward, state.given)
+        for array in state:
             if not any(array is each for each in kept):
                 array[:] = 0
 

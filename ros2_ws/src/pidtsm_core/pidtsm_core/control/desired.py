@@ -1,7 +1,7 @@
 """The desired motion that the law follows: the reference or a held position, plus a way.
 
 The way is a quintic that begins at the difference from the current motion and ends at zero, so the desired motion makes
-no step.
+no step. Along the way, the effort that is fed forward fades to that of the reference, or to zero if a position is held.
 """
 
 import math
@@ -71,13 +71,16 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
 def write_desired(state: ControllerState, stamp: int) -> None:
     """Write the reference or the held position, plus the way, at `stamp` (ns) to ``state.desired``."""
     write_base(state, state.desired)
-    duration = state.way_duration[0]
+    duration, passed = state.way_duration[0], 1.0
     if duration > 0.0:
         t = seconds(stamp - state.clock[Clock.WAY_BEGAN])
         if t < duration:
             add_quintic(state.way, duration, t, state.desired)
+            passed = t / duration
         else:
             _end_way(state)
+    for j in range(state.fed.size):
+        state.fed[j] = _fed(state, j, passed)
 
 
 @part
@@ -85,6 +88,7 @@ def begin_at(state: ControllerState, position: Array) -> None:
     """Set the desired motion to rest at `position`, shape (joints,), rad."""
     _end_way(state)
     for j in range(position.size):
+        state.fed[j] = 0.0
         state.held[0, j] = position[j]
         state.held[1, j] = 0.0
         state.held[2, j] = 0.0
@@ -123,6 +127,7 @@ def _plan_rest(state: ControllerState, start: Array, duration: float) -> None:
             state.held[i, j] = 0.0
         for i in range(3):
             state.base[i, j] = state.held[i, j]
+        state.fed_before[j] = state.fed[j]
     quintic(start, state.held, duration, state.way)
     # The way is the difference from the held position.
     for j in range(start.shape[1]):
@@ -145,6 +150,14 @@ def write_base(state: ControllerState, motion: Array) -> None:
 
 
 @inlined
+def _fed(state: ControllerState, joint: int, passed: float) -> float:
+    """Effort of the reference to add to the command, N m, when a share `passed` (0 to 1) of the way has passed."""
+    target = state.feedforward[joint] if state.status[Status.MODE] == Mode.FOLLOWING else 0.0
+    left = 1.0 - passed * passed * passed * (10.0 - passed * (15.0 - 6.0 * passed))
+    return target + left * (state.fed_before[joint] - target)
+
+
+@inlined
 def _end_way(state: ControllerState) -> None:
     state.way_duration[0] = 0.0
     state.clock[Clock.ADAPTATION] = Adaptation.NORMAL
@@ -164,6 +177,8 @@ def _begin_way(config: ControllerConfig, state: ControllerState, stamp: int) -> 
         for j in range(start.shape[1]):
             difference[i, j] = start[i, j] - state.base[i, j]
             rest[i, j] = 0.0
+    for j in range(start.shape[1]):
+        state.fed_before[j] = state.fed[j]
     duration, excess = _slow_enough(config, state, difference), 0.0
     if config.rate_limited:
         duration, excess = _duration(config, state, duration)
@@ -230,6 +245,7 @@ def _excess(config: ControllerConfig, state: ControllerState, duration: float) -
         add_quintic(state.way, duration, t, motion)
         inverse_dynamics(config.model, motion[0], motion[1], motion[2:], efforts[:1])
         for j in range(motion.shape[1]):
+            efforts[0, j] += _fed(state, j, k / _MOMENTS)
             excess = max(excess, abs(efforts[0, j]) / (_SHARE_OF_EFFORT * config.effort_limit[j]) if k else 0.0)
             if k and config.effort_rate[j] > 0.0:
                 rate = abs(efforts[0, j] - efforts[1, j]) / step
@@ -258,7 +274,7 @@ def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int)
         Whether the way is within the limits, or nearly so.
     """
     y, start = state.signals, state.desired
-    write_net_effort(config, state, y[Signal.EFFORT])
+    write_net_effort(state, y[Signal.EFFORT])
     forward_dynamics(config.model, y[Signal.POSITION], y[Signal.VELOCITY], state.net, start[2])
     for j in range(state.measured.size):
         start[0, j] = y[Signal.POSITION, j]

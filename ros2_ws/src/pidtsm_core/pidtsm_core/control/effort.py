@@ -24,16 +24,15 @@ def carry(config: ControllerConfig, state: ControllerState, q: Array) -> None:
 
 
 @inlined
-def write_net_effort(config: ControllerConfig, state: ControllerState, effort: Array) -> None:
-    """Write the effort that accelerates the arm, without what compensates friction, to ``state.net``.
+def write_net_effort(state: ControllerState, effort: Array) -> None:
+    """Write the effort that accelerates the arm to ``state.net``, without what was added for a load the model lacks.
 
     Args:
-        config: configuration, which is read.
         state: state, which is changed.
         effort: of the last tick, shape (joints,), N m.
     """
     for j in range(effort.size):
-        state.net[j] = effort[j] - state.friction[j] if config.compensates else effort[j]
+        state.net[j] = effort[j] - state.added[j]
 
 
 @inlined

@@ -28,8 +28,7 @@ _HOLDS, ELSEWHERE = 1, 2
 @part
 def make_safe(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
     """Replace the effort for the joint state of `stamp` (ns), dt (s) after the last one, with the safe effort."""
-    for j in range(state.friction.size):
-        state.friction[j] = 0.0  # The safe effort compensates none, and the estimator must know.
+    _add_nothing(state)
     if config.holds:
         _hold(config, state, stamp, dt)
     else:
@@ -46,6 +45,7 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     it. Meanwhile it fades.
     """
     clock = state.clock
+    _add_nothing(state)
     clock[Clock.BRAKES] = config.brakes
     if not config.holds:
         _damp(config, state)
@@ -63,6 +63,13 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     limit_effort(config, state)
     _go_gently(config, state, now, begins)
     clock[Clock.HELD] = ELSEWHERE
+
+
+@inlined
+def _add_nothing(state: ControllerState) -> None:
+    """The safe effort compensates no friction, and feeds nothing forward; the estimator must know."""
+    for j in range(state.added.size):
+        state.added[j] = 0.0
 
 
 @inlined

@@ -116,6 +116,8 @@ class ControllerState(NamedTuple):
     measured: Array  # q as measured, written before a step, shape (joints,), rad
     applied: Array  # effort as the drives report it, if the configuration feeds_back, likewise, N m
     reference: Array  # q_d, q_d', q_d'' as received, written before a step, shape (3, joints)
+    feedforward: Array  # effort of the reference as received, likewise, shape (joints,), N m
+    given: Array  # values of a reference: `reference` and `feedforward`, shape (4, joints)
     held: Array  # desired motion while no reference is followed, likewise
     base: Array  # scratch: the reference at the sample, or the held position, likewise
     desired: Array  # the same plus the way: the motion that the law follows, likewise
@@ -125,11 +127,13 @@ class ControllerState(NamedTuple):
     law: Array  # shape (joints, STATE_SLOTS)
     signals: Array  # shape (len(Signal), joints), see `Signal`
     sent: Array  # the last command, shape (joints,), N m
-    friction: Array  # effort of the last tick that compensates friction, shape (joints,), N m
+    added: Array  # effort of the last tick beyond the law's: it compensates friction, or was fed forward, likewise
     turned: Array  # whole turns that are added to the reference of a continuous joint, shape (joints,), rad
     referred: Array  # position of the last reference that was followed, with these turns, shape (joints,), rad
     output: Array  # the command for the arm, shape (joints,), N m
     doubted: Array  # number of consecutive implausible measurements, shape (joints,)
+    fed: Array  # effort of the reference that is added now, see desired.py, shape (joints,), N m
+    fed_before: Array  # the same when the way began
     hold: Array  # of the safe effort that holds the arm, see `Hold`, shape (len(Hold), joints)
     external: Array  # effort that acts on the arm from outside, see `External`, shape (len(External), joints)
     rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
@@ -147,7 +151,7 @@ _FEEDS_BACK = 14
 _CLOCK = len(Clock)
 _SCALARS = 6
 # Rows of the table at the end of the floats, one number per joint: configuration, state, signals, scratch.
-_EXTERNAL = 26
+_EXTERNAL = 29
 _HOLD = _EXTERNAL + len(External) + 1
 _CONFIG, _MOTION, _SCRATCH = 12, _HOLD + len(Hold), 13
 _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
@@ -231,20 +235,24 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
         measured=motion[0],
         applied=motion[1],
         reference=motion[2:5],
-        held=motion[5:8],
-        base=motion[8:11],
-        desired=motion[11:14],
-        way=motion[14:20],
+        feedforward=motion[5],
+        given=motion[2:6],
+        held=motion[6:9],
+        base=motion[9:12],
+        desired=motion[12:15],
+        way=motion[15:21],
         way_duration=floats[3:4],
         estimator=floats[c:d].reshape((joints, SLOTS)),
         law=floats[d : d + joints * STATE_SLOTS].reshape((joints, STATE_SLOTS)),
         signals=rows[_CONFIG + _MOTION : _ROWS - _SCRATCH],
-        sent=motion[20],
-        friction=motion[21],
-        turned=motion[22],
-        referred=motion[23],
-        output=motion[24],
-        doubted=motion[25],
+        sent=motion[21],
+        added=motion[22],
+        turned=motion[23],
+        referred=motion[24],
+        output=motion[25],
+        doubted=motion[26],
+        fed=motion[27],
+        fed_before=motion[28],
         external=motion[_EXTERNAL : _HOLD - 1],
         rejected=motion[_HOLD - 1],
         hold=motion[_HOLD:],

@@ -81,11 +81,16 @@ def _command(config: ControllerConfig, state: ControllerState, desired: Array, d
 
 
 @inlined
-def _compensate(config: ControllerConfig, state: ControllerState, desired: Array) -> None:
-    """Compute the effort that compensates friction, from the desired velocity, which is free of noise."""
+def _add(config: ControllerConfig, state: ControllerState, desired: Array) -> None:
+    """Compute the effort beyond the law's: what is fed forward, and what compensates friction.
+
+    Friction is computed from the desired velocity, which is free of noise.
+    """
     for j in range(desired.shape[1]):
-        velocity = desired[1, j]
-        state.friction[j] = config.coulomb[j] * math.tanh(velocity / _REVERSAL) + config.viscous[j] * velocity
+        state.added[j] = state.fed[j]
+        if config.compensates:
+            velocity = desired[1, j]
+            state.added[j] += config.coulomb[j] * math.tanh(velocity / _REVERSAL) + config.viscous[j] * velocity
 
 
 @inlined
@@ -101,7 +106,7 @@ def _actuate(config: ControllerConfig, state: ControllerState, dt: float) -> Non
     elif config.uses_model:
         inverse_dynamics(config.model, q_hat, dq_hat, motion[:2], efforts[:2])
     for j in range(y.shape[1]):
-        added = state.friction[j] if config.compensates else 0.0
+        added = state.added[j]
         if config.uses_model:
             y[Signal.ACCELERATION_COMMAND, j] = motion[1, j]
         else:
@@ -128,13 +133,12 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     y, desired = state.signals, state.desired
     if dt > 0.0:
         _advance(config, state, dt)
-    write_net_effort(config, state, state.applied if config.feeds_back else y[Signal.EFFORT])
+    write_net_effort(state, state.applied if config.feeds_back else y[Signal.EFFORT])
     sample = Sample(state.measured, state.truth, dt, state.net, config.model)
     estimate(config.estimator, sample, config.estimator_parameters, state.estimator, y[: Signal.POSITION_ERROR])
     if config.rejects:
         _reject(config, state)
     _command(config, state, desired, dt)
-    if config.compensates:
-        _compensate(config, state, desired)
+    _add(config, state, desired)
     _actuate(config, state, dt)
     limit_effort(config, state)

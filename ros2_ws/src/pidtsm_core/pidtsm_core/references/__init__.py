@@ -61,6 +61,14 @@ _EVENTS = (
     ),
     Parameter("dropout.duration", 0.0, "how long all references are missing; 0: no dropout", "s", minimum=0.0),
 )
+_FEEDFORWARD = Parameter(
+    "feedforward.effort",
+    0.0,
+    "torque that the controller adds to its command while it follows the reference, such as that of a load that its "
+    "model lacks",
+    "N m",
+    per_joint=True,
+)
 
 
 def reference_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
@@ -71,6 +79,7 @@ def reference_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         _NAME,
         *prefixed("reference", reference.parameters),
         *_EVENTS,
+        _FEEDFORWARD,
     )
 
 
@@ -104,6 +113,7 @@ class MotionConfig(NamedTuple):
     jump_time: float  # s
     dropout_begin: float  # s
     dropout_end: float  # s
+    feedforward: Array  # effort that is fed forward, shape (joints,), N m
 
 
 @njit
@@ -149,6 +159,7 @@ class ReferenceMotion:
             jump_time=as_float(values["jump.time"]),
             dropout_begin=begin,
             dropout_end=sum_of_times(begin, as_float(values["dropout.duration"])),
+            feedforward=joint_array(values[_FEEDFORWARD.name], self.joints),
         )
 
     def evaluate(self, t: float, desired: Array) -> None:

@@ -14,7 +14,7 @@ from pidtsm_core.signals import Fault, Mode, Signal, Status
 MS = 1_000_000
 SECOND = 1000 * MS
 START = 5 * SECOND
-RECEIVED = ("measured", "applied", "received", "reference")
+RECEIVED = ("measured", "applied", "received", "reference", "feedforward", "given")
 """Arrays that are written before a step."""
 EACH = pytest.mark.parametrize("law", LAWS.names)
 
@@ -45,7 +45,7 @@ def drive(controller: Controller, arm: Arm, samples: range = range(200)) -> Arra
     size = np.array(arm.spread(0.3, -0.1))
     for k in samples:
         controller.position[:] = arm.start - size * np.sin(0.1 * k + 0.5 * np.arange(arm.joints))
-        controller.reference[0] = arm.start
+        controller.given[0], controller.given[3] = arm.start, 0.05 * arm.limits
         stamp = START + k * MS + (30 * MS if k >= 150 else 0)
         controller.step(stamp, -1 if 20 <= k < 30 else stamp)
         rows.append(np.vstack([controller.signals, np.transpose([controller.status] * arm.joints)]))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.parameters import Value
+from pidtsm_core.parameters import Array, Value, joint_array, names
 from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
 from pidtsm_experiments.bags.message_types import typestore
@@ -33,10 +33,13 @@ def write_rollout_bag(recording: Recording, trajectory: Mapping[str, Value], fol
         OSError: the folder exists or cannot be written.
     """
     writer = BagWriter(folder, _metadata(recording, trajectory), 0, 0.0)
+    order = names(trajectory["joints"])
+    feedforward = joint_array(trajectory["feedforward.effort"], len(order))
+    feedforward = feedforward[[order.index(joint) for joint in recording.joints]]
     topics = {topic: writer.add_topic(f"/{topic.name}", topic.msgtype) for topic in (TRUTH, REFERENCE, STATE, COMMANDS)}
     store = typestore()
     for k, stamp in enumerate(recording.stamps_ns.tolist()):
-        for topic, message in _messages(recording, k).items():
+        for topic, message in _messages(recording, k, feedforward).items():
             writer.write(topics[topic], stamp, bytes(store.serialize_cdr(message, topic.msgtype)))
     writer.close()
 
@@ -56,15 +59,15 @@ def _metadata(recording: Recording, trajectory: Mapping[str, Value]) -> str:
     return json.dumps(known)
 
 
-def _messages(recording: Recording, k: int) -> dict[WantedTopic, Any]:
-    """The messages of a sample, by topic."""
+def _messages(recording: Recording, k: int, feedforward: Array) -> dict[WantedTopic, Any]:
+    """The messages of a sample, by topic; `feedforward` is that of the references, shape (joints,), N m."""
     types = typestore().types
     time = types["builtin_interfaces/msg/Time"](*divmod(int(recording.stamps_ns[k]), 1_000_000_000))
     header = types["std_msgs/msg/Header"](time, "")
     joints, nothing, signals = list(recording.joints), np.empty(0), recording.signals[k]
     values = {
         TRUTH: (recording.position[k], recording.velocity[k], recording.effort[k]),
-        REFERENCE: recording.reference[k],
+        REFERENCE: (*recording.reference[k], feedforward),
         STATE: (*signals, *recording.status[k].tolist(), *_NOT_MEASURED),
         COMMANDS: (nothing, nothing, signals[Signal.EFFORT]),
     }

@@ -622,6 +622,31 @@ def test_a_bag_may_be_cut_anywhere(tmp_path: Path, run: Recording, small_bag: by
             np.testing.assert_array_equal(recording.position, run.position[: recording.time.size])
 
 
+def test_references_of_older_versions_without_an_effort_are_read(
+    tmp_path: Path, run: Recording, write_bag: Any
+) -> None:
+    kind, old = "pidtsm_msgs/msg/JointReference", get_typestore(Stores.ROS2_JAZZY)
+    fields = "".join(f"float64[] {name}\n" for name in ("position", "velocity", "acceleration"))
+    old.register(get_types_from_msg(f"std_msgs/Header header\nstring[] name\n{fields}", kind))
+    with (
+        AnyReader([write_bag(tmp_path / "new", run)]) as reader,
+        Writer(tmp_path / "old", version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+    ):
+        stores = {c.topic: old if c.msgtype == kind else typestore() for c in reader.connections}
+        topics = {
+            c.topic: writer.add_connection(c.topic, c.msgtype, typestore=stores[c.topic]) for c in reader.connections
+        }
+        for connection, time, payload in reader.messages():
+            if connection.msgtype == kind:
+                new: Any = reader.deserialize(payload, kind)
+                values = (new.position, new.velocity, new.acceleration)
+                data = old.serialize_cdr(old.types[kind](new.header, new.name, *values), kind)
+            else:
+                data = memoryview(payload)
+            writer.write(topics[connection.topic], time, bytes(data))
+    assert_is(read_recording(tmp_path / "old"), run)
+
+
 def test_a_bag_without_messages_says_so(tmp_path: Path) -> None:
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         writer.add_connection("/reference", "pidtsm_msgs/msg/JointReference", typestore=typestore())
