@@ -17,7 +17,7 @@ from pidtsm_core.joints import MessageError
 from pidtsm_core.node_parameters import controller_node_schema
 from pidtsm_core.parameters import as_float, names
 from pidtsm_core.robots import robot_joints
-from pidtsm_core.signals import Fault, Mode, Signal, Status
+from pidtsm_core.signals import Fault, Mode, Request, Signal, Status
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.diagnostics import Diagnostics, Reading, loop_readings
 from pidtsm_ros.effort_topics import EFFORT_TOPICS
@@ -95,6 +95,8 @@ class ControllerNode(ManagedNode):
         self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset_fault", self._reset_fault)
+        self.offer_switch("~/freedrive", lambda on: self._request(Request.FREE if on else Request.HOLD))
+        self.offer_switch("~/hold", lambda on: self._request(Request.HOLD if on else Request.FOLLOW))
         # Activation needs messages that arrive before it.
         self.listen(JointState, "joint_states", self._on_joint_state, raw=True, while_inactive=True)
         self.listen(JointReference, "reference", self._on_reference, raw=True, while_inactive=True)
@@ -109,7 +111,8 @@ class ControllerNode(ManagedNode):
         age = self._watchdog.age
         if not self.lockstep and age > self._controller.state_stop:
             return f"the last joint state was received {age * 1e-9:.3g} s ago (watchdog.state_stop)"
-        return self._controller.refusal(self._reference_arrivals.last >= 0)
+        follows = not self.active or self._controller.clock(Clock.REQUEST) == Request.FOLLOW
+        return self._controller.refusal(follows and self._reference_arrivals.last >= 0)
 
     def activate(self) -> None:
         self._statistics.reset()
@@ -262,6 +265,14 @@ class ControllerNode(ManagedNode):
         self._report(self._controller.status)
         return ""
 
+    def _request(self, wanted: Request) -> str:
+        """Follow, hold or be free; returns the reason if refused, else an empty text."""
+        if not self.active:
+            return "the controller is inactive"
+        if wanted == Request.FOLLOW and (refusal := self._controller.refusal(self._reference_arrivals.last >= 0)):
+            return refusal
+        return self._controller.request(wanted)
+
     def diagnose(self) -> None:
         if self._diagnostics is None:
             return
@@ -295,9 +306,17 @@ class ControllerNode(ManagedNode):
             idle = f"no {'reference' if self._waiting_stamp >= 0 else 'joint state'} for a second"
         elif self._controller.fault:
             idle, level = "stopped by a fault; call ~/reset_fault to continue", DiagnosticStatus.ERROR
-        elif self._status is not None and self._status[Status.MODE] == Mode.HOLDING:
-            idle = "holding position: the reference is missing or too old"
+        elif self._status is not None:
+            idle = self._idle(Mode(self._status[Status.MODE]))
         self._diagnostics.publish(readings, idle, level, self._statistics.scale)
+
+    def _idle(self, mode: Mode) -> str:
+        """Why an active controller without a fault does not follow; empty if it does."""
+        if mode == Mode.FREEDRIVE:
+            return "in freedrive; call ~/freedrive with false to hold the arm"
+        if mode == Mode.HOLDING and self._controller.clock(Clock.REQUEST) == Request.HOLD:
+            return "holding position; call ~/hold with false to follow the reference"
+        return "holding position: the reference is missing or too old" if mode == Mode.HOLDING else ""
 
 
 def run(stop: Stop) -> int:

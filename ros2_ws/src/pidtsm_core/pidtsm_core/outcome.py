@@ -13,7 +13,7 @@ from pidtsm_core.units import either, joint_units
 if TYPE_CHECKING:
     from pidtsm_core.recording import Recording
 
-FOLLOWED, HELD, STOPPED, RAN_AWAY = "followed", "held", "stopped", "ran away"
+FOLLOWED, HELD, FREED, STOPPED, RAN_AWAY = "followed", "held", "freedrive", "stopped", "ran away"
 """Possible outcomes of a run."""
 
 ASTRAY = np.pi
@@ -29,19 +29,20 @@ def outcome(recording: "Recording") -> str:
         return RAN_AWAY
     if _stopped(recording)[-1]:
         return STOPPED
-    return HELD if recording.status[-1, Status.MODE] == Mode.HOLDING else FOLLOWED
+    return {Mode.HOLDING: HELD, Mode.FREEDRIVE: FREED}.get(Mode(recording.status[-1, Status.MODE]), FOLLOWED)
 
 
 def happenings(recording: "Recording") -> dict[str, Any]:
     """The part of metrics.json about events, without the values per joint."""
     lasts = _lasts(recording)
     stopped = _stopped(recording)
-    holding = ~stopped & (recording.status[:, Status.MODE] == Mode.HOLDING)
+    mode = recording.status[:, Status.MODE]
     return {
         "outcome": outcome(recording),
         "faults": list(_faults(recording)),
         "violations": list(_violations(recording, lasts)),
-        "time_holding": _sum(lasts, holding),
+        "time_holding": _sum(lasts, ~stopped & (mode == Mode.HOLDING)),
+        "time_freedrive": _sum(lasts, ~stopped & (mode == Mode.FREEDRIVE)),
         "time_stopped": _sum(lasts, stopped),
     }
 
@@ -116,9 +117,9 @@ def what_happened(metrics: Mapping[str, Any]) -> list[str]:
     for violation in metrics["violations"]:
         limit, time, duration = (violation[key] for key in ("limit", "time", "duration"))
         events.append(f"a joint was beyond limits.{limit} for {duration:.4g} s, first at {time:.4g} s")
-    for state in ("holding", "stopped"):
-        if metrics[f"time_{state}"]:
-            events.append(f"{state} for {metrics[f'time_{state}']:.4g} s of {metrics['duration']:.4g} s")
+    for state, text in (("holding", "holding"), ("freedrive", "in freedrive"), ("stopped", "stopped")):
+        if time := metrics.get(f"time_{state}"):  # Metrics of older versions lack freedrive.
+            events.append(f"{text} for {time:.4g} s of {metrics['duration']:.4g} s")
     if rejected := [f"{node} {count}" for node, count in (metrics["rejected"] or {}).items() if count]:
         events.append(f"messages rejected: {', '.join(rejected)}")
     if lost := [f"{topic} {count}" for topic, count in metrics["lost"].items() if count]:
@@ -128,7 +129,8 @@ def what_happened(metrics: Mapping[str, Any]) -> list[str]:
 
 _OUTCOMES = {
     RAN_AWAY: f"ran away: a joint was more than {ASTRAY:.3g} {{unit}} from its reference",
-    HELD: "does not follow at the end: holds its position, because the reference is missing or too old",
+    HELD: "does not follow at the end: holds its position, on request or because the reference is missing or too old",
+    FREED: "does not follow at the end: is in freedrive",
     STOPPED: "does not follow at the end: stopped, with the safe torque",
 }
 

@@ -42,6 +42,15 @@ class Mode(IntEnum):
     FOLLOWING = 0  # the reference
     HOLDING = 1  # its position: the reference is missing or too old
     STOPPED = 2  # applies the safe effort after a fault
+    FREEDRIVE = 3  # carries the arm, and lets a person move it
+
+
+class Request(IntEnum):
+    """What the controller shall do while there is no fault."""
+
+    FOLLOW = 0  # the reference
+    HOLD = 1  # its position, whatever the reference is
+    FREE = 2  # freedrive
 
 
 class Fault(IntEnum):

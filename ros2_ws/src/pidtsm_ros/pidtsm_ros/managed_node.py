@@ -14,7 +14,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.service import Service
 from rclpy.subscription import Subscription
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from pidtsm_core.joints import MessageError
 from pidtsm_core.node_parameters import PRIORITY
@@ -277,6 +277,16 @@ class ManagedNode(LifecycleNode):
             return response
 
         self._own_services.append(self.create_service(Trigger, service, respond))
+
+    def offer_switch(self, service: str, work: Callable[[bool], str]) -> None:
+        """Create a std_srvs/SetBool service, as `offer` does; `work` also receives the wanted value."""
+
+        def respond(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+            response.message = work(request.data)
+            response.success = not response.message
+            return response
+
+        self._own_services.append(self.create_service(SetBool, service, respond))
 
     def reject(self, reason: str) -> None:
         """Count a rejected message; each reason is logged once."""

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pidtsm_core.compilation import first_compilation
-from pidtsm_core.control.parameters import CONTACT, FRICTION, REJECTION
+from pidtsm_core.control.parameters import CONTACT, FREEDRIVE, FRICTION, REJECTION
 from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
 from pidtsm_core.control.state import Clock, floats_size, integers_size, part, unpack
 from pidtsm_core.control.step import (
     begin_afresh,
     leave_now,
+    request,
     reset_fault,
     respond,
     set_clock,
@@ -24,7 +25,7 @@ from pidtsm_core.estimators import ESTIMATORS, estimator_index
 from pidtsm_core.laws import LAWS, law_integers
 from pidtsm_core.parameters import Array, Value, as_float, joint_array, names
 from pidtsm_core.robots import GRAVITY, find_robot, make_model, payload_of
-from pidtsm_core.signals import Fault, Signal, Status
+from pidtsm_core.signals import Fault, Request, Signal, Status
 from pidtsm_core.timing import NANOSECONDS
 
 _OF_JOINTS = {
@@ -39,8 +40,13 @@ _OF_JOINTS = {
     "coulomb": FRICTION[0].name,
     "viscous": FRICTION[1].name,
     "damping": "stop.damping",
+    "free_velocity": FREEDRIVE[0].name,
+    "resistance": FREEDRIVE[1].name,
 }
 """Parameters with a value for each joint, by their field of `ControllerConfig`; 0 where a law does not have them."""
+_REHEARSED = ("reset_fault", "restart", "freedrive", "hold", "follow")
+_SHARE_OF_VELOCITY = 0.8
+"""Share of a velocity limit that freedrive may use."""
 _NEAR = 0.05
 """rad; if the arm is farther from its last estimated position, its motion cannot be continued."""
 
@@ -99,7 +105,10 @@ class Controller:
         law, estimator = LAWS[str(values["law.name"])], ESTIMATORS[str(values["estimator.name"])]
         of_joints = {field: joint_array(values.get(name, 0.0), self.joints) for field, name in _OF_JOINTS.items()}
         limits = [of_joints[name] for name in ("velocity_limit", "tracking_limit", "external_limit")]
-        stop = values["stop.effort"]
+        limits_of_free = np.where(of_joints["velocity_limit"] > 0.0, of_joints["velocity_limit"], math.inf)
+        of_joints["free_velocity"] = np.minimum(of_joints["free_velocity"], _SHARE_OF_VELOCITY * limits_of_free)
+        of_joints["resistance"] = of_joints["resistance"] * of_joints["effort_limit"]
+        stop, rehearsed = values["stop.effort"], [_nanoseconds(values[f"rehearsal.{name}"]) for name in _REHEARSED]
         integers = [
             self.joints,
             model.size,
@@ -110,11 +119,11 @@ class Controller:
             values["law.anti_windup"] == "conditional",
             sum(v for v, name in LIMITS.items() if values.get(f"limits.{name}_action") == "stop"),
             *(_nanoseconds(values[f"watchdog.{name}"]) for name in ("state_hold", "state_stop", "reference")),
-            *(_nanoseconds(values[f"rehearsal.{name}"]) for name in ("reset_fault", "restart")),
+            *rehearsed[:2],
             of_joints["effort_rate"].any(),
             values["feedback.effort"] == "measured",
             bool(np.any(of_joints["min_position"] != of_joints["max_position"]) or np.any(limits)),
-            any(values[f"rehearsal.{name}"] for name in ("reset_fault", "restart")),
+            any(rehearsed),
             stop == "hold",
             bool(values["stop.brakes"]),
             of_joints["plausible_velocity"].any(),
@@ -125,6 +134,7 @@ class Controller:
             any(found.continuous),
             values[GRAVITY.name] == "added_by_robot",
             of_joints["external_limit"].any(),
+            *rehearsed[2:],
             *law_integers(law, values),
         ]
         self.integers[: len(integers)] = integers
@@ -219,6 +229,19 @@ class Controller:
             f"{self._names[joint]} is {farthest:.3g} {self._units[joint].position} from its reference "
             f"(activation.distance {self.config.distance:g})"
         )
+
+    def request(self, wanted: Request) -> str:
+        """Follow, hold or be free from the next step on.
+
+        Returns:
+            The reason if refused, else an empty text.
+        """
+        if wanted != Request.HOLD and self.fault:
+            return "there is a fault; call ~/reset_fault"
+        if wanted == Request.FREE and not self.config.uses_model:
+            return "the law has no model of the arm, which would have to carry it"
+        request(self.state, int(wanted))
+        return ""
 
     def _distances(self, from_position: Array) -> Array:
         """Distance of each joint from a position, shape (joints,), rad."""

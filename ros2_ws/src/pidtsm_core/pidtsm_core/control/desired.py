@@ -15,7 +15,7 @@ from pidtsm_core.parameters import Array
 from pidtsm_core.polynomials import add_quintic, quintic
 from pidtsm_core.references import extrapolate
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics
-from pidtsm_core.signals import Adaptation, Mode, Signal, Status
+from pidtsm_core.signals import Adaptation, Mode, Request, Signal, Status
 from pidtsm_core.timing import seconds
 
 _SHARE_OF_RATE = 0.5
@@ -39,7 +39,8 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
 
     A reference is followed while its age, or its time ahead, is at most ``watchdog.reference``. Once the controller
     holds a position, it follows a reference of at most half that age. Otherwise references that are late by about the
-    limit would make it switch back and forth.
+    limit would make it switch back and forth. On request, it holds a position in any case, or lets a person move the
+    arm; then the desired motion is that of the arm.
 
     Args:
         config: configuration, which is read.
@@ -52,17 +53,26 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
     stopped = status[Status.FAULT] != 0
     age = stamp - reference_stamp
     oldest = config.reference_timeout if followed else config.reference_timeout // 2
-    follows = reference_stamp >= 0 and abs(age) <= oldest and not stopped
+    wanted = clock[Clock.REQUEST] == Request.FOLLOW
+    follows = wanted and reference_stamp >= 0 and abs(age) <= oldest and not stopped
+    free = clock[Clock.REQUEST] == Request.FREE and not stopped
+    freed = clock[Clock.FREED] != 0 and not stopped and not free
     status[Status.MODE] = Mode.STOPPED if stopped else (Mode.FOLLOWING if follows else Mode.HOLDING)
+    if stopped:
+        clock[Clock.FREED] = 0
     clock[Clock.REFERENCE_AGE] = age if reference_stamp >= 0 else 0
     if follows and config.turns:
         turn_reference(config, state, followed)
+    if free:
+        status[Status.MODE] = Mode.FREEDRIVE
+        _let_go(state)
+        return
     if follows and not followed:
         # Start at the last desired motion; at the first sample, this is rest at the position of the arm.
         _begin_way(config, state, stamp)
         clock[Clock.ADAPTATION] = Adaptation.APPROACHING if state.way_duration[0] > 0.0 else Adaptation.NORMAL
         clock[Clock.STRAYED] = 0
-    elif followed and not follows:
+    elif (followed or freed) and not follows:
         come_to_rest(config, state, stamp)
     write_desired(state, stamp)
 
@@ -79,8 +89,19 @@ def write_desired(state: ControllerState, stamp: int) -> None:
             passed = t / duration
         else:
             _end_way(state)
+            state.clock[Clock.GENTLE] = 0
+    follows = state.status[Status.MODE] == Mode.FOLLOWING
     for j in range(state.fed.size):
         state.fed[j] = _fed(state, j, passed)
+        state.handed[j] = state.handed_before[j] * (_left(passed) if follows else 1.0)
+
+
+@inlined
+def _let_go(state: ControllerState) -> None:
+    """Make the arm's own motion the desired one."""
+    begin_at(state, state.measured)
+    for j in range(state.measured.size):
+        state.desired[1, j] = state.signals[Signal.VELOCITY, j]
 
 
 @part
@@ -88,7 +109,7 @@ def begin_at(state: ControllerState, position: Array) -> None:
     """Set the desired motion to rest at `position`, shape (joints,), rad."""
     _end_way(state)
     for j in range(position.size):
-        state.fed[j] = 0.0
+        state.fed[j] = state.handed[j] = state.handed_before[j] = 0.0
         state.held[0, j] = position[j]
         state.held[1, j] = 0.0
         state.held[2, j] = 0.0
@@ -128,6 +149,7 @@ def _plan_rest(state: ControllerState, start: Array, duration: float) -> None:
         for i in range(3):
             state.base[i, j] = state.held[i, j]
         state.fed_before[j] = state.fed[j]
+        state.handed_before[j] = state.handed[j]
     quintic(start, state.held, duration, state.way)
     # The way is the difference from the held position.
     for j in range(start.shape[1]):
@@ -150,11 +172,16 @@ def write_base(state: ControllerState, motion: Array) -> None:
 
 
 @inlined
+def _left(passed: float) -> float:
+    """What is left of an effort that fades, from 1 to 0, when a share `passed` (0 to 1) of the way has passed."""
+    return 1.0 - passed * passed * passed * (10.0 - passed * (15.0 - 6.0 * passed))
+
+
+@inlined
 def _fed(state: ControllerState, joint: int, passed: float) -> float:
     """Effort of the reference to add to the command, N m, when a share `passed` (0 to 1) of the way has passed."""
     target = state.feedforward[joint] if state.status[Status.MODE] == Mode.FOLLOWING else 0.0
-    left = 1.0 - passed * passed * passed * (10.0 - passed * (15.0 - 6.0 * passed))
-    return target + left * (state.fed_before[joint] - target)
+    return target + _left(passed) * (state.fed_before[joint] - target)
 
 
 @inlined
@@ -179,6 +206,7 @@ def _begin_way(config: ControllerConfig, state: ControllerState, stamp: int) -> 
             rest[i, j] = 0.0
     for j in range(start.shape[1]):
         state.fed_before[j] = state.fed[j]
+        state.handed_before[j] = state.handed[j]
     duration, excess = _slow_enough(config, state, difference), 0.0
     if config.rate_limited:
         duration, excess = _duration(config, state, duration)
@@ -198,9 +226,10 @@ def _slow_enough(config: ControllerConfig, state: ControllerState, difference: A
         state: state; the velocity of ``state.base`` leaves less for the way.
         difference: what the way begins with, shape (3, joints).
     """
-    duration = config.blend
+    gentle = state.clock[Clock.GENTLE] != 0
+    duration = max(config.blend, _SHORTEST_REST) if gentle else config.blend
     for j in range(difference.shape[1]):
-        limit = config.velocity_limit[j]
+        limit = config.free_velocity[j] if gentle else config.velocity_limit[j]
         if duration > 0.0 and limit > 0.0:
             free = max(_SHARE_OF_VELOCITY * limit - abs(state.base[1, j]), _LEAST_SHARE * limit)
             duration = max(duration, min(_STEEPEST * abs(difference[0, j]) / free, _LONGEST_WAY))

@@ -8,6 +8,8 @@ from pidtsm_core.parameters import Array
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Limited, Signal
 
+_REVERSAL = 0.01
+"""rad/s; below this velocity, the compensated Coulomb friction goes to zero."""
 # As floats, like the signals.
 _AT_LIMIT, _AT_RATE = float(Limited.EFFORT), float(Limited.RATE)
 
@@ -33,6 +35,12 @@ def write_net_effort(state: ControllerState, effort: Array) -> None:
     """
     for j in range(effort.size):
         state.net[j] = effort[j] - state.added[j]
+
+
+@inlined
+def friction(config: ControllerConfig, velocity: float, joint: int) -> float:
+    """Friction that ``compensation`` describes, of a joint with this velocity (rad/s), N m."""
+    return config.coulomb[joint] * math.tanh(velocity / _REVERSAL) + config.viscous[joint] * velocity
 
 
 @inlined

@@ -152,6 +152,28 @@ _SAFETY = (
         read_only=True,
     ),
 )
+FREEDRIVE = (
+    Parameter(
+        "freedrive.velocity",
+        0.5,
+        "largest velocity in freedrive, and of the first approach to a reference after it; if limits.velocity is less "
+        "than 1.25 times that, 0.8 times limits.velocity",
+        "rad/s",
+        minimum=0.0,
+        exclusive=True,
+        per_joint=True,
+    ),
+    Parameter(
+        "freedrive.resistance",
+        0.05,
+        "what a push must overcome to move the arm in freedrive, as a share of limits.effort; errors of the model that "
+        "are smaller do not move the arm",
+        minimum=0.0,
+        maximum=0.5,
+        exclusive=True,
+        per_joint=True,
+    ),
+)
 _FEEDBACK = Parameter(
     "feedback.effort",
     "commanded",
@@ -160,6 +182,13 @@ _FEEDBACK = Parameter(
     choices=("commanded", "measured"),
     read_only=True,
 )
+
+
+def _rehearsed(name: str, call: str) -> Parameter:
+    description = f"rehearsal: {call} once, at this time after the first joint state; 0: never"
+    return Parameter(f"rehearsal.{name}", 0.0, description, "s", minimum=0.0)
+
+
 _REHEARSAL = (
     Parameter(
         "rehearsal.reset_fault",
@@ -176,6 +205,9 @@ _REHEARSAL = (
         "s",
         minimum=0.0,
     ),
+    _rehearsed("freedrive", "call ~/freedrive with true"),
+    _rehearsed("hold", "call ~/hold with true"),
+    _rehearsed("follow", "call ~/hold with false"),
 )
 
 REJECTION = Parameter(
@@ -268,6 +300,7 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         *_of_robot((*FRICTION, *_LIMITS), robot),
         *(_contact(settings, robot) if law.uses_model else ()),
         *_SAFETY,
+        *(FREEDRIVE if law.uses_model else ()),
         _FEEDBACK,
         GRAVITY,
         *_REHEARSAL,

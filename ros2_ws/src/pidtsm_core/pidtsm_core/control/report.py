@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pidtsm_core.control.state import Clock, ControllerConfig
 from pidtsm_core.robots import inverse_dynamics
-from pidtsm_core.signals import Fault, Mode, Status, Violation
+from pidtsm_core.signals import Fault, Mode, Request, Status, Violation
 from pidtsm_core.timing import seconds
 from pidtsm_core.units import JointUnits
 
@@ -97,9 +97,15 @@ def _changes(
                 reason += f" for {seconds(int(clock[Clock.GAP])):.3g} s"
             yield Change("error", f"stopped: {reason}; safe torque until ~/reset_fault is called")
     modes = before[Status.MODE], after[Status.MODE]
-    if modes == (Mode.HOLDING, Mode.FOLLOWING) and not first:
+    if modes[0] == modes[1]:
+        return
+    if modes[1] == Mode.FREEDRIVE:
+        yield Change("info", "freedrive: the arm can be moved by hand")
+    elif modes[1] == Mode.HOLDING and clock[Clock.REQUEST] == Request.HOLD:
+        yield Change("info", "holding position until ~/hold is called with false")
+    elif modes[1] == Mode.FOLLOWING and modes[0] != Mode.STOPPED and not first:
         yield Change("info", "following the reference")
-    if modes == (Mode.FOLLOWING, Mode.HOLDING):
+    elif modes == (Mode.FOLLOWING, Mode.HOLDING):
         age = seconds(int(clock[Clock.REFERENCE_AGE]))
         late = f"the reference is {abs(age):.3g} s {'old' if age > 0 else 'ahead'}" if age else "there is no reference"
         yield Change("warning", f"holding position: {late}")

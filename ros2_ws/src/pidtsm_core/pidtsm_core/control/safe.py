@@ -61,7 +61,7 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     _follow_blindly(config, state)
     _fade(config, state, left)
     limit_effort(config, state)
-    _go_gently(config, state, now, begins)
+    go_gently(config, state, now, begins)
     clock[Clock.HELD] = ELSEWHERE
 
 
@@ -92,7 +92,7 @@ def leave(config: ControllerConfig, state: ControllerState) -> None:
         _damp(config, state)
         return
     if state.clock[Clock.HELD] == 0:
-        _learn(config, state)
+        learn(config, state)
     for j in range(state.measured.size):
         state.desired[0, j] = state.signals[Signal.POSITION, j]
         state.desired[1, j] = 0.0
@@ -118,7 +118,7 @@ def _damp(config: ControllerConfig, state: ControllerState) -> None:
 
 
 @inlined
-def _learn(config: ControllerConfig, state: ControllerState) -> None:
+def learn(config: ControllerConfig, state: ControllerState) -> None:
     """Store what the law has learnt: the effort that it adds to that of the model without any error."""
     y, scratch = state.signals, state.scratch
     for j in range(scratch.shape[1]):
@@ -141,7 +141,7 @@ def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None
     """Start a desired motion from the present motion of the arm to rest."""
     y = state.signals
     if state.clock[Clock.HELD] == 0:
-        _learn(config, state)
+        learn(config, state)
     for j in range(state.measured.size):
         velocity, most = y[Signal.VELOCITY, j], config.plausible_velocity[j]
         if most > 0.0:
@@ -177,14 +177,14 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
     for j in range(y.shape[1]):
         y[Signal.EFFORT, j] += hold[Hold.LEARNT, j]
     limit_effort(config, state)
-    _go_gently(config, state, stamp, begins)
+    go_gently(config, state, stamp, begins)
     for j in range(y.shape[1]):
         if y[Signal.SATURATED, j] == 0.0 and clock[Clock.BRAKES] == 0:
             hold[Hold.INTEGRAL, j] += dt * (state.measured[j] - state.desired[0, j])
 
 
 @inlined
-def _go_gently(config: ControllerConfig, state: ControllerState, now: int, begins: bool) -> None:
+def go_gently(config: ControllerConfig, state: ControllerState, now: int, begins: bool) -> None:
     """Fade from the last command to the safe effort, so that the stop causes no jolt; `now` is in ns.
 
     Where the safe effort `begins`, the difference is added to it, and fades. A limit of its rate instead would delay

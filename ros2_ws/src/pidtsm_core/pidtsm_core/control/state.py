@@ -39,6 +39,9 @@ class Clock(IntEnum):
     HELD = 18  # how a controller that has stopped holds the arm, see safe.py; 0: it does not
     SILENT_SINCE = 19  # when joint states were found missing, in the time of the stamps, plus 1; 0: they arrive
     BRAKES = 20  # 1: the brakes should be engaged
+    REQUEST = 21  # see `Request`
+    FREED = 22  # 1: freedrive has begun, see freedrive.py
+    GENTLE = 23  # 1: the next approach keeps within freedrive.velocity, because the arm may be far from its reference
 
 
 class Hold(IntEnum):
@@ -49,6 +52,8 @@ class Hold(IntEnum):
     POSITION = 2  # as measured last, rad
     LEARNT = 3  # effort that the law had learnt to add to the model's, N m
     OFFSET = 4  # what is left of the difference between the last command before the stop and the first safe one, N m
+    ANCHOR = 5  # where freedrive ties the arm, rad
+    INERTIA = 6  # what a push moves in freedrive, kg m^2
 
 
 class External(IntEnum):
@@ -84,6 +89,9 @@ class ControllerConfig(NamedTuple):
     turns: bool  # a joint is continuous
     feels: bool  # a joint has a limit of the external effort
     robot_adds_gravity: bool  # the command is without the effort that carries the arm
+    free_at: int  # ns from the first joint state at which freedrive is rehearsed, 0: never
+    hold_at: int  # likewise, holding
+    follow_at: int  # likewise, following again
     law_integers: Integers  # shape (LAW_INTEGERS,)
     blend: float  # s
     distance: float  # rad
@@ -106,6 +114,8 @@ class ControllerConfig(NamedTuple):
     viscous: Array  # likewise, N m s/rad
     turn: Array  # 2 pi for a continuous joint, else 0, shape (joints,), rad
     external_limit: Array  # shape (joints,), N m
+    free_velocity: Array  # shape (joints,), rad/s
+    resistance: Array  # of the arm to a push in freedrive, shape (joints,), N m
 
 
 class ControllerState(NamedTuple):
@@ -134,6 +144,8 @@ class ControllerState(NamedTuple):
     doubted: Array  # number of consecutive implausible measurements, shape (joints,)
     fed: Array  # effort of the reference that is added now, see desired.py, shape (joints,), N m
     fed_before: Array  # the same when the way began
+    handed: Array  # what is added because it held the arm at the end of freedrive, likewise
+    handed_before: Array  # the same when the way began
     hold: Array  # of the safe effort that holds the arm, see `Hold`, shape (len(Hold), joints)
     external: Array  # effort that acts on the arm from outside, see `External`, shape (len(External), joints)
     rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
@@ -146,14 +158,14 @@ class ControllerState(NamedTuple):
     net: Array  # scratch: effort that accelerates the arm, shape (joints,), N m
 
 
-_CONFIG_INTEGERS = 27  # lengths, and the integers of `ControllerConfig` except the law's
+_CONFIG_INTEGERS = 30  # lengths, and the integers of `ControllerConfig` except the law's
 _FEEDS_BACK = 14
 _CLOCK = len(Clock)
 _SCALARS = 6
 # Rows of the table at the end of the floats, one number per joint: configuration, state, signals, scratch.
-_EXTERNAL = 29
+_EXTERNAL = 31
 _HOLD = _EXTERNAL + len(External) + 1
-_CONFIG, _MOTION, _SCRATCH = 12, _HOLD + len(Hold), 13
+_CONFIG, _MOTION, _SCRATCH = 14, _HOLD + len(Hold), 13
 _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
 
 
@@ -195,6 +207,9 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
         turns=integers[24] != 0,
         robot_adds_gravity=integers[25] != 0,
         feels=integers[26] != 0,
+        free_at=integers[27],
+        hold_at=integers[28],
+        follow_at=integers[29],
         law_integers=integers[_CONFIG_INTEGERS : _CONFIG_INTEGERS + LAW_INTEGERS],
         blend=floats[0],
         distance=floats[1],
@@ -217,6 +232,8 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
         viscous=rows[9],
         turn=rows[10],
         external_limit=rows[11],
+        free_velocity=rows[12],
+        resistance=rows[13],
     )
 
 
@@ -253,6 +270,8 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
         doubted=motion[26],
         fed=motion[27],
         fed_before=motion[28],
+        handed=motion[29],
+        handed_before=motion[30],
         external=motion[_EXTERNAL : _HOLD - 1],
         rejected=motion[_HOLD - 1],
         hold=motion[_HOLD:],

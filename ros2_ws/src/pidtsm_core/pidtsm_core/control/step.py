@@ -4,6 +4,7 @@ from pidtsm_core.by_reference import reference
 from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_base
 from pidtsm_core.control.effort import carry, limit_rate, write_command
+from pidtsm_core.control.freedrive import hand_over, make_free
 from pidtsm_core.control.plausibility import doubt
 from pidtsm_core.control.safe import ELSEWHERE, leave, make_safe, make_safe_blindly
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, External, part, unpack
@@ -11,7 +12,7 @@ from pidtsm_core.control.tick import tick
 from pidtsm_core.control.turns import distance, unwind_measurement
 from pidtsm_core.laws import Integers
 from pidtsm_core.parameters import Array
-from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status, Violation
+from pidtsm_core.signals import Fault, Limited, Mode, Request, Signal, Status, Violation
 from pidtsm_core.timing import NANOSECONDS, seconds, track_period
 
 _BEHIND = 0.02
@@ -55,12 +56,16 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
     choose(config, state, stamp, reference_stamp)
 
     tick(config, state, dt)
+    if clock[Clock.FREED] != 0 and state.status[Status.MODE] != Mode.FREEDRIVE:
+        hand_over(state)
     # A limit that was removed is no longer exceeded.
     state.status[Status.VIOLATIONS] = 0
     if config.watches:
         _check_limits(config, state)
     if state.status[Status.FAULT]:
         make_safe(config, state, stamp, dt)
+    elif state.status[Status.MODE] == Mode.FREEDRIVE:
+        make_free(config, state, stamp, dt)
     if config.rate_limited and state.status[Status.FAULT] != Fault.EFFORT_RATE_LIMIT:
         since = 0 if first else max(stamp - clock[Clock.SENT], 0)
         _keep_up(config, state, stamp, limit_rate(config, state, seconds(since)))
@@ -129,6 +134,17 @@ def stop(state: ControllerState, fault: int, joint: int) -> None:
         if status[Status.MODE] == Mode.FOLLOWING:
             begin_at(state, state.desired[0])
         status[Status.MODE] = Mode.STOPPED
+        if state.clock[Clock.REQUEST] == Request.FREE:
+            request(state, Request.HOLD)
+
+
+@part
+def request(state: ControllerState, wanted: int) -> None:
+    """Follow, hold or be free from the next step on, see `Request`."""
+    clock = state.clock
+    if wanted == Request.FOLLOW and clock[Clock.REQUEST] != Request.FOLLOW:
+        clock[Clock.GENTLE] = 1
+    clock[Clock.REQUEST] = wanted
 
 
 @inlined
@@ -153,6 +169,7 @@ def begin_afresh(state: ControllerState) -> None:
     state.status[Status.VIOLATIONS] = 0
     hold_elsewhere(state)
     clock[Clock.ANSWERED] = 0
+    clock[Clock.FREED] = 0
     for j in range(state.doubted.size):
         state.doubted[j] = state.rejected[j] = 0.0
         for i in range(state.external.shape[0]):
@@ -201,13 +218,27 @@ def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, refe
         clock[Clock.BEGAN] = stamp + 1
     age = stamp + 1 - clock[Clock.BEGAN]
     resets = 0 < config.reset_at <= age and clock[Clock.REHEARSED_RESET] == 0 and state.status[Status.FAULT] != 0
-    if resets and (reference_stamp < 0 or _distance(config, state) <= config.distance):
+    stays = reference_stamp < 0 or clock[Clock.REQUEST] != Request.FOLLOW
+    if resets and (stays or _distance(config, state) <= config.distance):
         clock[Clock.REHEARSED_RESET] = 1
         reset_fault(state)
+    _rehearse_requests(config, state, age)
     if 0 < config.restart_at <= age and clock[Clock.REHEARSED_RESTART] == 0:
         clock[Clock.REHEARSED_RESTART] = 1
         clock[Clock.COMMANDED] = 0
         reset_fault(state)
+
+
+@inlined
+def _rehearse_requests(config: ControllerConfig, state: ControllerState, age: int) -> None:
+    """Make the requests whose time has come since the last joint state; `age` is that of the controller, ns."""
+    last = state.clock[Clock.LAST] + 1 - state.clock[Clock.BEGAN]
+    if last < config.free_at <= age and state.status[Status.FAULT] == 0 and config.uses_model:
+        request(state, Request.FREE)
+    if last < config.hold_at <= age:
+        request(state, Request.HOLD)
+    if last < config.follow_at <= age and _distance(config, state) <= config.distance:
+        request(state, Request.FOLLOW)
 
 
 @part
@@ -222,6 +253,7 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
         write_base(state, state.base)
         for j in range(errors.size):
             errors[j] = y[Signal.POSITION, j] - errors[j]
+    felt = state.status[Status.MODE] != Mode.FREEDRIVE  # There, a push is no collision.
     for j in range(state.measured.size):
         exceeded = 0
         least, most = config.min_position[j], config.max_position[j]
@@ -231,7 +263,7 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
             exceeded |= Violation.VELOCITY
         if 0.0 < config.tracking_limit[j] < abs(errors[j]):
             exceeded |= Violation.TRACKING
-        if 0.0 < config.external_limit[j] < abs(state.external[External.CHANGE, j]):
+        if felt and 0.0 < config.external_limit[j] < abs(state.external[External.CHANGE, j]):
             exceeded |= Violation.EXTERNAL_EFFORT
         violations |= exceeded
         exceeded &= config.stops
@@ -254,7 +286,7 @@ def _keep_up(config: ControllerConfig, state: ControllerState, stamp: int, behin
     So this fault replaces any other, and suspends the limit.
     """
     clock, status = state.clock, state.status
-    if behind <= _BEHIND:
+    if behind <= _BEHIND or status[Status.MODE] == Mode.FREEDRIVE:
         clock[Clock.BEHIND_SINCE] = 0
         return
     if clock[Clock.BEHIND_SINCE] == 0:

@@ -1,10 +1,8 @@
 """Estimator, law and robot model: from measured position and desired motion to effort."""
 
-import math
-
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.contact import in_contact, sense_contact
-from pidtsm_core.control.effort import limit_effort, write_net_effort
+from pidtsm_core.control.effort import friction, limit_effort, write_net_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
@@ -14,9 +12,6 @@ from pidtsm_core.signals import Signal, Status
 
 _DIFFERENT = 0.05
 """Share of a joint's effort limit by which the applied effort may differ from the commanded one."""
-
-_REVERSAL = 0.01
-"""rad/s; below this velocity, the compensated Coulomb friction goes to zero."""
 
 
 @inlined
@@ -34,7 +29,7 @@ def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> Non
     """Advance the states of the law over dt (s) with the values of the last tick, eqs. (10), (25), (27)."""
     y = state.signals
     adaptation = state.clock[Clock.ADAPTATION]
-    stopped = state.status[Status.FAULT] != 0 or in_contact(config, state)
+    stopped = state.status[Status.FAULT] != 0 or state.clock[Clock.FREED] != 0 or in_contact(config, state)
     for j in range(y.shape[1]):
         frozen = stopped or (config.freezes and _held_back(config, state, j))
         advance(
@@ -89,8 +84,7 @@ def _add(config: ControllerConfig, state: ControllerState, desired: Array) -> No
     for j in range(desired.shape[1]):
         state.added[j] = state.fed[j]
         if config.compensates:
-            velocity = desired[1, j]
-            state.added[j] += config.coulomb[j] * math.tanh(velocity / _REVERSAL) + config.viscous[j] * velocity
+            state.added[j] += friction(config, desired[1, j], j)
 
 
 @inlined
@@ -112,7 +106,7 @@ def _actuate(config: ControllerConfig, state: ControllerState, dt: float) -> Non
         else:
             efforts[0, j], efforts[1, j] = motion[0, j], motion[1, j]
         y[Signal.EQUIVALENT_EFFORT, j] = efforts[0, j] + added
-        y[Signal.EFFORT, j] = efforts[1, j] + added
+        y[Signal.EFFORT, j] = efforts[1, j] + added + state.handed[j]
 
 
 @inlined
@@ -128,7 +122,7 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     If absurd positions cause an overflow, the torque is 0, never infinite or nan.
     The states of the law first advance over dt with the values of the last tick, so an irregular period integrates what
     was really held over it. States that can wind up pause while the applied effort is not the law's: at a limit
-    (``law.anti_windup``), and while the controller has stopped. They also pause in contact, see contact.py.
+    (``law.anti_windup``), in freedrive, and while the controller has stopped. They also pause in contact: contact.py.
     """
     y, desired = state.signals, state.desired
     if dt > 0.0:
