@@ -174,6 +174,10 @@ CONDITIONS: dict[str, Any] = {
         "controller": {"activation.blend": 0.1, "limits.effort_rate": 1000.0},
         "trajectory": {"feedforward.effort": [20.0, -8.0], "dropout.time": 0.2, "dropout.duration": 0.25},
     },
+    "freedrive, push": {
+        "controller": {"rehearsal.freedrive": 0.1, "rehearsal.hold": 0.35, "rehearsal.follow": 0.5},
+        "simulator": {"push.effort": [60.0, -30.0], "push.time": 0.2, "push.duration": 0.1, "encoder.bits": 14},
+    },
     "gap in the joint states that is borne": {"simulator": {"dropout.time": 0.2, "dropout.duration": 0.05}},
     "gap in the joint states that stops, reset": {
         "controller": {"watchdog.state_stop": 0.02, "rehearsal.reset_fault": 0.4},
@@ -271,6 +275,7 @@ def test_the_conditions_are_what_they_are_called() -> None:
     assert runs["tracking limit, reset"].status[-1, Status.FAULT] == Fault.NO_FAULT
     assert Fault.STATE_STALE in status("gap in the joint states that stops, reset", Status.FAULT)
     assert Mode.HOLDING in status("stale reference", Status.MODE)
+    assert {Mode.FREEDRIVE, Mode.HOLDING} <= status("freedrive, push", Status.MODE)
     assert max(status("limits that warn", Status.VIOLATIONS)) > 0
     assert Fault.MEASUREMENT in status("measurements that cannot be", Status.FAULT)
     assert (runs["brakes"].effort[250:290] == 0.0).all()

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
 
 from pidtsm_controller.controller_node import ControllerNode
 from pidtsm_core.node_parameters import controller_node_schema
-from pidtsm_msgs.msg import JointReference
+from pidtsm_msgs.msg import ControllerState, JointReference
 
 NAMES = ["joint1", "joint2"]
 LOCKSTEP = "reference.match:=stamp"
@@ -98,6 +99,45 @@ def test_the_effort_of_a_reference_is_added_to_the_command_and_may_be_empty(grap
         made.until(lambda count=count: node.rejected == count)
     arm.effort = []
     np.testing.assert_allclose(command(), still, atol=1e-9)
+
+
+def test_freedrive_and_hold_are_services_and_say_why_they_refuse(graph: Callable[..., Any]) -> None:
+    made = graph(ControllerNode, LOCKSTEP, "activation.distance:=0.1")
+    node, arm = made.node, Arm(made, [0.2, -0.1], [0.2, -0.1])
+    states: list[ControllerState] = []
+    made.stranger.create_subscription(ControllerState, "controller/state", states.append, 10)
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    switches = {name: made.stranger.create_client(SetBool, f"controller/{name}") for name in ("freedrive", "hold")}
+
+    def call(name: str, on: bool) -> str:
+        made.until(switches[name].service_is_ready)
+        answer = switches[name].call_async(SetBool.Request(data=on))
+        made.until(answer.done)
+        assert answer.result().success is (answer.result().message == "")
+        return str(answer.result().message)
+
+    def mode() -> int:
+        arm.send()
+        made.until(lambda: states and states[-1].header.stamp.nanosec == (arm.sample - 1) * MS)
+        return int(states[-1].mode)
+
+    assert call("freedrive", True) == "the controller is inactive"
+    made.until(lambda: not node.refusal(), arm.send)
+    assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+    made.until(lambda: made.stranger.count_publishers("controller/state") == 1)
+    assert mode() == ControllerState.FOLLOWING
+    for name, on, expected in (
+        ("freedrive", True, ControllerState.FREEDRIVE),
+        ("freedrive", False, ControllerState.HOLDING),
+        ("hold", False, ControllerState.FOLLOWING),
+        ("hold", True, ControllerState.HOLDING),
+    ):
+        assert call(name, on) == ""
+        assert mode() == expected
+    arm.desired = [0.4, -0.1]
+    mode()
+    assert call("hold", False) == REFUSAL
+    assert mode() == ControllerState.HOLDING
 
 
 def test_in_realtime_an_old_joint_state_does_not_activate_it(graph: Callable[..., Any]) -> None:

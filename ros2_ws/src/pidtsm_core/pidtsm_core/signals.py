@@ -40,7 +40,7 @@ class Mode(IntEnum):
     """What the controller does."""
 
     FOLLOWING = 0  # the reference
-    HOLDING = 1  # its position: the reference is missing or too old
+    HOLDING = 1  # its position: the reference is missing or too old, or it was requested
     STOPPED = 2  # applies the safe effort after a fault
     FREEDRIVE = 3  # carries the arm, and lets a person move it
 

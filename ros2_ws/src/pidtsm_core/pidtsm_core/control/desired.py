@@ -27,6 +27,7 @@ _STEEPEST = 1.875
 """Largest velocity of a quintic from rest to rest, as a multiple of the mean."""
 _SHORTEST_WAY, _LONGEST_WAY, _LONGER = 0.01, 20.0, 1.2  # s, s, ratio of consecutive durations tried
 _SHORTEST_REST, _LONGEST_REST = 0.1, 2.0  # s in which the desired motion comes to rest
+_REST_BY_HAND = 0.3  # s, the shortest time in which it does so at the end of freedrive
 _MOMENTS = 12
 _HOPELESS = 2.0
 """Excess (see `_excess`) at which a way is useless: its rate needs the whole limit, not only its share."""
@@ -124,7 +125,8 @@ def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int) -
     The end position is that of a quartic with the same other conditions, so the motion need not turn back or speed up.
     """
     _end_way(state)
-    start, duration = state.scratch[3:], _SHORTEST_REST
+    freed = state.clock[Clock.FREED] != 0 and state.status[Status.FAULT] == 0
+    start, duration = state.scratch[3:], _REST_BY_HAND if freed else _SHORTEST_REST
     for i in range(3):
         for j in range(start.shape[1]):
             start[i, j] = state.desired[i, j]

@@ -57,11 +57,16 @@ def make_free(config: ControllerConfig, state: ControllerState, stamp: int, dt: 
 
 @inlined
 def _begin(config: ControllerConfig, state: ControllerState, bandwidth: float) -> None:
-    """Tie the arm to anchors behind it, where they slip if it moves."""
+    """Tie the arm to anchors behind it, where they slip if it moves.
+
+    What the law has learnt of a load is added up to the resistance, so that it cannot move the arm if it is wrong.
+    """
     state.clock[Clock.FREED] = 1
     learn(config, state)
-    anchors, q, stretches = state.hold[Hold.ANCHOR], state.signals[Signal.POSITION], state.scratch[4]
+    learnt, anchors, stretches = state.hold[Hold.LEARNT], state.hold[Hold.ANCHOR], state.scratch[4]
+    q = state.signals[Signal.POSITION]
     for j in range(q.size):
+        learnt[j] = min(max(learnt[j], -config.resistance[j]), config.resistance[j])
         anchors[j] = q[j]
     for j in range(q.size):
         _pull(config, state, bandwidth, j)

@@ -29,7 +29,7 @@ def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> Non
     """Advance the states of the law over dt (s) with the values of the last tick, eqs. (10), (25), (27)."""
     y = state.signals
     adaptation = state.clock[Clock.ADAPTATION]
-    stopped = state.status[Status.FAULT] != 0 or state.clock[Clock.FREED] != 0 or in_contact(config, state)
+    stopped = state.status[Status.FAULT] != 0 or in_contact(config, state)
     for j in range(y.shape[1]):
         frozen = stopped or (config.freezes and _held_back(config, state, j))
         advance(
@@ -121,11 +121,12 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
 
     If absurd positions cause an overflow, the torque is 0, never infinite or nan.
     The states of the law first advance over dt with the values of the last tick, so an irregular period integrates what
-    was really held over it. States that can wind up pause while the applied effort is not the law's: at a limit
-    (``law.anti_windup``), in freedrive, and while the controller has stopped. They also pause in contact: contact.py.
+    was really held over it; in freedrive they pause. States that can wind up pause while the applied effort is not the
+    law's: at a limit (``law.anti_windup``), and while the controller has stopped. They also pause in contact, see
+    contact.py.
     """
     y, desired = state.signals, state.desired
-    if dt > 0.0:
+    if dt > 0.0 and state.clock[Clock.FREED] == 0:
         _advance(config, state, dt)
     write_net_effort(state, state.applied if config.feeds_back else y[Signal.EFFORT])
     sample = Sample(state.measured, state.truth, dt, state.net, config.model)

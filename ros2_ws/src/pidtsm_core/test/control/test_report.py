@@ -7,10 +7,10 @@ from testarms import Arm
 
 from pidtsm_core.control import Clock
 from pidtsm_core.control.report import cause, changes
-from pidtsm_core.signals import Fault, Mode, Violation
+from pidtsm_core.signals import Fault, Mode, Request, Violation
 
 JOINTS = ("shoulder", "elbow")
-FOLLOWS, HOLDS = [Mode.FOLLOWING, 0, 0, 0], [Mode.HOLDING, 0, 0, 0]
+FOLLOWS, HOLDS, FREE = [Mode.FOLLOWING, 0, 0, 0], [Mode.HOLDING, 0, 0, 0], [Mode.FREEDRIVE, 0, 0, 0]
 RANGE = "its position limits (limits.*_position)"
 STOPPED = "; safe torque until ~/reset_fault is called"
 
@@ -57,6 +57,9 @@ def test_the_causes_are_those_of_all_faults() -> None:
         (HOLDS, FOLLOWS, [("info", "following the reference")]),
         (FOLLOWS, HOLDS, [("warning", "holding position: the reference is 0.25 s old")]),
         ([Mode.STOPPED, Fault.STATE_STALE, 0, 0], HOLDS, [("info", "fault reset")]),
+        (FOLLOWS, FREE, [("info", "freedrive: the arm can be moved by hand")]),
+        (FREE, FREE, []),
+        (FREE, FOLLOWS, [("info", "following the reference")]),
         (FOLLOWS, [0, 0, 0, Violation.VELOCITY], [("warning", "a joint is beyond limits.velocity")]),
         ([0, 0, 0, Violation.VELOCITY], [0, 0, 0, Violation.VELOCITY], []),
         (
@@ -80,6 +83,12 @@ def test_the_causes_are_those_of_all_faults() -> None:
 def test_a_change_is_reported_once(before: list[int] | None, after: list[int], expected: list[tuple[str, str]]) -> None:
     found = changes(before, after, clock(REFERENCE_AGE=250_000_000), JOINTS)
     assert [(change.level, change.text) for change in found] == expected
+
+
+@pytest.mark.parametrize("before", [FOLLOWS, FREE])
+def test_holding_on_request_is_reported_as_such(before: list[int]) -> None:
+    (change,) = changes(before, HOLDS, clock(REQUEST=Request.HOLD), JOINTS)
+    assert (change.level, change.text) == ("info", "holding position until ~/hold is called with false")
 
 
 def test_a_reference_ahead_is_reported_as_such() -> None:

@@ -27,6 +27,7 @@ KEYS = [
     "faults",
     "violations",
     "time_holding",
+    "time_freedrive",
     "time_stopped",
     "rmse",
     "eci",
