@@ -8,6 +8,9 @@ sys.dont_write_bytecode = True  # a failed set-up must leave nothing behind
 
 from launcher import environment  # noqa: E402
 
+_WITH_ACTIONS = ("actions", "move", "test")
+"""Commands that need the actions of ROS 2; `actions` does nothing else."""
+
 
 def main(arguments: list[str]) -> None:
     """Replace this process by the command in `arguments`, in a complete environment; SetupError if set-up fails."""
@@ -21,13 +24,16 @@ def main(arguments: list[str]) -> None:
         case ["shell", *others]:
             environment.say('usage: pidtsm shell [-c "COMMAND"]: a shell, or one COMMAND, in the environment')
             sys.exit(0 if others in (["-h"], ["--help"]) else 2)
+        case ["actions"]:
+            command = [str(layout.python), "-c", ""]
         case _:
             command = [str(layout.python), "-m", "pidtsm_experiments.cli", *arguments]
     have = environment.read(layout)
-    if environment.missing(layout, environment.wanted(layout), have):
+    actions = bool(arguments) and arguments[0] in _WITH_ACTIONS
+    if environment.missing(layout, environment.wanted(layout), have) or (actions and not layout.actions.exists()):
         from launcher.install import set_up  # imported only here, to keep the usual call fast
 
-        have = set_up(layout)
+        have = set_up(layout, actions=actions)
     os.execvpe(command[0], command, environment.variables(layout, have["ROS 2"], have["paths"]))  # noqa: S606
 
 

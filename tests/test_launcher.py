@@ -459,6 +459,31 @@ def test_interfaces_are_built_where_ros_lacks_them(
     assert folders == ["demo", *(["tf2_msgs"] if built else [])]
 
 
+def test_actions_are_built_at_the_first_command_that_needs_them(checkout: Checkout) -> None:
+    checkout.make_ready()
+    for tool in ("cc", "c++"):
+        checkout.script(tool, "exit 0")
+    interface = checkout.layout.workspace / "interfaces" / "control_msgs"
+    interface.mkdir(parents=True)
+    (interface / "package.xml").write_text("<package/>")
+    assert checkout.call("demo") == (0, "cli ['demo'] marked\n", "")
+
+    checkout.script("colcon", "exit 1", checkout.layout.venv / "bin")
+    code, out, err = checkout.call("actions")
+    assert (code, out) == (1, "")
+    assert "building the workspace failed" in err
+    assert not checkout.layout.actions.exists(), "other commands do not need them"
+
+    (checkout.root / "ros2_ws" / "install" / "local_setup.sh").write_text("export PYTHONPATH=$PWD/install")
+    checkout.script("colcon", f'echo "$@" > {checkout.root}/built', checkout.layout.venv / "bin")
+    code, out, err = checkout.call("actions")
+    assert (code, out) == (0, ""), err
+    assert "building the workspace ..." in err
+    assert str(interface) in (checkout.root / "built").read_text()
+    assert checkout.call("actions") == (0, "", ""), "nothing is missing"
+    assert checkout.call("test") == (0, "cli ['test'] -\n", "")
+
+
 # --- where ROS 2 comes from, what reaches the environment -----------------------------------------------------------
 
 

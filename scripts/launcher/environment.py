@@ -13,6 +13,8 @@ from typing import Any
 
 WHEELS = "wheels"
 STEPS = ("environment", "packages", "workspace")
+ON_DEMAND = ("control_msgs",)
+"""Interfaces that take a minute to build; they are built when a command first needs them."""
 
 # With a symlink install, changed modules take effect at once; these files are only read during the build.
 _BUILD_INPUTS = ("package.xml", "setup.py", "setup.cfg", "CMakeLists.txt", ".msg", ".srv", ".action")
@@ -36,6 +38,7 @@ class Layout:
         self.venv = root / ".venv"
         self.python = self.venv / "bin" / "python"
         self.state = self.venv / "pidtsm.json"
+        self.actions = self.venv / "actions"  # exists once a command has needed the interfaces ON_DEMAND
 
     def lock(self, ros: str) -> Path:
         """Lock file of the packages for ROS 2 from `ros`."""
@@ -68,11 +71,15 @@ def wanted(layout: Layout) -> dict[str, Any]:
 
 
 def packages(layout: Layout, ros: str) -> list[Path]:
-    """Folders of the packages to build: those of the workspace, and interfaces that ROS 2 from `ros` lacks."""
+    """Folders of the packages to build: those of the workspace, and needed interfaces that ROS 2 from `ros` lacks."""
     prefixes = [str(layout.venv)] if ros == WHEELS else entries(dict(os.environ), "AMENT_PREFIX_PATH")
     shares = [Path(prefix, "share") for prefix in prefixes if not Path(prefix).is_relative_to(layout.workspace)]
-    own, interfaces = (sorted(layout.workspace.glob(f"{folder}/*/package.xml")) for folder in ("src", "interfaces"))
-    return [f.parent for f in own + interfaces if f in own or not any((s / f.parent.name).is_dir() for s in shares)]
+    own, interfaces = (
+        [file.parent for file in sorted(layout.workspace.glob(f"{folder}/*/package.xml"))]
+        for folder in ("src", "interfaces")
+    )
+    needed = [folder for folder in interfaces if folder.name not in ON_DEMAND or layout.actions.exists()]
+    return own + [folder for folder in needed if not any((share / folder.name).is_dir() for share in shares)]
 
 
 def workspace_digest(layout: Layout, ros: str) -> str:

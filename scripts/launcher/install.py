@@ -166,8 +166,13 @@ class Installer(NamedTuple):
         return done.returncode == 0
 
 
-def set_up(layout: Layout) -> dict[str, Any]:
-    """Do the missing steps under a lock and return the state; SetupError if anything fails or is missing."""
+def set_up(layout: Layout, *, actions: bool) -> dict[str, Any]:
+    """Do the missing steps under a lock and return the state; SetupError if anything fails or is missing.
+
+    Args:
+        layout: of the checkout.
+        actions: also build the interfaces `environment.ON_DEMAND`.
+    """
     lock = os.open(layout.root, os.O_RDONLY)  # locks the folder itself, without a file; released when this process ends
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -175,11 +180,18 @@ def set_up(layout: Layout) -> dict[str, Any]:
         say("another pidtsm is setting this checkout up, waiting for it ...")
         fcntl.flock(lock, fcntl.LOCK_EX)
     want = environment.wanted(layout)
+    installer = Installer(layout, want, lock)
     if work := environment.missing(layout, want, environment.read(layout)):
         first, reason = work
         _check_machine(want["ROS 2"], layout.root, create=first == "environment")
         say(f"{reason}: setting up the {first}.")
-        installer = Installer(layout, want, lock)
         for step in (installer.create, installer.install, installer.build)[STEPS.index(first) :]:
             step()
+    if actions and not layout.actions.exists():
+        layout.actions.touch()
+        try:
+            installer.build()
+        except SetupError:
+            layout.actions.unlink()  # other commands do not need them
+            raise
     return environment.read(layout)

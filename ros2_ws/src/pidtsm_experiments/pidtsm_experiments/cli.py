@@ -24,6 +24,7 @@ _COMMANDS = {
     "bench": "run benchmarks, each compared with a lower bound or another implementation measured in the same run",
     "test": "run all tests and checks",
 }
+_ACTIONS = "build the actions of ROS 2, if it has none, so that the node trajectory serves follow_joint_trajectory"
 _SHELL = "start a shell with the workspace sourced (-c COMMAND runs one command in it)"
 
 _EPILOG = """examples:
@@ -62,6 +63,7 @@ def _parser(command: str | None) -> argparse.ArgumentParser:
             module.add_arguments(sub)
             sub.set_defaults(execute=module.execute)
     # Handled by the launcher, before it enters the Python environment.
+    commands.add_parser("actions", help=_ACTIONS)
     commands.add_parser("shell", help=_SHELL)
     return parser
 
