@@ -24,6 +24,11 @@ POLICY = ROOT / "security" / "policies" / "pidtsm.policy.xml"
 MANAGED = ("simulator", "controller", "trajectory")
 
 KINDS = ("publish", "subscribe", "reply", "request")
+ACTION = {
+    "publish": ("/_action/feedback", "/_action/status"),
+    "reply": ("/_action/send_goal", "/_action/cancel_goal", "/_action/get_result"),
+}
+"""What an action consists of."""
 Rules = dict[str, set[str]]
 
 
@@ -43,7 +48,9 @@ def policy() -> dict[str, dict[str, Rules]]:
             for group in profile:
                 assert set(group.attrib.values()) == {"ALLOW"}
                 for kind in group.attrib:
-                    rules[kind] |= {full_name((entry.text or "").strip(), node) for entry in group}
+                    named = {full_name((entry.text or "").strip(), node) for entry in group}
+                    for part, names in ACTION.items() if kind == "execute" else ((kind, ("",)),):
+                        rules[part] |= {name + end for name in named for end in names}
             profiles[node] = rules
     return enclaves
 

@@ -235,6 +235,21 @@ _CRANE = _urdf(
     ),
     tool=("hook", "0.2 0 0.05"),
 )
+TURNTABLE = _urdf(
+    _link("table", 4.0, "0.1 0 0.1", (0.1, 0.1, 0.1)),
+    _link("boom", 2.0, "0.2 0 0", (0.02, 0.05, 0.05)),
+    _joint("joint1", "continuous", ("base", "table"), ("0 0 0", "0 0 1"), 'effort="60" velocity="3"', 0.1),
+    _joint(
+        "joint2",
+        "revolute",
+        ("table", "boom"),
+        ("0.1 0 0.2", "0 1 0"),
+        'lower="-1.5" upper="1" effort="60" velocity="2.5"',
+        0.1,
+    ),
+    tool=("boom", "0.4 0 0"),
+)
+"""Two joints, the first of which turns without end."""
 
 PENDULUM = Arm(_PENDULUM, (0.3,))
 TWO_LINK = Arm("two_link", (0.2, -0.1))

@@ -1,15 +1,20 @@
 """Trajectory node: publishes a reference for every joint state and accepts trajectories that replace it."""
 
+from __future__ import annotations
+
 import time
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
+from pidtsm_controller.controller_watch import ControllerWatch
+from pidtsm_controller.trajectory_points import places, read_points
 from pidtsm_core.arrivals import Arrivals, Stamp
 from pidtsm_core.cdr import serialized_nanoseconds
-from pidtsm_core.joints import JointOrder, MessageError
+from pidtsm_core.joints import MessageError
 from pidtsm_core.node_parameters import trajectory_node_schema
 from pidtsm_core.parameters import Array, as_float, names
 from pidtsm_core.references import ReferenceMotion, reference_joints
@@ -19,24 +24,29 @@ from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import motion_limits
 from pidtsm_core.trajectories.motion import Rest
 from pidtsm_core.trajectories.splice import MotionUnderWay
-from pidtsm_msgs.msg import JointReference
+from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.diagnostics import Diagnostics, Reading
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.process import run_nodes
+from pidtsm_ros.process import run_nodes, spin_for
 from pidtsm_ros.stamps import nanoseconds
 from pidtsm_ros.stop import Stop
-from pidtsm_ros.wire import OutgoingMessage, deserialize
+from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
+
+if TYPE_CHECKING:
+    from pidtsm_controller.follow_joint_trajectory import GoalServer
 
 _WAITING = 20
 """Queue length for joint states. A node that falls behind at 1 kHz is then at most 20 ms late and skips joint states.
 With the default queue length, its references could be older than the controller allows (``watchdog.reference``)."""
-_FIELDS = ("positions", "velocities", "accelerations")
+_FAREWELL = 0.1
+"""Time in which results of goals are sent when the process ends, s."""
 
 
 class TrajectoryNode(ManagedNode):
     """Publishes q_d, q_d', q_d'' with the stamp of every joint state; the motion begins at the first one.
 
-    A trajectory on ``joint_trajectory`` replaces the current motion; a trajectory without points brings it to rest.
+    A goal of ``~/follow_joint_trajectory`` or a trajectory on ``joint_trajectory`` replaces the current motion; a
+    trajectory without points brings it to rest.
     The node's time is that of the joint states, simulated or real. If their clock is set, or their source restarts,
     the motion comes to rest where the arm is; ``~/begin`` starts the built-in motion again.
     """
@@ -44,6 +54,7 @@ class TrajectoryNode(ManagedNode):
     def __init__(self, stop: Stop) -> None:
         super().__init__("trajectory", trajectory_node_schema, reference_joints, stop)
         self._diagnostics: Diagnostics | None = None
+        self._goals: GoalServer | None = None
 
     @property
     def lockstep(self) -> bool:
@@ -51,7 +62,8 @@ class TrajectoryNode(ManagedNode):
 
     def configure(self) -> None:
         joints = list(names(self.values["joints"]))
-        self._order = JointOrder(joints)
+        self._measured = IncomingMessages(JointState, ("position",), joints)
+        self._position = np.zeros((1, len(joints)))
         self._built_in = ReferenceMotion(self.values)
         self._limits = motion_limits(self.values)
         prepare(self._limits)
@@ -72,6 +84,7 @@ class TrajectoryNode(ManagedNode):
         self._diagnostics = Diagnostics(self)
         self._published = 0
         self.offer("~/begin", self._begin)
+        self._offer_action()
         self._listening = False
         self.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, reliable=True)
 
@@ -79,9 +92,33 @@ class TrajectoryNode(ManagedNode):
         self._arrivals = Arrivals()
         self._began = -1
 
+    def deactivate(self) -> None:
+        if self._goals:
+            self._goals.end_all("the node was deactivated", -1)
+
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._diagnostics = None
+        if self._goals:
+            self._goals.destroy()
+            self._goals = None
         return super().on_cleanup(state)
+
+    def flush(self) -> None:
+        if self._goals and self.executor:
+            spin_for(self.executor, _FAREWELL)
+        super().flush()
+
+    def _offer_action(self) -> None:
+        """Serve ~/follow_joint_trajectory if the interfaces are there."""
+        try:
+            from pidtsm_controller.follow_joint_trajectory import GoalServer
+        except ModuleNotFoundError:
+            self.get_logger().info(
+                "no action ~/follow_joint_trajectory, because control_msgs is missing: ./pidtsm actions builds it"
+            )
+            return
+        self._goals, self._watch = GoalServer(self, self._limits), ControllerWatch()
+        self.listen(ControllerState, "controller/state", self._watch.receive, raw=True, depth=1)
 
     def diagnose(self) -> None:
         if self._diagnostics is not None:
@@ -95,6 +132,8 @@ class TrajectoryNode(ManagedNode):
     def poll(self) -> float:
         if self._diagnostics is not None and self._diagnostics.due:
             self.diagnose()
+        if self._goals:
+            self._goals.look_for_the_arm()
         if self._diagnostics is None or self._listening:
             return super().poll()
         # Subscribe only now, so that a simulator that waits for subscribers also waits for those of the reference.
@@ -111,14 +150,21 @@ class TrajectoryNode(ManagedNode):
         if judged in (Stamp.LATE, Stamp.AHEAD) or (judged is Stamp.REPEATED and not self.lockstep):
             raise MessageError(judged.explanation)
         restarts = judged is Stamp.RESTARTED
-        position = self._positions(state) if restarts else self._desired[0]
+        if restarts:
+            self._measured.read(state, self._position)
         arrivals.take(judged, stamp, now)
         if restarts:
-            self._rest(position, last + arrivals.elapsed, stamp)
+            self._rest(self._position[0], last + arrivals.elapsed, stamp)
         if self._began < 0:
             self._began = stamp
             self._motion = MotionUnderWay(self._built_in, stamp, self._limits)
+        if self._goals:
+            self._goals.trouble = self._watch.trouble
+            self._goals.advance(stamp, self._motion)
         self._publish(stamp)
+        if self._goals and self._goals.watching:
+            self._measured.read(state, self._position)
+            self._goals.judge(stamp, self._desired, self._position[0])
 
     def _publish(self, stamp: int) -> None:
         if self._built_in.drops_out(seconds(stamp - self._began)):
@@ -128,13 +174,10 @@ class TrajectoryNode(ManagedNode):
             return
         self._motion.evaluate(stamp, self._desired)
         self._reference.arrays[:3] = self._desired
+        if self._goals:
+            np.add(self._built_in.config.feedforward, self._goals.effort(stamp), out=self._reference.arrays[3])
         self._published += 1
         self._references.publish(self._reference.to_bytes(stamp))
-
-    def _positions(self, state: bytes) -> Array:
-        message, positions = deserialize(state, JointState), np.empty(self._built_in.joints)
-        self._order.read(message.name, message.position, "position", positions)
-        return positions
 
     def _rest(self, position: Array, before: int, stamp: int) -> None:
         """Bring the motion to rest, or hold `position` (rad) if the reference is elsewhere.
@@ -148,6 +191,8 @@ class TrajectoryNode(ManagedNode):
         else:
             self._motion = MotionUnderWay(Rest(position), stamp, self._limits)
         self._began = stamp
+        if self._goals:
+            self._goals.end_all(f"joint_states: {Stamp.RESTARTED.value}", stamp)
         self.get_logger().warning(
             f"joint_states: {Stamp.RESTARTED.value}; holding the arm where it is; "
             "call ~/begin to start the built-in motion"
@@ -159,6 +204,7 @@ class TrajectoryNode(ManagedNode):
             return "no joint state received yet, so the start time is unknown"
         self._began = self._arrivals.last
         self._motion.approach(self._began, self._built_in)
+        self._replace_goals("the built-in motion")
         self.get_logger().info("starting the built-in motion")
         return ""
 
@@ -168,38 +214,24 @@ class TrajectoryNode(ManagedNode):
             raise MessageError("no joint state received yet, so the start time is unknown")
         if not message.points:
             self._motion.cancel(last)
+            self._replace_goals("a stop")
             self.get_logger().info("cancelled: coming to rest")
             return
-        points = self._read(message)
-        times = np.array([seconds(nanoseconds(point.time_from_start)) for point in message.points])
+        columns = places(message.joint_names, self._limits.joints, partial=False)
+        times, given = read_points(message)
+        points = np.empty_like(given)
+        points[:, :, columns] = given
         start = nanoseconds(message.header.stamp) or last
         try:
             self._motion.follow(last, start, times, points, as_float(self.values["start_tolerance"]))
         except TrajectoryError as error:
             raise MessageError(str(error)) from None
+        self._replace_goals("a trajectory on joint_trajectory")
         self.get_logger().info(f"following a trajectory of {len(times)} points, {times[-1]:g} s")
 
-    def _read(self, message: JointTrajectory) -> Array:
-        """Positions and, if given, velocities and accelerations, in node order, shape (points, 1 to 3, joints)."""
-        fields = _fields(message.points[0])
-        points = np.empty((len(message.points), len(fields), len(self._order.joints)))
-        for i, point in enumerate(message.points):
-            if _fields(point) != fields:
-                raise MessageError(f"point {i + 1} has {', '.join(_fields(point))}; the first has {', '.join(fields)}")
-            for target, field in zip(points[i], fields, strict=True):
-                self._order.read(message.joint_names, getattr(point, field), f"{field} of point {i + 1}", target)
-        return points
-
-
-def _fields(point: JointTrajectoryPoint) -> tuple[str, ...]:
-    """Which of position and its derivatives the point has; effort is ignored."""
-    fields = tuple(field for field in _FIELDS if len(getattr(point, field)))
-    if fields not in (_FIELDS[:1], _FIELDS[:2], _FIELDS):
-        raise MessageError(
-            f"a point has {', '.join(fields) or 'nothing'}; it needs positions, positions and velocities, "
-            "or positions, velocities and accelerations"
-        )
-    return fields
+    def _replace_goals(self, by: str) -> None:
+        if self._goals:
+            self._goals.end_all(f"replaced by {by}", self._arrivals.last)
 
 
 def run(stop: Stop) -> int:

@@ -130,6 +130,61 @@ _CONTROLLER = (
     Parameter("state.decimation", 1, "number of ticks per message on ~/state", minimum=1),
 )
 
+_ACTION = (
+    Parameter(
+        "interpolation",
+        "spline",
+        "what joins the points of a goal of follow_joint_trajectory that are positions only: spline: a curve with "
+        "continuous acceleration; linear: straight lines",
+        choices=("spline", "linear"),
+    ),
+    Parameter(
+        "allow_partial_joints_goal",
+        False,
+        "whether a goal of follow_joint_trajectory may leave joints out, which then hold their position",
+    ),
+    Parameter(
+        "action_monitor_rate",
+        20.0,
+        "number of feedback messages per second for a goal of follow_joint_trajectory",
+        "1/s",
+        minimum=0.0,
+        exclusive=True,
+    ),
+    Parameter(
+        "constraints.trajectory",
+        0.05,
+        "path tolerance of the position for goals that set none; 0: no limit",
+        "rad",
+        minimum=0.0,
+        per_joint=True,
+    ),
+    Parameter(
+        "constraints.goal",
+        0.03,
+        "goal tolerance of the position for goals that set none; 0: no limit",
+        "rad",
+        minimum=0.0,
+        per_joint=True,
+    ),
+    Parameter(
+        "constraints.stopped_velocity_tolerance",
+        0.01,
+        "goal tolerance of the velocity for goals that set none; 0: no limit",
+        "rad/s",
+        minimum=0.0,
+        per_joint=True,
+    ),
+    Parameter(
+        "constraints.goal_time",
+        1.0,
+        "goal_time_tolerance for goals that set none: how long after its last point a goal may be reached; 0: no limit",
+        "s",
+        minimum=0.0,
+    ),
+)
+"""Parameters of the action follow_joint_trajectory, with the names that joint_trajectory_controller has."""
+
 _TRAJECTORY = (
     AUTOSTART,
     _TRAJECTORY_PRIORITY,
@@ -152,6 +207,7 @@ _TRAJECTORY = (
         minimum=0.0,
     ),
     *limits.PARAMETERS,
+    *_ACTION,
 )
 
 

@@ -66,6 +66,10 @@ class MotionUnderWay:
             raise TrajectoryError(f"it was planned {seconds(self._now - begin):g} s too late")
         self._next = motion, start, begin
 
+    def withdraw(self) -> None:
+        """Drop the motion that waits for its begin."""
+        self._next = None
+
     def follow(
         self,
         now: int,

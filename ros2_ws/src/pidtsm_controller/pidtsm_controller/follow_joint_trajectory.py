@@ -1,0 +1,290 @@
+"""The action FollowJointTrajectory of the trajectory node, as MoveIt and rqt send it."""
+
+import os
+import time
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from control_msgs.action import FollowJointTrajectory
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from pidtsm_controller.goal_planning import GoalError, Plan, Splice, plan_goal
+from pidtsm_core.parameters import Array, as_float
+from pidtsm_core.timing import NANOSECONDS, seconds
+from pidtsm_core.trajectories.feed_forward import FeedForward, fade
+from pidtsm_core.trajectories.limits import MotionLimits
+from pidtsm_core.trajectories.splice import MotionUnderWay
+from pidtsm_core.trajectories.tracking import Code, Tracking
+from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.stamps import nanoseconds, set_stamp
+
+_PATIENCE = {False: 1.0, True: 5.0}
+"""Time without joint states after which the arm is lost, s, by whether the node is in lockstep."""
+_FIRST_LEAD = 20_000_000
+"""Time for planning while the reference moves, ns; doubled until planning is fast enough."""
+_LONGEST_LEAD = 2_000_000_000
+
+
+class _Server(ActionServer):
+    """Takes the result of a goal when it is known.
+
+    rclpy would run a coroutine for each goal, and the events executor resumes pending ones without a pause.
+    """
+
+    def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
+        """The loop of the node executes goals."""
+
+    def finish(self, goal_handle: ServerGoalHandle, result: FollowJointTrajectory.Result) -> None:
+        """Send the result of a goal whose status is final."""
+        super().notify_execute(goal_handle, lambda _: result)
+
+
+@dataclass(eq=False)
+class _Goal:
+    """A goal that was accepted and has not ended."""
+
+    handle: ServerGoalHandle
+    lead: int = _FIRST_LEAD  # time for planning, ns
+    start: int = -1  # of the trajectory, ns
+    begin: int = -1  # when its motion takes over, ns
+    tracking: Tracking | None = None
+    cancelled: bool = False  # its motion comes to rest
+    next_feedback: int = 0  # ns
+
+    @property
+    def cancel_requested(self) -> bool:
+        return bool(self.handle.is_cancel_requested)
+
+
+class GoalServer:
+    """Plans goals, changes the motion of the node, and judges how the arm follows.
+
+    A goal is planned in a thread, from the state that the reference will have when it takes over. If the reference has
+    another state by then, because it moves and planning took longer than expected, it is planned again.
+
+    Attributes:
+        now: time of the last joint state, ns; -1: there was none yet.
+        trouble: why no goal can be followed now; empty if one can.
+    """
+
+    def __init__(self, node: ManagedNode, limits: MotionLimits) -> None:
+        """Args: node: the trajectory node, while it is configured; limits: of the arm."""
+        self._node, self._limits = node, limits
+        self._log = node.get_logger()
+        self._server = _Server(
+            node,
+            FollowJointTrajectory,
+            "~/follow_joint_trajectory",
+            execute_callback=lambda _: None,
+            handle_accepted_callback=self._accept,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+        self._planner = ThreadPoolExecutor(1, "planner", _lower_priority)
+        self._queue: deque[_Goal] = deque()
+        self._planning: tuple[_Goal, Splice, Future[Plan]] | None = None
+        self._waiting: tuple[_Goal, FeedForward] | None = None
+        self._running: _Goal | None = None
+        self._efforts, self._efforts_start = fade(0.0, np.zeros(len(limits.joints))), 0
+        self._heard = time.monotonic()
+        self.now = -1
+        self.trouble = ""
+
+    # Called by the node.
+
+    def advance(self, now: int, motion: MotionUnderWay) -> None:
+        """Change the motion if a goal is planned, begins or is cancelled; call before the reference of `now` (ns)."""
+        self.now, self._motion = now, motion
+        self._heard = time.monotonic()
+        if self.trouble and self._goals():
+            self._give_up(self.trouble)
+        if self._planning is None and self._queue:
+            self._plan(self._queue.popleft())
+        elif self._planning and self._planning[2].done():
+            self._install()
+        if self._waiting and now >= self._waiting[0].begin:
+            (goal, self._efforts), self._waiting = self._waiting, None
+            if self._running:
+                self._end(self._running, Code.INVALID_GOAL, f"replaced by a new goal at {seconds(now):.3f} s")
+            self._running, self._efforts_start = goal, goal.start
+        if self._waiting and self._waiting[0].cancel_requested:
+            motion.withdraw()
+            self._end(self._waiting[0], Code.SUCCESSFUL, "cancelled before its start")
+        if self._running and self._running.cancel_requested and not self._running.cancelled:
+            self._running.cancelled = True
+            self._come_to_rest("the goal before it was cancelled")
+
+    def effort(self, now: int) -> Array:
+        """Effort that is fed forward at `now` (ns), shape (joints,), N m."""
+        return self._efforts.evaluate(seconds(now - self._efforts_start))
+
+    @property
+    def watching(self) -> bool:
+        """Whether `judge` needs the measured position."""
+        return self._running is not None
+
+    def judge(self, now: int, desired: Array, position: Array) -> None:
+        """End the running goal if it is reached or missed.
+
+        Args:
+            now: stamp of the joint state, ns.
+            desired: the reference, shape (3, joints), rad, rad/s, rad/s^2.
+            position: measured, shape (joints,), rad.
+        """
+        goal = self._running
+        if goal is None or goal.tracking is None:
+            return
+        outcome = goal.tracking.judge(now, desired, position)
+        if now >= goal.next_feedback:
+            self._give_feedback(goal, now, desired)
+        if goal.cancelled:
+            if not desired[1:].any():
+                self._end(goal, Code.SUCCESSFUL, "cancelled; the reference is at rest")
+        elif outcome and outcome.code == Code.SUCCESSFUL:
+            self._end(goal, *outcome)
+        elif outcome:
+            self._come_to_rest("the goal before it was aborted")
+            self._end(goal, *outcome)
+
+    def look_for_the_arm(self) -> None:
+        """End all goals if no joint states arrive."""
+        if self._goals() and (silent := time.monotonic() - self._heard) > _PATIENCE[self._node.lockstep]:
+            self._give_up(f"no joint state for {silent:.1f} s")
+
+    def end_all(self, reason: str, now: int) -> None:
+        """End all goals, whatever the motion does; the time is `now` (ns), even if the clock was set."""
+        for goal in self._goals():
+            self._end(goal, Code.INVALID_GOAL, reason)
+        self._efforts, self._efforts_start = fade(0.0, self.effort(self.now)), now
+        self.now = now
+
+    def destroy(self) -> None:
+        """Remove the action."""
+        self._planner.shutdown(cancel_futures=True)
+        self._server.destroy()
+
+    # Goals.
+
+    def _accept(self, handle: ServerGoalHandle) -> None:
+        handle.execute()
+        goal = _Goal(handle)
+        reason = self.trouble
+        if not self._node.active:
+            reason = "the node is not active"
+        elif self.now < 0:
+            reason = "no joint state received yet, so the start time is unknown"
+        if reason:
+            self._end(goal, Code.INVALID_GOAL, reason)
+        else:
+            self._queue.append(goal)
+
+    def _goals(self) -> list[_Goal]:
+        """All that have not ended."""
+        planning = [self._planning[0]] if self._planning else []
+        waiting = [self._waiting[0]] if self._waiting else []
+        running = [self._running] if self._running else []
+        return [*running, *waiting, *planning, *self._queue]
+
+    def _plan(self, goal: _Goal) -> None:
+        """Begin to plan; a goal without a start time may begin at any time while the reference rests."""
+        start = nanoseconds(goal.handle.request.trajectory.header.stamp)
+        anytime = not start and not self._motion.state_at(self.now)[1:].any()
+        begin = max(self.now + (0 if anytime else goal.lead), start)
+        splice = Splice(begin, self._motion.state_at(begin), self.effort(begin))
+        job = self._planner.submit(plan_goal, goal.handle.request, splice, self._limits, self._node.values)
+        self._planning = goal, splice, job
+
+    def _install(self) -> None:
+        """Let the motion that is planned take over, if the reference still is where it begins."""
+        assert self._planning is not None
+        (goal, splice, job), self._planning = self._planning, None
+        if goal.cancel_requested:
+            self._end(goal, Code.SUCCESSFUL, "cancelled before its start")
+            return
+        try:
+            plan = job.result()
+        except GoalError as error:
+            self._end(goal, error.code, str(error))
+            return
+        late = max(self.now - splice.begin, 0)
+        stamped = plan.start != splice.begin
+        if (late and stamped) or not np.array_equal(self._motion.state_at(splice.begin + late), splice.present):
+            goal.lead = max(2 * goal.lead, 2 * late)
+            if goal.lead > _LONGEST_LEAD:
+                self._end(goal, Code.INVALID_GOAL, f"planning takes more than {seconds(_LONGEST_LEAD):g} s")
+            else:
+                self._queue.appendleft(goal)
+            return
+        if self._waiting:
+            self._end(self._waiting[0], Code.INVALID_GOAL, "replaced by a new goal before its start")
+        goal.start, goal.begin = plan.start + late, splice.begin + late
+        goal.next_feedback = goal.begin
+        end = goal.start + round(plan.motion.end * NANOSECONDS)
+        goal.tracking = Tracking(self._limits.joints, self._limits.continuous, plan.tolerances, goal.start, end)
+        self._motion.replace(plan.motion, goal.start, goal.begin)
+        self._waiting = goal, plan.efforts
+
+    def _give_up(self, reason: str) -> None:
+        """End all goals and come to rest."""
+        if self._running:
+            self._come_to_rest(reason)
+        self.end_all(reason, self.now)
+
+    def _come_to_rest(self, reason: str) -> None:
+        """Bring the reference to rest; a goal that waited for its start would not begin where it was planned."""
+        self._motion.cancel(self.now)
+        self._efforts, self._efforts_start = fade(0.0, self.effort(self.now)), self.now
+        if self._waiting:
+            self._end(self._waiting[0], Code.INVALID_GOAL, reason)
+
+    def _end(self, goal: _Goal, code: Code, text: str) -> None:
+        """Send the result; the goal is forgotten."""
+        if goal is self._running:
+            self._running = None
+        elif self._waiting and goal is self._waiting[0]:
+            self._waiting = None
+        elif self._planning and goal is self._planning[0]:
+            self._planning = None
+        elif goal in self._queue:
+            self._queue.remove(goal)
+        if goal.cancel_requested:
+            goal.handle.canceled()
+        elif code == Code.SUCCESSFUL:
+            goal.handle.succeed()
+        else:
+            goal.handle.abort()
+            self._log.error(f"goal aborted ({code.name}): {text}")
+        self._server.finish(goal.handle, FollowJointTrajectory.Result(error_code=int(code), error_string=text))
+
+    def _give_feedback(self, goal: _Goal, now: int, desired: Array) -> None:
+        """Publish the desired state, the measured one, and the difference."""
+        assert goal.tracking is not None
+        rate = as_float(self._node.values["action_monitor_rate"])
+        goal.next_feedback = max(goal.next_feedback + round(NANOSECONDS / rate), now)
+        error = -goal.tracking.error  # desired minus actual, as other servers of this action have it
+        message = FollowJointTrajectory.Feedback(
+            joint_names=list(self._limits.joints),
+            desired=_point(desired),
+            actual=_point(desired[:2] - error),
+            error=_point(error),
+        )
+        for point in (message.desired, message.actual, message.error):
+            elapsed = point.time_from_start
+            elapsed.sec, elapsed.nanosec = divmod(max(now - goal.start, 0), NANOSECONDS)
+        set_stamp(message.header.stamp, now)
+        goal.handle.publish_feedback(message)
+
+
+def _point(rows: Array) -> JointTrajectoryPoint:
+    """Positions, velocities and, if given, accelerations."""
+    fields = ("positions", "velocities", "accelerations")
+    return JointTrajectoryPoint(**dict(zip(fields, rows.tolist(), strict=False)))
+
+
+def _lower_priority() -> None:
+    """Planning must not keep the loop from the processor; a thread inherits the priority of its creator."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

@@ -1,0 +1,485 @@
+"""The action follow_joint_trajectory: the real node and rclpy's action client; the test is the arm and its clock."""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Duration
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointComponentTolerance, JointTolerance
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from numpy.typing import NDArray
+from rclpy.action import ActionClient
+from sensor_msgs.msg import JointState
+from testarms import TURNTABLE
+from testbed import Testbed, open_testbed
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJointTrajectoryPoint
+
+from pidtsm_core.node_parameters import trajectory_node_schema
+from pidtsm_core.parameters import resolve
+from pidtsm_core.trajectories.limits import MotionLimits, motion_limits
+from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.stamps import nanoseconds, set_stamp
+
+Vector = NDArray[np.float64]
+Result = FollowJointTrajectory.Result
+NAMES = ["joint1", "joint2"]
+PERIOD = 0.004
+REST = [0.0, 0.0]
+SETTINGS = {"joints": NAMES, "robot.description": TURNTABLE, "reference.name": "sines"}
+LIMITS: MotionLimits = motion_limits(resolve(trajectory_node_schema, SETTINGS, 2))
+NAN = math.nan
+
+
+def duration(t: float) -> Duration:
+    return Duration(sec=math.floor(t), nanosec=round((t - math.floor(t)) * 1e9))
+
+
+def point(t: float, *fields: list[float], effort: list[float] | None = None) -> JointTrajectoryPoint:
+    names = ("positions", "velocities", "accelerations")
+    given = dict(zip(names, fields, strict=False))
+    return JointTrajectoryPoint(time_from_start=duration(t), **given, effort=effort or [])
+
+
+def goal(*points: JointTrajectoryPoint, names: list[str] = NAMES, start: float = 0.0, **others: Any) -> Any:
+    made = FollowJointTrajectory.Goal(**others)
+    made.trajectory = JointTrajectory(joint_names=names, points=points)
+    set_stamp(made.trajectory.header.stamp, round(start * 1e9))
+    return made
+
+
+def to(q: list[float], t: float = 1.0, **others: Any) -> Any:
+    """A goal with one point, at rest."""
+    return goal(point(t, q, REST), **others)
+
+
+class Sent:
+    """A goal that was sent, and what came back."""
+
+    def __init__(self, rig: "Rig", content: Any) -> None:
+        self.feedback: list[FollowJointTrajectory.Feedback] = []
+        self._future = rig.client.send_goal_async(content, lambda message: self.feedback.append(message.feedback))
+        rig.testbed.spin_until(self._future.done, "the response to a goal")
+        self.handle = self._future.result()
+        assert self.handle.accepted, "reasons come with the result"
+        self._result = self.handle.get_result_async()
+        self.done: Callable[[], bool] = self._result.done
+
+    @property
+    def outcome(self) -> tuple[int, int, str]:
+        """Status, error code, text."""
+        answer = self._result.result()
+        return answer.status, answer.result.error_code, answer.result.error_string
+
+
+class Rig:
+    """A trajectory node whose time is what the test says it is.
+
+    Attributes:
+        t: s.
+        reference: q_d, q_d', q_d'', effort at that time, shape (4, joints).
+        offset: of the arm from its reference, rad.
+        path: time and reference of all samples, shape (samples, 1 + 4 joints).
+    """
+
+    def __init__(self, testbed: Testbed) -> None:
+        self.testbed, node = testbed, testbed.node
+        self.references: list[JointReference] = []
+        self.joint_states = node.create_publisher(JointState, "joint_states", 10)
+        self.trajectories = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
+        self.controller = node.create_publisher(ControllerState, "controller/state", 10)
+        node.create_subscription(JointReference, "reference", self.references.append, 10)
+        parameters = [f"{name}:={value}" for name, value in SETTINGS.items() if name != "joints"]
+        self.process = testbed.start("trajectory", *parameters, "clock:=lockstep")
+        self.client = ActionClient(node, FollowJointTrajectory, "trajectory/follow_joint_trajectory")
+        testbed.spin_until(self._connected, "the trajectory node")
+        self.t, self.offset = 1.0, np.zeros(2)
+        self.reference = np.zeros((4, 2))
+        self._path: list[Vector] = []
+        self.wait_for_server()
+
+    def _connected(self) -> bool:
+        publishers = (self.joint_states, self.trajectories, self.controller)
+        return all(p.get_subscription_count() for p in publishers) and bool(
+            self.testbed.node.count_publishers("reference")
+        )
+
+    def wait_for_server(self) -> None:
+        self.testbed.spin_until(self.client.server_is_ready, "the action")
+
+    @property
+    def path(self) -> Vector:
+        return np.array(self._path)
+
+    def step(self, dt: float = PERIOD) -> None:
+        """A joint state, and the reference that answers it."""
+        self.t += dt
+        message = JointState(name=NAMES, position=(self.reference[0] + self.offset).tolist())
+        set_stamp(message.header.stamp, round(self.t * 1e9))
+        before = len(self.references)
+        self.joint_states.publish(message)
+        self.testbed.spin_until(lambda: len(self.references) > before, f"the reference at {self.t} s")
+        answer = self.references[-1]
+        assert answer.header.stamp == message.header.stamp
+        self.reference = np.array([answer.position, answer.velocity, answer.acceleration, answer.effort])
+        self._path.append(np.concatenate([[self.t], *self.reference]))
+
+    def until(self, condition: Callable[[], Any], longest: float = 20.0) -> None:
+        """Time goes on until the condition holds."""
+        end = self.t + longest
+        while not condition():
+            assert self.t < end, f"not within {longest:g} s"
+            self.step()
+
+    def follow(self, *, seconds: float) -> None:
+        end = self.t + seconds
+        self.until(lambda: self.t >= end)
+
+    def finish(self, content: Any) -> Sent:
+        """Send a goal, and go on until it has ended."""
+        sent = Sent(self, content)
+        self.until(sent.done)
+        return sent
+
+    def begin(self, content: Any) -> Sent:
+        """Send a goal, and go on until its motion has begun."""
+        sent = Sent(self, content)
+        self.until(lambda: sent.feedback)
+        return sent
+
+    def rest(self, q: list[float] | None = None) -> None:
+        """Come to rest, at q if given."""
+        self.offset[:] = 0.0
+        self.report(ControllerState.FOLLOWING)
+        before = self.process.log.read_text().count("coming to rest")
+        self.trajectories.publish(JointTrajectory())
+        self.testbed.spin_until(lambda: self.process.log.read_text().count("coming to rest") > before, "a stop")
+        self.until(lambda: not self.reference[1:].any())
+        if q is not None:
+            assert self.finish(to(q)).outcome == (GoalStatus.STATUS_SUCCEEDED, Result.SUCCESSFUL, "")
+        self._path.clear()
+
+    def report(self, mode: int, fault: int = ControllerState.NO_FAULT, joint: int = 0) -> None:
+        """The mode of the controller."""
+        state = ControllerState(name=NAMES, mode=mode, fault=fault, fault_joint=joint)
+        set_stamp(state.header.stamp, round(self.t * 1e9))
+        self.controller.publish(state)
+        self.follow(seconds=0.04)
+
+    def check_smooth(self) -> None:
+        """The reference makes no step in position or velocity: each follows from its derivative."""
+        t, q, dq, ddq = self.path[:, 0], self.path[:, 1:3], self.path[:, 3:5], self.path[:, 5:7]
+        dt = np.diff(t)[:, np.newaxis]
+        np.testing.assert_allclose(np.diff(q, axis=0), dt * (dq[1:] + dq[:-1]) / 2.0, atol=2e-5)
+        assert np.abs(np.diff(dq, axis=0)).max() <= PERIOD * (np.abs(ddq).max() * 1.5 + 1.0)
+
+
+@pytest.fixture(scope="module")
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    with open_testbed(tmp_path_factory.mktemp("action")) as testbed:
+        yield Rig(testbed)
+
+
+@pytest.fixture
+def rig(system: Rig) -> Rig:
+    if system.t == 1.0:
+        system.step()
+    system.rest()
+    return system
+
+
+SUCCESS = (GoalStatus.STATUS_SUCCEEDED, Result.SUCCESSFUL, "")
+
+
+def aborted(code: int, *texts: str) -> Callable[[tuple[int, int, str]], None]:
+    def check(outcome: tuple[int, int, str]) -> None:
+        assert outcome[:2] == (GoalStatus.STATUS_ABORTED, code), outcome
+        for text in texts:
+            assert text in outcome[2]
+
+    return check
+
+
+def test_a_goal_succeeds_when_the_arm_is_there_and_feedback_tells_where_it_is(rig: Rig) -> None:
+    rig.rest([0.0, 0.0])
+    began = rig.t
+    rig.offset[:] = [0.02, -0.04]
+    sent = Sent(rig, to([0.4, -0.3]))
+    rig.follow(seconds=1.3)
+    np.testing.assert_allclose(rig.reference[0], [0.4, -0.3])
+    assert not sent.done(), "the reference is there, joint2 is not"
+    rig.offset[:] = [0.02, -0.02]
+    rig.until(sent.done)
+    assert sent.outcome == SUCCESS
+    assert rig.t > began + 1.31
+    rig.check_smooth()
+
+    times = np.array([nanoseconds(message.header.stamp) / 1e9 for message in sent.feedback])
+    np.testing.assert_allclose(np.diff(times), 0.05, atol=PERIOD)
+    middle = sent.feedback[8]
+    assert list(middle.joint_names) == NAMES
+    np.testing.assert_allclose(np.subtract(middle.desired.positions, middle.actual.positions), middle.error.positions)
+    np.testing.assert_allclose(middle.error.positions, [-0.02, 0.04], atol=0.01)
+    assert middle.desired.time_from_start.nanosec == pytest.approx(4e8, abs=1.5e7)
+
+
+GOOD = point(1.0, [0.1, 0.2], REST)
+OTHERS = {
+    "unknown joint": (goal(GOOD, names=["joint1", "hand"]), Result.INVALID_JOINTS, "hand"),
+    "missing joint": (goal(GOOD, names=["joint1"]), Result.INVALID_JOINTS, "joint2 are missing"),
+    "twice": (goal(GOOD, names=["joint1", "joint1"]), Result.INVALID_JOINTS, "named twice"),
+    "no points": (goal(), Result.INVALID_GOAL, "no points"),
+    "NaN": (goal(point(1.0, [NAN, 0.0])), Result.INVALID_GOAL, "positions of point 1 is not finite: joint1"),
+    "NaN effort": (goal(point(1.0, REST, effort=[NAN, 0.0])), Result.INVALID_GOAL, "effort of point 1 is not finite"),
+    "length": (goal(point(1.0, [0.1])), Result.INVALID_GOAL, "positions of point 1 has 1 values for 2 joints"),
+    "times": (goal(GOOD, GOOD), Result.INVALID_GOAL, "increase from point to point"),
+    "negative": (goal(point(-1.0, REST, REST), GOOD), Result.INVALID_GOAL, "time_from_start"),
+    "too long": (goal(point(1e5, REST)), Result.INVALID_GOAL, "at most 3600 s"),
+    "too many": (goal(*[point(0.1 * k, REST) for k in range(10_001)]), Result.INVALID_GOAL, "at most 10000"),
+    "moves at the end": (goal(point(1.0, REST, [0.1, 0.0])), Result.INVALID_GOAL, "must end at rest"),
+    "far from the start": (goal(point(0.0, [0.9, 0.9], REST), GOOD), Result.INVALID_GOAL, "start_tolerance"),
+    "position limit": (to([0.0, 1.2], 4.0), Result.INVALID_GOAL, "joint2"),
+    "velocity limit": (to([3.0, 0.0], 1.0), Result.INVALID_GOAL, "joint1"),
+    "effort limit": (to([0.4, 0.0], 0.1), Result.INVALID_GOAL, "joint1"),
+    "old": (goal(GOOD, start=0.5), Result.OLD_HEADER_TIMESTAMP, "it is over"),
+    "tolerance of a stranger": (
+        to(REST, path_tolerance=[JointTolerance(name="hand")]),
+        Result.INVALID_JOINTS,
+        "path_tolerance: unknown joint hand",
+    ),
+    "negative tolerance": (
+        to(REST, goal_tolerance=[JointTolerance(name="joint1", velocity=-2.0)]),
+        Result.INVALID_GOAL,
+        "goal_tolerance of joint1: velocity is -2",
+    ),
+    "NaN tolerance": (
+        to(REST, path_tolerance=[JointTolerance(name="joint1", position=NAN)]),
+        Result.INVALID_GOAL,
+        "position is nan",
+    ),
+    "component": (to(REST, component_path_tolerance=[JointComponentTolerance()]), Result.INVALID_GOAL, "degrees"),
+}
+
+
+def test_bad_goals_are_refused_with_the_reason_and_the_running_goal_goes_on(rig: Rig) -> None:
+    rig.rest([0.0, 0.0])
+    running = rig.begin(to([0.2, 0.2], 3.0))
+    many_dof = goal(GOOD)
+    many_dof.multi_dof_trajectory.points = [MultiDOFJointTrajectoryPoint()]
+    cases = [*OTHERS.values(), (many_dof, Result.INVALID_GOAL, "several degrees of freedom")]
+    sent = [Sent(rig, content) for content, _, _ in cases]
+    rig.until(lambda: all(each.done() for each in sent))
+    assert not running.done()
+    for each, (_, code, text) in zip(sent, cases, strict=True):
+        aborted(code, text)(each.outcome)
+    rig.until(running.done)
+    assert running.outcome == SUCCESS
+    rig.check_smooth()
+
+
+NONE = [JointTolerance(name=name, position=-1.0, velocity=-1.0) for name in NAMES]
+
+
+@pytest.mark.parametrize(
+    ("offset", "others", "code", "texts"),
+    [
+        (0.06, {}, Result.PATH_TOLERANCE_VIOLATED, ("joint2: position error 0.06 exceeds the tolerance 0.05", "after")),
+        (
+            0.02,
+            {"path_tolerance": [JointTolerance(name="joint2", position=0.01)]},
+            Result.PATH_TOLERANCE_VIOLATED,
+            ("joint2: position error 0.02 exceeds the tolerance 0.01",),
+        ),
+        (
+            0.06,
+            {"path_tolerance": NONE},
+            Result.GOAL_TOLERANCE_VIOLATED,
+            ("joint2: position error 0.06 exceeds the tolerance 0.03 at the goal", "goal_time_tolerance 1 s"),
+        ),
+        (
+            0.04,
+            {"goal_time_tolerance": duration(0.2)},
+            Result.GOAL_TOLERANCE_VIOLATED,
+            ("exceeds the tolerance 0.03 at the goal, 0.20", "goal_time_tolerance 0.2 s"),
+        ),
+        (0.06, {"path_tolerance": NONE, "goal_tolerance": NONE}, Result.SUCCESSFUL, ("",)),
+        (0.06, {"path_tolerance": NONE, "goal_time_tolerance": Duration(sec=-1)}, None, ()),
+    ],
+    ids=["path", "path of the goal", "goal", "goal time", "none", "no goal time"],
+)
+def test_tolerances(rig: Rig, offset: float, others: dict[str, Any], code: int | None, texts: tuple[str, ...]) -> None:
+    rig.rest([0.0, 0.0])
+    rig.offset[1] = offset
+    sent = Sent(rig, to([0.2, 0.2], 0.8, **others))
+    if code is None:
+        rig.follow(seconds=3.0)
+        assert not sent.done(), "it may take any time"
+        rig.offset[1] = 0.0
+    rig.until(sent.done)
+    if code:
+        aborted(code, *texts)(sent.outcome)
+    else:
+        assert sent.outcome == SUCCESS
+    rig.until(lambda: not rig.reference[1:].any())
+    rig.check_smooth()
+
+
+def test_a_new_goal_replaces_the_running_one_smoothly_and_the_old_one_is_told(rig: Rig) -> None:
+    rig.rest([0.0, 0.0])
+    first = rig.begin(to([0.5, 0.5]))
+    rig.follow(seconds=0.3)
+    second = rig.finish(to([-0.2, 0.1]))
+    aborted(Result.INVALID_GOAL, "replaced by a new goal at")(first.outcome)
+    assert second.outcome == SUCCESS
+    rig.check_smooth()
+
+
+def test_a_goal_begins_at_its_stamp_and_one_of_the_past_is_joined(rig: Rig) -> None:
+    rig.rest([0.0, 0.0])
+    running = rig.begin(to([0.2, 0.0], 2.0))
+    start = rig.t + 0.8
+    dropped = Sent(rig, to([0.5, 0.5], start=start))
+    waiting = Sent(rig, to([0.0, 0.2], start=start))
+    rig.follow(seconds=0.7)
+    aborted(Result.INVALID_GOAL, "replaced by a new goal before its start")(dropped.outcome)
+    assert not running.done()
+    rig.until(running.done)
+    assert start <= rig.t <= start + 4.0 * PERIOD
+    rig.until(waiting.done)
+    assert waiting.outcome == SUCCESS
+    assert rig.t == pytest.approx(start + 1.0, abs=0.1)
+    rig.check_smooth()
+
+    rig.rest([0.0, 0.0])
+    start = rig.t - 0.5
+    sent = rig.finish(goal(point(0.0, REST), point(1.2, [0.1, 0.1]), start=start))
+    assert sent.outcome == SUCCESS
+    assert rig.t == pytest.approx(start + 1.2, abs=0.1)
+    rig.check_smooth()
+
+
+@pytest.mark.parametrize("moment", [0.0, 0.25, 0.5, 0.9])
+def test_a_cancelled_goal_comes_to_rest_within_the_limits(rig: Rig, moment: float) -> None:
+    rig.rest([0.0, 0.0])
+    sent = rig.begin(goal(point(1.0, [0.8, -0.5])))
+    rig.follow(seconds=moment)
+    cancelled = sent.handle.cancel_goal_async()
+    rig.testbed.spin_until(cancelled.done, "the response")
+    velocity, acceleration, began = np.abs(rig.reference[1]), np.abs(rig.reference[2]), rig.t
+    rig.until(sent.done)
+    assert sent.outcome[:2] == (GoalStatus.STATUS_CANCELED, Result.SUCCESSFUL)
+    assert not rig.reference[1:].any()
+    ramp = LIMITS.acceleration / LIMITS.jerk
+    longest = velocity / LIMITS.acceleration + 2.0 * (acceleration / LIMITS.jerk + ramp)
+    assert rig.t - began <= longest.max() + 0.05
+    rig.check_smooth()
+
+
+def test_the_rest_holds_still_in_a_partial_goal(rig: Rig) -> None:
+    rig.rest([0.1, 0.2])
+    content = goal(point(0.5, [0.3], [0.0]), names=["joint2"])
+    aborted(Result.INVALID_JOINTS, "joints joint1 are missing")(rig.finish(content).outcome)
+    rig.testbed.set("trajectory", {"allow_partial_joints_goal": True})
+    assert rig.finish(content).outcome == SUCCESS
+    rig.testbed.set("trajectory", {"allow_partial_joints_goal": False})
+    np.testing.assert_allclose(rig.reference[0], [0.1, 0.3])
+    np.testing.assert_allclose(rig.path[:, 1], 0.1, atol=1e-12)
+
+
+def test_a_joint_that_turns_without_end_takes_the_nearest_turn(rig: Rig) -> None:
+    rig.rest([0.1, 0.0])
+    assert rig.finish(goal(point(1.0, [0.3 - 2.0 * math.tau, 0.0]))).outcome == SUCCESS
+    np.testing.assert_allclose(rig.reference[0], [0.3, 0.0], atol=1e-12)
+    rig.offset[0] = math.tau
+    assert rig.finish(to([0.1, 0.0])).outcome == SUCCESS, "where it is measured does not matter either"
+
+
+def test_efforts_are_fed_forward_without_steps(rig: Rig) -> None:
+    rig.rest([0.0, 0.0])
+    points = [point(0.4, [0.1, 0.1], effort=[2.0, -1.0]), point(0.8, [0.2, 0.2], effort=[1.0, -1.0])]
+    assert rig.finish(goal(*points)).outcome == SUCCESS
+    efforts = rig.path[:, 7:]
+    assert np.abs(np.diff(efforts, axis=0)).max() < 2.0 * PERIOD * 2.0 / 0.4
+    np.testing.assert_allclose(efforts.max(axis=0), [2.0, 0.0], atol=0.05)
+    np.testing.assert_allclose(rig.reference[3], [1.0, -1.0])
+    assert rig.finish(to([0.0, 0.0])).outcome == SUCCESS
+    np.testing.assert_allclose(rig.reference[3], 0.0)
+    assert np.abs(np.diff(rig.path[:, 7:], axis=0)).max() < 0.05
+
+
+def stop_the_controller(rig: Rig) -> None:
+    rig.report(ControllerState.STOPPED, ControllerState.VELOCITY_LIMIT, 2)
+
+
+def change_state(rig: Rig, transition: int) -> None:
+    request = ChangeState.Request(transition=Transition(id=transition))
+    assert rig.testbed.call(ChangeState, "trajectory/change_state", request).success
+
+
+@pytest.mark.parametrize(
+    ("act", "reason"),
+    [
+        (lambda rig: rig.trajectories.publish(JointTrajectory()), "replaced by a stop"),
+        (
+            lambda rig: rig.trajectories.publish(JointTrajectory(joint_names=NAMES, points=[point(1.0, [0.1, 0.1])])),
+            "replaced by a trajectory on joint_trajectory",
+        ),
+        (stop_the_controller, "joint2 is beyond limits.velocity"),
+    ],
+    ids=["a stop", "a trajectory", "the controller stops"],
+)
+def test_all_goals_end_with_a_reason(rig: Rig, act: Callable[[Rig], None], reason: str) -> None:
+    rig.rest([0.0, 0.0])
+    running, waiting = rig.begin(to([0.5, 0.5], 2.0)), Sent(rig, to([0.0, 0.0], start=rig.t + 1.0))
+    rig.follow(seconds=0.2)
+    act(rig)
+    rig.until(lambda: running.done() and waiting.done())
+    aborted(Result.INVALID_GOAL, reason)(running.outcome)
+    aborted(Result.INVALID_GOAL, reason)(waiting.outcome)
+    rig.until(lambda: not rig.reference[1:].any())
+    rig.check_smooth()
+
+
+def test_a_stopped_controller_gets_no_goal_until_its_fault_is_reset(rig: Rig) -> None:
+    rig.rest([0.0, 0.0])
+    stop_the_controller(rig)
+    aborted(Result.INVALID_GOAL, "the controller has stopped", "reset_fault")(rig.finish(to([0.1, 0.1])).outcome)
+    rig.report(ControllerState.FOLLOWING)
+    assert rig.finish(to([0.1, 0.1])).outcome == SUCCESS
+
+
+def test_goals_end_when_the_clock_is_set(rig: Rig) -> None:
+    rig.rest([0.0, 0.0])
+    sent = rig.begin(to([0.1, 0.1]))
+    message = JointState(name=NAMES, position=[0.0, 0.0])
+    set_stamp(message.header.stamp, round((rig.t - 0.5) * 1e9))
+    rig.joint_states.publish(message)
+    rig.step(-0.496)
+    rig.until(sent.done)
+    aborted(Result.INVALID_GOAL, "joint_states: the source's clock was set")(sent.outcome)
+
+
+def test_an_arm_that_is_silent_ends_the_goals(rig: Rig) -> None:
+    rig.rest([0.0, 0.0])
+    sent = rig.begin(to([0.1, 0.1]))
+    rig.testbed.spin_until(sent.done, "the result")
+    aborted(Result.INVALID_GOAL, "no joint state for")(sent.outcome)
+
+
+def test_a_node_that_is_deactivated_ends_its_goals_and_takes_new_ones_when_it_is_active_again(rig: Rig) -> None:
+    rig.rest([0.0, 0.0])
+    sent = rig.begin(to([0.1, 0.1]))
+    change_state(rig, Transition.TRANSITION_DEACTIVATE)
+    rig.testbed.spin_until(sent.done, "the result")
+    aborted(Result.INVALID_GOAL, "the node was deactivated")(sent.outcome)
+    refused = Sent(rig, to([0.1, 0.1]))
+    rig.testbed.spin_until(refused.done, "the result")
+    aborted(Result.INVALID_GOAL, "not active")(refused.outcome)
+    change_state(rig, Transition.TRANSITION_ACTIVATE)
+    rig.step()
+    rig.rest()
+    assert rig.finish(to([0.1, 0.1])).outcome == SUCCESS
