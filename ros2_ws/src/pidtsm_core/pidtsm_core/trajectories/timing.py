@@ -13,15 +13,21 @@ from pidtsm_core.trajectories.interpolation import interpolate
 from pidtsm_core.trajectories.jerk_limited import fastest
 from pidtsm_core.trajectories.limits import MotionLimits
 from pidtsm_core.trajectories.motion import PiecewiseMotion
+from pidtsm_core.trajectories.path_speed import path_speed
 
 _FASTEST = 1e3
 """Largest velocity of a joint without a limit, rad/s or m/s."""
-_KNOTS = 24
-"""Largest number of durations that are adapted independently; those between them follow smoothly."""
+_GRID = 400
+"""Least number of steps along a path."""
+_WIDTHS = 8
+"""Number of times over which a motion is averaged, about that in which the jerk reaches the largest acceleration."""
+_SHORTEST = 1.0 / 300.0
+"""Shortest of these times, relative to the duration."""
+_NEWTON = 4
+_FINE, _COARSE = 64, 16
+"""Samples in that time for the average, and how many of them make one segment of the motion."""
 _SAME = 1e-9
 """Way points closer to each other count once, rad or m."""
-_ROUNDS = 60
-"""How often the durations of all segments are adapted."""
 _STEP = 1.05
 """Factor by which a motion is slowed down until the efforts suffice."""
 _SLOWEST = 60
@@ -32,8 +38,7 @@ def retime(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     """A fast motion from rest at the first way point to rest at the last one, within all limits.
 
     With two way points it is the fastest motion on the straight line between them. With more it passes through all of
-    them on a spline (see `interpolate`) without stopping; the durations of its segments are adapted so that a limit of
-    velocity, acceleration or jerk is reached nearly everywhere. If it needs too much effort, it is slowed down as a
+    them on a spline and without stopping. If it needs too much effort, it is slowed down as a
     whole.
 
     Args:
@@ -73,41 +78,69 @@ def _on_a_line(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
 def _on_a_spline(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     """A motion through at least three way points, of which neighbours differ.
 
-    The durations of its segments are those of a minimum-jerk motion along the path, times factors that vary smoothly:
-    each round increases the factor where a limit is nearest, and slows the whole motion down until it keeps all limits.
+    The fastest motion along a spline within limits of velocity and acceleration is averaged over a time, which limits
+    its jerk: the shorter the time, the higher the jerk. Of several times that one is best with which the motion is
+    fastest after it has been slowed down until it keeps all limits.
     """
-    start = np.zeros((3, waypoints.shape[1]))
-    start[0] = waypoints[0]
-    durations, middles = _minimum_jerk(waypoints, limits)
-    index = np.arange(len(durations))
-    count = min(len(durations), _KNOTS)
-    knots = np.interp(np.linspace(0, index[-1], count), index, middles)
-    spread = CubicSpline(knots, np.eye(count), bc_type="natural")(middles)
-    nearest = np.abs(middles[:, None] - knots).argmin(axis=1)
-    factors = np.zeros(count)  # logarithms, at the knots
-    fastest_yet: PiecewiseMotion | None = None
-    for turn in range(_ROUNDS):
-        times = np.concatenate([[0.0], np.cumsum(durations * np.exp(spread @ factors))])
-        motion = interpolate(times, waypoints[1:, None], start)
-        excess = _excess(motion, limits)
-        motion = motion.stretched(float(excess.max()))
-        if fastest_yet is None or motion.end < fastest_yet.end:
-            fastest_yet = motion
-        of_knots = np.full(count, 1e-3 * excess.max())
-        np.maximum.at(of_knots, nearest, excess)
-        factors += 0.5 * (1.0 - turn / _ROUNDS) * np.log(of_knots / of_knots.max())
-    assert fastest_yet is not None
-    return fastest_yet
+    lengths = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
+    knots = np.concatenate([[0.0], np.cumsum(lengths)]) / lengths.sum()
+    path = CubicSpline(knots, waypoints, bc_type="natural")
+    parts = np.arange(-(-_GRID // len(lengths))) / -(-_GRID // len(lengths))
+    grid = np.append(knots[:-1, None] + np.diff(knots)[:, None] * parts, 1.0)
+    squared = np.empty(grid.size)
+    slopes, jerks = (np.abs(path(grid, order)) for order in (1, 3))
+    jerks[1:] = np.maximum(jerks[1:], jerks[:-1])  # It jumps at way points.
+    with np.errstate(divide="ignore"):
+        highest = np.minimum(
+            (np.minimum(limits.velocity, _FASTEST) / slopes) ** 2, (limits.jerk / jerks) ** (2.0 / 3.0)
+        )
+    path_speed(grid, path(grid, 1), path(grid, 2), highest.min(axis=1), limits.acceleration, squared)
+    speed = np.sqrt(squared)
+    times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(grid) / (speed[1:] + speed[:-1]))])
+    ramp = float((limits.acceleration / limits.jerk).max())
+    motions = []
+    shortest = max(0.5 * min(ramp, times[-1]), _SHORTEST * times[-1])
+    for width in np.geomspace(shortest, max(3.0 * ramp, 2.0 * shortest), _WIDTHS):
+        passed, place = _averaged(times, grid, speed, float(width), knots)
+        points = path(place)
+        start = np.zeros((3, waypoints.shape[1]))
+        start[0], points[-1] = waypoints[0], waypoints[-1]
+        motion = interpolate(passed, points[1:, None], start)
+        motions.append(motion.stretched(float(_excess(motion, limits).max())))
+    return min(motions, key=lambda motion: motion.end)
 
 
-def _minimum_jerk(waypoints: Array, limits: MotionLimits) -> tuple[Array, Array]:
-    """Durations of the segments of a minimum-jerk motion of 1 s along the path, and the middles of the segments."""
-    distances = np.abs(np.diff(waypoints, axis=0))
-    lengths = np.maximum(distances / limits.velocity, 0.1 * np.sqrt(distances / limits.acceleration)).max(axis=1)
-    t = np.linspace(0.0, 1.0, 2001)
-    passed = np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()])
-    times = np.interp(passed, t**3 * (10.0 - t * (15.0 - 6.0 * t)), t)
-    return np.diff(times), 0.5 * (times[1:] + times[:-1])
+def _averaged(times: Array, grid: Array, speed: Array, width: float, knots: Array) -> tuple[Array, Array]:
+    """Where on the path a motion is, averaged over a time.
+
+    Args:
+        times: at which the grid is passed, s, shape (n,).
+        grid: path parameter, shape (n,).
+        speed: at these times, 1/s, shape (n,); it changes linearly between them.
+        width: the time, s.
+        knots: path parameters of the way points.
+
+    Returns:
+        Some times (s), among them those of the way points, and the path parameters then.
+    """
+    step = width / _FINE
+    t = step * np.arange(math.ceil(times[-1] / step) + 1)
+    i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, times.size - 2)
+    duration, since = (times[1:] - times[:-1])[i], np.minimum(t, times[-1]) - times[i]
+    place = grid[i] + since * (speed[i] + 0.5 * since / duration * (speed[i + 1] - speed[i]))
+    padded = np.concatenate([np.zeros(_FINE), place, np.ones(_FINE)])
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (padded[1:] + padded[:-1]))])
+    averaged = (total[_FINE:] - total[:-_FINE]) / _FINE
+    t = step * np.arange(averaged.size)
+    law = CubicSpline(t, averaged)
+    at_knots = np.interp(knots, averaged, t)
+    for _ in range(_NEWTON):
+        at_knots[1:-1] -= (law(at_knots[1:-1]) - knots[1:-1]) / law(at_knots[1:-1], 1)
+    at_knots[0], at_knots[-1] = 0.0, t[-1]
+    even = np.linspace(0.0, t[-1], math.ceil(t[-1] / step / _COARSE) + 1)
+    distance = np.abs(even[:, None] - at_knots).min(axis=1)
+    chosen = np.unique(np.concatenate([at_knots, even[distance > 0.3 * _COARSE * step]]))
+    return chosen, law(chosen)
 
 
 def _excess(motion: PiecewiseMotion, limits: MotionLimits) -> Array:

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from testarms import CRANE, PANDA, Arm
 
 from pidtsm_core.parameters import Array
@@ -49,6 +51,37 @@ def test_it_passes_through_all_points_within_all_limits_and_rests_at_both_ends(
         distances = np.abs(states[place:, 0] - point).max(axis=1)
         place += int(np.argmax(distances < 2e-3))
         assert distances.min() < 2e-3
+
+
+@settings(max_examples=30)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    joints=st.integers(1, 7),
+    count=st.integers(2, 20),
+    size=st.sampled_from([1e-5, 0.03, 1.0]),
+)
+def test_any_way_points_and_limits_are_kept(seed: int, joints: int, count: int, size: float) -> None:
+    random = np.random.default_rng(seed)
+    acceleration = random.uniform(0.5, 30.0, joints)
+    limits = motion_limits(
+        {
+            "joints": [f"joint{j}" for j in range(joints)],
+            "limits.velocity": random.uniform(0.3, 5.0, joints).tolist(),
+            "limits.acceleration": acceleration.tolist(),
+            "limits.jerk": (random.uniform(3.0, 100.0, joints) * acceleration).tolist(),
+        }
+    )
+    points = np.cumsum(size * random.normal(size=(count, joints)), axis=0)
+    motion = retime(points, limits)
+    states = np.empty((2000, 3, joints))
+    times = np.linspace(0.0, motion.end, len(states))
+    for t, state in zip(times, states, strict=True):
+        motion.evaluate(float(t), state)
+    assert (np.abs(states[:, 1]) <= limits.velocity * (1.0 + 1e-9) + 1e-9).all()
+    assert (np.abs(states[:, 2]) <= acceleration * (1.0 + 1e-9) + 1e-9).all()
+    steps = np.abs(np.diff(states[:, 2], axis=0))
+    assert (steps <= limits.jerk * times[1] * (1.0 + 1e-6) + 1e-9).all()
+    np.testing.assert_allclose(states[-1], [points[-1], *np.zeros((2, joints))], atol=1e-9)
 
 
 @pytest.mark.parametrize("arm", [CRANE, PANDA], ids=str)
