@@ -24,6 +24,7 @@ LIBRARIES = {
     "numpy",
     "pandas",
     "plotly",
+    "ruckig",
     "scipy",
     "xacro",
     "xarray",

@@ -52,13 +52,13 @@ def check(motion: PiecewiseMotion, limits: MotionLimits) -> None:
         _check_derivative(motion.parameters, order, bounds[order].copy(), scratch, worst)
         if worst[0] > 0.0:
             allowed = (limits.lower, limits.upper) if order == 0 else (limits.velocity, limits.given_acceleration)
-            raise _error(limits, quantity, worst, allowed[order - 1] if order else allowed)
+            raise TrajectoryError(_excess(limits, quantity, worst, allowed[order - 1] if order else allowed))
     if (effort := excessive_effort(motion, limits)) is not None:
-        raise _error(limits, "effort", effort, limits.effort)
+        raise TrajectoryError(_excess(limits, "effort", effort, limits.effort))
 
 
 def excessive_effort(motion: PiecewiseMotion, limits: MotionLimits) -> Array | None:
-    """Excess (N m or N), joint, value and time (s) of the effort that exceeds its limit most; None: none does."""
+    """Excess (N m or N), joint, value and time (s) of the largest excess of effort, shape (4,); None: there is none."""
     if limits.model is None or np.isinf(limits.effort).all():
         return None
     # A copy, because the model has scratch space of its own, and several threads may check.
@@ -77,8 +77,8 @@ def prepare(limits: MotionLimits) -> None:
         check(PiecewiseMotion(rest), limits)
 
 
-def _error(limits: MotionLimits, quantity: str, worst: Array, allowed: Array | tuple[Array, Array]) -> TrajectoryError:
-    """The error for the worst excess: its amount, joint, value and time."""
+def _excess(limits: MotionLimits, quantity: str, worst: Array, allowed: Array | tuple[Array, Array]) -> str:
+    """Text for the worst excess: its amount, joint, value and time."""
     joint, value = int(worst[1]), worst[2]
     unit = limits.units[joint]
     name = {
@@ -92,9 +92,7 @@ def _error(limits: MotionLimits, quantity: str, worst: Array, allowed: Array | t
     else:
         range_ = f"at most {allowed[joint]:.6g}"
     word = "torque" if name == "N m" else "force" if quantity == "effort" else quantity
-    return TrajectoryError(
-        f"{limits.joints[joint]}: the {word} would be {value:.6g} {name} at {worst[3]:.3f} s; {range_} is allowed"
-    )
+    return f"{limits.joints[joint]}: the {word} would be {value:.6g} {name} at {worst[3]:.3f} s; {range_} is allowed"
 
 
 @subroutine
