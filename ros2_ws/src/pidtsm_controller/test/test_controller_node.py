@@ -106,6 +106,7 @@ def test_freedrive_and_hold_are_services_and_say_why_they_refuse(graph: Callable
     node, arm = made.node, Arm(made, [0.2, -0.1], [0.2, -0.1])
     states: list[ControllerState] = []
     made.stranger.create_subscription(ControllerState, "controller/state", states.append, 10)
+    made.stranger.create_subscription(JointState, "joint_commands", lambda message: None, 10)
     assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
     switches = {name: made.stranger.create_client(SetBool, f"controller/{name}") for name in ("freedrive", "hold")}
 
