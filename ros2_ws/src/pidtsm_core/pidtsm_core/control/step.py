@@ -232,7 +232,7 @@ def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, refe
 @inlined
 def _rehearse_requests(config: ControllerConfig, state: ControllerState, age: int) -> None:
     """Make the requests whose time has come since the last joint state; `age` is that of the controller, ns."""
-    last = state.clock[Clock.LAST] + 1 - state.clock[Clock.BEGAN]
+    last = max(state.clock[Clock.LAST] + 1 - state.clock[Clock.BEGAN], 0)  # Time 0 means never.
     if last < config.free_at <= age and state.status[Status.FAULT] == 0 and config.uses_model:
         request(state, Request.FREE)
     if last < config.hold_at <= age:

@@ -165,6 +165,13 @@ def test_requests_choose_the_mode_and_nothing_is_learnt_in_freedrive(arm: Arm) -
     assert still.step(1) == Mode.FOLLOWING
 
 
+def test_requests_are_rehearsed_once_at_their_times(arm: Arm) -> None:
+    still = Still(arm, rehearsal__freedrive=0.05, rehearsal__hold=0.1, rehearsal__follow=0.15)
+    modes = [still.step(1) for _ in range(200)]
+    expected = [(50, Mode.FOLLOWING), (50, Mode.FREEDRIVE), (50, Mode.HOLDING), (50, Mode.FOLLOWING)]
+    assert modes == [mode for samples, mode in expected for _ in range(samples)]
+
+
 def test_a_fault_ends_freedrive_and_the_arm_is_held_afterwards(arm: Arm) -> None:
     still = Still(arm)
     controller = still.controller
