@@ -107,3 +107,26 @@ def test_the_error_of_a_parameter_of_another_choice_names_that_choice(
 ) -> None:
     with pytest.raises(ParameterError, match=cause):
         resolve(schemas[node], settings, 2)
+
+
+@pytest.mark.parametrize("backward", [False, True])
+def test_the_trajectory_has_the_arm_and_the_limits_of_the_controller(backward: bool) -> None:
+    joints = [f"panda_joint{i}" for i in range(1, 8)]
+    order = joints[::-1] if backward else joints
+    velocity = [0.1 * (i + 1) for i in range(7)]
+    own = {"joints": order} if backward else {}
+    values = make_experiment(
+        None, robot="panda", overrides={"controller": {"limits.velocity": velocity}, "trajectory": own}
+    ).resolved(NODE_SCHEMAS)["trajectory"]
+    assert values["robot.description"] == "panda"
+    assert values["joints"] == tuple(order)
+    assert values["limits.velocity"] == tuple(velocity[::-1] if backward else velocity)
+    assert values["limits.effort"] == (*[12.0] * 3, *[87.0] * 4)[:: 1 if backward else -1]
+    other = make_experiment(None, robot="panda", overrides={"trajectory": {"robot.description": "", **own}})
+    assert other.resolved(NODE_SCHEMAS)["trajectory"]["robot.description"] == ""
+
+
+def test_a_closed_form_is_shared_only_in_the_order_of_its_joints() -> None:
+    swapped = make_experiment(None, overrides={"trajectory": {"joints": ["joint2", "joint1"]}})
+    for experiment, description in ((make_experiment(None), "two_link"), (swapped, "")):
+        assert experiment.resolved(NODE_SCHEMAS)["trajectory"]["robot.description"] == description
