@@ -23,9 +23,10 @@ _WIDTHS = 8
 """Number of times over which a motion is averaged, about that in which the jerk reaches the largest acceleration."""
 _SHORTEST = 1.0 / 300.0
 """Shortest of these times, relative to the duration."""
-_NEWTON = 4
 _FINE, _COARSE = 64, 16
-"""Samples in that time for the average, and how many of them make one segment of the motion."""
+"""Samples in one of these times, and how many of them make one segment of the motion."""
+_NEWTON = 4
+"""Rounds of Newton's method for the times at which way points are passed."""
 _SAME = 1e-9
 """Way points closer to each other count once, rad or m."""
 _STEP = 1.05
@@ -38,8 +39,7 @@ def retime(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     """A fast motion from rest at the first way point to rest at the last one, within all limits.
 
     With two way points it is the fastest motion on the straight line between them. With more it passes through all of
-    them on a spline and without stopping. If it needs too much effort, it is slowed down as a
-    whole.
+    them on a spline and without stopping. If it needs too much effort, it is slowed down as a whole.
 
     Args:
         waypoints: shape (n, joints), rad or m.
@@ -82,19 +82,21 @@ def _on_a_spline(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     its jerk: the shorter the time, the higher the jerk. Of several times that one is best with which the motion is
     fastest after it has been slowed down until it keeps all limits.
     """
+    # The path, by the share of its length, between way points.
     lengths = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
     knots = np.concatenate([[0.0], np.cumsum(lengths)]) / lengths.sum()
     path = CubicSpline(knots, waypoints, bc_type="natural")
     parts = np.arange(-(-_GRID // len(lengths))) / -(-_GRID // len(lengths))
     grid = np.append(knots[:-1, None] + np.diff(knots)[:, None] * parts, 1.0)
+    # Its fastest motion.
     squared = np.empty(grid.size)
     slopes, jerks = (np.abs(path(grid, order)) for order in (1, 3))
     jerks[1:] = np.maximum(jerks[1:], jerks[:-1])  # It jumps at way points.
     with np.errstate(divide="ignore"):
-        highest = np.minimum(
-            (np.minimum(limits.velocity, _FASTEST) / slopes) ** 2, (limits.jerk / jerks) ** (2.0 / 3.0)
-        )
-    path_speed(grid, path(grid, 1), path(grid, 2), highest.min(axis=1), limits.acceleration, squared)
+        by_velocity = (np.minimum(limits.velocity, _FASTEST) / slopes) ** 2
+        by_jerk = (limits.jerk / jerks) ** (2.0 / 3.0)
+    highest = np.minimum(by_velocity, by_jerk).min(axis=1)
+    path_speed(grid, path(grid, 1), path(grid, 2), highest, limits.acceleration, squared)
     speed = np.sqrt(squared)
     times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(grid) / (speed[1:] + speed[:-1]))])
     ramp = float((limits.acceleration / limits.jerk).max())
