@@ -98,6 +98,9 @@ def events(arm: Arm) -> dict[str, Any]:
         "activation.blend": 0.8,
         "rehearsal.reset_fault": 1.2,
         "rehearsal.restart": 1.8,
+        "rehearsal.freedrive": 1.65,
+        "rehearsal.hold": 1.7,
+        "rehearsal.follow": 1.75,
     }
     settings["simulator"] |= {"push.effort": push.tolist(), "push.time": 0.3, "push.duration": 0.3}
     settings["trajectory"] |= {
@@ -105,6 +108,7 @@ def events(arm: Arm) -> dict[str, Any]:
         "dropout.duration": 0.2,
         "jump.position": arm.alternating(0.05).tolist(),
         "jump.time": 1.9,
+        "feedforward.effort": (0.02 * arm.limits).tolist(),
     }
     return settings
 
@@ -138,7 +142,7 @@ def stepped_as_the_nodes_do(arm: Arm, settings: dict[str, dict[str, Any]], sampl
         made.position[k], made.velocity[k] = plant.state.position, plant.state.derivatives[0]
         motion.evaluate(seconds(stamp), made.reference[k])
         if not motion.drops_out(seconds(stamp)):
-            controller.reference[:] = made.reference[k]
+            controller.reference[:], controller.given[3] = made.reference[k], motion.config.feedforward
             referred = stamp
         controller.position[:] = plant.state.position
         made.status[k] = controller.step(stamp, referred)
