@@ -9,7 +9,7 @@ changes it by much and keeps the arm from tracking.
 import math
 
 from pidtsm_core.compiled import inlined
-from pidtsm_core.control.state import ControllerConfig, ControllerState, External
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, External
 from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Signal, Status, Violation
 
@@ -38,7 +38,7 @@ def sense_contact(state: ControllerState, needed: Array, dt: float) -> None:
         external[External.TWICE, j] += share * (external[External.ONCE, j] - external[External.TWICE, j])
         if not math.isfinite(external[External.TWICE, j]):
             external[External.ONCE, j] = external[External.TWICE, j] = 0.0
-        if farthest < _TRACKED:
+        if farthest < _TRACKED and state.clock[Clock.FREED] == 0:  # In freedrive, what is felt is a hand.
             external[External.USUAL, j] = external[External.TWICE, j]
         external[External.CHANGE, j] = external[External.TWICE, j] - external[External.USUAL, j]
 

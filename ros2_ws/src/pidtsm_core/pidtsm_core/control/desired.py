@@ -90,8 +90,9 @@ def write_desired(state: ControllerState, stamp: int) -> None:
             passed = t / duration
         else:
             _end_way(state)
-            state.clock[Clock.GENTLE] = 0
     follows = state.status[Status.MODE] == Mode.FOLLOWING
+    if follows and state.way_duration[0] == 0.0:
+        state.clock[Clock.GENTLE] = 0
     for j in range(state.fed.size):
         state.fed[j] = _fed(state, j, passed)
         state.handed[j] = state.handed_before[j] * (_left(passed) if follows else 1.0)
