@@ -36,3 +36,5 @@ class ControllerWatch:
         if state.mode == Mode.STOPPED:
             reason = cause(state.fault, state.fault_joint, state.name)
             self.trouble = f"the controller has stopped: {reason}; call its ~/reset_fault"
+        elif state.mode == Mode.FREEDRIVE:
+            self.trouble = "a person moves the arm by hand; call ~/freedrive of the controller to end that"
