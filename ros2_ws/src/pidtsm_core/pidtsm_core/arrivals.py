@@ -76,6 +76,11 @@ class Arrivals:
         self.refused = 0
         self.forget()
 
+    @property
+    def lead(self) -> int:
+        """Stamp minus arrival time of the messages with the shortest delay, ns."""
+        return self._lead
+
     def forget(self) -> None:
         """Treat the next message as the first."""
         self.last = -1
