@@ -50,6 +50,11 @@ class MotionUnderWay:
         if self._next and now >= self._next[2]:
             (self._motion, self._start, _), self._next = self._next, None
 
+    @property
+    def current(self) -> Motion:
+        """The present motion."""
+        return self._motion
+
     def state_at(self, time: int) -> Array:
         """q_d, q_d', q_d'' of the present motion at `time` (ns, not in the past), shape (3, joints)."""
         state = np.zeros((3, len(self._limits.joints)))

@@ -1,0 +1,155 @@
+"""Streams of targets that the trajectory node follows, from teleoperation or a learned policy."""
+
+from collections.abc import Callable
+
+import numpy as np
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from pidtsm_controller.trajectory_points import places, read_points
+from pidtsm_core.joints import ABSURD, MessageError
+from pidtsm_core.parameters import Array
+from pidtsm_core.timing import NANOSECONDS, seconds
+from pidtsm_core.trajectories.errors import TrajectoryError
+from pidtsm_core.trajectories.limits import MotionLimits
+from pidtsm_core.trajectories.splice import MotionUnderWay
+from pidtsm_core.trajectories.streams import StreamFilter
+from pidtsm_ros.diagnostics import Reading
+from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.stamps import nanoseconds
+
+_DEPTH = 10
+"""Queue length: old targets are useless."""
+_PAUSE = NANOSECONDS // 2
+"""A stream that another motion has replaced must pause so long before it is followed again, ns."""
+
+
+class Streams:
+    """Receives targets on ``~/joint_target``, and chunks of them on ``~/joint_target_trajectory``.
+
+    The first target of a stream takes over from any motion; another motion takes over from a stream, whose further
+    targets are then rejected until it has paused.
+
+    Attributes:
+        stopped: that the stream has stopped, for diagnostics; empty if it has not, or another motion has followed.
+    """
+
+    def __init__(self, node: ManagedNode, limits: MotionLimits, replace: Callable[[str], None]) -> None:
+        """Subscribe.
+
+        Args:
+            node: the trajectory node, while it is configured.
+            limits: of the arm.
+            replace: called with what takes over from the motion, before a stream does.
+        """
+        self._log, self._replace = node.get_logger(), replace
+        self._joints, self._filter = limits.joints, StreamFilter(limits)
+        self._motion: MotionUnderWay | None = None
+        self._now = self._heard = 0  # ns
+        self._busy = self._gave_way = False
+        self._warned = ""
+        self.stopped = ""
+        node.listen(JointState, "~/joint_target", self._on_target, depth=_DEPTH)
+        node.listen(JointTrajectory, "~/joint_target_trajectory", self._on_chunk, depth=_DEPTH)
+
+    def advance(self, now: int, motion: MotionUnderWay, busy: bool) -> None:
+        """Move on; call before the reference of `now` is evaluated.
+
+        Args:
+            now: stamp of the joint state, ns.
+            motion: of the node; it comes to rest if the stream has stopped.
+            busy: whether a goal is planned or followed; a stream under way then gets no more targets.
+        """
+        self._now, self._motion, self._busy = now, motion, busy
+        if not self._filter.running:
+            return
+        if motion.current is not self._filter:
+            self._filter.end()
+            self._gave_way = True
+            return
+        if busy or self._gave_way:
+            self._filter.freeze()
+        self._filter.advance(now)
+        if self._filter.ended(now) and not self._gave_way:
+            motion.cancel(now)
+            self._filter.end()
+            self.stopped = "the stream of targets has stopped"
+            self._log.info(f"{self.stopped}: coming to rest")
+
+    def give_way(self) -> None:
+        """Another motion takes over, now or later; until then the last targets count."""
+        self._gave_way, self.stopped = True, ""
+
+    def forget(self) -> None:
+        """The clock was set, or the node is active again: no motion and no time from before counts."""
+        self._filter.end()
+        self._motion, self.stopped, self._gave_way = None, "", False
+
+    def readings(self) -> list[Reading]:
+        """How the stream arrives; empty before the first target."""
+        statistics = self._filter.statistics(self._now)
+        if not statistics.received:
+            return []
+        return [
+            Reading("stream: rate", statistics.rate, "1/s"),
+            Reading("stream: delay of the reference", statistics.delay, "s"),
+            Reading("stream: age of the last target", statistics.age, "s"),
+            Reading("stream: targets used", statistics.received),
+            Reading("stream: targets missing", statistics.missing),
+            Reading("stream: targets beyond a position limit", statistics.clipped),
+        ]
+
+    def _on_target(self, message: JointState) -> None:
+        columns = places(message.name, self._joints, partial=True)
+        targets = np.zeros((2, len(self._joints)))
+        targets[0] = self._held()
+        for row, field in zip(targets, ("position", "velocity"), strict=True):
+            values = np.array(getattr(message, field))
+            if field == "velocity" and not values.size:
+                continue
+            if values.size != columns.size:
+                raise MessageError(f"{field} has {values.size} values for {columns.size} joints")
+            if not (np.abs(values) < ABSURD).all():
+                raise MessageError(f"{field} is not finite, or absurd")
+            row[columns] = values
+        velocity = targets[1] if len(message.velocity) else None
+        self._take(lambda: self._filter.receive(self._now, nanoseconds(message.header.stamp), targets[0], velocity))
+
+    def _on_chunk(self, message: JointTrajectory) -> None:
+        if not message.points:
+            raise MessageError("it has no points")
+        columns = places(message.joint_names, self._joints, partial=True)
+        times, given = read_points(message)
+        positions = np.tile(self._held(), (len(times), 1))
+        positions[:, columns] = given[:, 0]
+        start = nanoseconds(message.header.stamp)
+        self._take(lambda: self._filter.receive_chunk(self._now, start, times, positions))
+
+    def _held(self) -> Array:
+        """Positions of the joints that a message does not name, rad."""
+        if self._motion is None:
+            raise MessageError("no joint state received yet, so the start time is unknown")
+        return self._filter.targets(self._motion.state_at(self._now)[0])
+
+    def _take(self, receive: Callable[[], str]) -> None:
+        """Follow what is received, if it can be used."""
+        assert self._motion is not None
+        paused, self._heard = self._now - self._heard > _PAUSE, self._now
+        if (self._busy and self._filter.running) or (self._gave_way and not paused):
+            raise MessageError(
+                f"another motion has taken over; the stream is followed again after a pause of {seconds(_PAUSE):g} s"
+            )
+        try:
+            warning = receive()
+        except TrajectoryError as error:
+            raise MessageError(str(error)) from None
+        self._gave_way, self.stopped = False, ""
+        if warning and warning != self._warned:
+            self._warned = warning
+            self._log.warning(warning)
+        if not self._filter.running:
+            self._replace("a stream of targets")
+            self._filter.begin(self._now, self._motion.state_at(self._now))
+            self._motion.replace(self._filter, self._now, self._now)
+            self._motion.evaluate(self._now, np.empty((3, len(self._joints))))
+            self._log.info("following a stream of targets")
