@@ -28,6 +28,8 @@ _PATIENCE = {False: 1.0, True: 5.0}
 _FIRST_LEAD = 20_000_000
 """Time for planning while the reference moves, ns; doubled until planning is fast enough."""
 _LONGEST_LEAD = 2_000_000_000
+_SAME = 1e-9
+"""States are the same up to rounding, rad, rad/s, rad/s^2."""
 
 
 class _Server(ActionServer):
@@ -117,6 +119,11 @@ class GoalServer:
         if self._running and self._running.cancel_requested and not self._running.cancelled:
             self._running.cancelled = True
             self._come_to_rest("the goal before it was cancelled")
+
+    @property
+    def busy(self) -> bool:
+        """Whether there is a goal, also one that waits."""
+        return bool(self._goals())
 
     def effort(self, now: int) -> Array:
         """Effort that is fed forward at `now` (ns), shape (joints,), N m."""
@@ -212,7 +219,8 @@ class GoalServer:
             return
         late = max(self.now - splice.begin, 0)
         stamped = plan.start != splice.begin
-        if (late and stamped) or not np.array_equal(self._motion.state_at(splice.begin + late), splice.present):
+        present = self._motion.state_at(splice.begin + late)
+        if (late and stamped) or not np.allclose(present, splice.present, rtol=0.0, atol=_SAME):
             goal.lead = max(2 * goal.lead, 2 * late)
             if goal.lead > _LONGEST_LEAD:
                 self._end(goal, Code.INVALID_GOAL, f"planning takes more than {seconds(_LONGEST_LEAD):g} s")

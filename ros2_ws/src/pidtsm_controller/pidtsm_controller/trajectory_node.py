@@ -11,6 +11,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from pidtsm_controller.controller_watch import ControllerWatch
+from pidtsm_controller.streams import Streams
 from pidtsm_controller.trajectory_points import places, read_points
 from pidtsm_core.arrivals import Arrivals, Stamp
 from pidtsm_core.cdr import serialized_nanoseconds
@@ -85,12 +86,14 @@ class TrajectoryNode(ManagedNode):
         self._published = 0
         self.offer("~/begin", self._begin)
         self._offer_action()
+        self._streams = Streams(self, self._limits, self._replace_goals)
         self._listening = False
         self.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, reliable=True)
 
     def activate(self) -> None:
         self._arrivals = Arrivals()
         self._began = -1
+        self._streams.forget()
 
     def deactivate(self) -> None:
         if self._goals:
@@ -122,12 +125,13 @@ class TrajectoryNode(ManagedNode):
 
     def diagnose(self) -> None:
         if self._diagnostics is not None:
-            idle = "" if self.active else "inactive"
+            idle = self._streams.stopped if self.active else "inactive"
             refused = self._arrivals.refused if self.active else 0
-            self._diagnostics.publish(
-                [Reading("references published", self._published), Reading("stamps that were late or ahead", refused)],
-                idle,
-            )
+            readings = [
+                Reading("references published", self._published),
+                Reading("stamps that were late or ahead", refused),
+            ]
+            self._diagnostics.publish([*readings, *self._streams.readings()], idle)
 
     def poll(self) -> float:
         if self._diagnostics is not None and self._diagnostics.due:
@@ -158,6 +162,7 @@ class TrajectoryNode(ManagedNode):
         if self._began < 0:
             self._began = stamp
             self._motion = MotionUnderWay(self._built_in, stamp, self._limits)
+        self._streams.advance(stamp, self._motion, bool(self._goals and self._goals.busy))
         if self._goals:
             self._goals.trouble = self._watch.trouble
             self._goals.advance(stamp, self._motion)
@@ -184,6 +189,7 @@ class TrajectoryNode(ManagedNode):
 
         The new time `stamp` (ns) corresponds to the old time `before` (ns).
         """
+        self._streams.forget()
         self._motion.move(stamp - before)
         self._motion.evaluate(stamp, self._desired)
         if np.abs(self._desired[0] - position).max() <= as_float(self.values["start_tolerance"]):
@@ -203,6 +209,7 @@ class TrajectoryNode(ManagedNode):
         if not self.active or self._arrivals.last < 0:
             return "no joint state received yet, so the start time is unknown"
         self._began = self._arrivals.last
+        self._streams.give_way()
         self._motion.approach(self._began, self._built_in)
         self._replace_goals("the built-in motion")
         self.get_logger().info("starting the built-in motion")
@@ -214,6 +221,7 @@ class TrajectoryNode(ManagedNode):
             raise MessageError("no joint state received yet, so the start time is unknown")
         if not message.points:
             self._motion.cancel(last)
+            self._streams.give_way()
             self._replace_goals("a stop")
             self.get_logger().info("cancelled: coming to rest")
             return
@@ -226,6 +234,7 @@ class TrajectoryNode(ManagedNode):
             self._motion.follow(last, start, times, points, as_float(self.values["start_tolerance"]))
         except TrajectoryError as error:
             raise MessageError(str(error)) from None
+        self._streams.give_way()
         self._replace_goals("a trajectory on joint_trajectory")
         self.get_logger().info(f"following a trajectory of {len(times)} points, {times[-1]:g} s")
 
