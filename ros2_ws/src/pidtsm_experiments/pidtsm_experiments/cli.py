@@ -20,6 +20,7 @@ _COMMANDS = {
     "gains": "compute a first set of gains for an arm, with the reason for each number",
     "reproduce": "compare both cases and all laws with the article",
     "robustness": "measure how much imperfection of sensors, drives and model each controller tolerates",
+    "move": "move the arm of a running system to a posture",
     "analyze": "compute the metrics of a recorded bag",
     "bench": "run benchmarks, each compared with a lower bound or another implementation measured in the same run",
     "test": "run all tests and checks",

@@ -1,0 +1,84 @@
+"""``./pidtsm move``: move the arm of a running system."""
+
+import argparse
+import json
+import time
+from typing import Any
+
+from pidtsm_core.errors import UsageError
+from pidtsm_experiments.errors import RunError
+
+_EPILOG = """The arm moves on the straight line between its posture and the new one, as fast as its limits allow. Ctrl-C
+brings it to rest.
+
+examples:
+  ./pidtsm move --to 0.3 -0.2
+  ./pidtsm move --to joint2=0.1 --velocity-scale 0.3
+
+exit codes: 0 the arm is there, 1 it is not, 2 bad usage or input, 130 interrupted; the arm is at rest
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.epilog = _EPILOG
+    parser.add_argument(
+        "--to",
+        nargs="+",
+        required=True,
+        metavar="Q",
+        help="position of every joint, rad or m, or JOINT=Q for some of them",
+    )
+    parser.add_argument("--namespace", default="", metavar="NAME", help="namespace of the system")
+    parser.add_argument(
+        "--robot",
+        default="",
+        metavar="ARM",
+        help="arm with the limits, if the trajectory node has no robot.description",
+    )
+    parser.add_argument(
+        "--velocity-scale", type=float, default=1.0, metavar="X", help="share of the largest velocity (default: 1)"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object: duration, position, desired")
+
+
+def execute(options: argparse.Namespace) -> int:
+    from pidtsm_ros.client import Arm, ArmError  # Only this command needs rclpy.
+
+    target = _target(options.to)
+    try:
+        with Arm(options.namespace, options.robot) as arm:
+            try:
+                duration = arm.move_to(target, options.velocity_scale, wait=False)
+                if not options.json:
+                    print(f"moving for {duration:.2f} s" + ("" if arm.uses_action else " (no action: by topic)"))
+                begin = time.monotonic()
+                arm.wait(10.0 + 2.0 * duration)
+            except KeyboardInterrupt:
+                arm.hold()
+                raise
+            except ValueError as error:
+                raise UsageError(str(error)) from None
+            state = arm.state
+            result: dict[str, Any] = {
+                "duration": duration,
+                "wall_time": time.monotonic() - begin,
+                "position": dict(zip(state.names, state.position.tolist(), strict=True)),
+                "desired": dict(zip(state.names, state.desired[0].tolist(), strict=True)),
+            }
+    except ArmError as error:
+        raise RunError(str(error)) from None
+    if options.json:
+        print(json.dumps(result))
+    else:
+        print("there: " + ", ".join(f"{name} {q:.4f}" for name, q in result["position"].items()))
+    return 0
+
+
+def _target(words: list[str]) -> list[float] | dict[str, float]:
+    """Positions, or positions by name."""
+    try:
+        if all("=" in word for word in words):
+            return {name: float(q) for name, _, q in (word.partition("=") for word in words)}
+        return [float(word) for word in words]
+    except ValueError:
+        raise UsageError(f"--to {' '.join(words)}: must be numbers, or JOINT=NUMBER for each") from None

@@ -1,0 +1,105 @@
+"""The Python client and ``./pidtsm move`` on a running system; in lockstep, so that a busy machine stops no arm."""
+
+import json
+import math
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from testarms import TWO_LINK
+from testbed import Testbed, open_testbed
+from trajectory_msgs.msg import JointTrajectory
+
+from pidtsm_core.signals import Mode
+from pidtsm_experiments.cli import main
+from pidtsm_ros.client import Arm, ArmError, ArmNotFoundError, GoalError
+
+HOME = [0.3, -0.2]
+
+
+@pytest.fixture(scope="module")
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Testbed]:
+    """Simulator, controller and trajectory node; the arm rests at `HOME`."""
+    with open_testbed(tmp_path_factory.mktemp("client")) as testbed, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", testbed.environment["ROS_DOMAIN_ID"])
+        testbed.start("controller", "reference.match:=stamp")
+        rest = [f"reference.{end}:={HOME}" for end in ("from", "to")]
+        settings = ("clock:=lockstep", "reference.name:=minimum_jerk", f"robot.description:={TWO_LINK.description}")
+        testbed.start("trajectory", *settings, *rest)
+        settings = ("clock:=lockstep", "lockstep.timeout:=60.0", "disturbance.name:=none")
+        testbed.start("simulator", f"initial_position:={HOME}", *settings)
+        yield testbed
+
+
+@pytest.fixture(scope="module")
+def arm(system: Testbed) -> Iterator[Arm]:
+    with Arm(timeout=60.0) as arm:
+        yield arm
+
+
+def test_its_state_is_that_of_the_controller(arm: Arm) -> None:
+    state = arm.state
+    assert state.names == arm.names == ("joint1", "joint2")
+    assert state.mode == Mode.FOLLOWING
+    assert not state.fault
+    assert arm.uses_action
+    assert np.isfinite([state.position, state.velocity, state.effort]).all()
+
+
+@pytest.mark.parametrize("target", [[0.5, 0.1], {"joint2": -0.3}], ids=["all joints", "by name"])
+def test_it_moves_to_a_posture(arm: Arm, target: list[float] | dict[str, float]) -> None:
+    before = arm.state.desired[0]
+    duration = arm.move_to(target)
+    wanted = target if isinstance(target, list) else [before[0], target["joint2"]]
+    assert duration > 0.0
+    np.testing.assert_allclose(arm.state.desired[0], wanted, atol=1e-6)
+    np.testing.assert_allclose(arm.state.position, wanted, atol=0.03)
+
+
+def test_hold_ends_a_motion(arm: Arm) -> None:
+    arm.move_to([0.0, 0.0])
+    arm.move_to([1.0, 1.0], velocity_scale=0.2, wait=False)
+    arm.hold()
+    state = arm.state
+    assert np.abs(state.desired[1]).max() < 1e-3
+    assert state.desired[0].max() < 0.99
+
+
+def test_a_stream_is_followed(arm: Arm) -> None:
+    arm.move_to([0.0, 0.0])
+    for k in range(60):
+        arm.stream([0.1 * math.sin(0.1 * k)] * 2)
+        time.sleep(0.02)
+    assert np.abs(arm.state.desired[0]).max() > 0.01
+    arm.hold()
+
+
+def test_what_is_not_possible_is_an_error(arm: Arm) -> None:
+    with pytest.raises(ValueError, match="3 positions for 2 joints: joint1, joint2"):
+        arm.move_to([0.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match="unknown joints elbow; expected: joint1, joint2"):
+        arm.move_to({"elbow": 0.0})
+    with pytest.raises(ValueError, match="velocity_scale 2: must be above 0 and at most 1"):
+        arm.move_to([0.0, 0.0], velocity_scale=2.0)
+    with pytest.raises(GoalError, match="not finite"):
+        arm.move_to([math.nan, 0.0])
+    arm.follow(JointTrajectory(joint_names=["joint2"]))
+    with pytest.raises(GoalError, match="joint1"):
+        arm.wait(10.0)
+
+
+def test_without_a_system_there_is_no_arm(system: Testbed) -> None:
+    with pytest.raises(ArmNotFoundError, match=r"no node trajectory in the namespace /elsewhere within 0\.3 s"):
+        Arm("elsewhere", timeout=0.3)
+    assert issubclass(ArmNotFoundError, ArmError)
+
+
+def test_the_command_moves_the_arm(arm: Arm, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["move", "--to", "joint1=0.2", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["desired"]["joint1"] == pytest.approx(0.2, abs=1e-6)
+    assert arm.state.desired[0, 0] == pytest.approx(0.2, abs=1e-6)
+    assert main(["move", "--to", "0.1"]) == 2
+    assert "1 positions for 2 joints" in capsys.readouterr().err
+    assert main(["move", "--to", "near"]) == 2
