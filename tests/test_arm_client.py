@@ -95,11 +95,11 @@ def test_without_a_system_there_is_no_arm(system: Testbed) -> None:
     assert issubclass(ArmNotFoundError, ArmError)
 
 
-def test_the_command_moves_the_arm(arm: Arm, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_moves_the_arm(arm: Arm, capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["move", "--to", "joint1=0.2", "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = json.loads(capfd.readouterr().out)
     assert result["desired"]["joint1"] == pytest.approx(0.2, abs=1e-6)
     assert arm.state.desired[0, 0] == pytest.approx(0.2, abs=1e-6)
     assert main(["move", "--to", "0.1"]) == 2
-    assert "1 positions for 2 joints" in capsys.readouterr().err
+    assert "1 positions for 2 joints" in capfd.readouterr().err
     assert main(["move", "--to", "near"]) == 2

@@ -254,7 +254,11 @@ def test_what_cannot_be_used_is_rejected_with_the_reason_and_the_stream_goes_on(
         rig.publish_target(message)
         rig.publish_target(target([0.1 * (0.4 + 0.02 * k)] * 2, rig.t))
         samples += [rig.go_on() for _ in range(5)]
-        rig.testbed.spin_until(lambda reason=reason, before=before: rig.log().count(reason) > before, reason)
+
+        def rejected(reason: str = reason, before: int = before) -> bool:
+            return rig.log().count(reason) > before
+
+        rig.testbed.spin_until(rejected, reason)
     check_smooth(np.array(samples))
     assert np.abs(np.array(samples)[:, 1] - 0.1).max() < 0.03
 
