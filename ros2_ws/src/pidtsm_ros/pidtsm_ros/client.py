@@ -204,7 +204,8 @@ class Arm:
         """Move on the straight line between two postures, as fast as the limits allow.
 
         Args:
-            target: position of all joints, rad or m, in the order of `names`, or of some by name; the others hold.
+            target: position of all joints, rad or m, in the order of `names`, shape (joints,), or of some by name; the
+                others hold.
             velocity_scale: share of the largest velocity, above 0 and at most 1.
             wait: return when the arm is there.
 
@@ -302,6 +303,9 @@ class Arm:
 
     def stream(self, target: Sequence[float] | Array | Mapping[str, float]) -> None:
         """Send one target of a stream, see docs/streams.md; call it at 10 to 500 Hz.
+
+        Args:
+            target: as for `move_to`, shape (joints,), rad or m.
 
         Raises:
             ValueError: the number or the name of a joint is wrong.
