@@ -35,6 +35,7 @@ from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 
 if TYPE_CHECKING:
     from pidtsm_controller.follow_joint_trajectory import GoalServer
+    from pidtsm_controller.introspection import ControllerStates
 
 _WAITING = 20
 """Queue length for joint states. A node that falls behind at 1 kHz is then at most 20 ms late and skips joint states.
@@ -56,6 +57,7 @@ class TrajectoryNode(ManagedNode):
         super().__init__("trajectory", trajectory_node_schema, reference_joints, stop)
         self._diagnostics: Diagnostics | None = None
         self._goals: GoalServer | None = None
+        self._states: ControllerStates | None = None
 
     @property
     def lockstep(self) -> bool:
@@ -103,7 +105,7 @@ class TrajectoryNode(ManagedNode):
         self._diagnostics = None
         if self._goals:
             self._goals.destroy()
-            self._goals = None
+            self._goals = self._states = None
         return super().on_cleanup(state)
 
     def flush(self) -> None:
@@ -112,15 +114,17 @@ class TrajectoryNode(ManagedNode):
         super().flush()
 
     def _offer_action(self) -> None:
-        """Serve ~/follow_joint_trajectory if the interfaces are there."""
+        """Serve ~/follow_joint_trajectory, and publish ~/controller_state, if the interfaces are there."""
         try:
             from pidtsm_controller.follow_joint_trajectory import GoalServer
+            from pidtsm_controller.introspection import ControllerStates
         except ModuleNotFoundError:
             self.get_logger().info(
                 "no action ~/follow_joint_trajectory, because control_msgs is missing: ./pidtsm actions builds it"
             )
             return
         self._goals, self._watch = GoalServer(self, self._limits), ControllerWatch()
+        self._states = ControllerStates(self, self._limits)
         self.listen(ControllerState, "controller/state", self._watch.receive, raw=True, depth=1)
 
     def diagnose(self) -> None:
@@ -170,6 +174,9 @@ class TrajectoryNode(ManagedNode):
         if self._goals and self._goals.watching:
             self._measured.read(state, self._position)
             self._goals.judge(stamp, self._desired, self._position[0])
+        if self._states and self._states.due(stamp):
+            self._measured.read(state, self._position)
+            self._states.publish(stamp, self._desired, self._position[0])
 
     def _publish(self, stamp: int) -> None:
         if self._built_in.drops_out(seconds(stamp - self._began)):

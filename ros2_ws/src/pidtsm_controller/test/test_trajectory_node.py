@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from control_msgs.msg import JointTrajectoryControllerState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
@@ -47,6 +48,31 @@ def test_every_joint_state_gets_the_reference_of_its_time(answered: tuple[Any, l
         motion.evaluate(sample * 1e-3, expected)
         got = [reference.position, reference.velocity, reference.acceleration]
         np.testing.assert_array_equal(got, expected)
+
+
+def test_tools_read_its_state_as_that_of_a_trajectory_controller(graph: Callable[..., Any]) -> None:
+    made = graph(TrajectoryNode, "clock:=lockstep", "start.subscribers:=1", "action_monitor_rate:=100.0")
+    made.stranger.create_subscription(JointReference, "reference", lambda _: None, QoSProfile(depth=100))
+    found: list[JointTrajectoryControllerState] = []
+    made.stranger.create_subscription(
+        JointTrajectoryControllerState, "trajectory/controller_state", found.append, QoSProfile(depth=100)
+    )
+    states = made.stranger.create_publisher(JointState, "joint_states", QoSProfile(depth=100))
+    made.node.trigger_configure()
+    made.node.trigger_activate()
+    topic = "trajectory/controller_state"
+    made.until(lambda: states.get_subscription_count() and made.node.count_subscribers(topic), made.node.poll)
+    for sample in range(25):
+        message = JointState(name=NAMES[::-1], position=[-0.2, 0.3])
+        message.header.stamp.nanosec = sample * MS
+        states.publish(message)
+    made.until(lambda: len(found) == 3)
+    assert [state.header.stamp.nanosec for state in found] == [0, 10 * MS, 20 * MS]
+    for state in found:
+        assert state.joint_names == NAMES
+        assert list(state.feedback.positions) == [0.3, -0.2]
+        error = np.subtract(state.reference.positions, state.feedback.positions)
+        np.testing.assert_array_equal(state.error.positions, error)
 
 
 def point(seconds: int, **fields: list[float]) -> JointTrajectoryPoint:

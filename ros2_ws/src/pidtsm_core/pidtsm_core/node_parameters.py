@@ -146,7 +146,7 @@ _ACTION = (
     Parameter(
         "action_monitor_rate",
         20.0,
-        "number of feedback messages per second for a goal of follow_joint_trajectory",
+        "number of feedback messages per second for a goal of follow_joint_trajectory, and of ~/controller_state",
         "1/s",
         minimum=0.0,
         exclusive=True,
