@@ -12,7 +12,7 @@ from visualization_msgs.msg import Marker
 
 from pidtsm_core.robots import find_description
 from pidtsm_core.robots.placement import joint_placements, link_placements
-from two_link_sim.drawing import effort_markers, reach, skeleton, transforms
+from two_link_sim.drawing import effort_markers, skeleton, transforms
 
 HEADER = Header(stamp=Time(sec=3, nanosec=5))
 NAMES = ("two_link", "panda", "scara")
@@ -95,9 +95,3 @@ def test_an_arrow_points_along_a_sliding_joint() -> None:
 
 def test_a_joint_without_effort_has_no_marker() -> None:
     assert [m.id for m in efforts("two_link", [0.0, 0.0], [math.nan, 1.0])] == [1]
-
-
-def test_the_reach_is_the_length_of_the_stretched_arm() -> None:
-    assert reach(TWO_LINK) == pytest.approx(1.85)
-    # From the data sheet: 0.333 + 0.316 + 0.0825 + hypot(0.0825, 0.384) + 0.088 + 0.107 m.
-    assert reach(ARMS["panda"]) == pytest.approx(1.319, abs=0.001)

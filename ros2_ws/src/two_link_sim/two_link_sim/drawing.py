@@ -1,7 +1,5 @@
 """What viewers show of an arm: the frames of its links, its skeleton and its efforts."""
 
-import math
-
 import numpy as np
 from geometry_msgs.msg import Point, TransformStamped
 from scipy.spatial.transform import Rotation
@@ -11,31 +9,18 @@ from visualization_msgs.msg import Marker
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.description import Links
-from pidtsm_core.robots.placement import link_placements
+from pidtsm_core.robots.picture import effort_arc, effort_arrow, effort_color, effort_shares
 
 GHOST = "reference"
 """TF prefix and namespace of the second arm, which shows the reference."""
 
 # Lengths as shares of the reach of the arm.
 _BONE_WIDTH = 0.02
-_ARC_RADIUS = 0.1
 _ARC_WIDTH = 0.01
-_ARROW_LENGTH = 0.25  # for an effort at its limit
 _ARROW_WIDTHS = 0.02, 0.04  # shaft, head
 
-_FULL_ARC = 1.5 * math.pi  # rad, for an effort at its limit
-_ARC_POINTS = 24
 _ARM_COLOR = ColorRGBA(r=0.15, g=0.3, b=0.5, a=1.0)
 _GHOST_COLOR = ColorRGBA(r=0.4, g=0.4, b=0.4, a=0.5)
-
-
-def reach(arm: Description) -> float:
-    """Longest way along the links from the base to another link, m, with all joints at 0."""
-    links, placements = arm.links, link_placements(arm, np.zeros(len(arm.joints)))
-    way = np.zeros(len(links.names))
-    for link, parent in enumerate(links.parents[1:], start=1):
-        way[link] = way[parent] + np.linalg.norm(placements[link, :, 3] - placements[parent, :, 3])
-    return float(way.max())
 
 
 def transforms(links: Links, placements: Array, header: Header, prefix: str) -> list[TransformStamped]:
@@ -95,18 +80,19 @@ def effort_markers(arm: Description, placements: Array, efforts: Array, header: 
         header: provides the stamp.
         size: reach of the arm, m.
     """
-    shares = np.clip(efforts / np.where(np.isfinite(arm.effort), arm.effort, np.nan), -1.0, 1.0)
+    shares = effort_shares(arm, efforts)
     markers = []
     for joint in np.flatnonzero(np.isfinite(shares)):
         share, base = float(shares[joint]), arm.links.names[0]
         if arm.slides[joint]:
-            marker = _marker(header, base, "effort", Marker.ARROW, _arrow(placements[joint], share * size))
+            marker = _marker(header, base, "effort", Marker.ARROW, effort_arrow(placements[joint], share, size))
             marker.scale.x, marker.scale.y = (width * size for width in _ARROW_WIDTHS)
         else:
-            marker = _marker(header, base, "effort", Marker.LINE_STRIP, _arc(placements[joint], share, size))
+            marker = _marker(header, base, "effort", Marker.LINE_STRIP, effort_arc(placements[joint], share, size))
             marker.scale.x = _ARC_WIDTH * size
         marker.id = int(joint)
-        marker.color = ColorRGBA(r=abs(share), g=1.0 - abs(share), b=0.0, a=1.0)
+        red, green, blue = effort_color(share)
+        marker.color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
         markers.append(marker)
     return markers
 
@@ -121,17 +107,3 @@ def _marker(header: Header, frame: str, namespace: str, kind: int, points: Array
     )
     marker.pose.orientation.w = 1.0
     return marker
-
-
-def _arc(placement: Array, share: float, size: float) -> Array:
-    """Points about the z axis of a frame, shape (points, 3), m."""
-    # From the y axis of the frame, which is the x axis of a link that turns about its y or z axis.
-    angles = np.linspace(0.0, share * _FULL_ARC, _ARC_POINTS)
-    circle = np.stack([-np.sin(angles), np.cos(angles), np.zeros(_ARC_POINTS)], axis=1)
-    return np.asarray(_ARC_RADIUS * size * circle @ placement[:, :3].T + placement[:, 3])
-
-
-def _arrow(placement: Array, length: float) -> Array:
-    """Both ends of an arrow along the z axis of a frame, shape (2, 3), m."""
-    start = placement[:, 3]
-    return np.stack([start, start + _ARROW_LENGTH * length * placement[:, 2]])

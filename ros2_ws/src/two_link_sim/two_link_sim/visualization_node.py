@@ -19,6 +19,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pidtsm_core.parameters import Array, ParameterError, names
 from pidtsm_core.robots import description_schema, find_description, robot_joints
+from pidtsm_core.robots.picture import reach
 from pidtsm_core.robots.placement import joint_placements, link_placements
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.parameters import declare
@@ -26,7 +27,7 @@ from pidtsm_ros.process import spin_for
 from pidtsm_ros.qos import KEPT
 from pidtsm_ros.startup import refuse, start_ros
 from pidtsm_ros.stop import Stop
-from two_link_sim.drawing import GHOST, effort_markers, reach, skeleton, transforms
+from two_link_sim.drawing import GHOST, effort_markers, skeleton, transforms
 
 _PERIOD = 0.02  # s; as fast as a screen can show
 _NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
