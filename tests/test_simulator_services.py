@@ -252,3 +252,10 @@ def test_a_first_joint_state_that_nobody_answers_is_sent_again(testbed: Testbed)
     commands.publish(JointState(header=heard[0].header, name=NAMES, effort=EFFORT))
     testbed.spin_until(lambda: heard[-1].header.stamp != heard[0].header.stamp, "the next")
     assert nanoseconds(heard[-1].header.stamp) == 1_000_000
+
+
+def test_a_transition_that_the_state_does_not_have_is_refused(testbed: Testbed) -> None:
+    """And the node goes on; rclpy's own service ends it."""
+    testbed.start("simulator", "autostart:=false")
+    assert not changes(testbed, "simulator", Transition.TRANSITION_DEACTIVATE)
+    change(testbed, "simulator", Transition.TRANSITION_CONFIGURE)

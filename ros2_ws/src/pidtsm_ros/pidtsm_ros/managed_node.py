@@ -4,8 +4,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from typing import Any
 
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
@@ -196,6 +198,16 @@ class ManagedNode(LifecycleNode):
         if self.active:
             self.on_deactivate(state)
         return self.on_cleanup(state)
+
+    def _LifecycleNodeMixin__on_change_state(  # noqa: N802  The name of rclpy's private method.
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        """Refuse a transition that the present state does not have; in rclpy, the request ends the executor."""
+        try:
+            return super()._LifecycleNodeMixin__on_change_state(request, response)
+        except RCLError:
+            response.success = False
+            return response
 
     def _transition(self, work: Callable[[], None]) -> TransitionCallbackReturn:
         try:
