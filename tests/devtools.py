@@ -17,7 +17,6 @@ _TIMEOUT = 60.0  # s
 _OPTIONS = (
     "--headless",
     "--no-sandbox",
-    "--disable-gpu",
     "--disable-quic",
     "--no-first-run",
     "--disable-background-networking",
@@ -25,6 +24,10 @@ _OPTIONS = (
     "--disable-sync",
     "--remote-debugging-pipe",
 )
+
+
+_WITHOUT_3D = ("--disable-gpu",)
+_WITH_3D = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 
 class Page:
@@ -69,10 +72,11 @@ class Page:
         *messages, self._rest = (self._rest + data).split(b"\0")
         return [json.loads(message) for message in messages]
 
-    def open(self, path: Path, width: int = 1200, height: int = 900) -> None:
+    def open(self, place: Path | str, width: int = 1200, height: int = 900) -> None:
+        """Open a file or an address."""
         self.resize(width, height)
         self.events.clear()
-        self.call("Page.navigate", url=path.as_uri())
+        self.call("Page.navigate", url=place if isinstance(place, str) else place.as_uri())
         self.wait("document.readyState === 'complete'")
 
     def resize(self, width: int, height: int) -> None:
@@ -142,12 +146,14 @@ class Page:
 
 
 @contextmanager
-def browser(profile: Path) -> Iterator[Page]:
+def browser(profile: Path, in_3d: bool = False) -> Iterator[Page]:
     """A browser with one empty page.
 
     Args:
         profile: folder for what it keeps.
+        in_3d: whether it renders WebGL, in software.
     """
+    options = (*_OPTIONS, *(_WITH_3D if in_3d else _WITHOUT_3D))
     assert CHROMIUM
     theirs_in, commands = os.pipe()
     answers, theirs_out = os.pipe()
@@ -159,7 +165,7 @@ def browser(profile: Path) -> Iterator[Page]:
 
     with (profile.parent / "chromium.log").open("wb") as log:
         process = subprocess.Popen(
-            [CHROMIUM, *_OPTIONS, f"--user-data-dir={profile}", "about:blank"],
+            [CHROMIUM, *options, f"--user-data-dir={profile}", "about:blank"],
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=log,

@@ -26,9 +26,11 @@ setup(
     entry_points={
         "console_scripts": [
             "recorder = pidtsm_ros.main:main",
+            "live = pidtsm_ros.main:main",
         ],
         "pidtsm_ros.executables": [
             "recorder = pidtsm_experiments.bags.recorder_node:run",
+            "live = pidtsm_experiments.live.executable:run",
         ],
     },
     zip_safe=True,

@@ -332,7 +332,7 @@ def _scenario(scenario: str | None, robot: str | None, duration: float | None) -
     return Experiment(file.stem, "", seconds, settings, files)
 
 
-def _read_yaml(text: str) -> Any:
+def read_yaml(text: str) -> Any:
     """The content of a YAML text.
 
     Raises:
@@ -360,7 +360,7 @@ _packaged = functools.cache(_load_scenario)
 
 def _load_mapping(file: Path) -> dict[str, Any]:
     try:
-        content = _read_yaml(file.read_text(encoding="utf-8"))
+        content = read_yaml(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise UsageError(f"{file}: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -376,7 +376,7 @@ def _parse_override(text: str) -> tuple[str, str, Any]:
     if not equals or not dot or not name or node not in NODES:
         raise UsageError(f"--set {text}: must be NODE.PARAMETER=VALUE with NODE one of {', '.join(NODES)}")
     try:
-        return node, name, _read_yaml(value)
+        return node, name, read_yaml(value)
     except yaml.YAMLError:
         raise UsageError(f"--set {text}: {value!r} is not a valid value") from None
 

@@ -13,6 +13,7 @@ from pidtsm_experiments.errors import RunError
 _COMMANDS = {
     "demo": "run the article's Case 1 with the proposed law and the real nodes: table, figures, bag",
     "run": "run any scenario and law with the real nodes",
+    "live": "run the real nodes in real time, and show and control them on a page in the browser",
     "rollout": "run the same loop without ROS",
     "report": "make metrics, figures and report of a result folder anew",
     "compare": "compare runs: one report with curves over each other, metrics with differences, parameters that differ",

@@ -28,8 +28,14 @@ CONSOLE = Console(stderr=True)
 """For progress and messages; results go to standard output."""
 
 
-def add_experiment_arguments(parser: argparse.ArgumentParser, engine: bool = True) -> None:
-    """Add the options that define the experiment; `engine`: also the one that chooses the engine."""
+def add_experiment_arguments(parser: argparse.ArgumentParser, engine: bool = True, duration: bool = True) -> None:
+    """Add the options that define the experiment.
+
+    Args:
+        parser: of the command.
+        engine: whether one of them chooses the engine.
+        duration: whether one of them is the duration.
+    """
     parser.description = f"{parser.description}\n\nPrecedence, lowest first: scenario, --robot, --params, --law, --set."
     parser.add_argument(
         "--scenario",
@@ -43,7 +49,12 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, engine: bool = Tru
     else:
         parser.set_defaults(engine=None)
     parser.add_argument("--law", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: {LAW_NAME.default})")
-    parser.add_argument("--duration", type=seconds, metavar="S", help="duration in seconds (default: the scenario's)")
+    if duration:
+        parser.add_argument(
+            "--duration", type=seconds, metavar="S", help="duration in seconds (default: the scenario's)"
+        )
+    else:
+        parser.set_defaults(duration=None)
     add_parameter_arguments(parser)
 
 

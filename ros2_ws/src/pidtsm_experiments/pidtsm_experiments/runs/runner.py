@@ -8,13 +8,14 @@ import selectors
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import compress
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
@@ -155,8 +156,12 @@ class Processes:
             code = process.process.poll()
             if code is None or (name in _ENDS and code == 0):
                 continue
-            how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
-            raise RunError(f"{name} {how}; its last lines:\n{process.tail()}")
+            raise RunError(f"{name} {how_ended(code)}; its last lines:\n{process.tail()}")
+
+
+def how_ended(code: int) -> str:
+    """An exit code as the end of a sentence."""
+    return f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
 
 
 def run(
@@ -205,10 +210,11 @@ def run(
             file = out / "params" / f"{node}.yaml"
             file.write_text(ros_parameters(node, values), encoding="utf-8")
             arguments.setdefault("composed" if composed else node, []).extend(["--params-file", str(file)])
-        _check_security(arguments)
+        check_security(arguments)
         for name, words in arguments.items():
-            environment = _environment(name, domain, out / "log")
-            processes.start(name, [*words, "-r", f"__ns:=/{namespace}"], environment, out / "log" / f"{name}.log")
+            log = out / "log" / f"{name}.log"
+            surroundings = environment(name, domain, log.parent)
+            processes.start(name, [*words, "-r", f"__ns:=/{namespace}"], surroundings, log)
         rate = as_float(parameters["simulator"]["rate"])
         _watch(processes, lambda samples: progress(samples / rate))
         processes.end(*(name for name in arguments if name != "recorder"))
@@ -219,7 +225,8 @@ def run(
     return bag
 
 
-def _environment(process: str, domain: int, logs: Path) -> dict[str, str]:
+def environment(process: str, domain: int, logs: Path) -> dict[str, str]:
+    """Environment variables of a process of a run, in its ROS domain; `logs`: folder of the run."""
     return {
         **on_this_machine(os.environ, _PROFILES.get(process, "fastdds.xml")),
         "ROS_DOMAIN_ID": str(domain),
@@ -228,7 +235,7 @@ def _environment(process: str, domain: int, logs: Path) -> dict[str, str]:
     }
 
 
-def _check_security(names: Iterable[str]) -> None:
+def check_security(names: Iterable[str]) -> None:
     """Raise UsageError if security is requested but not available for one of these executables."""
     try:
         if security_requested():
@@ -250,8 +257,6 @@ def bag_metadata(experiment: Experiment, clock: str, namespace: str = "") -> str
         UsageError: see `node_parameters`.
     """
     parameters = node_parameters(experiment, clock)
-    given = robot_parameters(parameters["simulator"])
-    joints, robot = names(given["joints"]), find_robot(given)
     known = {
         "scenario": experiment.scenario,
         "law": experiment.law,
@@ -259,11 +264,24 @@ def bag_metadata(experiment: Experiment, clock: str, namespace: str = "") -> str
         "event_time": experiment.event_time,
         **({"namespace": namespace} if namespace else {}),
         "trajectory": parameters["trajectory"],
+        **robot_metadata(parameters["simulator"]),
+    }
+    return json.dumps(known)
+
+
+def robot_metadata(values: Mapping[str, Value]) -> dict[str, Any]:
+    """The part of a bag's metadata about its robot, from the parameters of a node that has one.
+
+    Raises:
+        ParameterError: see `find_robot`.
+    """
+    given = robot_parameters(values)
+    joints, robot = names(given["joints"]), find_robot(given)
+    return {
         "robot": given,
         "sliding": list(compress(joints, robot.slides)),
         "continuous": list(compress(joints, robot.continuous)),
     }
-    return json.dumps(known)
 
 
 def node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, Value]]:

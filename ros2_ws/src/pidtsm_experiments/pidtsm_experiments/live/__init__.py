@@ -1,0 +1,1 @@
+"""The live page: a running system in the browser, with its knobs."""

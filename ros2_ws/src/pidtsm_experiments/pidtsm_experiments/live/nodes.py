@@ -1,0 +1,177 @@
+"""The nodes that ``./pidtsm live`` starts, and may stop, break and start again."""
+
+import asyncio
+import signal
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pidtsm_core.experiment import Experiment, ros_parameters
+from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.node_settings import resolve_nodes
+from pidtsm_core.parameters import ParameterError, Value
+from pidtsm_experiments.live.errors import RefusedError
+from pidtsm_experiments.runs.runner import Processes, check_security, environment, how_ended, node_parameters
+
+_END_WITHIN = 10.0  # s
+_POLL = 0.02  # s
+_LISTENING = {"simulator": 2, "controller": 1, "trajectory": 1}
+"""Number of subscribers that each node waits for at the start; a page need not be one of them."""
+_BLEND = 0.8
+"""As of a node that is not measured: a controller that is started again approaches its reference, s."""
+_CHOICES = {"controller": ("law", "estimator"), "trajectory": ("reference",)}
+"""By node, the groups whose parameters depend on the choice of ``GROUP.name``."""
+
+
+class Nodes:
+    """Simulator, controller and trajectory node in real time, until the end of the block.
+
+    Attributes:
+        parameters: by node, what each was started with last.
+    """
+
+    def __init__(self, experiment: Experiment, folder: Path, domain: int, namespace: str) -> None:
+        """Prepare the parameters; nothing is started.
+
+        Args:
+            experiment: what to run; it has no end.
+            folder: for parameter files and logs.
+            domain: ROS domain.
+            namespace: without slashes at its ends.
+
+        Raises:
+            UsageError: a parameter is invalid, or security is requested but not available.
+        """
+        settings = {
+            node: {"start.subscribers": _LISTENING[node], **given} for node, given in experiment.settings.items()
+        }
+        settings["controller"] = {"activation.blend": _BLEND, **settings["controller"]}
+        self.parameters = node_parameters(replace(experiment, settings=settings, duration=0.0), "realtime")
+        check_security(self.parameters)
+        self._folder, self._domain, self._namespace = folder, domain, namespace
+        self._processes = Processes()
+        self._frozen: set[str] = set()
+        self._restarting = asyncio.Lock()
+
+    def __enter__(self) -> "Nodes":
+        for node in self.parameters:
+            self._start(node)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for node in list(self._frozen):
+            self.thaw(node)
+        self._processes.__exit__(None, None, None)
+
+    def _start(self, node: str) -> None:
+        file = self._folder / f"{node}.yaml"
+        file.write_text(ros_parameters(node, self.parameters[node]), encoding="utf-8")
+        arguments = ["--params-file", str(file), "-r", f"__ns:=/{self._namespace}"]
+        surroundings = environment(node, self._domain, self._folder)
+        self._processes.start(node, arguments, surroundings, self._folder / f"{node}.log")
+
+    def runs(self, node: str) -> bool:
+        """Whether the process of a node runs."""
+        process = self._processes.running.get(node)
+        return process is not None and process.process.poll() is None
+
+    def ended(self, node: str) -> str:
+        """How the process of a node has ended; empty: it runs."""
+        process = self._processes.running.get(node)
+        code = 0 if process is None else process.process.poll()
+        return "" if code is None else how_ended(code)
+
+    def last_words(self, node: str) -> str:
+        """The last lines that a node has logged."""
+        process = self._processes.running.get(node)
+        return process.tail() if process else ""
+
+    def kill(self, node: str) -> None:
+        """End a process at once, as a crash does.
+
+        Raises:
+            RefusedError: it does not run.
+        """
+        self._process(node).kill()
+        self._frozen.discard(node)
+
+    def freeze(self, node: str) -> None:
+        """Suspend a process, as if it hung.
+
+        Raises:
+            RefusedError: it does not run.
+        """
+        self._process(node).send_signal(signal.SIGSTOP)
+        self._frozen.add(node)
+
+    def thaw(self, node: str) -> None:
+        """Let a suspended process go on.
+
+        Raises:
+            RefusedError: it does not run.
+        """
+        self._process(node).send_signal(signal.SIGCONT)
+        self._frozen.discard(node)
+
+    def _process(self, node: str) -> Any:
+        if not self.runs(node):
+            raise RefusedError(f"{node} does not run")
+        return self._processes.running[node].process
+
+    async def restart(self, node: str, changes: Mapping[str, Any] | None = None) -> None:
+        """Start a node again with changed parameters, after it has been deactivated and has ended, if it runs.
+
+        A new law, estimator or reference begins with the defaults of its own parameters. If the simulator changes, all
+        nodes are started again.
+
+        Raises:
+            RefusedError: a value is invalid; nothing is changed.
+        """
+        async with self._restarting:  # Two browsers may want it at the same time.
+            changed = self._checked(node, changes or {})
+            together = list(self.parameters) if node == "simulator" else [node]
+            for each in together:
+                await self._end(each)
+            self.parameters = changed
+            for each in together:
+                self._start(each)
+
+    def _checked(self, node: str, changes: Mapping[str, Any]) -> dict[str, dict[str, Value]]:
+        """The parameters of all nodes with these changes."""
+        before = self.parameters[node]
+        kept = dict(before)
+        for group in _CHOICES.get(node, ()):
+            choice = f"{group}.name"
+            if changes.get(choice, before[choice]) != before[choice]:
+                kept = {name: value for name, value in kept.items() if not name.startswith(f"{group}.")}
+        settings: dict[str, dict[str, Any]] = {each: dict(values) for each, values in self.parameters.items()}
+        settings[node] = {**kept, **changes}
+        try:
+            known = {parameter.name for parameter in NODE_SCHEMAS[node](settings[node])}
+            settings[node] = {k: v for k, v in settings[node].items() if k in known or k in changes}
+            return resolve_nodes(NODE_SCHEMAS, settings)
+        except ParameterError as error:
+            raise RefusedError(str(error)) from None
+
+    def remember(self, node: str, values: Mapping[str, Value]) -> None:
+        """Start a node with these values next time: they were changed while it runs."""
+        self.parameters[node] = {
+            **self.parameters[node],
+            **{k: v for k, v in values.items() if k in self.parameters[node]},
+        }
+
+    async def _end(self, node: str) -> None:
+        """Interrupt a node, which then deactivates itself, and wait for it; kill it if it does not end."""
+        if node in self._frozen:
+            self.thaw(node)
+        process = self._processes.running.pop(node, None)
+        if process is None:
+            return
+        process.interrupt()
+        end = time.monotonic() + _END_WITHIN
+        while process.process.poll() is None:
+            if time.monotonic() > end:
+                process.process.kill()
+            await asyncio.sleep(_POLL)

@@ -1,0 +1,183 @@
+"""The page: builds its parts, and keeps them up to date."""
+
+import asyncio
+import itertools
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+
+from pidtsm_core.parameters import ParameterError
+from pidtsm_core.robots import Description, description_schema, find_description, find_robot
+from pidtsm_core.signals import Signal
+from pidtsm_core.units import joint_units
+from pidtsm_experiments.live.desk import Desk
+from pidtsm_experiments.live.disturb import Breaking, Carrying, Pushing
+from pidtsm_experiments.live.errors import RefusedError
+from pidtsm_experiments.live.forms import NodeForms
+from pidtsm_experiments.live.keep import Recorded, Saved
+from pidtsm_experiments.live.motion import Moving
+from pidtsm_experiments.live.recording import Recording
+from pidtsm_experiments.live.scene import ArmScene
+from pidtsm_experiments.live.stream import Batch
+from pidtsm_experiments.live.watch import Status, Watching
+from pidtsm_ros.stop import Stop
+
+_PERIOD = 0.05
+"""Time between two pictures of the arm, s."""
+_DRAW_EVERY, _TELL_EVERY = 4, 10
+"""Pictures between two updates of the curves, and of the texts."""
+_CONTROLS = 380  # pixels
+_Answer = TypeVar("_Answer")
+
+
+class Page:
+    """Everything on the page."""
+
+    def __init__(self, desk: Desk, recording: Recording) -> None:
+        """Show that there is nothing to show yet."""
+        self._desk, self._recording = desk, recording
+        gui = desk.server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(_CONTROLS)
+        self._status = Status(desk)
+        self._forms: dict[str, NodeForms] = {}
+        self._scene: ArmScene | None = None
+        self._joints: list[str] = []
+        self._name = ""
+        self._newest: Any = None
+
+    async def run(self, stop: Stop) -> None:
+        """Show the system until a stop is requested."""
+        building = asyncio.ensure_future(self._build())
+        try:
+            for picture in itertools.count():
+                if stop.requested:
+                    return
+                self._desk.system.spin()
+                if building.done():
+                    building.result()
+                    self._show(picture)
+                elif picture % _TELL_EVERY == 0:
+                    self._status.show(None, "")
+                await asyncio.sleep(_PERIOD)
+        finally:
+            building.cancel()
+
+    # Building.
+
+    async def _build(self) -> None:
+        """Wait for the controller, and add the parts of the page."""
+        desk, gui = self._desk, self._desk.server.gui
+        described = await _answered(lambda: desk.system.described("controller"))
+        values = {each.name: each.value for each in described}
+        self._joints = list(values["joints"])
+        self._add_arm(values)
+        tabs = gui.add_tab_group()
+        watch, control = tabs.add_tab("Watch"), tabs.add_tab("Controller")
+        self._watching = Watching(desk, self._joints, self._units, watch)
+        with control:
+            self._saved = Saved(desk, lambda: self._forms["controller"].values)
+            again = "configure and activate the controller; if it does not run, start it again"
+            desk.button("Activate", self._activate, again, moves=True, color="green")
+            desk.button("Deactivate", self._deactivate, "the controller publishes a last, safe torque")
+            reset = "follow the reference again after a fault (~/reset_fault)"
+            desk.button("Reset the fault", self._reset, reset, moves=True)
+        self._forms["controller"] = NodeForms(desk, "controller", control)
+        await _answered(self._forms["controller"].build)
+        if desk.system.has("trajectory"):
+            motion = tabs.add_tab("Motion")
+            with motion:
+                self._watching.moving = Moving(desk, self._joints, np.zeros(len(self._joints)))
+            self._forms["trajectory"] = NodeForms(desk, "trajectory", motion)
+            await _answered(self._forms["trajectory"].build)
+        if desk.system.simulated:
+            disturb = tabs.add_tab("Disturb")
+            with disturb:
+                Pushing(desk)
+                Carrying(desk)
+                if desk.nodes is not None:
+                    Breaking(desk)
+            self._forms["simulator"] = NodeForms(desk, "simulator", disturb)
+            await _answered(self._forms["simulator"].build)
+        with tabs.add_tab("Keep"):
+            self._recorded = Recorded(desk, self._recording, self._values)
+
+    def _add_arm(self, values: Mapping[str, Any]) -> None:
+        known = {parameter.name: values[parameter.name] for parameter in description_schema(values)}
+        robot = find_robot(known)
+        self._name = robot.name
+        self._units = joint_units(robot.slides, len(self._joints))
+        try:
+            arm: Description = find_description(known)
+        except ParameterError as error:
+            self._desk.system.note(str(error))
+            return
+        self._scene = ArmScene(self._desk.server.scene, arm)
+        camera = self._desk.server.initial_camera
+        camera.position, camera.look_at = self._scene.camera
+        camera.up = (0.0, 0.0, 1.0)
+
+    def _values(self) -> dict[str, Mapping[str, Any]]:
+        return {node: forms.values for node, forms in self._forms.items()}
+
+    # Actions.
+
+    async def _activate(self) -> None:
+        nodes = self._desk.nodes
+        if nodes is not None and not nodes.runs("controller"):
+            await self._forms["controller"].restart()
+        else:
+            await self._desk.system.activate("controller")
+            self._desk.system.note("controller activated")
+
+    async def _deactivate(self) -> None:
+        await self._desk.system.deactivate("controller")
+        self._desk.system.note("controller deactivated")
+
+    async def _reset(self) -> None:
+        await self._desk.system.trigger("controller/reset_fault")
+        self._desk.system.note("fault reset")
+
+    # Showing.
+
+    def _show(self, picture: int) -> None:
+        batch = self._desk.system.states()
+        if batch is not None:
+            self._newest = batch.newest
+            if list(batch.newest.name) == self._joints:
+                self._watching.add(batch)
+        changes, self._desk.system.changed = self._desk.system.changed, {}
+        for node, forms in self._forms.items():
+            if node in changes:
+                forms.follow(changes[node])
+        self._move(batch)
+        if picture % _DRAW_EVERY == 0:
+            self._watching.draw()
+        if picture % _TELL_EVERY == 0:
+            self._status.show(self._newest, self._name)
+            self._watching.show()
+            self._recorded.show()
+
+    def _move(self, batch: Batch | None) -> None:
+        """Show the arm: as the controller sees it, or as it is measured while the controller is silent."""
+        if self._scene is None:
+            return
+        if batch is not None:
+            last = batch.values[-1]
+            position = last[Signal.POSITION]
+            self._scene.show(position, position - last[Signal.POSITION_ERROR], last[Signal.EFFORT])
+        elif self._desk.system.silence > 1.0:
+            measured = self._desk.system.position(self._joints)
+            if measured is not None:
+                self._scene.show(measured, None, np.full(len(self._joints), np.nan))
+
+
+async def _answered(ask: Callable[[], Awaitable[_Answer]]) -> _Answer:
+    """Ask a node until it answers: it may still be starting."""
+    while True:
+        try:
+            return await ask()
+        except RefusedError:
+            await asyncio.sleep(_PERIOD)

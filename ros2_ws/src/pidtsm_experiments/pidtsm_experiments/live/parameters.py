@@ -1,0 +1,75 @@
+"""Parameters of a node as its descriptors tell them, and values as a person writes them."""
+
+from typing import Any, NamedTuple
+
+import yaml
+from rcl_interfaces.msg import ParameterDescriptor
+
+from pidtsm_core.experiment import read_yaml
+from pidtsm_experiments.live.errors import RefusedError
+
+_CHOICES = "one of "
+
+
+class Described(NamedTuple):
+    """One parameter of a node."""
+
+    descriptor: ParameterDescriptor
+    value: Any
+
+    @property
+    def name(self) -> str:
+        """Full name, such as ``law.k1``."""
+        return str(self.descriptor.name)
+
+    @property
+    def group(self) -> str:
+        """What precedes the last dot of the name; empty: nothing."""
+        return self.name.rpartition(".")[0]
+
+    @property
+    def label(self) -> str:
+        """The last part of the name, and the unit; for a choice such as ``law.name``, the group."""
+        group, _, last = self.name.rpartition(".")
+        _, bracket, unit = self.descriptor.description.rpartition(" [")
+        return (group if last == "name" else last) + (f" [{unit}" if bracket else "")
+
+    @property
+    def hint(self) -> str:
+        """Meaning, unit and range."""
+        constraints = self.descriptor.additional_constraints
+        return self.descriptor.description + (f" ({constraints})" if constraints else "")
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """The allowed values of a text; empty if any is."""
+        first = self.descriptor.additional_constraints.partition(";")[0]
+        return tuple(first.removeprefix(_CHOICES).split(", ")) if first.startswith(_CHOICES) else ()
+
+
+def shown(value: Any) -> str:
+    """A value as `written` reads it: numbers of several joints are separated by commas."""
+    if isinstance(value, (str, bool)):
+        return str(value)
+    if hasattr(value, "__iter__"):
+        return ", ".join(shown(each) for each in value)
+    short = f"{value:g}"
+    return short if float(short) == value else repr(value)
+
+
+def written(text: str) -> Any:
+    """The value that a person has written: as in ``--set``, and the brackets of a list may be left out.
+
+    Raises:
+        RefusedError: the text is not a value.
+    """
+    try:
+        value = read_yaml(f"[{text}]" if "," in text and not text.lstrip().startswith("[") else text)
+    except yaml.YAMLError:
+        raise RefusedError(f"{text!r} is not a value") from None
+    if isinstance(value, list) and any(isinstance(each, float) for each in value):
+        # ROS has no lists of both integers and floats.
+        value = [float(each) if isinstance(each, int) and not isinstance(each, bool) else each for each in value]
+    if value is None or isinstance(value, dict) or (isinstance(value, list) and len({type(v) for v in value}) != 1):
+        raise RefusedError(f"{text!r} is not a number, a text, or a list of either")
+    return value

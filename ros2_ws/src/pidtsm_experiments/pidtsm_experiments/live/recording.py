@@ -1,0 +1,118 @@
+"""Recording of a running system: the recorder as a process, started and ended from the page."""
+
+import asyncio
+import json
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import ros_parameters
+from pidtsm_core.parameters import Value
+from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.live.errors import RefusedError
+from pidtsm_experiments.runs.runner import Process, Processes, robot_metadata
+
+_END_WITHIN = 10.0  # s
+_POLL = 0.05  # s
+
+
+class Recording:
+    """At most one recorder at a time.
+
+    Attributes:
+        bag: folder of the bag that is written, or was written last; None: there is none.
+    """
+
+    def __init__(self, folder: Path, namespace: str, surroundings: Mapping[str, str] | None = None) -> None:
+        """Prepare it.
+
+        Args:
+            folder: for the bags and the logs.
+            namespace: of the system, beginning with a slash.
+            surroundings: environment variables of the recorder; None: those of this process.
+        """
+        self.bag: Path | None = None
+        self._samples = 0
+        self._folder, self._namespace = folder, namespace
+        self._environment = {**os.environ, **(surroundings or {})}
+        self._processes = Processes()
+
+    @property
+    def samples(self) -> int:
+        """Number of samples in the bag so far."""
+        process = self._processes.running.get("recorder")
+        # Also to empty the pipe: a recorder whose output nobody reads would stop.
+        if process is not None and process.process.stdout is not None:
+            os.set_blocking(process.process.stdout.fileno(), False)
+            for line in (process.process.stdout.read() or b"").decode().splitlines():
+                if line.startswith("recorded "):
+                    self._samples = int(line.split()[1])
+        return self._samples
+
+    @property
+    def on(self) -> bool:
+        """Whether a recorder runs."""
+        process = self._processes.running.get("recorder")
+        return process is not None and process.process.poll() is None
+
+    def start(self, scenario: str, values: Mapping[str, Mapping[str, Value]]) -> Path:
+        """Begin a bag; returns its folder.
+
+        Args:
+            scenario: its name, for the report.
+            values: parameters of the controller, and of the trajectory node if there is one, by node.
+
+        Raises:
+            RefusedError: a recorder runs, or cannot be started.
+        """
+        if self.on:
+            raise RefusedError(f"recording already, to {self.bag}")
+        controller = values["controller"]
+        known: dict[str, Any] = {"scenario": scenario, "law": controller["law.name"], "clock": "realtime"}
+        known |= {"namespace": self._namespace.strip("/")} if self._namespace != "/" else {}
+        known |= {"trajectory": dict(values["trajectory"])} if "trajectory" in values else {}
+        try:
+            metadata = json.dumps(known | robot_metadata(controller))
+            self._folder.mkdir(parents=True, exist_ok=True)
+            name = time.strftime("%Y-%m-%d-%H-%M-%S")
+            bag = self._folder / f"bag-{name}"
+            file = self._folder / f"bag-{name}.yaml"
+            file.write_text(ros_parameters("recorder", {"metadata": metadata, "output": str(bag)}), encoding="utf-8")
+            words = ["--params-file", str(file), "-p", "plain_names:=true", "-r", f"__ns:={self._namespace}"]
+            self._processes.running.pop("recorder", None)
+            self._processes.start("recorder", words, self._environment, bag.with_suffix(".log"))
+        except (OSError, RunError, UsageError) as error:
+            raise RefusedError(f"cannot record: {error}") from None
+        self.bag, self._samples = bag, 0
+        return bag
+
+    async def stop(self) -> Path:
+        """End the bag; returns its folder.
+
+        Raises:
+            RefusedError: no recorder runs, or the bag is incomplete.
+        """
+        process = self._processes.running.get("recorder")
+        if process is None or self.bag is None:
+            raise RefusedError("nothing is being recorded")
+        process.interrupt()
+        end = time.monotonic() + _END_WITHIN
+        while process.process.poll() is None:
+            if time.monotonic() > end:
+                process.process.kill()
+            await asyncio.sleep(_POLL)
+        self._processes.running.pop("recorder", None)
+        if process.process.returncode:
+            raise RefusedError(f"the bag {self.bag} is incomplete: {_last_line(process)}")
+        return self.bag
+
+    def close(self) -> None:
+        """End the recorder, if it runs."""
+        self._processes.__exit__(None, None, None)
+
+
+def _last_line(process: Process) -> str:
+    return process.tail().splitlines()[-1].strip()

@@ -1,0 +1,288 @@
+"""A running system as a page sees it: its nodes' services, parameters, diagnostics and log, over ROS."""
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.msg import Log, ParameterEvent, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParametersAtomically
+from rclpy.client import Client
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from pidtsm_core.parameters import Array
+from pidtsm_experiments.live.errors import RefusedError
+from pidtsm_experiments.live.parameters import Described
+from pidtsm_experiments.live.stream import Batch, StateStream, by_name
+from pidtsm_ros.process import spin_for
+from pidtsm_ros.qos import READER, RELIABLE_READER
+
+_ANSWER_WITHIN = 5.0  # s
+_CONFIGURE_WITHIN = 120.0  # s; the first controller of an arm compiles
+_THERE_WITHIN = 2.0  # s; discovery of a service that exists
+_AGAIN = 1.0
+"""s without an answer after which a request is repeated: a service is there before its answers find the way."""
+_REPEATABLE = (ListParameters, DescribeParameters, GetParameters, SetParametersAtomically, GetState)
+"""Services that do the same when they are called twice."""
+_POLL = 0.01  # s
+_SPIN = 0.002  # s
+_EVENTS = 8
+PUSH_EVERY = 0.05
+"""Time between two messages of a push, s; each acts for 0.1 s."""
+_ABOVE_INFO = 20
+
+
+class System:
+    """The nodes of one namespace.
+
+    Attributes:
+        events: what the nodes warned of, and what the page did, the newest first: time of day and text.
+        reports: by node, what it last reported on /diagnostics.
+        changed: by node, the parameters that have changed since the page last looked.
+    """
+
+    def __init__(self, namespace: str | None = None) -> None:
+        """Create the nodes of the page, after `rclpy.init`; `namespace`: None for that of the command line."""
+        # The listener is in no executor: its messages are taken in batches.
+        self._node, self._listener = Node("live", namespace=namespace), Node("live_listener", namespace=namespace)
+        self._executor = EventsExecutor()
+        self._executor.add_node(self._node)
+        self.namespace = self._node.get_namespace()
+        self.events: deque[tuple[str, str]] = deque(maxlen=_EVENTS)
+        self.reports: dict[str, str] = {}
+        self.changed: dict[str, dict[str, Any]] = {}
+        self._clients: dict[str, Client] = {}
+        self._states = StateStream(self._listener)
+        self._heard = time.monotonic()
+        self._joint_states: Subscription | None = None
+        self._pushes = self._node.create_publisher(WrenchStamped, "simulator/push", 10)
+        self._trajectories = self._node.create_publisher(JointTrajectory, "joint_trajectory", 10)
+        listen = self._node.create_subscription
+        listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE_READER)
+        listen(ParameterEvent, "/parameter_events", self._on_parameters, RELIABLE_READER)
+        listen(Log, "/rosout", self._on_log, READER)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.remove_node(self._node)
+        self._executor.shutdown()
+        self._listener.destroy_node()
+        self._node.destroy_node()
+
+    def spin(self) -> None:
+        """Handle what has arrived, for at most a few milliseconds."""
+        spin_for(self._executor, _SPIN)
+
+    def note(self, text: str) -> None:
+        """Add an event."""
+        self.events.appendleft((time.strftime("%H:%M:%S"), text))
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the namespace has a simulator."""
+        return self.has("simulator")
+
+    def has(self, node: str) -> bool:
+        """Whether the namespace has a node of this name."""
+        return (node, self.namespace) in self._node.get_node_names_and_namespaces()
+
+    # Samples.
+
+    @property
+    def silence(self) -> float:
+        """Time since the last state of the controller, s."""
+        return time.monotonic() - self._heard
+
+    def states(self) -> Batch | None:
+        """The states of the controller since the last call."""
+        batch = self._states.take()
+        if batch is not None:
+            self._heard = time.monotonic()
+            self.reports.pop("controller", None)  # It is active: what it reported before no longer holds.
+            self._ignore_joint_states()
+        return batch
+
+    def position(self, joints: Sequence[str]) -> Array | None:
+        """Measured positions while the controller is silent, shape (joints,), rad or m; None: nothing has arrived."""
+        if self._joint_states is None:
+            self._joint_states = self._listener.create_subscription(
+                JointState, "joint_states", lambda _message: None, READER
+            )
+        newest = None
+        while (taken := self._joint_states.handle.take_message(JointState, False)) is not None:
+            newest = taken[0]
+        found = None if newest is None else by_name(newest.name, newest.position, joints)
+        return found if found is not None and np.isfinite(found).all() else None
+
+    def _ignore_joint_states(self) -> None:
+        """The controller runs: publishing the joint states to one more reader would delay its commands."""
+        if self._joint_states is not None:
+            self._listener.destroy_subscription(self._joint_states)
+            self._joint_states = None
+
+    # Reports.
+
+    def _own(self, full_name: str) -> str | None:
+        """The name of a node of the namespace; None: the node is another."""
+        space, _, name = f"/{full_name.lstrip('/')}".rpartition("/")
+        return name if (space or "/") == self.namespace else None
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if name := self._own(status.name.partition(":")[0]):
+                self.reports[name] = status.message
+
+    def _on_log(self, message: Log) -> None:
+        name = self._own(message.name.replace(".", "/"))
+        if name and message.level > _ABOVE_INFO and name not in ("live", "live_listener"):
+            self.note(f"{name}: {message.msg}")
+
+    def _on_parameters(self, message: ParameterEvent) -> None:
+        if name := self._own(message.node):
+            values = {p.name: _plain(p.value) for p in message.changed_parameters}
+            self.changed.setdefault(name, {}).update(values)
+
+    # Services.
+
+    async def call(self, kind: Any, name: str, request: Any, within: float = _ANSWER_WITHIN) -> Any:
+        """Call a service of a node of the namespace.
+
+        Raises:
+            RefusedError: there is no such service, or no answer in time.
+        """
+        if name not in self._clients:
+            self._clients[name] = self._node.create_client(kind, name)
+        client, end = self._clients[name], time.monotonic() + _THERE_WITHIN
+        while not client.service_is_ready():
+            if time.monotonic() > end:
+                raise RefusedError(f"no {name}: {name.partition('/')[0]} does not run, or is not configured")
+            await asyncio.sleep(_POLL)
+        futures, asked = [client.call_async(request)], time.monotonic()
+        end = asked + within
+        while not any(future.done() for future in futures):
+            if time.monotonic() > end:
+                for future in futures:
+                    client.remove_pending_request(future)
+                raise RefusedError(f"{name} did not answer within {within:g} s")
+            if kind in _REPEATABLE and time.monotonic() > asked + _AGAIN:
+                futures.append(client.call_async(request))
+                asked = time.monotonic()
+            await asyncio.sleep(_POLL)
+        return next(future.result() for future in futures if future.done())
+
+    async def trigger(self, service: str) -> None:
+        """Call a service of type std_srvs/Trigger.
+
+        Raises:
+            RefusedError: the node refuses, or see `call`.
+        """
+        answer = await self.call(Trigger, service, Trigger.Request())
+        if not answer.success:
+            raise RefusedError(answer.message)
+
+    async def described(self, node: str) -> list[Described]:
+        """Every parameter of a node.
+
+        Raises:
+            RefusedError: see `call`.
+        """
+        listed = await self.call(ListParameters, f"{node}/list_parameters", ListParameters.Request())
+        names = sorted(listed.result.names)
+        asked = DescribeParameters.Request(names=names)
+        described = await self.call(DescribeParameters, f"{node}/describe_parameters", asked)
+        values = await self.call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
+        return [
+            Described(descriptor, _plain(value))
+            for descriptor, value in zip(described.descriptors, values.values, strict=True)
+        ]
+
+    async def set(self, node: str, values: Mapping[str, Any]) -> None:
+        """Set parameters of a node together, or none of them.
+
+        Raises:
+            RefusedError: the node refuses one, or see `call`.
+        """
+        try:
+            messages = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+            request = SetParametersAtomically.Request(parameters=messages)
+        except (AssertionError, OverflowError, TypeError, ValueError) as error:
+            raise RefusedError(f"{', '.join(values)}: not a value that ROS can send: {error}") from None
+        answer = await self.call(SetParametersAtomically, f"{node}/set_parameters_atomically", request)
+        if not answer.result.successful:
+            raise RefusedError(answer.result.reason)
+
+    async def activate(self, node: str) -> None:
+        """Configure a node if it is not, and activate it.
+
+        Raises:
+            RefusedError: it cannot become active, or see `call`.
+        """
+        state = (await self.call(GetState, f"{node}/get_state", GetState.Request())).current_state.id
+        if state == State.PRIMARY_STATE_ACTIVE:
+            raise RefusedError(f"{node} is active already")
+        if state == State.PRIMARY_STATE_UNCONFIGURED:
+            await self._change(node, Transition.TRANSITION_CONFIGURE, "configured")
+        await self._change(node, Transition.TRANSITION_ACTIVATE, "activated")
+
+    async def deactivate(self, node: str) -> None:
+        """Deactivate a node.
+
+        Raises:
+            RefusedError: it is not active, or see `call`.
+        """
+        state = (await self.call(GetState, f"{node}/get_state", GetState.Request())).current_state.id
+        if state != State.PRIMARY_STATE_ACTIVE:
+            raise RefusedError(f"{node} is not active")
+        await self._change(node, Transition.TRANSITION_DEACTIVATE, "deactivated")
+
+    async def _change(self, node: str, transition: int, done: str) -> None:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        answer = await self.call(ChangeState, f"{node}/change_state", request, _CONFIGURE_WITHIN)
+        if not answer.success:
+            raise RefusedError(f"{node} cannot be {done} now{self._reason(node)}")
+
+    def _reason(self, node: str) -> str:
+        """What the node last reported, as the end of a sentence."""
+        return f" ({self.reports[node]})" if node in self.reports else ""
+
+    # Topics.
+
+    async def push(self, force: Sequence[float], torque: Sequence[float], duration: float) -> None:
+        """Push the tool of the simulated arm: force (N) and torque (N m) in the axes of the base, for `duration` s."""
+        message = WrenchStamped()
+        message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = force
+        message.wrench.torque.x, message.wrench.torque.y, message.wrench.torque.z = torque
+        end = time.monotonic() + duration
+        while time.monotonic() < end:
+            self._pushes.publish(message)
+            await asyncio.sleep(PUSH_EVERY)
+
+    def move(self, joints: Sequence[str], target: Sequence[float], duration: float) -> None:
+        """Command a motion from the present reference to `target` (rad or m), at rest there after `duration` s."""
+        still = [0.0] * len(joints)
+        point = JointTrajectoryPoint(positions=list(target), velocities=still, accelerations=still)
+        point.time_from_start.sec, rest = divmod(round(duration * 1e9), 10**9)
+        point.time_from_start.nanosec = rest
+        self._trajectories.publish(JointTrajectory(joint_names=list(joints), points=[point]))
+
+    def rest(self) -> None:
+        """Bring the reference to rest."""
+        self._trajectories.publish(JointTrajectory())
+
+
+def _plain(value: ParameterValue) -> Any:
+    """The value of a parameter; a list as a tuple."""
+    python = parameter_value_to_python(value)
+    return tuple(python) if hasattr(python, "__iter__") and not isinstance(python, str) else python

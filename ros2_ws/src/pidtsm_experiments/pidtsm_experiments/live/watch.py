@@ -1,0 +1,129 @@
+"""What a page shows of the controller: state, loop, metrics, curves and the last events."""
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+from viser import GuiTabHandle
+
+from pidtsm_core.parameters import Array
+from pidtsm_core.signals import Signal
+from pidtsm_core.units import JointUnits, either
+from pidtsm_experiments.live.desk import Desk
+from pidtsm_experiments.live.history import History, Measurement
+from pidtsm_experiments.live.motion import Moving
+from pidtsm_experiments.live.plots import SHOWN, Comparison, Plots, color
+from pidtsm_experiments.live.stream import Batch
+from pidtsm_experiments.live.words import AMBER, GREEN, badge, loop, mode
+from pidtsm_msgs.msg import ControllerState
+
+_PANEL = 430  # pixels
+
+
+class Status:
+    """What the controller does, and whether the arm is real, above everything else."""
+
+    def __init__(self, desk: Desk) -> None:
+        """Add it to the current container."""
+        self._desk = desk
+        self._html = desk.server.gui.add_html("")
+
+    def show(self, newest: ControllerState | None, name: str) -> None:
+        """Show the state; `newest`: last state of the controller, or None; `name`: of the arm."""
+        system = self._desk.system
+        ended = self._desk.nodes.ended("controller") if self._desk.nodes is not None else ""
+        said = mode(newest, system.silence, system.reports.get("controller", ""), ended)
+        kind = badge("SIMULATED", GREEN) if system.simulated else badge("REAL ARM", AMBER)
+        self._html.content = (
+            f'<div id="status" style="padding:0.5em 0.75em;line-height:1.6">{kind} <b>{escape(name)}</b><br>'
+            f'<span style="color:{said.color};font-weight:600">{escape(said.text)}</span><br>'
+            f'<span style="font-size:0.8em;opacity:0.75">{loop(newest)}</span></div>'
+        )
+
+
+class Watching:
+    """Curves and metrics; the curves are in a panel of their own."""
+
+    def __init__(self, desk: Desk, joints: Sequence[str], units: Sequence[JointUnits], tab: GuiTabHandle) -> None:
+        """Add the controls to a tab, and the panel."""
+        self._desk, self._joints, gui = desk, list(joints), desk.server.gui
+        self._history, self._measured, self._kept = History(), Measurement(), Measurement()
+        self.moving: Moving | None = None
+        named = {
+            "position": either(f"m{unit.position}" for unit in units),
+            "effort": either(unit.effort for unit in units),
+        }
+        panel = gui.add_panel()
+        with panel.add_tab("Curves"):
+            gui.add_html(_legend(joints))
+            self._paused = gui.add_checkbox("pause", False, hint="stop drawing; the system goes on")
+            self._plots = Plots(gui, joints, named)
+        with panel.add_tab("A / B"):
+            gui.add_markdown("Keep a curve as A, change a setting, and compare.")
+            kept = "A: the error since the mark; then the motion starts again"
+            desk.button("Keep as A, start again", self._keep, kept, moves=True)
+            self._joint = gui.add_dropdown("joint", tuple(joints), hint="joint whose error is drawn")
+            self._comparison = Comparison(gui)
+            self._compared = gui.add_html("")
+        panel.dock_left()
+        panel.set_width(_PANEL)
+        with tab:
+            self._metrics = gui.add_html("")
+            desk.button("Mark", self._mark, "measure RMSE and ECI from now on")
+            again = "start the built-in motion again, and measure from now on"
+            desk.button("Start the motion again, and mark", self._again, again, moves=True)
+            self._events = gui.add_html("")
+
+    def add(self, batch: Batch) -> None:
+        """Take new samples."""
+        self._history.add(batch.stamps, batch.values[:, list(SHOWN)])
+        self._measured.add(batch.stamps, batch.values[:, Signal.POSITION_ERROR], batch.values[:, Signal.EFFORT])
+
+    def draw(self) -> None:
+        """Draw the curves."""
+        if not self._paused.value:
+            self._plots.show(self._history.curves())
+            if self._joint.value in self._joints:
+                joint = self._joints.index(self._joint.value)
+                self._comparison.show(self._kept.error(), self._measured.error(), joint)
+
+    def show(self) -> None:
+        """Show metrics and events."""
+        now, kept = self._measured, self._kept
+        self._metrics.content = _table("since the mark", self._joints, {"RMSE": now.rmse, "ECI": now.eci})
+        if kept.samples and now.samples:
+            columns = {"RMSE of A": kept.rmse, "RMSE": now.rmse, "ECI of A": kept.eci, "ECI": now.eci}
+            self._compared.content = _table("since the mark", self._joints, columns)
+        lines = "".join(f"<div>{time} {escape(text)}</div>" for time, text in self._desk.system.events)
+        self._events.content = f'<div id="events" style="padding:0.5em 0.75em;font-size:0.8em">{lines}</div>'
+
+    async def _mark(self) -> None:
+        self._measured = Measurement()
+        self._desk.system.note("mark")
+
+    async def _again(self) -> None:
+        if self.moving is not None:
+            await self.moving.begin()
+        await self._mark()
+
+    async def _keep(self) -> None:
+        self._kept = self._measured
+        await self._again()
+
+
+def _legend(joints: Sequence[str]) -> str:
+    names = " ".join(f'<span style="color:{color(i)};font-weight:600">{escape(j)}</span>' for i, j in enumerate(joints))
+    return f'<div style="padding:0.25em 0.75em">{names}</div>'
+
+
+def _table(title: str, joints: Sequence[str], columns: dict[str, Array]) -> str:
+    """Numbers per joint as HTML; empty columns are left out."""
+    filled = {name: values for name, values in columns.items() if np.size(values) == len(joints)}
+    head = "".join(f'<th style="text-align:right;padding-left:1em">{name}</th>' for name in filled)
+    rows = "".join(
+        f'<tr><td style="color:{color(i)};font-weight:600">{escape(joint)}</td>'
+        + "".join(f'<td style="text-align:right;padding-left:1em">{values[i]:.3g}</td>' for values in filled.values())
+        + "</tr>"
+        for i, joint in enumerate(joints)
+    )
+    return f'<table style="margin:0.5em 0.75em;font-size:0.85em"><tr><th>{title}</th>{head}</tr>{rows}</table>'

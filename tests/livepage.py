@@ -1,0 +1,177 @@
+"""A live page as a person uses it: ``./pidtsm live`` as a process, and a browser that presses its buttons."""
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+import rclpy
+from devtools import Page
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+
+from pidtsm_core.parameters import Array
+from pidtsm_ros.middleware import on_this_machine
+
+DEADLINE = 90.0
+"""s; only a failing test waits that long."""
+_VISIBLE = "e => e.offsetParent !== null"
+_SHARED = """
+const visible = (selector, text) => [...document.querySelectorAll(selector)]
+    .filter(e => e.offsetParent !== null && e.textContent.trim() === text);
+const mark = element => {
+    document.querySelectorAll('[data-marked]').forEach(e => e.removeAttribute('data-marked'));
+    element.setAttribute('data-marked', '');
+    return true;
+};
+"""
+MARKED = "[data-marked]"
+
+
+def until(condition: Callable[[], Any], what: str | Callable[[], str]) -> Any:
+    """Wait for a condition, and return what it returned."""
+    end = time.monotonic() + DEADLINE
+    while not (found := condition()):
+        if time.monotonic() > end:
+            pytest.fail(f"not within {DEADLINE:g} s: {what if isinstance(what, str) else what()}")
+        time.sleep(0.05)
+    return found
+
+
+def free_port() -> int:
+    """A port that nobody uses now."""
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        return int(held.getsockname()[1])
+
+
+class LiveSystem(NamedTuple):
+    """A running ``./pidtsm live``."""
+
+    address: str
+    folder: Path
+    domain: int
+
+
+def parameter(system: LiveSystem, name: str) -> Any:
+    """The value of a parameter of the running controller, read by a node of the test's; a list as a tuple."""
+    with pytest.MonkeyPatch.context() as patch:
+        for variable, value in on_this_machine(os.environ).items():
+            patch.setenv(variable, value)
+        context = rclpy.Context()
+        rclpy.init(context=context, domain_id=system.domain)
+        node = Node("stranger", context=context)
+        executor = rclpy.executors.SingleThreadedExecutor(context=context)
+        try:
+            client = AsyncParameterClient(node, "/live/controller")
+            assert client.wait_for_services(DEADLINE)
+            future = client.get_parameters([name])
+            rclpy.spin_until_future_complete(node, future, executor, DEADLINE)
+            found = parameter_value_to_python(future.result().values[0])
+            return tuple(found) if hasattr(found, "__iter__") and not isinstance(found, str) else found
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+            context.try_shutdown()
+
+
+class LivePage:
+    """A browser's view of the page: its controls are found by their texts."""
+
+    def __init__(self, page: Page, system: LiveSystem) -> None:
+        """Open the page, and wait until it shows the system."""
+        self.page, self.system = page, system
+        page.open(system.address, 1000, 500)
+        page.wait("document.querySelector('[role=tab]') !== null")
+
+    def _mark(self, script: str) -> None:
+        self.page.wait(f"(() => {{ {_SHARED} {script} }})()")
+
+    def press(self, label: str) -> None:
+        """Press a button, or open a tab."""
+        self._mark(f"const [b] = visible('button, [role=tab]', {json.dumps(label)}); return b ? mark(b) : false;")
+        self.page.click(MARKED)
+
+    def field(self, label: str) -> None:
+        """Mark the field with this label."""
+        self._mark(
+            f"""const [found] = visible('label', {json.dumps(label)});
+            let around = found;
+            while (around && !around.querySelector('input')) around = around.parentElement;
+            return around ? mark(around.querySelector('input')) : false;"""
+        )
+
+    def value(self, label: str) -> str:
+        """What a field shows."""
+        self.field(label)
+        return str(self.page.evaluate(f"document.querySelector('{MARKED}').value"))
+
+    def enter(self, label: str, value: str) -> None:
+        """Write into a field, and press Enter."""
+        self.field(label)
+        self.page.focus(MARKED)
+        self.page.evaluate(f"document.querySelector('{MARKED}').select()")
+        self.page.call("Input.insertText", text=value)
+        until(lambda: self.value(label) == value, f"{label} shows {value}")
+        self.page.key("Enter", 13, "\r")
+
+    def text(self, selector: str) -> str:
+        """The text of an element; empty if there is none."""
+        return str(self.page.evaluate(f"document.querySelector({selector!r})?.textContent ?? ''"))
+
+    def told(self) -> str:
+        """What became of the last values, in the open tab."""
+        script = f"[...document.querySelectorAll('[role=status]')].filter({_VISIBLE}).map(e => e.textContent).join()"
+        return str(self.page.evaluate(script))
+
+    def curve(self, title: str) -> Array:
+        """The curves of a plot: time and one row per joint, shape (1 + joints, points)."""
+        script = f"""Object.values(window.__viserTestpoints?.uplots ?? {{}}).map(plot => plot.chart)
+            .filter(chart => chart.root.textContent.includes({title!r}))
+            .map(chart => chart.data.map(row => [...row]))[0]"""
+        return np.array(until(lambda: self.page.evaluate(script), title))
+
+    def worst_error(self, seconds: float) -> float:
+        """Largest error of any joint in the last seconds, as the plot shows it, mrad."""
+        time, *errors = self.curve("error e")
+        return float(np.abs(np.array(errors)[:, time >= -seconds]).max())
+
+
+@contextmanager
+def live_process(folder: Path, *options: str) -> Iterator[LiveSystem]:
+    """``./pidtsm live`` in a folder."""
+    log = folder / "live.log"
+    with log.open("w") as output:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "pidtsm_experiments.cli", "live", "--port", str(free_port()), *options],
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+        )
+    try:
+
+        def address() -> Any:
+            assert process.poll() is None, log.read_text()
+            return re.search(r"live page: (\S+)", log.read_text())
+
+        found = until(address, "the address of the page")
+        domain = re.search(r"ROS_DOMAIN_ID=(\d+)", log.read_text())
+        assert domain
+        yield LiveSystem(found[1], folder, int(domain[1]))
+    finally:
+        process.send_signal(signal.SIGINT)
+        code = process.wait(DEADLINE)
+    assert code == 0, log.read_text()
+    assert "Traceback" not in log.read_text(), log.read_text()
