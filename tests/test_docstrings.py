@@ -27,6 +27,7 @@ SHARED = (
     "errors",
     "none",
     "payload",
+    "picture",
     "placement",
     "rigid_bodies",
     "source",

@@ -53,7 +53,7 @@ class ArmScene:
 
     @property
     def camera(self) -> tuple[Array, Array]:
-        """Where a camera sees the whole arm: its place, and the point that it looks at, m."""
+        """Where a camera sees the whole arm: its place, and the point that it looks at, each of shape (3,), m."""
         middle = joint_placements(self._arm, np.zeros(len(self._arm.joints)))[:, :, 3].mean(axis=0)
         return middle + _CAMERA * self._size, middle
 
