@@ -15,24 +15,18 @@ ARMS = ("two_link", "panda")
 WIDTH, HEIGHT = 1500, 900  # pixels
 WATCHED = 24.0
 """Time before the picture, s: the curves are full."""
-PUSHED = 6.0
-"""The push is so long before it, s."""
 _CLOSE = "document.querySelectorAll('.mantine-Notification-closeButton').forEach(button => button.click())"
 
 
 def picture(arm: str, file: Path) -> None:
-    """Watch an arm, push it, and take a picture of the page."""
+    """Watch an arm, and take a picture of the page."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         with live_process(folder, "--robot", arm) as system, browser(folder / "profile", in_3d=True) as page:
             shown = LivePage(page, system)
             page.resize(WIDTH, HEIGHT)
             until(lambda: "Following" in shown.text("#status"), "the arm follows")
-            time.sleep(WATCHED - PUSHED)
-            shown.press("Disturb")
-            shown.press("Push")
-            shown.press("Watch")
-            time.sleep(PUSHED)
+            time.sleep(WATCHED)
             page.evaluate(_CLOSE)
             time.sleep(1.0)
             page.screenshot(file)

@@ -46,7 +46,7 @@ class ArmScene:
                 color = _GHOST if ghost else _HUB
                 scene.add_cylinder(f"/{name}/{joint}/hub", _HUB_RADIUS * size, _HUB_LENGTH * size, color, **looks)
             for i, bone in enumerate(_bones(arm, placements, size)):
-                place = f"/{name}/{bone.joint}" if bone.joint >= 0 else f"/{name}"
+                place = f"/{name}/{bone.joint}" if bone.joint >= 0 else f"/{name}/base"
                 _add_bone(scene, f"{place}/{i}", bone, size, _GHOST if ghost else _BONE, looks)
         empty = np.zeros((len(arm.joints) * _POINTS, 2, 3), dtype=np.float32)
         self._efforts = scene.add_line_segments("/efforts", empty, empty, thickness=_EFFORT_WIDTH * size)
