@@ -48,5 +48,7 @@ class Moving:
         ):
             raise RefusedError(f"positions: {self._target.value!r} must be {len(self._joints)} finite numbers")
         lasts = min(max(float(self._lasts.value), 0.1), _LONGEST)
+        if math.isnan(lasts):
+            raise RefusedError("in: the duration must be a number")
         self._desk.system.move(self._joints, [float(value) for value in values], lasts)
         self._desk.system.note(f"reference moves to {shown(values)} in {lasts:g} s")
