@@ -2,8 +2,12 @@
 
 import json
 import math
+import re
+import runpy
 import time
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,11 +15,16 @@ from testarms import TWO_LINK
 from testbed import Testbed, open_testbed
 from trajectory_msgs.msg import JointTrajectory
 
+from pidtsm_core.experiment import PRACTICAL, make_experiment, ros_parameters
 from pidtsm_core.signals import Mode
 from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs.runner import node_parameters
 from pidtsm_ros.client import Arm, ArmError, ArmNotFoundError, GoalError
 
 HOME = [0.3, -0.2]
+EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "move_an_arm.py"
+CENTRE = (0.6015, 0.0, 0.3092)
+"""Where the example begins and ends, m."""
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +96,21 @@ def test_what_is_not_possible_is_an_error(arm: Arm) -> None:
     arm.follow(JointTrajectory(joint_names=["joint2"]))
     with pytest.raises(GoalError, match="joint1"):
         arm.wait(10.0)
+
+
+def test_the_example_draws_a_square(testbed: Testbed, monkeypatch: pytest.MonkeyPatch, capfd: Any) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", testbed.environment["ROS_DOMAIN_ID"])
+    experiment = make_experiment(None, robot="panda", params=[PRACTICAL], overrides=["simulator.duration=0.0"])
+    for node, subscribers in ("simulator", 2), ("controller", 1), ("trajectory", 1):
+        file = testbed.folder / f"{node}.yaml"
+        values = {**node_parameters(experiment, "lockstep")[node], "start.subscribers": subscribers}
+        file.write_text(ros_parameters(node, values), encoding="utf-8")
+        testbed.processes.start(node, ["--params-file", str(file)], testbed.environment, testbed.folder / f"{node}.log")
+    with Arm(timeout=60.0):
+        pass  # The first nodes on a machine compile.
+    runpy.run_path(str(EXAMPLE))
+    tool = re.findall(r"-?\d+\.\d+", capfd.readouterr().out.partition("tool is at")[2])
+    np.testing.assert_allclose([float(x) for x in tool], CENTRE, atol=2e-3)
 
 
 def test_without_a_system_there_is_no_arm(system: Testbed) -> None:

@@ -19,8 +19,8 @@ sys.path.insert(0, str(ROOT / "scripts"))
 from launcher.install import uv_variables  # noqa: E402
 
 SOURCE = ROOT / "ros2_ws" / "src" / "pidtsm_core"
-OF_THE_WORKSPACE = ("analyse_bag.py", "nodes_from_python.py")
-"""test_examples.py runs them."""
+OF_THE_WORKSPACE = ("analyse_bag.py", "move_an_arm.py", "nodes_from_python.py")
+"""test_examples.py and test_arm_client.py run them."""
 FILES = [
     ROOT / "README.md",
     *sorted(f for f in ROOT.glob("examples/*.*") if f.suffix in (".py", ".ipynb") and f.name not in OF_THE_WORKSPACE),
