@@ -14,7 +14,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -226,34 +226,37 @@ def _send_all(system: System, goals: int, random: np.random.Generator) -> dict[s
     unexpected: list[str] = []
     ratios = [0.0]
     kinds = random.choice(["good", "cancelled", "replaced", "bad"], goals, p=[0.75, 0.1, 0.1, 0.05])
-    for number, kind in enumerate(kinds):
-        system.wait(random.uniform(0.0, 0.3))
-        goal, duration = _goal(system.judge, random)
-        sent = system.send(_spoilt(goal, random) if kind == "bad" else goal)
-        wanted = {"good": "succeeded", "bad": "aborted", "cancelled": "cancelled", "replaced": "aborted"}[kind]
-        if kind == "cancelled":
-            system.wait(random.uniform(0.1, 0.9) * duration)
-            sent.handle.cancel_goal_async()
-        if kind == "replaced":
-            system.wait(random.uniform(0.1, 0.9) * duration)
+    ended = 0
+    with suppress(KeyboardInterrupt):  # What was measured counts.
+        for number, kind in enumerate(kinds):
+            system.wait(random.uniform(0.0, 0.3))
             goal, duration = _goal(system.judge, random)
-            first, sent = sent, system.send(goal)
-            system.until(first.result.done)
-            outcomes[first.ended] += 1
-            if not first.ended.startswith("aborted -1 replaced"):
-                unexpected.append(f"{number} ({kind}): {first.ended}")
-            wanted = "succeeded"
-        system.until(sent.result.done)
-        outcomes[sent.ended] += 1
-        if not sent.ended.startswith(wanted):
-            text = sent.result.result().result.error_string if sent.result.done() else ""
-            unexpected.append(f"{number} ({kind}): {sent.ended} {text}")
-        elif wanted == "succeeded":
-            ratios.append((system.judge.now - sent.began) / duration)
-        print(f"\r{number + 1} of {goals} goals", end="", file=sys.stderr, flush=True)
+            sent = system.send(_spoilt(goal, random) if kind == "bad" else goal)
+            wanted = {"good": "succeeded", "bad": "aborted", "cancelled": "cancelled", "replaced": "aborted"}[kind]
+            if kind == "cancelled":
+                system.wait(random.uniform(0.1, 0.9) * duration)
+                sent.handle.cancel_goal_async()
+            if kind == "replaced":
+                system.wait(random.uniform(0.1, 0.9) * duration)
+                goal, duration = _goal(system.judge, random)
+                first, sent = sent, system.send(goal)
+                system.until(first.result.done)
+                outcomes[first.ended] += 1
+                if not first.ended.startswith("aborted -1 replaced"):
+                    unexpected.append(f"{number} ({kind}): {first.ended}")
+                wanted = "succeeded"
+            system.until(sent.result.done)
+            outcomes[sent.ended] += 1
+            if not sent.ended.startswith(wanted):
+                text = sent.result.result().result.error_string if sent.result.done() else ""
+                unexpected.append(f"{number} ({kind}): {sent.ended} {text}")
+            elif wanted == "succeeded":
+                ratios.append((system.judge.now - sent.began) / duration)
+            ended = number + 1
+            print(f"\r{ended} of {goals} goals", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     return {
-        "goals": goals,
+        "goals": ended,
         "lost": outcomes["lost"],
         "outcomes": dict(outcomes),
         "unexpected": unexpected,

@@ -3,7 +3,7 @@
 from itertools import accumulate
 
 import numpy as np
-from ruckig import InputParameter, Result, Ruckig, Trajectory
+from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from pidtsm_core.parameters import Array
 from pidtsm_core.trajectories.errors import TrajectoryError
@@ -22,7 +22,7 @@ def fastest(given: InputParameter) -> PiecewiseMotion:
     found, joints = Trajectory(given.degrees_of_freedom), given.degrees_of_freedom
     try:
         result = Ruckig(joints).calculate(given, found)
-    except RuntimeError as error:
+    except RuckigError as error:
         raise TrajectoryError(f"no motion to rest is possible: {error}") from None
     if result not in (Result.Working, Result.Finished):
         raise TrajectoryError(f"no motion to rest is possible ({result.name}): {given}")

@@ -1,6 +1,7 @@
 """Coming to rest."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -65,3 +66,16 @@ def test_an_arm_at_rest_stays_there(limits: MotionLimits) -> None:
     present[0] = 0.1
     for t in (0.0, 1.0):
         np.testing.assert_array_equal(states(stop(present, limits), np.array([t]))[0], present)
+
+
+@pytest.mark.parametrize("derivative", [1, 2])
+def test_an_absurd_motion_comes_to_rest_too(limits: MotionLimits, derivative: int) -> None:
+    present = np.zeros((3, len(limits.joints)))
+    present[0], present[derivative] = 0.5, 5e12
+    desired = np.empty_like(present)
+    motion = stop(present, limits)
+    motion.evaluate(0.0, desired)
+    np.testing.assert_array_equal(desired[0], present[0])
+    motion.evaluate(motion.end, desired)
+    assert np.isfinite(desired).all()
+    assert not desired[1:].any()
