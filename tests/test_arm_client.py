@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 import runpy
 import time
 from collections.abc import Iterator
@@ -109,7 +108,7 @@ def test_the_example_draws_a_square(testbed: Testbed, monkeypatch: pytest.Monkey
     with Arm(timeout=60.0):
         pass  # The first nodes on a machine compile.
     runpy.run_path(str(EXAMPLE))
-    tool = re.findall(r"-?\d+\.\d+", capfd.readouterr().out.partition("tool is at")[2])
+    tool = capfd.readouterr().out.partition("the tool is at")[2].strip(" []\n").split()
     np.testing.assert_allclose([float(x) for x in tool], CENTRE, atol=2e-3)
 
 
