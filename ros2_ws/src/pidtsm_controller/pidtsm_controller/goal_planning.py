@@ -65,7 +65,7 @@ def plan_goal(goal: Any, splice: Splice, limits: MotionLimits, values: Mapping[s
         values: parameters of the trajectory node.
 
     Raises:
-        GoalError: the goal is invalid or exceeds a limit; it says why.
+        GoalError: the goal is invalid or exceeds a limit; the message gives the reason.
     """
     message = goal.trajectory
     if len(goal.multi_dof_trajectory.points) or goal.component_path_tolerance or goal.component_goal_tolerance:

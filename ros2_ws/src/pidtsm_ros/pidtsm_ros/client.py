@@ -49,7 +49,7 @@ class ArmError(RuntimeError):
 
 
 class ArmNotFoundError(ArmError):
-    """There is no running system, or it has stopped to answer."""
+    """There is no running system."""
 
 
 class GoalError(ArmError):
@@ -122,6 +122,9 @@ class Arm:
         self._thread.start()
         try:
             self._connect(robot, timeout)
+        except ArmError as error:
+            self.close()
+            raise ArmNotFoundError(str(error)) from None
         except BaseException:
             self.close()
             raise
@@ -353,7 +356,7 @@ class Arm:
         end = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > end:
-                raise ArmNotFoundError(f"{otherwise} within {timeout:g} s")
+                raise ArmError(f"{otherwise} within {timeout:g} s")
             time.sleep(_POLL)
 
 

@@ -2,7 +2,6 @@
 
 import asyncio
 import signal
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +14,6 @@ from pidtsm_core.parameters import ParameterError, Value
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.runs.runner import Processes, check_security, environment, how_ended, node_parameters
 
-_END_WITHIN = 10.0  # s
-_POLL = 0.02  # s
 _LISTENING = {"simulator": 2, "controller": 1, "trajectory": 1}
 """Number of subscribers that each node waits for at the start; a page need not be one of them."""
 _BLEND = 0.8
@@ -61,7 +58,7 @@ class Nodes:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for node in list(self._frozen):
+        for node in filter(self.runs, list(self._frozen)):
             self.thaw(node)
         self._processes.__exit__(None, None, None)
 
@@ -164,14 +161,11 @@ class Nodes:
 
     async def _end(self, node: str) -> None:
         """Interrupt a node, which then deactivates itself, and wait for it; kill it if it does not end."""
-        if node in self._frozen:
+        if node in self._frozen and self.runs(node):
             self.thaw(node)
+        self._frozen.discard(node)
         process = self._processes.running.pop(node, None)
         if process is None:
             return
         process.interrupt()
-        end = time.monotonic() + _END_WITHIN
-        while process.process.poll() is None:
-            if time.monotonic() > end:
-                process.process.kill()
-            await asyncio.sleep(_POLL)
+        await asyncio.to_thread(process.wait)

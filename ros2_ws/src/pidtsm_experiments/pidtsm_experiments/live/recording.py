@@ -15,9 +15,6 @@ from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.runs.runner import Process, Processes, robot_metadata
 
-_END_WITHIN = 10.0  # s
-_POLL = 0.05  # s
-
 
 class Recording:
     """At most one recorder at a time.
@@ -99,13 +96,9 @@ class Recording:
         if process is None or self.bag is None:
             raise RefusedError("nothing is being recorded")
         process.interrupt()
-        end = time.monotonic() + _END_WITHIN
-        while process.process.poll() is None:
-            if time.monotonic() > end:
-                process.process.kill()
-            await asyncio.sleep(_POLL)
+        code = await asyncio.to_thread(process.wait)
         self._processes.running.pop("recorder", None)
-        if process.process.returncode:
+        if code:
             raise RefusedError(f"the bag {self.bag} is incomplete: {_last_line(process)}")
         return self.bag
 
