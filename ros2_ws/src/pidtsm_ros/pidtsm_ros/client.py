@@ -30,6 +30,7 @@ from pidtsm_core.trajectories.timing import retime
 from pidtsm_msgs.msg import ControllerState
 from pidtsm_ros.middleware import set_defaults
 from pidtsm_ros.qos import READER
+from pidtsm_ros.security import SecurityError, prepare_process
 from pidtsm_ros.stamps import set_stamp
 from pidtsm_ros.wire import deserialize
 
@@ -104,12 +105,16 @@ class Arm:
             timeout: longest time to find it, s.
 
         Raises:
+            ArmError: security is requested but not available; the enclave is ``/pidtsm/arm_client`` by default.
             ArmNotFoundError: there is no trajectory node or no controller in this namespace.
             ParameterError: there is no such robot, or it has other joints.
         """
         set_defaults()
         self._context = rclpy.Context()
-        rclpy.init(context=self._context)
+        try:
+            rclpy.init(args=prepare_process(["arm_client"]), context=self._context)
+        except SecurityError as error:
+            raise ArmError(str(error)) from None
         self._node = Node("arm_client", context=self._context, namespace=namespace, enable_rosout=False)
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
