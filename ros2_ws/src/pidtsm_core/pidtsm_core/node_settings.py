@@ -61,7 +61,7 @@ def _of_the_controller(controller: Mapping[str, Value], schema: Schema, given: M
     """Values of the controller that the trajectory shares, in the order of its joints; none if those differ."""
     joints = names(controller["joints"])
     order = given.get("joints", joints)
-    if not isinstance(order, (list, tuple)) or set(order) != set(joints):
+    if not isinstance(order, (list, tuple)) or sorted(map(str, order)) != sorted(joints):
         return {}
     shared: dict[str, Any] = {"joints": list(order)}
     known = {parameter.name for parameter in schema(given)}

@@ -126,6 +126,12 @@ def test_the_trajectory_has_the_arm_and_the_limits_of_the_controller(backward: b
     assert other.resolved(NODE_SCHEMAS)["trajectory"]["robot.description"] == ""
 
 
+@pytest.mark.parametrize("joints", [[[True], "joint2"], ["joint1", 2], {"joint1": 1}, None])
+def test_joints_of_the_trajectory_that_are_no_names_are_refused(joints: Any) -> None:
+    with pytest.raises(ParameterError, match="joints"):
+        make_experiment(None, overrides={"trajectory": {"joints": joints}}).resolved(NODE_SCHEMAS)
+
+
 def test_a_closed_form_is_shared_only_in_the_order_of_its_joints() -> None:
     swapped = make_experiment(None, overrides={"trajectory": {"joints": ["joint2", "joint1"]}})
     for experiment, description in ((make_experiment(None), "two_link"), (swapped, "")):
