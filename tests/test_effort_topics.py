@@ -49,8 +49,7 @@ def test_the_loop_is_the_same_in_either_form(testbed: Testbed, form: str) -> Non
 
 
 def test_arrays_that_cannot_be_used_are_refused(testbed: Testbed) -> None:
-    states: list[JointState] = []
-    testbed.node.create_subscription(JointState, "joint_states", states.append, 10)
+    states: list[JointState] = testbed.hear(JointState, "joint_states")
     commands = testbed.node.create_publisher(Float64MultiArray, "effort_controller/commands", 10)
     simulator = testbed.start("simulator", "clock:=lockstep", "start.subscribers:=1", "input.type:=float64_multi_array")
 

@@ -40,14 +40,12 @@ def test_samples_are_asked_for_again_in_lockstep_alone(
 
 def test_a_late_reader_gets_nothing_of_the_past(testbed: Testbed) -> None:
     """A few seconds of the loop, sent to everybody who joins, would hold the loop up."""
-    early: list[JointState] = []
-    late: list[JointState] = []
-    testbed.node.create_subscription(JointState, "joint_states", early.append, QoSProfile(depth=1000))
+    early: list[JointState] = testbed.hear(JointState, "joint_states", QoSProfile(depth=1000))
     testbed.start("simulator", "start.subscribers:=0")
     testbed.spin_until(lambda: len(early) > 500, "500 samples")
     offered = testbed.node.get_publishers_info_by_topic("joint_states")
     assert [info.qos_profile.durability for info in offered] == [DurabilityPolicy.VOLATILE]
     newest = nanoseconds(early[-1].header.stamp)
-    testbed.node.create_subscription(JointState, "joint_states", late.append, QoSProfile(depth=1000))
+    late: list[JointState] = testbed.hear(JointState, "joint_states", QoSProfile(depth=1000))
     testbed.spin_until(lambda: late, "a sample")
     assert nanoseconds(late[0].header.stamp) > newest

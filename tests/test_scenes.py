@@ -54,8 +54,7 @@ def test_contacts_are_recorded_and_the_run_is_that_of_the_rollout(tmp_path: Path
 
 @pytest.mark.parametrize("engine", ["rigid_body", "mujoco"])
 def test_a_push_acts_on_the_tool_for_a_tenth_of_a_second(testbed: Testbed, engine: str) -> None:
-    states: list[JointState] = []
-    testbed.node.create_subscription(JointState, "joint_states", states.append, 200)
+    states: list[JointState] = testbed.hear(JointState, "joint_states", 200)
     commands = testbed.node.create_publisher(JointState, "joint_commands", 200)
     pushes = testbed.node.create_publisher(WrenchStamped, "simulator/push", 10)
     simulator = testbed.start("simulator", "start.subscribers:=1", "clock:=lockstep", f"engine:={engine}")

@@ -120,9 +120,8 @@ def test_a_reset_brings_the_arm_back_while_time_goes_on(testbed: Testbed) -> Non
 
 
 def test_brakes_stop_the_arm_when_commands_stay_out_and_open_with_the_next(testbed: Testbed) -> None:
-    truth: list[JointState] = []
     summaries: list[str] = []
-    testbed.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 100)
+    truth: list[JointState] = testbed.hear(JointState, "simulator/ground_truth", 100)
     testbed.node.create_subscription(
         DiagnosticArray, "/diagnostics", lambda message: summaries.append(message.status[0].message), 10
     )
@@ -154,8 +153,7 @@ def test_in_lockstep_silence_ends_the_run_with_the_name_of_who_is_silent(testbed
 
 
 def test_in_realtime_no_sample_passes_before_somebody_answers(testbed: Testbed) -> None:
-    truth: list[JointState] = []
-    testbed.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 1000)
+    truth: list[JointState] = testbed.hear(JointState, "simulator/ground_truth", 1000)
     arm = Arm(testbed, "duration:=0.3")
     arm.says("waiting: no command on joint_commands so far; is a controller active?")
     assert not truth
@@ -202,8 +200,7 @@ def test_it_waits_for_an_active_controller_in_whatever_order_a_manager_starts_th
 
 def test_stale_commands_are_counted_and_logged_once_and_so_are_the_stops_they_lead_to(testbed: Testbed) -> None:
     """Of a stranger whose stamps are late every now and then."""
-    summaries: list[DiagnosticArray] = []
-    testbed.node.create_subscription(DiagnosticArray, "/diagnostics", summaries.append, 10)
+    summaries: list[DiagnosticArray] = testbed.hear(DiagnosticArray, "/diagnostics")
     arm = Arm(testbed, "command.timeout:=0.02")
     arm.answers = lambda states: states[0] if len(states) % 100 < 50 else states[-1]
     arm.obedient = True
@@ -221,8 +218,7 @@ def test_stale_commands_are_counted_and_logged_once_and_so_are_the_stops_they_le
 
 
 def test_in_realtime_a_further_command_for_a_joint_state_takes_the_place_of_the_one_before(testbed: Testbed) -> None:
-    truth: list[JointState] = []
-    testbed.node.create_subscription(JointState, "simulator/ground_truth", truth.append, 100)
+    truth: list[JointState] = testbed.hear(JointState, "simulator/ground_truth", 100)
     arm = Arm(testbed, "command.timeout:=3.0")
     testbed.spin_until(lambda: arm.states and arm.commands.get_subscription_count(), "a joint state")
     answered = arm.states[-1:]
@@ -243,8 +239,7 @@ def test_in_realtime_a_further_command_for_a_joint_state_takes_the_place_of_the_
 
 
 def test_a_first_joint_state_that_nobody_answers_is_sent_again(testbed: Testbed) -> None:
-    heard: list[JointState] = []
-    testbed.node.create_subscription(JointState, "joint_states", heard.append, 10)
+    heard: list[JointState] = testbed.hear(JointState, "joint_states")
     commands = testbed.node.create_publisher(JointState, "joint_commands", 10)
     testbed.start("simulator", "start.subscribers:=1", "clock:=lockstep", "lockstep.timeout:=60.0")
     testbed.spin_until(lambda: len(heard) == 3, "the same three times")

@@ -271,9 +271,8 @@ def test_where_a_strangers_clock_is_set_the_arm_stays_until_it_is_told_to_go_on(
 def test_a_strangers_arm_that_is_stopped_stays_also_while_nobody_measures_it(testbed: Testbed, heavier: float) -> None:
     plant = StrangersPlant(testbed, 250, heavier)
     start(testbed, plant, stop__brakes="true", watchdog__state_stop=0.5)
-    brakes: list[Bool] = []
     kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    testbed.node.create_subscription(Bool, "controller/brakes", brakes.append, kept)
+    brakes: list[Bool] = testbed.hear(Bool, "controller/brakes", kept)
     plant.go_on(2.0)
     before = len(plant.times)
     testbed.set("controller", {"limits.min_position": -0.01, "limits.max_position": 0.01})

@@ -54,10 +54,8 @@ def sampled(messages: list[Any], *fields: str) -> Vector:
 def test_the_arm_follows_a_hand_and_rests_when_the_stream_stops(testbed: Testbed) -> None:
     """The test passes the joint states on, and sends each target before the joint state at which it arrives."""
     node, every = testbed.node, QoSProfile(depth=10_000)
-    truth: list[JointState] = []
-    references: list[JointReference] = []
-    node.create_subscription(JointState, "simulator/ground_truth", truth.append, every)
-    node.create_subscription(JointReference, "reference", references.append, every)
+    truth: list[JointState] = testbed.hear(JointState, "simulator/ground_truth", every)
+    references: list[JointReference] = testbed.hear(JointReference, "reference", every)
     targets = node.create_publisher(JointState, "trajectory/joint_target", 10)
     states = node.create_publisher(JointState, "joint_states", 100)
     waiting = sent_by_a_hand(0.3, 3.2)

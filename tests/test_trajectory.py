@@ -25,10 +25,8 @@ def by_time(messages: list[Any]) -> NDArray[np.float64]:
 
 def test_a_quintic_from_point_to_point_is_followed(testbed: Testbed) -> None:
     node, every = testbed.node, QoSProfile(depth=10_000)
-    truth: list[JointState] = []
-    references: list[JointReference] = []
-    node.create_subscription(JointState, "simulator/ground_truth", truth.append, every)
-    node.create_subscription(JointReference, "reference", references.append, every)
+    truth: list[JointState] = testbed.hear(JointState, "simulator/ground_truth", every)
+    references: list[JointReference] = testbed.hear(JointReference, "reference", every)
     publisher = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
     simulator = testbed.start("simulator", "clock:=lockstep", "duration:=5.0", "start.subscribers:=3")
     # The article's disturbance acts. With the article's own gains joint2 is worse, see docs/trajectories.md.

@@ -23,14 +23,8 @@ MJCF = """<mujoco><worldbody><body name="cart">
 </body></worldbody></mujoco>"""
 
 
-def hear(testbed: Testbed, message_type: Any, topic: str, qos: QoSProfile | int = 10) -> list[Any]:
-    heard: list[Any] = []
-    testbed.node.create_subscription(message_type, topic, heard.append, qos)
-    return heard
-
-
 class Loop:
-    """A stranger that says what simulator, trajectory and controller say, joints in another order."""
+    """Publishes what simulator, trajectory and controller do, joints in another order."""
 
     def __init__(self, testbed: Testbed, joints: tuple[str, ...]) -> None:
         create = testbed.node.create_publisher
@@ -69,9 +63,9 @@ def origins(arm: Description, q: list[float]) -> dict[str, list[float]]:
 def test_arm_and_reference_are_shown(testbed: Testbed, name: str) -> None:
     testbed.start("visualization", f"robot.description:={name}")
     arm = find_description({"robot.description": name})
-    descriptions = hear(testbed, String, "robot_description", LATCHED)
-    markers = hear(testbed, MarkerArray, "visualization/markers")
-    heard = hear(testbed, TFMessage, "tf")
+    descriptions = testbed.hear(String, "robot_description", LATCHED)
+    markers = testbed.hear(MarkerArray, "visualization/markers")
+    heard = testbed.hear(TFMessage, "tf")
     loop = Loop(testbed, arm.joints)
 
     def whole() -> bool:
@@ -102,8 +96,8 @@ def test_an_mjcf_is_shown_as_markers_and_frames(testbed: Testbed) -> None:
     file = testbed.folder / "pendulum.xml"
     file.write_text(MJCF)
     process = testbed.start("visualization", f"robot.description:={file}", "joints:=[pin]", "robot.locked:='rail=0.3'")
-    markers = hear(testbed, MarkerArray, "visualization/markers")
-    heard = hear(testbed, TFMessage, "tf")
+    markers = testbed.hear(MarkerArray, "visualization/markers")
+    heard = testbed.hear(TFMessage, "tf")
     loop = Loop(testbed, ("pin",))
 
     testbed.spin_until(lambda: "cart" in frames(loop, heard) and markers, "frames and markers")
@@ -113,7 +107,7 @@ def test_an_mjcf_is_shown_as_markers_and_frames(testbed: Testbed) -> None:
 
 def test_renamed_joints_of_the_closed_form_are_shown(testbed: Testbed) -> None:
     testbed.start("visualization", "joints:=[shoulder, elbow]")
-    heard = hear(testbed, TFMessage, "tf")
+    heard = testbed.hear(TFMessage, "tf")
     loop = Loop(testbed, ("shoulder", "elbow"))
 
     testbed.spin_until(lambda: "link2" in frames(loop, heard), "frames of the arm")

@@ -14,6 +14,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 
 from pidtsm_experiments.runs.domain import own_domain
 from pidtsm_experiments.runs.runner import Process, Processes
@@ -56,6 +57,12 @@ class Testbed:
         """Another node of the test's, in no executor."""
         self._listeners.append(Node("listener", context=self.context))
         return self._listeners[-1]
+
+    def hear(self, message_type: Any, topic: str, qos: QoSProfile | int = 10) -> list[Any]:
+        """Every message of a topic from now on, as `spin_until` receives them."""
+        heard: list[Any] = []
+        self.node.create_subscription(message_type, topic, heard.append, qos)
+        return heard
 
     def start(self, name: str, *parameters: str) -> Process:
         """A process of one of our nodes, with parameters ``name:=value``; it is forked, see `nursery`."""

@@ -64,7 +64,7 @@ class Desk:
             label: its text.
             action: what it does.
             hint: shown when the mouse is over it.
-            moves: whether it may set the arm in motion; a real arm then asks for a confirmation.
+            moves: whether it may set the arm in motion, which must be confirmed if the arm is real.
             looks: see `GuiApi.add_button`.
         """
         button = self.server.gui.add_button(label, hint=hint, **looks)
@@ -77,7 +77,7 @@ class Desk:
                 self.run(action())
 
     def _confirm(self, event: GuiEvent[Any], label: str, action: Callable[[], Coroutine[Any, Any, None]]) -> None:
-        """Ask in the browser that has pressed the button."""
+        """Show the question in the browser where the button was pressed."""
         assert event.client is not None
         gui = event.client.gui
         with gui.add_modal("This is a real arm") as modal:

@@ -1,4 +1,4 @@
-"""The way to the page from other machines: only for who knows the token in its address."""
+"""The way to the page from other machines, only for those who know the token in its address."""
 
 import asyncio
 import secrets
@@ -54,7 +54,7 @@ class Gate:
             writer.close()
 
     async def _admitted(self, reader: asyncio.StreamReader) -> bytes | None:
-        """The first line of the request as the page knows it; None: it has not got the token."""
+        """The first line of the request as the page knows it; None: it lacks the token."""
         line = await asyncio.wait_for(reader.readline(), _LINE_WITHIN)
         method, _, rest = line.partition(b" /")
         word, mark, version = rest.partition(b" ")

@@ -70,7 +70,7 @@ class Page:
     async def _build(self) -> None:
         """Wait for the controller, and add the parts of the page."""
         desk, gui = self._desk, self._desk.server.gui
-        described = await _answered(lambda: desk.system.described("controller"))
+        described = await _until_answered(lambda: desk.system.described("controller"))
         values = {each.name: each.value for each in described}
         self._joints = list(values["joints"])
         self._add_arm(values)
@@ -85,13 +85,13 @@ class Page:
             reset = "follow the reference again after a fault (~/reset_fault)"
             desk.button("Reset the fault", self._reset, reset, moves=True)
         self._forms["controller"] = NodeForms(desk, "controller", control)
-        await _answered(self._forms["controller"].build)
+        await _until_answered(self._forms["controller"].build)
         if desk.system.has("trajectory"):
             motion = tabs.add_tab("Motion")
             with motion:
                 self._watching.moving = Moving(desk, self._joints, np.zeros(len(self._joints)))
             self._forms["trajectory"] = NodeForms(desk, "trajectory", motion)
-            await _answered(self._forms["trajectory"].build)
+            await _until_answered(self._forms["trajectory"].build)
         if desk.system.simulated:
             disturb = tabs.add_tab("Disturb")
             with disturb:
@@ -100,7 +100,7 @@ class Page:
                 if desk.nodes is not None:
                     Breaking(desk)
             self._forms["simulator"] = NodeForms(desk, "simulator", disturb)
-            await _answered(self._forms["simulator"].build)
+            await _until_answered(self._forms["simulator"].build)
         with tabs.add_tab("Keep"):
             self._recorded = Recorded(desk, self._recording, self._values)
 
@@ -174,10 +174,10 @@ class Page:
                 self._scene.show(measured, None, np.full(len(self._joints), np.nan))
 
 
-async def _answered(ask: Callable[[], Awaitable[_Answer]]) -> _Answer:
-    """Ask a node until it answers: it may still be starting."""
+async def _until_answered(request: Callable[[], Awaitable[_Answer]]) -> _Answer:
+    """Repeat a request until the node answers: it may still be starting."""
     while True:
         try:
-            return await ask()
+            return await request()
         except RefusedError:
             await asyncio.sleep(_PERIOD)

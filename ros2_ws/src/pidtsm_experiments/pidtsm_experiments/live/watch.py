@@ -32,11 +32,11 @@ class Status:
         """Show the state; `newest`: last state of the controller, or None; `name`: of the arm."""
         system = self._desk.system
         ended = self._desk.nodes.ended("controller") if self._desk.nodes is not None else ""
-        said = mode(newest, system.silence, system.reports.get("controller", ""), ended)
+        sentence = mode(newest, system.silence, system.reports.get("controller", ""), ended)
         kind = badge("SIMULATED", GREEN) if system.simulated else badge("REAL ARM", AMBER)
         self._html.content = (
             f'<div id="status" style="padding:0.5em 0.75em;line-height:1.6">{kind} <b>{escape(name)}</b><br>'
-            f'<span style="color:{said.color};font-weight:600">{escape(said.text)}</span><br>'
+            f'<span style="color:{sentence.color};font-weight:600">{escape(sentence.text)}</span><br>'
             f'<span style="font-size:0.8em;opacity:0.75">{loop(newest)}</span></div>'
         )
 
