@@ -319,5 +319,5 @@ def test_a_long_recording_is_split(testbed: Testbed, loop: Loop, limit: str, kil
         about["message_count"] == sum(file["message_count"] for file in about["files"]) == sum(map(len, got.values()))
     )
     counts = {t["topic_metadata"]["name"].lstrip("/"): t["message_count"] for t in about["topics_with_message_count"]}
-    assert counts == {topic: len(got.get(topic, ())) for topic in (*TOPICS, "diagnostics")}
+    assert counts == {topic: len(got.get(topic, ())) for topic in (*TOPICS, "diagnostics", "simulator/push")}
     assert not [name for name in files if name not in (*parts, "metadata.yaml")]

@@ -61,7 +61,7 @@ def test_tools_read_its_state_as_that_of_a_trajectory_controller(graph: Callable
     states = made.stranger.create_publisher(JointState, "joint_states", QoSProfile(depth=100))
     made.node.trigger_configure()
     made.node.trigger_activate()
-    made.until(lambda: states.get_subscription_count(), made.node.poll)
+    made.until(states.get_subscription_count, made.node.poll)
     samples = itertools.count()
 
     def send() -> None:
@@ -71,7 +71,8 @@ def test_tools_read_its_state_as_that_of_a_trajectory_controller(graph: Callable
 
     made.until(lambda: len(found) >= 3, send)
     stamps = [state.header.stamp.nanosec for state in found]
-    assert stamps[0] % (10 * MS) == 0 and set(np.diff(stamps)) == {10 * MS}
+    assert stamps[0] % (10 * MS) == 0
+    assert set(np.diff(stamps)) == {10 * MS}
     for state in found:
         assert state.joint_names == NAMES
         assert list(state.feedback.positions) == [0.3, -0.2]

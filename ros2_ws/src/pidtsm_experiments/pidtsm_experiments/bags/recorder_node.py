@@ -39,8 +39,10 @@ TOPICS = {
 node has enough subscribers on its topic in the loop (``start.subscribers``), its other topic has them too."""
 DIAGNOSTICS = "/diagnostics"
 """Recorded from every publisher, even of other systems; the recorder neither waits for them nor counts losses."""
-WRENCHES = "simulator/"
-"""What precedes the names of the topics with wrenches, of contacts and pushes: recorded if they exist at the start."""
+PUSHES = "simulator/push"
+CONTACTS = "simulator/contact/"
+"""What precedes the names of the topics with contacts. The simulator creates them before its ground truth, so the
+recorder knows them all when it knows that."""
 BARRIER = "joint_states"
 """Subscribed to last, when every other topic has a publisher. The simulator waits for this subscription to start."""
 
@@ -146,7 +148,10 @@ class RecorderNode(Node):
         self._writer = BagWriter(output, metadata, size, duration)
         self.connected = False
         self._topics = {topic: self._record(topic) for topic in TOPICS if topic != BARRIER}
-        self._others = [self._subscribe(DIAGNOSTICS, DiagnosticArray, RELIABLE_READER)]
+        self._others = [
+            self._subscribe(DIAGNOSTICS, DiagnosticArray, RELIABLE_READER),
+            self._subscribe(PUSHES, WrenchStamped, RELIABLE_READER),
+        ]
         self._reported = 0
 
     def _parameter(self, name: str, default: Any, description: str) -> Any:
@@ -174,13 +179,13 @@ class RecorderNode(Node):
     def connect(self) -> None:
         """Subscribe to `BARRIER` once all other topics have a publisher."""
         if not self.connected and not self.missing():
-            self._others += self._wrenches()
+            self._others += self._contacts()
             self._topics[BARRIER] = self._record(BARRIER)
             self.connected = True
 
-    def _wrenches(self) -> list[_RecordedTopic]:
-        """Subscribe to the wrenches on the simulated arm that somebody publishes."""
-        folder = f"{self.get_namespace().rstrip('/')}/{WRENCHES}"
+    def _contacts(self) -> list[_RecordedTopic]:
+        """Subscribe to the contact forces of the simulated arm."""
+        folder = f"{self.get_namespace().rstrip('/')}/{CONTACTS}"
         found = self.get_topic_names_and_types()
         names = sorted(name for name, types in found if name.startswith(folder) and _WRENCH in types)
         return [self._subscribe(name, WrenchStamped, RELIABLE_READER) for name in names]
