@@ -2,7 +2,9 @@
 
 import argparse
 import asyncio
+import errno
 import os
+import secrets
 import sys
 import webbrowser
 from collections.abc import Sequence
@@ -15,7 +17,7 @@ from viser import ViserServer
 
 from pidtsm_core.errors import UsageError
 from pidtsm_experiments.live.desk import Desk
-from pidtsm_experiments.live.gate import Gate
+from pidtsm_experiments.live.gate import Gate, hidden_address
 from pidtsm_experiments.live.nodes import Nodes
 from pidtsm_experiments.live.options import HERE, add_page_arguments
 from pidtsm_experiments.live.page import Page
@@ -53,28 +55,28 @@ def serve(options: argparse.Namespace, stop: Stop, nodes: Nodes | None, scenario
 async def _serve(
     options: argparse.Namespace, stop: Stop, system: System, nodes: Nodes | None, recording: Recording, scenario: str
 ) -> None:
-    local = options.host in (HERE, "localhost")
-    rich.reconfigure(quiet=True)  # viser prints through it; addresses that are not those of a page with a token.
-    server = ViserServer(HERE, options.port if local else 0, "pidtsm", verbose=False)
-    try:
-        if local:
-            if server.get_port() != options.port:
-                raise UsageError(f"--port: {options.port} is in use; choose another one")
-            address = f"http://{HERE}:{options.port}"
-        else:
-            gate = Gate(server.get_port())
-            try:
-                await gate.listen(options.host, options.port)
-            except OSError as error:
-                raise UsageError(f"--host {options.host} --port {options.port}: {error.strerror}") from None
-            address = f"http://{options.host}:{options.port}/{gate.token}/"
+    rich.reconfigure(quiet=True)  # viser prints through it; an address that is not that of the page.
+    hidden = hidden_address()
+    with ExitStack() as stack:
+        server = ViserServer(hidden, 0, "pidtsm", verbose=False)
+        stack.callback(server.stop)
+        token = "" if options.host in (HERE, "localhost") else secrets.token_urlsafe(16)
+        listening = await _listen(Gate(hidden, server.get_port(), token), options.host, options.port)
+        stack.callback(listening.close)
+        address = f"http://{options.host if token else HERE}:{options.port}/{token and token + '/'}"
         print(f"live page: {address}", flush=True)
-        if local and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        if not token and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             webbrowser.open(address)
         desk = Desk(server, system, nodes, FOLDER.absolute(), scenario, asyncio.get_running_loop())
         await Page(desk, recording).run(stop)
-    finally:
-        server.stop()
+
+
+async def _listen(gate: Gate, host: str, port: int) -> asyncio.Server:
+    try:
+        return await gate.listen(host, port)
+    except OSError as error:
+        reason = "is in use; choose another port" if error.errno == errno.EADDRINUSE else error.strerror
+        raise UsageError(f"--host {host} --port {port}: {reason}") from None
 
 
 def run(stop: Stop) -> int:
