@@ -1,0 +1,68 @@
+"""The live page in a real browser: it shows the arm, its controls reach the nodes, and what is refused has a reason.
+
+What else the page does is tested without a browser, whose software renderer takes most of a machine.
+"""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from devtools import CHROMIUM, browser
+from livepage import LivePage, live_process, parameter, until
+from matplotlib.image import imread
+from numpy.typing import NDArray
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
+
+_SETTLED = 2.0
+"""Error of an arm that nothing disturbs, mrad."""
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LivePage]:
+    folder = tmp_path_factory.mktemp("live")
+    with live_process(folder) as system, browser(folder / "profile", in_3d=True) as page:
+        shown = LivePage(page, system)
+        until(lambda: "Following" in shown.text("#status"), "the arm follows")
+        yield shown
+
+
+def test_the_arm_moves(live: LivePage, tmp_path: Path) -> None:
+    def picture(name: str) -> NDArray[np.float32]:
+        live.page.screenshot(tmp_path / name)
+        return np.asarray(imread(tmp_path / name)[150:, 450:600, :3])
+
+    first = picture("first.png")
+    assert len(np.unique((first.reshape(-1, 3) * 255).astype(int), axis=0)) > 20, "nothing is drawn"
+    until(lambda: np.any(np.abs(picture("later.png") - first) > 0.2, axis=2).sum() > 100, "another picture of the arm")
+
+
+def test_a_gain_changed_on_the_page_is_the_nodes_and_a_bad_one_is_refused(live: LivePage) -> None:
+    live.press("Controller")
+    live.enter("k1", "3.5, 2.5")
+    until(lambda: live.told() == "set law.k1 = 3.5, 2.5", "the gain is set")
+    assert parameter(live.system, "law.k1") == (3.5, 2.5)
+    live.enter("k1", "-1")
+    until(lambda: "law.k1: -1 must be >= 0" in live.told().replace("law.k1 (", "law.k1: ("), "the reason")
+    assert parameter(live.system, "law.k1") == (3.5, 2.5)
+
+
+@pytest.mark.parametrize("action", ["Push", "Pick up"])
+def test_a_push_and_a_load_show_in_the_curves(live: LivePage, action: str) -> None:
+    live.press("Disturb")
+    until(lambda: live.worst_error(1.0) < _SETTLED, "the arm follows closely")
+    pressed = time.monotonic()
+    live.press(action)
+    until(lambda: live.worst_error(time.monotonic() - pressed) > 2.0 * _SETTLED, "the error")
+    live.press("Drop")
+
+
+def test_killing_the_controller_is_shown_and_starting_it_recovers(live: LivePage) -> None:
+    live.press("Disturb")
+    live.press("Kill the controller")
+    until(lambda: "was killed by signal 9" in live.text("#status"), "the end of the controller")
+    live.press("Controller")
+    live.press("Activate")
+    until(lambda: "Following" in live.text("#status"), "the arm follows again")
