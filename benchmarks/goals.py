@@ -49,6 +49,8 @@ _LARGEST = 0.4
 """Largest distance of a joint, rad or m."""
 _WITHIN = 120.0
 """Wall time within which a goal must end; beyond it, it is lost, s."""
+_ALLOWED = 1.2
+"""Time until the result, as a share of the goal's duration: MoveIt's default allowance."""
 _COMMANDS = "commands_of_the_controller"
 _NODES = ("simulator", "controller", "trajectory")
 
@@ -252,6 +254,10 @@ def _send_all(system: System, goals: int, random: np.random.Generator) -> dict[s
                 unexpected.append(f"{number} ({kind}): {sent.ended} {text}")
             elif wanted == "succeeded":
                 ratios.append((system.judge.now - sent.began) / duration)
+                if ratios[-1] > _ALLOWED:
+                    unexpected.append(
+                        f"{number} ({kind}): took {ratios[-1]:.2f} times its duration of {duration:.2f} s"
+                    )
             ended = number + 1
             print(f"\r{ended} of {goals} goals", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)

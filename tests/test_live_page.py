@@ -23,7 +23,8 @@ _SETTLED = 2.0
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LivePage]:
     folder = tmp_path_factory.mktemp("live")
-    with live_process(folder) as system, browser(folder / "profile", in_3d=True) as page:
+    # Not this machine's usual address, so the browser also has to find its way by the token.
+    with live_process(folder, "--host", "127.0.0.2") as system, browser(folder / "profile", in_3d=True) as page:
         shown = LivePage(page, system)
         until(lambda: "Following" in shown.text("#status"), "the arm follows")
         yield shown

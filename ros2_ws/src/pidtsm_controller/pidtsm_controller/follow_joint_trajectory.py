@@ -67,7 +67,8 @@ class GoalServer:
     """Plans goals, changes the motion of the node, and judges how the arm follows.
 
     A goal is planned in a thread, from the state that the reference will have when it takes over. If the reference has
-    another state by then, because it moves and planning took longer than expected, it is planned again.
+    another state by then, because it moves and planning took longer than expected, it is planned again. In lockstep
+    time waits for the plan, so that a run does not depend on the speed of the machine.
 
     Attributes:
         now: time of the last joint state, ns; -1: there was none yet.
@@ -101,13 +102,13 @@ class GoalServer:
     def advance(self, now: int, motion: MotionUnderWay) -> None:
         """Change the motion if a goal is planned, begins or is cancelled; call before the reference of `now` (ns)."""
         self.now, self._motion = now, motion
-        self._heard = time.monotonic()
         if self.trouble and self._goals():
             self._give_up(self.trouble)
         if self._planning is None and self._queue:
             self._plan(self._queue.popleft())
-        elif self._planning and self._planning[2].done():
+        if self._planning and (self._node.lockstep or self._planning[2].done()):
             self._install()
+        self._heard = time.monotonic()
         if self._waiting and now >= self._waiting[0].begin:
             (goal, self._efforts), self._waiting = self._waiting, None
             if self._running:
