@@ -15,13 +15,15 @@ from pidtsm_experiments.commands.bench import Row
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 
-from liveclient import LiveClient, live_client  # In the folder of the tests.
+from devtools import browser  # In the folder of the tests, as the next two.
+from liveclient import live_client
 from livepage import LiveSystem, live_process, until
 
 TAKES = 150.0  # s
 _TURNS, _LASTS, _SETTLES = 5, 12.0, 2.0
 _PAGES = 2
 _MEGABYTE = 1e6
+_HOUR = 3600.0  # s
 _FIRST = 600.0
 """The memory grows while the curves fill and the interpreter settles; it counts after this time, s."""
 
@@ -85,22 +87,52 @@ def _states(system: LiveSystem, lasts: float) -> _Loop:
     return _Loop(ages, missed[-1] - missed[0])
 
 
-def memory(minutes: float) -> Iterator[tuple[float, float, int]]:
-    """Memory of the page's process (MB), and number of elements of the page, once a minute, with one page open."""
+class _Memory(NamedTuple):
+    """What is in use: by the process of the page, by its tab's scripts, and by all of the browser, MB."""
+
+    server: float
+    scripts: float
+    browser: float
+
+
+def memory(minutes: float) -> Iterator[tuple[float, _Memory]]:
+    """Time (s) and memory, once a minute, while a browser shows the page."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         system = stack.enter_context(live_process(folder))
-        yield from _memory(stack.enter_context(live_client(system.address)), minutes)
+        server = next(p for p in psutil.Process().children() if "live" in p.cmdline())
+        page = stack.enter_context(browser(folder / "profile", in_3d=True))
+        chromium = next(p for p in psutil.Process().children() if "--headless" in p.cmdline())
+        page.open(system.address)
+        page.wait("document.querySelector('[role=tab]') !== null")
+        began = time.monotonic()
+        while (passed := time.monotonic() - began) < minutes * 60.0:
+            page.call("HeapProfiler.collectGarbage")
+            page.events.clear()
+            processes = [chromium, *chromium.children(recursive=True)]
+            yield (
+                passed,
+                _Memory(
+                    server.memory_full_info().uss / _MEGABYTE,
+                    page.call("Runtime.getHeapUsage")["usedSize"] / _MEGABYTE,
+                    sum(p.memory_full_info().uss for p in processes) / _MEGABYTE,
+                ),
+            )
+            time.sleep(min(60.0, minutes * 6.0))
 
 
-def _memory(client: LiveClient, minutes: float) -> Iterator[tuple[float, float, int]]:
-    process = next(p for p in psutil.Process().children() if "live" in p.cmdline())
-    began = time.monotonic()
-    while (passed := time.monotonic() - began) < minutes * 60.0:
-        yield passed, process.memory_full_info().uss / _MEGABYTE, len(client.elements)
-        time.sleep(min(60.0, minutes * 6.0))
+def _growth(found: list[tuple[float, _Memory]]) -> _Memory:
+    """MB in an hour, after the first minutes."""
+    late = [(passed, *used) for passed, used in found if passed >= _FIRST]
+    times, *columns = np.transpose(late)
+    return _Memory(*(float(np.polyfit(times / _HOUR, column, 1)[0]) for column in columns))
 
 
 if __name__ == "__main__":
-    for passed, size, elements in memory(float(sys.argv[1])):
-        print(f"{passed:.0f} s: {size:.1f} MB, {elements} elements", flush=True)
+    found = []
+    for passed, used in memory(float(sys.argv[1])):
+        found.append((passed, used))
+        print(f"{passed:.0f} s, MB: " + ", ".join(f"{k} {v:.1f}" for k, v in used._asdict().items()), flush=True)
+    if found[-1][0] > _FIRST:
+        growth = _growth(found)._asdict().items()
+        print(f"after {_FIRST:.0f} s, MB in an hour: " + ", ".join(f"{k} {v:.1f}" for k, v in growth))

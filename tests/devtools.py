@@ -28,11 +28,6 @@ _OPTIONS = (
 
 _WITHOUT_3D = ("--disable-gpu",)
 _WITH_3D = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-_FEW_PICTURES = """
-const draw = window.requestAnimationFrame.bind(window);
-window.requestAnimationFrame = callback => setTimeout(() => draw(callback), 300);
-"""
-"""Without it, the rendering takes all of a core."""
 
 
 class Page:
@@ -126,8 +121,10 @@ class Page:
             place = {"x": x + far * right, "y": y + far * down}
             self.call("Input.dispatchMouseEvent", type=kind, button="left", clickCount=1, **place)
 
-    def screenshot(self, path: Path) -> None:
-        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
+    def screenshot(self, path: Path, **clip: float) -> None:
+        """Save a picture of the page, or of a part of it: x, y, width and height in pixels."""
+        part = {"clip": clip | {"scale": 1}} if clip else {}
+        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png", **part)["data"]))
 
     @property
     def complaints(self) -> list[str]:
@@ -180,10 +177,7 @@ def browser(profile: Path, in_3d: bool = False) -> Iterator[Page]:
         os.close(theirs_in)
         os.close(theirs_out)
         try:
-            page = Page(commands, answers)
-            if in_3d:
-                page.call("Page.addScriptToEvaluateOnNewDocument", source=_FEW_PICTURES)
-            yield page
+            yield Page(commands, answers)
         finally:
             os.close(commands)
             os.close(answers)
