@@ -39,6 +39,14 @@ PARAMETERS = (
         per_joint=True,
     ),
     Parameter("actuator.ripple_periods", 12, "periods of the ripple per revolution", minimum=1, per_joint=True),
+    Parameter(
+        "actuator.noise",
+        0.0,
+        "standard deviation of the Gaussian noise of the torque, constant over a sample",
+        "N m",
+        minimum=0.0,
+        per_joint=True,
+    ),
 )
 
 
@@ -51,13 +59,14 @@ class ActuatorConfig(NamedTuple):
     gain: Array  # actual torque per nominal torque
     ripple: Array  # fraction of the torque
     periods: Array  # ripple periods per revolution
+    noise: Array  # standard deviation, N m
     ideal: bool
 
 
 def actuator_config(values: Mapping[str, Value], joints: int) -> ActuatorConfig:
     """Args: values: `PARAMETERS` and ``rate``, as returned by `resolve`."""
     dt = seconds(period_nanoseconds(int(as_float(values["rate"]))))
-    dead_zone, lag, error, ripple, periods = (joint_array(values[p.name], joints) for p in PARAMETERS)
+    dead_zone, lag, error, ripple, periods, noise = (joint_array(values[p.name], joints) for p in PARAMETERS)
     ratio = np.divide(dt, lag, out=np.full(joints, math.inf), where=lag > 0.0)
     return ActuatorConfig(
         dead_zone=dead_zone,
@@ -66,29 +75,33 @@ def actuator_config(values: Mapping[str, Value], joints: int) -> ActuatorConfig:
         gain=1.0 + error,
         ripple=ripple,
         periods=periods,
-        ideal=not (dead_zone.any() or lag.any() or error.any() or ripple.any()),
+        noise=noise,
+        ideal=not any(each.any() for each in (dead_zone, lag, error, ripple, noise)),
     )
 
 
 def _example() -> ActuatorConfig:
     none = np.zeros(1)
-    return ActuatorConfig(none, none, none, none, none, none, ideal=True)
+    return ActuatorConfig(none, none, none, none, none, none, none, ideal=True)
 
 
 part = PartOf(_example)
 
 
 @part
-def drive(config: ActuatorConfig, lagging: Array, command: Array, q: Array, effort: Array) -> None:
-    """Write the torque over one sample to `effort`, N m, shape (joints,).
+def drive(config: ActuatorConfig, lagging: Array, command: Array, q: Array, draws: Array, effort: Array) -> None:
+    """Write the torque over one sample to `effort`, N m, shape (joints,); `draws` is a row of `Randomness`.
 
     Dead zone: u = sign(c) max(|c| - width, 0) (Tao and Kokotovic 1994). Lag: T x' = u - x, solved exactly for a
     constant u; `lagging` is x at the end of the sample. The torque is (1 + error) (1 + ripple sin(n q)) times the mean
-    of x over the sample, so that the angular impulse on the joint is exact despite the lag.
+    of x over the sample, so that the angular impulse on the joint is exact despite the lag. Noise is added last.
     """
+    first = draws.size - command.size  # of the columns of `Column.EFFORT_NOISE`
     for j in range(command.size):
         target = math.copysign(max(abs(command[j]) - config.dead_zone[j], 0.0), command[j])
         difference = lagging[j] - target
         effort[j] = target + config.mean[j] * difference
         lagging[j] = target + config.decay[j] * difference
         effort[j] *= config.gain[j] * (1.0 + config.ripple[j] * math.sin(config.periods[j] * q[j]))
+        if config.noise[j] > 0.0:
+            effort[j] += config.noise[j] * draws[first + j]

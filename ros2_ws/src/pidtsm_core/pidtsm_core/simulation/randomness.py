@@ -15,7 +15,7 @@ _BLOCK = 1024  # rows that a node draws at once: about one second
 
 
 class Column(IntEnum):
-    """Columns of a row of random numbers; NOISE is the first of one column per joint."""
+    """Purposes of random numbers, and the columns of a row, of which the last two are blocks of one column per joint."""
 
     MEASUREMENT_LOSS = 0  # uniform in [0, 1), like the other losses and bursts
     MEASUREMENT_BURST = 1
@@ -23,6 +23,7 @@ class Column(IntEnum):
     COMMAND_BURST = 3
     JITTER = 4  # standard normal, like the noise
     NOISE = 5
+    EFFORT_NOISE = 6  # its block is the last one, so that it begins `joints` columns before the end of the row
 
 
 # A column is drawn if its parameter is not 0.
@@ -33,7 +34,13 @@ _SWITCHES = {
     Column.COMMAND_BURST: "dropout.command_burst_rate",
     Column.JITTER: "jitter.std",
     Column.NOISE: "noise.std",
+    Column.EFFORT_NOISE: "actuator.noise",
 }
+
+
+def columns(joints: int) -> int:
+    """Length of a row of random numbers."""
+    return Column.NOISE + 2 * joints
 
 
 class Randomness:
@@ -59,11 +66,12 @@ class Randomness:
 
     def draw(self, samples: int) -> Array:
         """The next rows, shape (samples, columns), order of `Column`; 0 in disabled columns."""
-        rows = np.zeros((samples, Column.NOISE + self._joints))
+        rows = np.zeros((samples, columns(self._joints)))
         for column in self._drawn:
             stream = self._streams[column]
-            if column == Column.NOISE:
-                rows[:, column:] = stream.standard_normal((samples, self._joints))
+            if column >= Column.NOISE:
+                first = Column.NOISE + (column - Column.NOISE) * self._joints
+                rows[:, first : first + self._joints] = stream.standard_normal((samples, self._joints))
             elif column == Column.JITTER:
                 rows[:, column] = stream.standard_normal(samples)
             else:

@@ -27,7 +27,7 @@ from pidtsm_core.simulation.channel import (
 )
 from pidtsm_core.simulation.contacts import bodies_that_can_touch, contact_wrenches
 from pidtsm_core.simulation.plant import Plant, PlantConfig, PlantState, plant_schema, step
-from pidtsm_core.simulation.randomness import Column, Randomness
+from pidtsm_core.simulation.randomness import Column, Randomness, columns
 from pidtsm_core.simulation.sensor import SensorConfig, measure, sensor_config
 from pidtsm_core.timing import period_nanoseconds, seconds
 
@@ -214,7 +214,7 @@ def act(
             _add_gravity(config, state, torque)
             torque = state.gravity[1]
         if not config.actuator.ideal:
-            drive(config.actuator, state.lagging, torque, state.arm.position, state.effort)
+            drive(config.actuator, state.lagging, torque, state.arm.position, draws, state.effort)
             torque = state.effort
         step(config.plant, state.arm, torque, t, dt)
     else:
@@ -311,7 +311,7 @@ class SimulatedRobot:
 
         This moves the arm.
         """
-        draws = np.zeros(len(Column) - 1 + self.joints)
+        draws = np.zeros(columns(self.joints))
         _sense_into(self.config, self.state, draws, 0, self._measured, self.applied)
         _act_now(self.config, self.state, draws, 0, True, self.state.effort, 0.0, seconds(self._period))
         self._plant.step(self.state.effort, 0.0, seconds(self._period))

@@ -8,18 +8,22 @@ from testarms import Arm
 
 from pidtsm_core.parameters import Array
 from pidtsm_core.simulation.actuator import actuator_config, drive
+from pidtsm_core.simulation.randomness import Randomness, columns
 from pidtsm_core.simulation.simulator import simulator_schema
 
 DT = 0.001
 
 
-def torques(arm: Arm, command: Array, q: Array | None = None, **changes: object) -> Array:
+def torques(
+    arm: Arm, command: Array, q: Array | None = None, draws: Array | None = None, **changes: object
+) -> Array:
     """Torque of every sample, shape as `command`, (samples, joints); names without the group ``actuator``."""
+    rows = np.zeros((len(command), columns(arm.joints))) if draws is None else draws
     chosen = {f"actuator.{name}": value for name, value in changes.items()}
     config = actuator_config(arm.values(simulator_schema, chosen), arm.joints)
     lagging, effort = np.zeros(arm.joints), np.empty_like(command)
     for k in range(len(command)):
-        drive(config, lagging, command[k], np.zeros(arm.joints) if q is None else q[k], effort[k])
+        drive(config, lagging, command[k], np.zeros(arm.joints) if q is None else q[k], rows[k], effort[k])
     return effort
 
 
@@ -71,3 +75,11 @@ def test_ripple_repeats_with_the_angle(arm: Arm) -> None:
     np.testing.assert_allclose(effort[:, 0], 20.0 * (1.0 + 0.02 * np.sin(6.0 * q[:, 0])))
     assert np.ptp(effort[:, 0]) == pytest.approx(2.0 * 20.0 * 0.02, rel=1e-3)
     assert not np.ptp(effort[:, 1:], axis=0).any()
+
+
+def test_noise_is_added_with_its_standard_deviation(arm: Arm) -> None:
+    command, deviations = np.zeros((20_000, arm.joints)), arm.spread(0.5, 0.0)
+    values = arm.values(simulator_schema, {"actuator.noise": deviations, "noise.std": 1e-3})
+    effort = torques(arm, command, draws=Randomness(values, arm.joints).draw(len(command)), noise=deviations)
+    np.testing.assert_allclose(effort.mean(axis=0), 0.0, atol=0.02)
+    np.testing.assert_allclose(effort.std(axis=0), deviations, rtol=0.05, atol=1e-15)

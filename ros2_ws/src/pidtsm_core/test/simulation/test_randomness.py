@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from testarms import Arm
 
-from pidtsm_core.simulation.randomness import Column, Randomness
+from pidtsm_core.simulation.randomness import Column, Randomness, columns
 from pidtsm_core.simulation.simulator import simulator_schema
 
 ALL = {
     "noise.std": 1e-3,
+    "actuator.noise": 1e-3,
     "jitter.std": 1e-4,
     "dropout.probability": 0.1,
     "dropout.burst_rate": 1.0,
@@ -37,7 +38,7 @@ def test_seeds_decide(arm: Arm) -> None:
 
 def test_purposes_are_independent_and_have_their_distributions(arm: Arm) -> None:
     rows = source(arm).draw(100_000)
-    assert np.abs(np.corrcoef(rows.T) - np.eye(Column.NOISE + arm.joints)).max() < 0.02
+    assert np.abs(np.corrcoef(rows.T) - np.eye(columns(arm.joints))).max() < 0.02
     uniform, normal = rows[:, : Column.JITTER], rows[:, Column.JITTER :]
     assert uniform.min() >= 0.0
     assert uniform.max() < 1.0
@@ -50,7 +51,7 @@ def test_purposes_are_independent_and_have_their_distributions(arm: Arm) -> None
 def test_what_is_off_draws_nothing_and_changes_nothing_else(arm: Arm, switch: str) -> None:
     everything, rest = source(arm).draw(SAMPLES), source(arm, **{switch: 0.0}).draw(SAMPLES)
     off = ~rest.any(axis=0)
-    assert off.sum() == (arm.joints if switch == "noise.std" else 1)
+    assert off.sum() == (arm.joints if switch in ("noise.std", "actuator.noise") else 1)
     np.testing.assert_array_equal(rest[:, ~off], everything[:, ~off])
 
 
@@ -58,4 +59,4 @@ def test_a_purpose_may_be_switched_on_under_way(arm: Arm) -> None:
     randomness = Randomness(arm.values(simulator_schema, {}), arm.joints)
     assert not randomness.next().any()
     randomness.set_parameters(arm.values(simulator_schema, {"noise.std": 1e-3}))
-    assert randomness.next()[Column.NOISE :].all()
+    assert randomness.next()[Column.NOISE : Column.NOISE + arm.joints].all()

@@ -33,6 +33,7 @@ EVERYTHING: dict[str, Any] = {
     "actuator.lag": 0.004,
     "actuator.torque_constant_error": 0.03,
     "actuator.ripple": 0.02,
+    "actuator.noise": 0.01,
     "friction.coulomb": 1.0,
     "friction.static": 1.5,
     "friction.viscous": 0.2,
