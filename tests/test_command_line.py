@@ -96,9 +96,10 @@ BAD_USAGE = [
     (["reproduce", "--law", "sliding_mode"], "law sliding_mode is not part of the article's evaluation: piddtsm,"),
     (["reproduce", "--law", "dtsm_printed", "--scenario", "case2"], "only in case1"),
     (["reproduce", "--law", "pid", "--set", "controller.law.k9=1"], "unknown parameter law.k9"),
-    (["robustness", "--law", "sliding_mode"], "law sliding_mode is not part of the study: piddtsm, pidnftsm, dtsm,"),
-    (["robustness", "--scenario", "case9"], "no scenario case9"),
-    (["robustness", "--set", "controller.law.k9=1"], "unknown parameter law.k9"),
+    (["score", "--law", "mine"], "unknown law mine; known: computed_torque, dtsm, pid,"),
+    (["score", "--robot", "pandda"], "pandda: No such file or directory; neither a file nor one of two_link, panda,"),
+    (["score", "--set", "controller.law.k9=1"], "unknown parameter law.k9"),
+    (["leaderboard", "occupied"], "occupied: no score.json below this folder"),
     (["analyze", "nowhere"], "nowhere"),
     (["analyze", "occupied"], "occupied"),
 ]

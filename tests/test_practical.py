@@ -15,8 +15,6 @@ from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.runs.runner import run
-from pidtsm_studies.robustness.requirements import REQUIREMENTS, Requirement
-from pidtsm_studies.robustness.results import FULL, LATE
 
 LIMITS = {
     # RMSE and ECI relative to ideal hardware, error after 10 s (rad), torque variation (N m).
@@ -27,13 +25,14 @@ LIMITS = {
     "loss": (1.01, 1.005, 1e-3, 0.12),
     "hard": (1.10, math.inf, 1e-3, 0.25),
 }
+RANDOM = ("noise", "loss")
+"""Scenarios in which the seed matters."""
+SEEDS, LATE = 20, 10.0
+LIGHT = ("simulator.model_error.mass=-0.25", "simulator.model_error.inertia=-0.25")
+"""The arm of ``hard`` is 25 % heavier than its model; it may as well be lighter."""
 EACH = pytest.mark.parametrize(
-    ("requirement", "scenario", "overrides"),
-    [
-        pytest.param(requirement, *run, id=" ".join((run[0], *run[1])))
-        for requirement in REQUIREMENTS
-        for run in requirement.runs
-    ],
+    ("scenario", "overrides"),
+    [*(pytest.param(each, (), id=each) for each in LIMITS), pytest.param("hard", LIGHT, id="hard, light")],
 )
 
 
@@ -63,10 +62,10 @@ def test_with_ideal_sensors_it_tracks_as_the_article_does(ideal: dict[str, Array
 
 @EACH
 def test_with_real_sensors_and_drives_it_stays_within_its_limits(
-    ideal: dict[str, Array], requirement: Requirement, scenario: str, overrides: tuple[str, ...]
+    ideal: dict[str, Array], scenario: str, overrides: tuple[str, ...]
 ) -> None:
     found, worst = [], 0.0
-    for seed in range(FULL.seeds if requirement.random else 1):
+    for seed in range(SEEDS if scenario in RANDOM else 1):
         result = roll(scenario, (*overrides, f"simulator.seed={seed}"))
         found.append(judged(result))
         worst = max(worst, np.abs(error(result)[result.time >= LATE]).max())
@@ -79,15 +78,8 @@ def test_with_real_sensors_and_drives_it_stays_within_its_limits(
     assert worst <= late_error
 
 
-def test_the_robustness_command_judges_by_the_same_limits() -> None:
-    judged_by = {scenario: tuple(each.limits.values()) for each in REQUIREMENTS for scenario, _ in each.runs}
-    assert judged_by == LIMITS
-
-
 @EACH
-def test_the_adaptive_gain_stays_bounded_for_ten_minutes(
-    requirement: Requirement, scenario: str, overrides: tuple[str, ...]
-) -> None:
+def test_the_adaptive_gain_stays_bounded_for_ten_minutes(scenario: str, overrides: tuple[str, ...]) -> None:
     result = roll(scenario, overrides, 600.0)
     assert result.signals[:, Signal.ADAPTIVE_GAIN].max() <= 20.0
     # And what is bounded does no harm.

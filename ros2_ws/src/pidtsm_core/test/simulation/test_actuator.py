@@ -14,9 +14,7 @@ from pidtsm_core.simulation.simulator import simulator_schema
 DT = 0.001
 
 
-def torques(
-    arm: Arm, command: Array, q: Array | None = None, draws: Array | None = None, **changes: object
-) -> Array:
+def torques(arm: Arm, command: Array, q: Array | None = None, draws: Array | None = None, **changes: object) -> Array:
     """Torque of every sample, shape as `command`, (samples, joints); names without the group ``actuator``."""
     rows = np.zeros((len(command), columns(arm.joints))) if draws is None else draws
     chosen = {f"actuator.{name}": value for name, value in changes.items()}

@@ -9,11 +9,13 @@ from pathlib import Path
 
 from pidtsm_core.errors import UsageError
 
-_FOLDERS = {"bag", "params", "log", "figures"}
+_FOLDERS = {"bag", "params", "log", "figures", "images"}
 _FILES = {
     "recording.npz",
     "metrics.json",
-    "robustness.json",
+    "score.json",
+    "leaderboard.html",
+    "leaderboard.md",
     "comparison.json",
     "engines.json",
     "report.html",

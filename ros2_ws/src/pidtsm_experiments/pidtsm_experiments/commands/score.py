@@ -1,0 +1,91 @@
+"""``./pidtsm score``: how much imperfection a controller tolerates on an arm."""
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from pidtsm_core.control import LAW_NAME
+from pidtsm_core.experiment import DEFAULT_ROBOT
+from pidtsm_core.laws import LAWS
+from pidtsm_experiments.commands.options import CONSOLE, add_parameter_arguments, add_robot_argument, progress_bar
+from pidtsm_experiments.runs.results import result_folder
+from pidtsm_studies.score.criteria import FULL, QUICK
+from pidtsm_studies.score.measure import Contender, measure
+from pidtsm_studies.score.page import write_score_page
+from pidtsm_studies.score.results import FILE, Entry, as_json
+from pidtsm_studies.score.tasks import Task, find_task
+from pidtsm_studies.score.wording import COLUMNS, cells, share_text
+
+SCORES = Path("results", "score")
+"""Default folder of all scores."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_argument(parser)
+    parser.add_argument("--law", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: {LAW_NAME.default})")
+    add_parameter_arguments(parser)
+    parser.add_argument("--name", default="", help="of the controller in tables (default: law and parameter sets)")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help=f"{QUICK.values} values and {QUICK.repeats} seed, only to check that everything runs",
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"default: {SCORES}/ROBOT/NAME")
+    parser.add_argument("--json", action="store_true", help="print only the results, as one JSON object")
+
+
+def execute(options: argparse.Namespace) -> int:
+    task = find_task(options.robot or DEFAULT_ROBOT)
+    contender = Contender(options.law, tuple(options.params), tuple(options.set), options.name)
+    name = name_of(task, contender)
+    out = options.out or SCORES / Path(task.robot).stem / name.replace("/", "-").replace(" ", "-")
+    with result_folder(out) as folder:
+        with progress_bar() as bar:
+            bars = bar.add_task("rollouts", total=None)
+            extent = QUICK if options.quick else FULL
+            entry = measure(
+                task,
+                replace(contender, name=name),
+                extent,
+                lambda done, total: bar.update(bars, completed=done, total=total),
+            )
+        text = json.dumps(as_json(entry), allow_nan=False)
+        (folder / FILE).write_text(text + "\n", encoding="utf-8")
+        write_score_page(folder / "report.html", "Score", [entry])
+    if options.json:
+        print(text)
+        return 0
+    console = Console()
+    for table in _tables(entry):
+        console.print(table)
+    CONSOLE.print(f"{out}: report.html {FILE}", highlight=False)
+    return 0
+
+
+def name_of(task: Task, contender: Contender) -> str:
+    """Name of a controller in tables: as given, or that of its law and its parameter sets.
+
+    Raises:
+        UsageError: the controller is refused, see `Task.experiment`.
+    """
+    law = task.experiment(contender.law, contender.params, contender.overrides).law
+    return contender.name or " ".join([law, *(Path(name).stem for name in contender.params)])
+
+
+def _tables(entry: Entry) -> tuple[Table, Table]:
+    shares = Table(title=f"successful runs, {entry.runs} in all", title_style="bold", box=box.SIMPLE_HEAD)
+    for column in ("criterion", "share", "interval"):
+        shares.add_column(column)
+    for each in entry.outcomes:
+        low, high = each.interval
+        interval = f"{100.0 * low:.0f} to {100.0 * high:.0f} %" if each.criterion.random else ""
+        shares.add_row(each.criterion.label, share_text(each), interval)
+    summary = Table(title=f"on {entry.task.robot}", title_style="bold", box=box.SIMPLE_HEAD, show_header=False)
+    for row in zip(COLUMNS, cells(entry), strict=True):
+        summary.add_row(*row)
+    return shares, summary

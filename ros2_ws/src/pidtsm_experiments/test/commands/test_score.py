@@ -1,0 +1,52 @@
+"""The command writes and prints its score, takes any law, and ends cleanly when interrupted."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from pidtsm_experiments.cli import main
+
+DEADLINE = 120.0
+
+
+@pytest.fixture(scope="module")
+def scores(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the score of a law that is made of parts, as one's own are."""
+    folder = tmp_path_factory.mktemp("scores")
+    own = ["--law", "sliding_mode", "--set", "controller.law.surface=linear", "--name", "mine"]
+    assert main(["score", "--quick", *own, "--out", str(folder / "mine")]) == 0
+    return folder
+
+
+def test_the_score_is_written(scores: Path) -> None:
+    assert {file.name for file in (scores / "mine").iterdir()} == {"score.json", "report.html"}
+    content = json.loads((scores / "mine" / "score.json").read_text())
+    assert (content["law"], content["name"], content["runs"]) == ("sliding_mode", "mine", 38)
+
+
+def test_the_leaderboard_reads_it(scores: Path, tmp_path: Path) -> None:
+    out = tmp_path / "board"
+    assert main(["leaderboard", str(scores), "--out", str(out)]) == 0
+    assert {file.name for file in out.iterdir()} == {"leaderboard.html", "leaderboard.md", "images"}
+    assert "| mine |" in (out / "leaderboard.md").read_text()
+
+
+def test_an_interrupt_ends_it_cleanly(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "pidtsm_experiments.cli", "score", "--out", "mine"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    end = time.monotonic() + DEADLINE
+    while not (tmp_path / "mine.unfinished").exists():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 130
+    assert out == ""
+    assert err.splitlines()[-1] == "pidtsm: interrupted"
+    assert not (tmp_path / "mine").exists()

@@ -1,0 +1,82 @@
+"""The leaderboard: laws and arms, as a page and as a document."""
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from pidtsm_core.errors import UsageError
+from pidtsm_studies.reports.figures import COLOURS, DASHES, STYLE, save_figures
+from pidtsm_studies.score.criteria import CRITERIA
+from pidtsm_studies.score.page import axis_text, by_arm, curve_of, success, write_score_page
+from pidtsm_studies.score.results import FILE, Entry, read_entry
+from pidtsm_studies.score.wording import COLUMNS, cells, title
+
+_INTRODUCTION = """# Leaderboard
+
+`./pidtsm leaderboard` writes this page from the results of `./pidtsm score`; [Score](score.md) describes what is
+measured. The best score comes first. RMSE is the root of the sum of squares of the joints (rad, m for a joint that
+slides), ECI and torque variation are sums (N m, N). The interval of a score covers other seeds.
+"""
+
+
+def read_entries(folder: Path) -> list[Entry]:
+    """All scores below a folder, in the order of their paths.
+
+    Raises:
+        UsageError: there are none, one is not readable, two have the same name, or their extents differ.
+    """
+    files = sorted(folder.rglob(FILE))
+    if not files:
+        raise UsageError(f"{folder}: no {FILE} below this folder; ./pidtsm score makes them")
+    entries = [read_entry(file) for file in files]
+    known: dict[tuple[str, str], Path] = {}
+    for file, entry in zip(files, entries, strict=True):
+        if entry.extent != entries[0].extent:
+            raise UsageError(f"{file} has another number of runs than {files[0]}: a quick score cannot be compared")
+        other = known.setdefault((entry.task.robot, title(entry)), file)
+        if other != file:
+            raise UsageError(f"{file} and {other} are both {title(entry)} on {entry.task.robot}; remove one")
+    return entries
+
+
+def write_leaderboard(folder: Path, entries: Sequence[Entry]) -> None:
+    """Write ``leaderboard.html``, ``leaderboard.md`` and the figures of the latter.
+
+    Args:
+        folder: an existing folder.
+        entries: of any arms, at least one.
+    """
+    write_score_page(folder / "leaderboard.html", "Leaderboard", entries)
+    arms = by_arm(entries)
+    drawings = {f"leaderboard-{arm}": partial(_figure, scored) for arm, scored in arms.items()}
+    save_figures(drawings, folder / "images")
+    parts = [_INTRODUCTION, *(_arm(arm, scored) for arm, scored in arms.items())]
+    (folder / "leaderboard.md").write_text("\n".join(parts), encoding="utf-8")
+
+
+def _arm(arm: str, entries: Sequence[Entry]) -> str:
+    lines = [_row(COLUMNS), _row(["---"] * len(COLUMNS)), *(_row(cells(entry)) for entry in entries)]
+    return "\n".join([f"## {arm}", "", *lines, "", f"![Success over every range](images/leaderboard-{arm}.png)", ""])
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _figure(entries: Sequence[Entry]) -> Figure:
+    """One panel per range, one line per controller."""
+    ranges = [(criterion, each) for criterion in CRITERIA for each in criterion.ranges]
+    figure = Figure(figsize=(9.0, 2.0 * -(-len(ranges) // 3)), layout="constrained")
+    panels = figure.subplots(-(-len(ranges) // 3), 3, sharey=True, squeeze=False).flat
+    for panel, (criterion, each) in zip(panels, ranges, strict=True):
+        for style, entry in enumerate(entries):
+            colour, dashes = COLOURS[style % len(COLOURS)], DASHES[(style + style // len(COLOURS)) % len(DASHES)]
+            panel.plot(*success(curve_of(entry, criterion, each)), color=colour, linestyle=dashes, label=title(entry))
+        panel.set_xlabel(axis_text(each))
+        panel.set_xscale("log" if each.logarithmic else "linear")
+        panel.set_xlim(each.first, each.last)
+    figure.supylabel("success", fontsize=STYLE["axes.labelsize"])
+    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure

@@ -1,0 +1,141 @@
+"""Scores a controller: many rollouts, each with one imperfection, and the share of them that succeed."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from pidtsm_core.batches import BatchResult, batch
+from pidtsm_core.closed_loop import SCHEMAS
+from pidtsm_core.experiment import Experiment
+from pidtsm_core.metrics import JointMetrics
+from pidtsm_core.parameters import Array
+from pidtsm_core.recording import Recording
+from pidtsm_studies.score.criteria import CRITERIA, FULL, HARDWARE, ROUGHNESS, Criterion, Extent, Range
+from pidtsm_studies.score.results import Curve, Entry, Outcome
+from pidtsm_studies.score.tasks import Task, effort_limits
+
+_NOMINAL: dict[str, dict[str, Any]] = {"ideal": {}, "hardware": dict(HARDWARE)}
+_NUMBERS = ("rmse", "eci", "torque_variation")
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A controller to be scored.
+
+    Attributes:
+        law: name of the law; None: that of the parameters, or the default.
+        params: parameter sets, as for `make_experiment`.
+        overrides: ``NODE.PARAMETER=VALUE``.
+        name: name in tables.
+    """
+
+    law: str | None
+    params: tuple[str, ...] = ()
+    overrides: tuple[str, ...] = ()
+    name: str = ""
+
+
+def measure(
+    task: Task, contender: Contender, extent: Extent = FULL, progress: Callable[[int, int], None] | None = None
+) -> Entry:
+    """Run all rollouts on all cores; the same arguments give the same entry, bit by bit.
+
+    Args:
+        task: of the arm.
+        contender: the controller.
+        extent: number of runs.
+        progress: called regularly with the number of finished runs and the total number.
+
+    Raises:
+        UsageError: the controller or the arm is refused; see `Task.experiment`.
+    """
+    nominal = task.experiment(contender.law, contender.params, contender.overrides)
+    limits = effort_limits(nominal.resolved(SCHEMAS)["simulator"])
+    planned = [*_plan(task, limits, extent)]
+    for _, changes in planned[:: extent.values * extent.repeats]:
+        _with(nominal, changes).resolved(SCHEMAS)  # A refused range is a mistake, not a failed run.
+    settings = [{"scenario": _with(nominal, changes)} for _, changes in planned]
+    settings += [{"scenario": _with(nominal, changes)} for changes in _NOMINAL.values()]
+    report = partial(_report, progress, len(settings)) if progress else None
+    result = batch(settings, task.duration, progress=report, measure=partial(judge, after=task.after, limits=limits))
+    succeeded = _succeeded(result, task, len(settings))
+    runs: dict[tuple[str, str], list[bool]] = {}
+    for (key, _), success in zip(planned, succeeded, strict=False):
+        runs.setdefault(key, []).append(bool(success))
+    return Entry(
+        task=task,
+        law=nominal.law,
+        name=contender.name or nominal.law,
+        params=contender.params,
+        overrides=contender.overrides,
+        extent=extent,
+        outcomes=tuple(_outcome(criterion, runs, extent) for criterion in CRITERIA),
+        nominal={name: _numbers(result, len(planned) + i) for i, name in enumerate(_NOMINAL)},
+        succeeds={name: bool(succeeded[len(planned) + i]) for i, name in enumerate(_NOMINAL)},
+        diverged=len(result.failed),
+        runs=len(settings),
+        controller=dict(nominal.settings["controller"]),
+    )
+
+
+def judge(run: Recording, after: float, limits: Array) -> JointMetrics:
+    """What decides on success, per joint, from `after` (s) on; `limits` are those of the effort, shape (joints,).
+
+    Returns:
+        late_error: largest |e|, rad or m; roughness: mean change of the commanded effort from sample to sample,
+        divided by the effort limit.
+    """
+    late = run.time >= after
+    steps = np.abs(np.diff(run.commanded_effort[late], axis=0)).mean(axis=0)
+    return {"late_error": np.abs(run.error[late]).max(axis=0).tolist(), "roughness": (steps / limits).tolist()}
+
+
+def _plan(task: Task, limits: Array, extent: Extent) -> Iterator[tuple[tuple[str, str], dict[str, Any]]]:
+    """Of each run criterion and range, and its simulator parameters; seeds vary fastest."""
+    for criterion in CRITERIA:
+        for each in criterion.ranges:
+            for value in each.values(extent):
+                for seed in range(_repeats(criterion, extent)):
+                    yield (criterion.name, each.label), each.settings(value, seed, task, limits)
+
+
+def _repeats(criterion: Criterion, extent: Extent) -> int:
+    return extent.repeats if criterion.random else 1
+
+
+def _with(nominal: Experiment, changes: dict[str, Any]) -> Experiment:
+    simulator = {**nominal.settings["simulator"], **changes}
+    return replace(nominal, settings={**nominal.settings, "simulator": simulator})
+
+
+def _report(progress: Callable[[int, int], None], total: int, done: int) -> None:
+    progress(done, total)
+
+
+def _succeeded(result: BatchResult, task: Task, runs: int) -> Sequence[bool]:
+    """Whether each run succeeded; one that diverged has not."""
+    if not result.metrics:
+        return [False] * runs
+    small = np.nan_to_num(result.metrics["late_error"], nan=np.inf) < task.error
+    smooth = np.nan_to_num(result.metrics["roughness"], nan=np.inf) <= ROUGHNESS
+    return [bool(row.all()) for row in small & smooth]
+
+
+def _outcome(criterion: Criterion, runs: dict[tuple[str, str], list[bool]], extent: Extent) -> Outcome:
+    return Outcome(criterion, tuple(_curve(criterion, each, runs, extent) for each in criterion.ranges))
+
+
+def _curve(criterion: Criterion, each: Range, runs: dict[tuple[str, str], list[bool]], extent: Extent) -> Curve:
+    repeats = _repeats(criterion, extent)
+    table = np.reshape(runs[criterion.name, each.label], (-1, repeats))
+    return Curve(each, tuple(each.values(extent)), tuple(int(n) for n in table.sum(axis=1)), repeats)
+
+
+def _numbers(result: BatchResult, run: int) -> dict[str, list[float]] | None:
+    """Metrics of a nominal run by name, one value per joint; None if it diverged."""
+    if run in result.failed:
+        return None
+    return {name: result.metrics[name][run].tolist() for name in _NUMBERS}

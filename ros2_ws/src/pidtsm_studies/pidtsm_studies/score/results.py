@@ -1,0 +1,186 @@
+"""Results of a score, and their file."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from scipy.stats import binomtest
+
+from pidtsm_core.errors import UsageError
+from pidtsm_studies.score.criteria import CRITERIA, Criterion, Extent, Range
+from pidtsm_studies.score.tasks import Task
+
+CONFIDENCE = 0.95
+"""Of all intervals."""
+FILE = "score.json"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Successes over a range.
+
+    Attributes:
+        range: what was varied.
+        values: shape (values,).
+        successes: number of successful runs per value, shape (values,).
+        runs: number of runs per value.
+    """
+
+    range: Range
+    values: tuple[float, ...]
+    successes: tuple[int, ...]
+    runs: int
+
+    @property
+    def share(self) -> float:
+        """Share of the runs that succeeded."""
+        return sum(self.successes) / (self.runs * len(self.values))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Result of a criterion; its curves are in the order of its ranges."""
+
+    criterion: Criterion
+    curves: tuple[Curve, ...]
+
+    @property
+    def share(self) -> float:
+        """Mean share of successful runs of the ranges."""
+        return math.fsum(curve.share for curve in self.curves) / len(self.curves)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's interval of the share; of no width where nothing is random, as all possible runs were made."""
+        if not self.criterion.random:
+            return self.share, self.share
+        runs = sum(curve.runs * len(curve.values) for curve in self.curves)
+        successes = sum(sum(curve.successes) for curve in self.curves)
+        found = binomtest(successes, runs).proportion_ci(CONFIDENCE, method="wilson")
+        return float(found.low), float(found.high)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """The score of a controller on an arm.
+
+    Attributes:
+        task: what the arm was scored on.
+        law: name of the law.
+        name: of the controller in tables.
+        params, overrides: what the user has chosen, as for `make_experiment`.
+        extent: number of runs.
+        outcomes: in the order of `CRITERIA`.
+        nominal: rmse, eci and torque_variation (see `pidtsm_core.metrics.metrics`), one value per joint, of the runs
+            ``ideal`` and ``hardware`` (``hardware`` of criteria.yaml); None if the run diverged.
+        succeeds: whether these runs succeeded.
+        diverged: number of runs that diverged; they have failed.
+        runs: number of all runs.
+        controller: parameters of the controller that differ from their defaults.
+    """
+
+    task: Task
+    law: str
+    name: str
+    params: tuple[str, ...]
+    overrides: tuple[str, ...]
+    extent: Extent
+    outcomes: tuple[Outcome, ...]
+    nominal: Mapping[str, Mapping[str, list[float]] | None]
+    succeeds: Mapping[str, bool]
+    diverged: int
+    runs: int
+    controller: Mapping[str, Any]
+
+    @property
+    def score(self) -> float:
+        """Mean of the criteria's shares, from 0 to 1."""
+        return math.fsum(each.share for each in self.outcomes) / len(self.outcomes)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Confidence interval of the score for other seeds.
+
+        Combined from Wilson's intervals by the method of variance estimates recovery (Zou and Donner 2008, Statistics
+        in Medicine 27, 1693-1702): the distances to the limits add up in squares.
+        """
+        below = math.hypot(*(each.share - each.interval[0] for each in self.outcomes))
+        above = math.hypot(*(each.interval[1] - each.share for each in self.outcomes))
+        return self.score - below / len(self.outcomes), self.score + above / len(self.outcomes)
+
+    @property
+    def worst(self) -> Outcome:
+        """Criterion with the lowest share."""
+        return min(self.outcomes, key=lambda each: each.share)
+
+
+def as_json(entry: Entry) -> dict[str, Any]:
+    """Content of the file of an entry."""
+    return {
+        "task": asdict(entry.task),
+        "law": entry.law,
+        "name": entry.name,
+        "params": list(entry.params),
+        "set": list(entry.overrides),
+        "extent": asdict(entry.extent),
+        "score": entry.score,
+        "interval": list(entry.interval),
+        "confidence": CONFIDENCE,
+        "worst": entry.worst.criterion.name,
+        "criteria": {
+            each.criterion.name: {
+                "share": each.share,
+                "interval": list(each.interval),
+                "runs_per_value": each.curves[0].runs,
+                "ranges": {
+                    curve.range.label: {"values": list(curve.values), "successes": list(curve.successes)}
+                    for curve in each.curves
+                },
+            }
+            for each in entry.outcomes
+        },
+        "nominal": dict(entry.nominal),
+        "succeeds": dict(entry.succeeds),
+        "diverged": entry.diverged,
+        "runs": entry.runs,
+        "controller": dict(entry.controller),
+    }
+
+
+def read_entry(file: Path) -> Entry:
+    """Read what `as_json` describes.
+
+    Raises:
+        UsageError: the file is not readable, or of other criteria than those of today.
+    """
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        return Entry(
+            task=Task(**content["task"]),
+            law=content["law"],
+            name=content["name"],
+            params=tuple(content["params"]),
+            overrides=tuple(content["set"]),
+            extent=Extent(**content["extent"]),
+            outcomes=tuple(_outcome(each, content["criteria"][each.name]) for each in CRITERIA),
+            nominal=content["nominal"],
+            succeeds=content["succeeds"],
+            diverged=content["diverged"],
+            runs=content["runs"],
+            controller=content["controller"],
+        )
+    except OSError as error:
+        raise UsageError(f"{file}: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise UsageError(f"{file} is no score of these criteria ({error!r}); make it anew: ./pidtsm score") from None
+
+
+def _outcome(criterion: Criterion, content: Mapping[str, Any]) -> Outcome:
+    ranges = ((each, content["ranges"][each.label]) for each in criterion.ranges)
+    return Outcome(
+        criterion,
+        tuple(Curve(r, tuple(c["values"]), tuple(c["successes"]), content["runs_per_value"]) for r, c in ranges),
+    )

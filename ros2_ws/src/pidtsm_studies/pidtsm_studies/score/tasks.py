@@ -1,0 +1,94 @@
+"""What an arm is scored on: its motion, and when a run has succeeded (``arms.yaml``)."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from pidtsm_core.closed_loop import SCHEMAS
+from pidtsm_core.experiment import DEFAULT_ROBOT, Experiment, make_experiment
+from pidtsm_core.parameters import Array, Value, joint_array
+from pidtsm_core.robots import Robot, find_robot, payload_of
+from pidtsm_core.robots.source import ARMS, rated_payload
+
+_FILE = Path(__file__).with_name("arms.yaml")
+_DEFAULT_PAYLOAD = 1.0
+"""kg, for an arm whose middle posture needs no effort to hold a payload."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What an arm is scored on.
+
+    Attributes:
+        robot: name or path of the arm.
+        duration: of a run, s.
+        event: time at which a payload is picked up, and from which on a push begins within a second, s.
+        after: time from which on a run is judged, s.
+        error: largest error of a successful run, rad or m.
+        payload: largest payload, kg.
+        scenario: name of its scenario; None: the default motion of the arm.
+    """
+
+    robot: str
+    duration: float
+    event: float
+    after: float
+    error: float
+    payload: float
+    scenario: str | None = None
+
+    def experiment(self, law: str | None, params: Sequence[str] = (), overrides: Sequence[str] = ()) -> Experiment:
+        """The nominal run of a controller; see `make_experiment`.
+
+        Raises:
+            UsageError: something unknown or malformed, or (`ParameterError`) a refused value.
+        """
+        found = make_experiment(self.scenario, law, self.duration, params, overrides, self.robot)
+        experiment = replace(found.without_node_parameters(), duration=self.duration)
+        experiment.resolved(SCHEMAS)
+        return experiment
+
+
+def find_task(robot: str = DEFAULT_ROBOT) -> Task:
+    """The task of an arm.
+
+    Args:
+        robot: a name, or the path of a URDF, xacro or MJCF file.
+
+    Raises:
+        UsageError: the arm cannot be used.
+    """
+    tasks: dict[str, dict[str, Any]] = yaml.safe_load(_FILE.read_text(encoding="utf-8"))
+    row = tasks.get(robot, tasks["other"])
+    if "payload" not in row:
+        row["payload"] = rated_payload(robot) if robot in ARMS else _largest_payload(robot)
+    return Task(robot, **row)
+
+
+def effort_limits(values: Mapping[str, Value]) -> Array:
+    """Effort limits of a node with these checked parameters, N m or N, shape (joints,)."""
+    return joint_array(values["limits.effort"], len(find_robot(values).joints))
+
+
+def _largest_payload(robot: str) -> float:
+    """The mass (kg, two digits) that the joints can just hold in their middle."""
+    values = make_experiment(None, robot=robot).without_node_parameters().resolved(SCHEMAS)["simulator"]
+    arm, limits = find_robot(values), effort_limits(values)
+    model, q = arm.pack_model(values), np.array(arm.initial_position)
+    kilogram = payload_of({**values, "payload.mass": 1.0})
+    own, loaded = (_holding(arm, each, q) for each in (model, arm.with_payload(model, kilogram)))
+    with np.errstate(divide="ignore"):
+        largest = float(np.min((limits - np.abs(own)) / np.abs(loaded - own)))
+    return float(f"{largest:.2g}") if 0.0 < largest < math.inf else _DEFAULT_PAYLOAD
+
+
+def _holding(arm: Robot, model: Array, q: Array) -> Array:
+    """Effort that holds the arm at q, N m, shape (joints,)."""
+    rest, effort = np.zeros(q.size), np.zeros((1, q.size))
+    arm.dynamics.inverse_dynamics(q, rest, rest[np.newaxis], model, effort)
+    return np.asarray(effort[0])

@@ -1,0 +1,65 @@
+"""Scores as text, for the tables of the terminal, the page and the document."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from pidtsm_studies.reports.labels import label
+from pidtsm_studies.score.results import Entry, Outcome
+
+COLUMNS = (
+    "controller",
+    "score",
+    "RMSE, ideal",
+    "RMSE, 14 bit and 1 ms",
+    "ECI",
+    "torque variation",
+    "worst criterion",
+)
+"""Of the table of an arm, in the order of `cells`."""
+
+
+def title(entry: Entry) -> str:
+    """Name of the controller in tables."""
+    return label(entry.law) + entry.name.removeprefix(entry.law) if entry.name.startswith(entry.law) else entry.name
+
+
+def arm_of(entry: Entry) -> str:
+    """Name of the arm in tables and ids."""
+    return Path(entry.task.robot).stem
+
+
+def score_text(entry: Entry) -> str:
+    """Score with its interval, in per cent."""
+    low, high = entry.interval
+    return f"{100.0 * entry.score:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f})"
+
+
+def share_text(outcome: Outcome) -> str:
+    """Share of a criterion, in per cent."""
+    return f"{100.0 * outcome.share:.0f} %"
+
+
+def cells(entry: Entry) -> list[str]:
+    """A row of the table of an arm, see `COLUMNS`."""
+    return [
+        title(entry),
+        score_text(entry),
+        _number(entry, "ideal", "rmse"),
+        _number(entry, "hardware", "rmse"),
+        _number(entry, "hardware", "eci"),
+        _number(entry, "hardware", "torque_variation"),
+        f"{entry.worst.criterion.name.replace('_', ' ')} ({share_text(entry.worst)})",
+    ]
+
+
+def combined(metric: str, values: Sequence[float]) -> float:
+    """One number for all joints: the root of the sum of squares of RMSE, the sum of ECI and torque variation."""
+    return math.hypot(*values) if metric == "rmse" else math.fsum(values)
+
+
+def _number(entry: Entry, run: str, metric: str) -> str:
+    found = entry.nominal[run]
+    if found is None:
+        return "diverged"
+    return f"{combined(metric, found[metric]):.3g}{'' if entry.succeeds[run] else ' (failed)'}"
