@@ -6,7 +6,7 @@ setup(
     name=NAME,
     version="0.2.0",
     packages=find_packages(exclude=["test"]),
-    package_data={NAME: ["py.typed", "article/*.yaml", "score/*.yaml", "*/templates/*"]},
+    package_data={NAME: ["py.typed", "article/*.yaml", "score/*.yaml", "tuning/*.yaml", "*/templates/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -16,6 +16,6 @@ setup(
     zip_safe=True,
     maintainer="pidtsm maintainers",
     maintainer_email="maintainers@pidtsm.example",
-    description="Studies of pidtsm without ROS: the article's claims, score, figures and reports.",
+    description="Studies of pidtsm without ROS: the article's claims, score, tuning, figures and reports.",
     license="Apache-2.0",
 )

@@ -20,6 +20,8 @@ _COMMANDS = {
     "compare-engines": "simulate an experiment on both engines of the simulated arm, and show how far they differ",
     "gains": "compute a first set of gains for an arm, with the reason for each number",
     "reproduce": "compare both cases and all laws with the article",
+    "tune": "search for gains for an arm and its hardware, on rollouts",
+    "limit": "compute the smallest RMSE that any controller of the two-link arm can reach (needs CasADi)",
     "score": "measure how much imperfection of sensors, drives and model a controller tolerates on an arm",
     "leaderboard": "put all scores into one page and one document",
     "move": "move the arm of a running system to a posture",

@@ -15,7 +15,7 @@ _BLOCK = 1024  # rows that a node draws at once: about one second
 
 
 class Column(IntEnum):
-    """Purposes of random numbers, and the columns of a row, of which the last two are blocks of one column per joint."""
+    """Purposes of random numbers, in the order of a row, where each of the last two has one column per joint."""
 
     MEASUREMENT_LOSS = 0  # uniform in [0, 1), like the other losses and bursts
     MEASUREMENT_BURST = 1

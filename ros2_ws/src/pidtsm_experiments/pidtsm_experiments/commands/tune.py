@@ -1,0 +1,161 @@
+"""``./pidtsm tune``: gains for an arm and its hardware, by search on rollouts."""
+
+import argparse
+import json
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import joblib
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from pidtsm_core.control import LAW_NAME
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import DEFAULT_ROBOT
+from pidtsm_core.laws import LAWS
+from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument, progress_bar
+from pidtsm_experiments.runs.results import locked, renewed
+from pidtsm_studies.score.tasks import find_task
+from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES
+from pidtsm_studies.tuning.objective import make_problem
+from pidtsm_studies.tuning.outcome import Tuning, as_json, conclude, parameter_file
+from pidtsm_studies.tuning.report import write_tuning_page
+from pidtsm_studies.tuning.search import Budget, Generation, search
+from pidtsm_studies.tuning.space import make_space
+
+TUNED = Path("results", "tune")
+"""Default folder of all tuned sets."""
+PARAMETERS, HISTORY = "params.yaml", "history.jsonl"
+_BUDGET = re.compile(r"(\d+(?:\.\d+)?)(s|min|h)|(\d+)")
+_SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_argument(parser)
+    parser.add_argument("--law", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: {LAW_NAME.default})")
+    parser.add_argument("--hardware", choices=HARDWARE, default="14bit", help="default: %(default)s")
+    parser.add_argument(
+        "--budget",
+        type=budget,
+        default="10min",
+        metavar="TIME|N",
+        help="time such as 90s, 10min or 1h, or the number of controllers to try, with which a search can be repeated "
+        "(default: %(default)s)",
+    )
+    parser.add_argument("--objective", choices=OBJECTIVES, default="balanced", help="default: %(default)s")
+    parser.add_argument("--seed", type=int, default=0, help="of the search (default: %(default)s)")
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers simulate, such as tcp://10.0.0.1:8786"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help=f"an unfinished search is resumed (default: {TUNED}/ROBOT/LAW-HARDWARE)"
+    )
+    parser.add_argument("--json", action="store_true", help="print only the results, as one JSON object")
+
+
+def execute(options: argparse.Namespace) -> int:
+    robot, law = options.robot or DEFAULT_ROBOT, options.law or str(LAW_NAME.default)
+    out: Path = options.out or TUNED / Path(robot).stem / f"{law}-{options.hardware}"
+    identity = {
+        "robot": robot,
+        "law": law,
+        "hardware": options.hardware,
+        "objective": options.objective,
+        "seed": options.seed,
+    }
+    with workers(options.scheduler):
+        tuning = tune(identity, options.budget, out)
+    if options.json:
+        print(json.dumps(as_json(tuning), allow_nan=False))
+        return 0
+    Console().print(_table(tuning))
+    CONSOLE.print(f"{out}: {PARAMETERS} tuning.html tuning.json {HISTORY}", highlight=False)
+    return 0
+
+
+def tune(identity: dict[str, Any], limit: Budget, out: Path) -> Tuning:
+    """Tune, or continue, and write the results.
+
+    Args:
+        identity: robot, law, hardware, objective and seed.
+        limit: of the search.
+        out: result folder.
+
+    Raises:
+        UsageError: something unknown, or `out` contains another search or cannot be written.
+    """
+    task = find_task(identity["robot"])
+    space = make_space(task, identity["law"])
+    training, validation = (
+        make_problem(task, kind, identity["hardware"], identity["objective"]) for kind in ("training", "validation")
+    )
+    with locked(out), progress_bar() as bar:
+        try:
+            out.mkdir(exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"--out {out}: {error.strerror}") from None
+        bars = bar.add_task("controllers", total=1.0)
+
+        def show(known: Sequence[Generation]) -> None:
+            lowest = min(min(each.costs) for each in known)
+            bar.update(bars, completed=limit.share(known), description=f"objective {lowest:.4g}")
+
+        generations = search(space, training, identity, out / HISTORY, limit, show)
+    tuning = conclude(identity, space, generations, training, validation)
+    command = " ".join(["./pidtsm tune", *(f"--{name} {value}" for name, value in identity.items())])
+    with renewed(out) as folder:
+        (folder / PARAMETERS).write_text(parameter_file(tuning, command), encoding="utf-8")
+        text = json.dumps(as_json(tuning), allow_nan=False)
+        (folder / "tuning.json").write_text(text + "\n", encoding="utf-8")
+        write_tuning_page(folder / "tuning.html", tuning)
+    return tuning
+
+
+def budget(text: str) -> Budget:
+    """Parse ``--budget``."""
+    found = _BUDGET.fullmatch(text)
+    if found and found[3] and int(found[3]) > 0:
+        return Budget(evaluations=int(found[3]))
+    if found and found[1] and float(found[1]) > 0.0:
+        return Budget(seconds=float(found[1]) * _SECONDS[found[2]])
+    raise argparse.ArgumentTypeError(f"{text!r} is neither a time (90s, 10min, 1h) nor a number of controllers")
+
+
+@contextmanager
+def workers(scheduler: str | None) -> Iterator[None]:
+    """Simulate on the workers of a Dask scheduler within the block; None: on all cores of this machine.
+
+    Raises:
+        UsageError: Dask is not installed, or nothing answers at the address.
+    """
+    if scheduler is None:
+        yield
+        return
+    try:
+        from distributed import Client
+    except ModuleNotFoundError:
+        raise UsageError("--scheduler needs Dask: python -m pip install dask[distributed]") from None
+    try:
+        client = Client(scheduler, timeout=10.0)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"--scheduler {scheduler}: no scheduler answers ({error})") from None
+    with client, joblib.parallel_config(backend="dask", client=client):
+        yield
+
+
+def _table(tuning: Tuning) -> Table:
+    table = Table(title=f"{tuning.evaluations} controllers tried", title_style="bold", box=box.SIMPLE_HEAD)
+    for column in ("condition", "cost before", "after", "RMSE before", "after", "variation before", "after"):
+        table.add_column(column)
+    for kind in ("training", "validation"):
+        for name, (before, after) in getattr(tuning, kind).items():
+            pairs = ((before.cost, after.cost), (before.rmse, after.rmse), (before.variation, after.variation))
+            failed = "" if after.success else " [bold red]failed[/]"
+            table.add_row(f"{name}{failed}", *(f"{value:.3g}" for pair in pairs for value in pair))
+        values = (f"{value:.4g}" for value in tuning.objective(kind))
+        table.add_row(f"[bold]objective, {kind}[/]", *values, end_section=True)
+    return table

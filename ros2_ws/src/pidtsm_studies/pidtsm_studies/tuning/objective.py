@@ -1,0 +1,166 @@
+"""What the tuner minimises: tracking, a smooth torque, distance from the limits, and success, under every condition."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from pidtsm_core.batches import batch
+from pidtsm_core.closed_loop import SCHEMAS
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import PRACTICAL, Experiment
+from pidtsm_core.metrics import JointMetrics
+from pidtsm_core.parameters import Array
+from pidtsm_core.recording import Recording
+from pidtsm_studies.score.criteria import ROUGHNESS
+from pidtsm_studies.score.measure import judge
+from pidtsm_studies.score.tasks import Task, effort_limits
+from pidtsm_studies.tuning.definitions import OBJECTIVES, conditions
+
+_SMOOTH, _SMOOTH_EFFORT = 0.002, 0.2
+"""Mean change of the effort from sample to sample that costs as much as the reference's RMSE: a share of the effort
+limit, and at most N m or N, as in `pidtsm_core.gains`."""
+_FREE_EFFORT = 1.003
+"""ECI, relative to that of the reference, up to which effort costs nothing."""
+_FAILED, _DIVERGED = 5.0, 100.0
+"""Added if a run fails, and for one that diverges."""
+_WORST = 10.0
+"""Largest multiple of its limit that the error of a failed run counts as."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A controller's task under the conditions that it is judged in.
+
+    Attributes:
+        task: of the arm.
+        conditions: simulator parameters by name.
+        weights: one of `OBJECTIVES`.
+        limits: effort limits, N m or N, shape (joints,).
+        reference: RMSE and ECI of the rule-based set by condition, shape (2, joints) each.
+    """
+
+    task: Task
+    conditions: Mapping[str, Mapping[str, Any]]
+    weights: Mapping[str, float]
+    limits: Array
+    reference: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Result:
+    """How a controller does under a condition.
+
+    Attributes:
+        cost: to be minimised; 1 and a little for the rule-based set.
+        rmse: mean over the joints of the RMSE relative to that of the rule-based set; inf if the run diverged.
+        variation: mean over the joints of the torque variation, relative to what is smooth.
+        success: whether the run succeeded, see `pidtsm_studies.score`.
+        metrics: rmse, eci, torque_variation and late_error, one value per joint; empty if the run diverged.
+    """
+
+    cost: float
+    rmse: float
+    variation: float
+    success: bool
+    metrics: Mapping[str, list[float]]
+
+
+def make_problem(task: Task, kind: str, hardware: str, objective: str) -> Problem:
+    """The problem of tuning (``training``) or of its validation (``validation``).
+
+    Raises:
+        UsageError: the rule-based set, which the objective refers to, diverges on this arm.
+    """
+    nominal = task.experiment(None, (PRACTICAL,))
+    limits = effort_limits(nominal.resolved(SCHEMAS)["simulator"])
+    found = conditions(kind, hardware, task, limits)
+    blank = Problem(task, found, OBJECTIVES[objective], limits, {})
+    runs = _run(blank, [nominal.settings["controller"]])[0]
+    if any(run is None for run in runs):
+        raise UsageError(f"{task.robot}: the set of ./pidtsm gains diverges, so the objective has no reference")
+    reference = {
+        name: np.array([run["rmse"], run["eci"]]) for name, run in zip(found, runs, strict=True) if run is not None
+    }
+    return replace(blank, reference=reference)
+
+
+def evaluate(problem: Problem, controllers: Sequence[Mapping[str, Any]]) -> list[list[Result]]:
+    """Simulate controllers under every condition, on all workers.
+
+    Args:
+        problem: of the arm.
+        controllers: parameters of each.
+
+    Returns:
+        For each controller its results, in the order of the conditions.
+    """
+    return [
+        [_result(problem, name, run) for name, run in zip(problem.conditions, runs, strict=True)]
+        for runs in _run(problem, controllers)
+    ]
+
+
+def total(results: Sequence[Result]) -> float:
+    """The objective: the mean of the costs."""
+    return float(np.mean([each.cost for each in results]))
+
+
+def _run(problem: Problem, controllers: Sequence[Mapping[str, Any]]) -> list[list[dict[str, list[float]] | None]]:
+    """Metrics by controller and condition; None if the run diverged."""
+    nominal = problem.task.experiment(None)
+    settings = [
+        {"scenario": _experiment(nominal, controller, simulator)}
+        for controller in controllers
+        for simulator in problem.conditions.values()
+    ]
+    measure = partial(_measure, after=problem.task.after, limits=problem.limits)
+    result = batch(settings, problem.task.duration, measure=measure)
+    runs = [
+        None if run in result.failed else {name: table[run].tolist() for name, table in result.metrics.items()}
+        for run in range(len(settings))
+    ]
+    count = len(problem.conditions)
+    return [runs[i * count : (i + 1) * count] for i in range(len(controllers))]
+
+
+def _experiment(nominal: Experiment, controller: Mapping[str, Any], simulator: Mapping[str, Any]) -> Experiment:
+    settings = {
+        **nominal.settings,
+        "controller": dict(controller),
+        "simulator": {**nominal.settings["simulator"], **simulator},
+    }
+    return replace(nominal, law=str(controller["law.name"]), settings=settings)
+
+
+def _measure(run: Recording, after: float, limits: Array) -> JointMetrics:
+    """`judge`, and the change of the effort from sample to sample that 0.1 % exceed, as a share of its limit."""
+    steps = np.abs(np.diff(run.effort, axis=0)) / limits
+    return {**judge(run, after, limits), "fast_steps": np.quantile(steps, 0.999, axis=0).tolist()}
+
+
+def _result(problem: Problem, condition: str, run: Mapping[str, list[float]] | None) -> Result:
+    if run is None:
+        return Result(_DIVERGED, np.inf, np.inf, False, {})
+    values = {name: np.array(row) for name, row in run.items()}
+    rmse, eci = problem.reference[condition]
+    smooth = np.minimum(_SMOOTH * problem.limits, _SMOOTH_EFFORT)
+    tracking = float(np.mean(values["rmse"] / rmse))
+    variation = float(np.mean(values["torque_variation"] / smooth))
+    effort = max(float(np.mean(values["eci"] / eci)) - _FREE_EFFORT, 0.0)
+    weights = problem.weights
+    cost = (
+        tracking
+        + weights["variation"] * variation
+        + weights["rate"] * float(values["fast_steps"].mean())
+        + weights["limits"] * float(values["saturation"].mean())
+        + weights["effort"] * effort
+    )
+    late = float(values["late_error"].max()) / problem.task.error
+    success = late < 1.0 and bool((values["roughness"] <= ROUGHNESS).all())
+    if not success:
+        cost += _FAILED + min(late, _WORST)
+    kept = ("rmse", "eci", "torque_variation", "late_error")
+    return Result(cost, tracking, variation, success, {name: run[name] for name in kept})
