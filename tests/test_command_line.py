@@ -100,6 +100,7 @@ BAD_USAGE = [
     (["score", "--robot", "pandda"], "pandda: No such file or directory; neither a file nor one of two_link, panda,"),
     (["score", "--set", "controller.law.k9=1"], "unknown parameter law.k9"),
     (["tune", "--budget", "soon"], "'soon' is neither a time (90s, 10min, 1h) nor a number of controllers"),
+    (["tune", "--seed", "-1"], "'-1' is not an integer from 0 to 2^32 - 1"),
     (["tune", "--law", "mine"], "unknown law mine; known: computed_torque, dtsm, pid,"),
     (
         ["tune", "--budget", "9", "--scheduler", "tcp://127.0.0.1:1", "--out", "x"],

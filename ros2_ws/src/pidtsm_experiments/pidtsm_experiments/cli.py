@@ -21,6 +21,7 @@ _COMMANDS = {
     "gains": "compute a first set of gains for an arm, with the reason for each number",
     "reproduce": "compare both cases and all laws with the article",
     "tune": "search for gains for an arm and its hardware, on rollouts",
+    "tournament": "tune every law on every arm with the same budget, and score it",
     "limit": "compute the smallest RMSE that any controller of the two-link arm can reach (needs CasADi)",
     "score": "measure how much imperfection of sensors, drives and model a controller tolerates on an arm",
     "leaderboard": "put all scores into one page and one document",

@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(default: %(default)s)",
     )
     parser.add_argument("--objective", choices=OBJECTIVES, default="balanced", help="default: %(default)s")
-    parser.add_argument("--seed", type=int, default=0, help="of the search (default: %(default)s)")
+    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="of the search (default: %(default)s)")
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers simulate, such as tcp://10.0.0.1:8786"
     )
@@ -123,6 +123,13 @@ def budget(text: str) -> Budget:
     if found and found[1] and float(found[1]) > 0.0:
         return Budget(seconds=float(found[1]) * _SECONDS[found[2]])
     raise argparse.ArgumentTypeError(f"{text!r} is neither a time (90s, 10min, 1h) nor a number of controllers")
+
+
+def natural(text: str) -> int:
+    """Parse ``--seed``."""
+    if not text.isdecimal() or int(text) >= 2**32:
+        raise argparse.ArgumentTypeError(f"{text!r} is not an integer from 0 to 2^32 - 1")
+    return int(text)
 
 
 @contextmanager

@@ -20,6 +20,8 @@ _FILES = {
     "history.jsonl",
     "leaderboard.html",
     "leaderboard.md",
+    "tournament.json",
+    "tournament.md",
     "comparison.json",
     "engines.json",
     "report.html",

@@ -54,9 +54,9 @@ def measure(
     """
     nominal = task.experiment(contender.law, contender.params, contender.overrides)
     limits = effort_limits(nominal.resolved(SCHEMAS)["simulator"])
+    for each in (each for criterion in CRITERIA for each in criterion.ranges):
+        _with(nominal, each.settings(each.last, 0, task, limits)).resolved(SCHEMAS)  # Refused: no failed run.
     planned = [*_plan(task, limits, extent)]
-    for _, changes in planned[:: extent.values * extent.repeats]:
-        _with(nominal, changes).resolved(SCHEMAS)  # A refused range is a mistake, not a failed run.
     settings = [{"scenario": _with(nominal, changes)} for _, changes in planned]
     settings += [{"scenario": _with(nominal, changes)} for changes in _NOMINAL.values()]
     report = partial(_report, progress, len(settings)) if progress else None

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from pidtsm_studies.limit.known import known_limit
 from pidtsm_studies.reports.labels import label
 from pidtsm_studies.score.results import Entry, Outcome
 
@@ -45,7 +46,7 @@ def cells(entry: Entry) -> list[str]:
     return [
         title(entry),
         score_text(entry),
-        _number(entry, "ideal", "rmse"),
+        _number(entry, "ideal", "rmse") + _above_limit(entry),
         _number(entry, "hardware", "rmse"),
         _number(entry, "hardware", "eci"),
         _number(entry, "hardware", "torque_variation"),
@@ -63,3 +64,11 @@ def _number(entry: Entry, run: str, metric: str) -> str:
     if found is None:
         return "diverged"
     return f"{combined(metric, found[metric]):.3g}{'' if entry.succeeds[run] else ' (failed)'}"
+
+
+def _above_limit(entry: Entry) -> str:
+    """By how much the RMSE of each joint exceeds what any controller can reach, if that is known for this arm."""
+    limit, found = known_limit(entry.task.robot), entry.nominal["ideal"]
+    if limit is None or found is None:
+        return ""
+    return " (" + ", ".join(f"{100.0 * (a / b - 1.0):+.1f} %" for a, b in zip(found["rmse"], limit, strict=True)) + ")"

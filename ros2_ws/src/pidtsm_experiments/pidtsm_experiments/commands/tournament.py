@@ -1,0 +1,149 @@
+"""``./pidtsm tournament``: every law tuned with the same budget on every arm, then scored."""
+
+import argparse
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from pidtsm_core.errors import UsageError
+from pidtsm_core.laws import LAWS
+from pidtsm_core.robots import NAMES
+from pidtsm_experiments.commands.options import CONSOLE, progress_bar
+from pidtsm_experiments.commands.tune import PARAMETERS, budget, natural, tune, workers
+from pidtsm_experiments.runs.results import locked, renewed, result_folder
+from pidtsm_studies.score.criteria import FULL, QUICK, Extent
+from pidtsm_studies.score.leaderboard import read_entries, write_leaderboard
+from pidtsm_studies.score.measure import Contender, measure
+from pidtsm_studies.score.results import FILE, as_json
+from pidtsm_studies.score.tasks import find_task
+from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES
+
+_LAWS = tuple(law for law in LAWS.names if law != "sliding_mode")
+"""All but the one that consists of parts: with its defaults it is piddtsm."""
+_HEAD = (
+    "# Tournament\n\nEvery law was tuned with the same budget, objective and conditions, and judged on conditions that "
+    "were not tuned on. A smaller objective is better; [Leaderboard](leaderboard.md) has the scores.\n\n"
+    "| arm | law | objective before | after | before, unseen | after, unseen |\n| --- | --- | --- | --- | --- | --- |\n"
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A law on an arm; its results are in ``tune/ROBOT/LAW`` and ``score/ROBOT/LAW``."""
+
+    robot: str
+    law: str
+
+    def folder(self, out: Path, kind: str) -> Path:
+        """The folder of its results of a kind, ``tune`` or ``score``."""
+        return out / kind / Path(self.robot).stem / self.law
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--robot", action="append", default=[], metavar="NAME|FILE", help="only this arm; can be repeated"
+    )
+    parser.add_argument("--law", action="append", default=[], metavar="NAME", help="only this law; can be repeated")
+    parser.add_argument("--hardware", choices=HARDWARE, default="14bit", help="default: %(default)s")
+    parser.add_argument(
+        "--budget", type=budget, default="600", metavar="N|TIME", help="of each tuning, see tune (default: %(default)s)"
+    )
+    parser.add_argument("--objective", choices=OBJECTIVES, default="balanced", help="default: %(default)s")
+    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="of every search (default: %(default)s)")
+    parser.add_argument("--quick", action="store_true", help="quick scores, only to check that everything runs")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers simulate")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("results", "tournament"),
+        metavar="DIR",
+        help="an unfinished tournament is resumed (default: results/tournament)",
+    )
+
+
+def execute(options: argparse.Namespace) -> int:
+    out: Path = options.out
+    common = {"hardware": options.hardware, "objective": options.objective, "seed": options.seed}
+    cells = [Cell(robot, law) for robot in options.robot or NAMES for law in options.law or _LAWS]
+    for cell in cells:
+        find_task(cell.robot).experiment(cell.law)
+    extent = QUICK if options.quick else FULL
+    rules = {**common, "budget": asdict(options.budget), "extent": asdict(extent)}
+    with workers(options.scheduler):
+        _begin(out, rules)
+        for number, cell in enumerate(cells, start=1):
+            CONSOLE.print(f"{number} of {len(cells)}: {cell.law} on {cell.robot}", highlight=False)
+            tuned = cell.folder(out, "tune")
+            if not (tuned / PARAMETERS).exists():
+                tuned.parent.mkdir(parents=True, exist_ok=True)
+                tune({"robot": cell.robot, "law": cell.law, **common}, options.budget, tuned)
+            if not (cell.folder(out, "score") / FILE).exists():
+                _score(cell, tuned / PARAMETERS, cell.folder(out, "score"), extent)
+    entries = read_entries(out / "score")
+    with renewed(out) as folder:
+        write_leaderboard(folder, entries)
+        (folder / "tournament.md").write_text(_HEAD + "".join(_rows(out, cells)), encoding="utf-8")
+    CONSOLE.print(f"{out}: leaderboard.html leaderboard.md tournament.md tune/ score/", highlight=False)
+    return 0
+
+
+def _begin(out: Path, rules: dict[str, Any]) -> None:
+    """Make the folder, and write the rules with date and commit; those of a tournament that is resumed must agree.
+
+    Raises:
+        UsageError: the folder has a tournament with other rules, or cannot be written.
+    """
+    file = out / "tournament.json"
+    with locked(out):
+        if file.exists():
+            known = json.loads(file.read_text(encoding="utf-8"))
+            if known["rules"] != rules:
+                raise UsageError(f"{out} has a tournament with other rules: {known['rules']}; choose another --out")
+            return
+        try:
+            out.mkdir(exist_ok=True)
+            if any(out.iterdir()):
+                raise UsageError(f"{out} contains other files; choose another --out")
+            date = datetime.now(timezone.utc).date().isoformat()
+            content = {"rules": rules, "date": date, "commit": _commit()}
+            file.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f"--out {out}: {error.strerror}") from None
+
+
+def _commit() -> str:
+    """The commit of the workspace; empty without Git."""
+    git = shutil.which("git")
+    if git is None:
+        return ""
+    found = subprocess.run(
+        [git, "rev-parse", "HEAD"], cwd=Path(__file__).resolve().parent, capture_output=True, text=True
+    )
+    return found.stdout.strip()
+
+
+def _score(cell: Cell, params: Path, out: Path, extent: Extent) -> None:
+    with result_folder(out) as folder, progress_bar() as bar:
+        bars = bar.add_task("score", total=None)
+        contender = Contender(cell.law, (str(params),), name=cell.law)
+        entry = measure(
+            find_task(cell.robot),
+            contender,
+            extent,
+            lambda done, total: bar.update(bars, completed=done, total=total),
+        )
+        (folder / FILE).write_text(json.dumps(as_json(entry), allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _rows(out: Path, cells: list[Cell]) -> Iterator[str]:
+    for cell in cells:
+        content = json.loads((cell.folder(out, "tune") / "tuning.json").read_text(encoding="utf-8"))
+        values = [
+            content["objective"][kind][when] for kind in ("training", "validation") for when in ("before", "after")
+        ]
+        yield f"| {Path(cell.robot).stem} | {cell.law} | {' | '.join(f'{value:.4g}' for value in values)} |\n"

@@ -1,0 +1,52 @@
+"""A tournament tunes and scores every cell, resumes, and gives the numbers of the commands that it consists of."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from pidtsm_experiments.cli import main
+
+ARGUMENTS = ["tournament", "--robot", "two_link", "--law", "computed_torque", "--hardware", "ideal", "--quick"]
+BUDGET = ["--budget", "9"]
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("tournament") / "out"
+    assert main([*ARGUMENTS, *BUDGET, "--out", str(out)]) == 0
+    return out
+
+
+def test_a_cell_is_that_of_the_commands(out: Path, tmp_path: Path) -> None:
+    score = out / "score" / "two_link" / "computed_torque" / "score.json"
+    params = out / "tune" / "two_link" / "computed_torque" / "params.yaml"
+    assert main(["score", "--quick", "--params", str(params), "--out", str(tmp_path / "again")]) == 0
+    first, again = (json.loads(file.read_text()) for file in (score, tmp_path / "again" / "score.json"))
+    assert first["criteria"] == again["criteria"]
+    assert first["score"] == again["score"]
+    objective = json.loads((params.parent / "tuning.json").read_text())["objective"]
+    values = (objective[kind][when] for kind in ("training", "validation") for when in ("before", "after"))
+    row = f"| two_link | computed_torque | {' | '.join(f'{value:.4g}' for value in values)} |"
+    assert row in (out / "tournament.md").read_text().splitlines()
+    assert "| computed torque |" in (out / "leaderboard.md").read_text()
+
+
+def test_what_is_done_is_not_done_again(out: Path) -> None:
+    files = [file for kind in ("tune", "score") for file in sorted((out / kind).rglob("*.*"))]
+    before = {file: file.stat().st_mtime_ns for file in files}
+    shutil.rmtree(out / "score" / "two_link")
+    (out / "leaderboard.md").unlink()
+    assert main([*ARGUMENTS, *BUDGET, "--out", str(out)]) == 0
+    assert (out / "leaderboard.md").exists()
+    tuned = {file: time for file, time in before.items() if "tune" in file.parts}
+    assert tuned == {file: file.stat().st_mtime_ns for file in tuned}
+
+
+def test_other_rules_are_refused(out: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main([*ARGUMENTS, "--budget", "10", "--out", str(out)]) == 2
+    assert "has a tournament with other rules" in capfd.readouterr().err
+    (tmp_path / "thesis.tex").write_text("years of work")
+    assert main([*ARGUMENTS, *BUDGET, "--out", str(tmp_path)]) == 2
+    assert "contains other files; choose another --out" in capfd.readouterr().err
