@@ -1,0 +1,1 @@
+"""Identification: from measured motions and torques to the parameters of an arm."""
