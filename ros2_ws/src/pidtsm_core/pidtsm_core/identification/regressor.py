@@ -71,7 +71,7 @@ def coulomb_column(dq: Array) -> Array:
 
 
 @inlined
-def _load_unit(p: Array, unit: Array, y: Array, link: int, parameter: int) -> None:
+def _load_unit(unit: Array, y: Array, link: int, parameter: int) -> None:
     """Write the force that a link needs if this parameter is 1 and all others are 0 to its scratch at `MIXED`.
 
     f = I a + v x* I v; the momentum I v is at `ANGULAR`.
@@ -119,7 +119,7 @@ def _fill(q: Array, dq: Array, ddq: Array, p: Array, unit: Array, result: Array)
             accelerate_link(p, y, i, dq[s, j])
             y[i * SPACE + Scratch.ACCELERATION + axis_of(p, i)] += ddq[s, j]
             for parameter in range(LINK):
-                _load_unit(p, unit, y, i, parameter)
+                _load_unit(unit, y, i, parameter)
                 _project(p, y, i, result[s], LINK * j + parameter)
         for j in range(joints):
             result[s, j, LINK * joints + j] = ddq[s, j]

@@ -1,0 +1,173 @@
+"""Weighted least squares of base parameters, with intervals that hold for coloured noise."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr, solve_triangular
+from scipy.signal import lfilter
+from scipy.stats import t as student
+
+from pidtsm_core.identification.base_parameters import BaseParameters
+from pidtsm_core.identification.measurement import Measurement, Motion, Piece, filtered
+from pidtsm_core.identification.regressor import LINK, regressor
+from pidtsm_core.parameters import Array
+
+_ORDER = 6
+"""Of the autoregressive model of the noise of each joint."""
+_ROUNDS = 3
+"""Repetitions with better known noise and delay; the estimates change by less than a hundredth of their intervals."""
+CONFIDENCE = 0.95
+"""Of all intervals."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Estimated base parameters.
+
+    Attributes:
+        beta: estimates, shape (base,).
+        factor: triangular R with covariance (R'R)^-1, shape (base, base).
+        delay: time by which the stamps of efforts are later than the motion they cause, s.
+        delay_deviation: its standard deviation, s.
+        residual: of the efforts, root mean square, shape (joints,), N m or N, in the bandwidth.
+        freedom: degrees of freedom of the intervals.
+        condition: condition number of the weighted regressor with columns of equal length.
+    """
+
+    beta: Array
+    factor: Array
+    delay: float
+    delay_deviation: float
+    residual: Array
+    freedom: int
+    condition: float
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviations of `beta`."""
+        inverse = solve_triangular(self.factor, np.eye(self.beta.size))
+        return np.asarray(np.linalg.norm(inverse, axis=1))
+
+    @property
+    def half_interval(self) -> Array:
+        """Half the width of the intervals of `beta` that contain the truth with probability `CONFIDENCE`."""
+        return np.asarray(student.ppf(0.5 + 0.5 * CONFIDENCE, self.freedom) * self.deviation)
+
+
+def motion_regressor(tree: Array, motion: Motion) -> Array:
+    """The regressor of all parameters at the samples of a motion, shape (samples, joints, 14 joints)."""
+    full = regressor(tree, motion.position, motion.velocity, motion.acceleration)
+    joints = motion.position.shape[1]
+    each = np.arange(joints)
+    full[:, each, (LINK + 2) * joints + each] = motion.coulomb
+    return full
+
+
+def fit(tree: Array, base: BaseParameters, measurements: Sequence[Measurement], cutoff: float) -> Fit:
+    """Estimate base parameters and delay.
+
+    Generalised least squares: the noise of each joint is autoregressive, and what it is follows from the residuals
+    (Cochrane and Orcutt, J. American Statistical Association 44, 1949). The delay is estimated along with the
+    parameters, as the factor of the derivative of the efforts.
+
+    Args:
+        tree: geometry, see `tree.layout`, shape (size(joints),).
+        base: base parameters of the arm.
+        measurements: with the joints of the arm in its order.
+        cutoff: bandwidth, Hz.
+
+    Raises:
+        ValueError: there are fewer samples than parameters.
+    """
+    joints = len(measurements[0].joints)
+    pieces = [piece for each in measurements for piece in filtered(each, cutoff)]
+    matrices = [[motion_regressor(tree, m)[..., base.columns] for m in (piece.motion, piece.slow)] for piece in pieces]
+    colours, scales = np.zeros((joints, _ORDER)), np.ones(joints)
+    delay, solution, condition = 0.0, np.zeros(0), 0.0
+    residuals: list[Array] = []
+    triangle = np.empty((0, 0))
+    for _ in range(1 + _ROUNDS):
+        # effort(t + delay) = Y beta + (delay - true delay) effort'(t), with the difference as the last parameter.
+        rates = [(piece.motion.effort_rate, piece.slow.effort_rate) for piece in pieces]
+        systems = [
+            [np.dstack([m, rate]) for m, rate in zip(both, rate_of, strict=True)]
+            for both, rate_of in zip(matrices, rates, strict=True)
+        ]
+        rows, targets = _whitened([s for s, _ in systems], pieces, colours, scales)
+        instruments, _ = _whitened([s for _, s in systems], pieces, colours, scales)
+        triangle, solution = _solve(rows, targets, instruments)
+        condition = float(np.linalg.cond(rows[:, :-1] / np.linalg.norm(rows[:, :-1], axis=0)))
+        residuals = [piece.motion.effort - s @ solution for (s, _), piece in zip(systems, pieces, strict=True)]
+        colours, scales = _noise(residuals, pieces, solution.size)
+        delay -= float(solution[-1])
+        pieces = [piece for each in measurements for piece in filtered(each, cutoff, delay)]
+    factor = triangle[:-1, :-1]  # The delay is the last column, so this is the factor given the delay ...
+    inverse = solve_triangular(triangle, np.eye(solution.size))
+    # ... and this one takes into account that it is estimated.
+    factor = np.linalg.cholesky(np.linalg.inv((inverse @ inverse.T)[:-1, :-1])).T
+    flat = np.concatenate(residuals)
+    return Fit(
+        beta=solution[:-1],
+        factor=factor,
+        delay=delay,
+        delay_deviation=float(np.linalg.norm(inverse[-1])),
+        residual=np.sqrt(np.mean(flat**2, axis=0, where=np.concatenate([piece.moves for piece in pieces]))),
+        freedom=max(1, len(targets) - joints * _ORDER - solution.size),
+        condition=condition,
+    )
+
+
+def _solve(rows: Array, targets: Array, instruments: Array) -> tuple[Array, Array]:
+    """Solve Z'(rows x - targets) = 0 with the instruments Z.
+
+    Returns:
+        A triangle R such that (R'R)^-1 is the covariance of x if the errors of the targets are white and of size 1;
+        and x.
+    """
+    basis, _ = qr(instruments, mode="economic")
+    rotation, triangle = qr(basis.T @ rows)
+    return triangle, solve_triangular(triangle, rotation.T @ (basis.T @ targets))
+
+
+def _whitened(
+    matrices: Sequence[Array], pieces: Sequence[Piece], colours: Array, scales: Array
+) -> tuple[Array, Array]:
+    """Rows and targets in which the noise is white and of size 1, where the joint has moved long enough."""
+    rows, targets = [], []
+    for matrix, piece in zip(matrices, pieces, strict=True):
+        used = _used(piece)
+        for j, (colour, scale) in enumerate(zip(colours, scales, strict=True)):
+            taps = np.array([1.0, *(-colour)]) / scale
+            rows.append(lfilter(taps, 1.0, matrix[:, j], axis=0)[used[:, j]])
+            targets.append(lfilter(taps, 1.0, piece.motion.effort[:, j])[used[:, j]])
+    return np.concatenate(rows), np.concatenate(targets)
+
+
+def _used(piece: Piece) -> NDArray[np.bool_]:
+    """Samples of each joint which the model of the noise can follow: it and those before it move."""
+    used = piece.moves.copy()
+    used[:_ORDER] = False
+    for lag in range(1, _ORDER + 1):
+        used[lag:] &= piece.moves[:-lag]
+    return used
+
+
+def _noise(residuals: Sequence[Array], pieces: Sequence[Piece], parameters: int) -> tuple[Array, Array]:
+    """Autoregressive coefficients of the noise, shape (joints, order), and the size of what drives it, (joints,)."""
+    joints = residuals[0].shape[1]
+    colours, scales = np.zeros((joints, _ORDER)), np.ones(joints)
+    used = [_used(piece)[_ORDER:] for piece in pieces]
+    for j in range(joints):
+        past = np.concatenate([_lagged(values[:, j])[u[:, j]] for values, u in zip(residuals, used, strict=True)])
+        now = np.concatenate([values[_ORDER:, j][u[:, j]] for values, u in zip(residuals, used, strict=True)])
+        colours[j] = np.linalg.lstsq(past, now, rcond=None)[0]
+        spent = _ORDER + parameters / joints
+        scales[j] = np.sqrt(np.sum((now - past @ colours[j]) ** 2) / max(1.0, now.size - spent))
+    return colours, np.maximum(scales, 1e-12)
+
+
+def _lagged(values: Array) -> Array:
+    """Column k has the values k + 1 samples earlier, shape (samples - order, order)."""
+    return np.stack([values[_ORDER - k - 1 : len(values) - k - 1] for k in range(_ORDER)], axis=1)
