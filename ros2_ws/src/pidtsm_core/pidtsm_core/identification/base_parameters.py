@@ -12,8 +12,10 @@ from pidtsm_core.parameters import Array
 
 _STATES = 60
 """Random states per parameter of a link; far more than the rank needs."""
-_ZERO = 1e-9
-"""A column that is smaller, relative to the largest one, or the remainder of one, depends on the others."""
+_ZERO = 1e-4
+"""A column, or what the others do not explain of one, has no effect if it is smaller, relative to the largest one.
+
+Descriptions round angles, so that axes that are parallel differ by 4e-6 rad; no measurement can use that."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ def base_parameters(tree: Array, joints: int) -> BaseParameters:
     combined = solve_triangular(triangle[:rank, :rank], triangle[:rank])
     mapping = np.zeros((rank, order.size))
     mapping[:, order] = combined * (scale[order] / scale[order[:rank], np.newaxis])
-    mapping[np.abs(mapping) < 1e-8] = 0.0
+    mapping[np.abs(mapping) < _ZERO] = 0.0
     ranked = np.argsort(order[:rank])
     mapping = mapping[ranked]
     columns = order[:rank][ranked]

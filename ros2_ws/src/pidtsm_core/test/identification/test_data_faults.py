@@ -1,0 +1,92 @@
+"""Data that are wrong are named."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from knownarm import KnownArm
+
+from pidtsm_core.identification.identification import IdentificationError, identify
+from pidtsm_core.identification.measurement import Measurement
+from pidtsm_core.identification.regressor import regressor
+from pidtsm_core.parameters import Array
+from pidtsm_core.robots import find_description
+
+
+def swapped(measured: Measurement, _: Array) -> Measurement:
+    order = np.array([1, 0, 2, 3, 4, 5, 6])
+    return replace(measured, position=measured.position[:, order], effort=measured.effort[:, order])
+
+
+def still(measured: Measurement, _: Array) -> Measurement:
+    return replace(measured, position=measured.position[:1] + 1e-3 * np.sin(measured.time)[:, np.newaxis])
+
+
+def alone(measured: Measurement, _: Array) -> Measurement:
+    only = np.arange(7) == 2
+    return replace(measured, position=np.where(only, measured.position, measured.position[:1]))
+
+
+def signed(measured: Measurement, _: Array) -> Measurement:
+    return replace(measured, effort=measured.effort * np.where(np.arange(7) == 3, -1.0, 1.0))
+
+
+def turned(measured: Measurement, _: Array) -> Measurement:
+    return replace(measured, position=measured.position * np.where(np.arange(7) == 1, -1.0, 1.0))
+
+
+def opposite(measured: Measurement, _: Array) -> Measurement:
+    return replace(measured, effort=-measured.effort)
+
+
+FAULTS: dict[str, tuple[Callable[[Measurement, Array], Measurement], str]] = {
+    "still": (still, "the arm stands still"),
+    "one joint": (alone, "only panda_joint3 moves"),
+    "swapped": (swapped, "the data of panda_joint1 and panda_joint2 are swapped"),
+    "torque sign": (signed, "the sign of the torque of panda_joint4 is wrong"),
+    "position sign": (turned, "the sign of the position of panda_joint2 is wrong"),
+    "all signs": (opposite, "the signs of all torques are wrong"),
+    "no gravity": (lambda m, gravity: replace(m, effort=m.effort - gravity), "lack gravity"),
+    "gravity twice": (lambda m, gravity: replace(m, effort=m.effort + gravity), "contain gravity twice"),
+    "other names": (lambda m, _: replace(m, joints=tuple("abcdefg")), "the joint states lack panda_joint1"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_named_and_nothing_is_fitted(panda: KnownArm, fault: str) -> None:
+    spoil, message = FAULTS[fault]
+    q = panda.measured.position
+    gravity = regressor(panda.described.tree, q, 0.0 * q, 0.0 * q)[..., :70] @ panda.truth[:70]
+    with pytest.raises(IdentificationError, match=message):
+        identify(panda.described, [spoil(panda.measured, gravity)])
+
+
+def test_the_torques_of_another_arm_are_refused(panda: KnownArm) -> None:
+    other = find_description({"robot.description": "xarm7"})
+    with pytest.raises(IdentificationError, match="another robot"):
+        identify(other, [replace(panda.measured, joints=other.joints)])
+
+
+def test_lost_samples_are_named_and_do_no_harm(panda: KnownArm) -> None:
+    measured = panda.measured
+    kept = np.random.default_rng(0).random(measured.time.size) > 0.05
+    kept[2000:2100] = False
+    found = identify(
+        panda.described,
+        [replace(measured, time=measured.time[kept], position=measured.position[kept], effort=measured.effort[kept])],
+    )
+    assert "% of the samples are missing" in found.warnings[0]
+    error = np.abs(found.fit.beta - found.base.mapping @ panda.truth) / found.fit.deviation
+    assert np.mean(error**2) < 2.0
+
+
+def test_saturated_torques_are_named_and_not_used(panda: KnownArm) -> None:
+    """A drive at its limit delivers less than it reports."""
+    measured = panda.measured
+    effort = measured.effort.copy()
+    effort[:, 1] = np.clip(effort[:, 1], *(np.percentile(np.abs(effort[:, 1]), 90.0) * np.array([-1.0, 1.0])))
+    found = identify(panda.described, [replace(measured, effort=effort)])
+    assert any(w.startswith("the torque of panda_joint2 is at its limit in 1") for w in found.warnings)
+    error = np.abs(found.fit.beta - found.base.mapping @ panda.truth) / found.fit.deviation
+    assert np.mean(error**2) < 2.0
