@@ -21,8 +21,6 @@ _OFTEN_AT_LIMIT = 0.002
 """Share of the samples at the limit that needs mention, and that counts as a limit where none is described."""
 _STATES = 250
 """States in which the description is compared with the data."""
-_STRANGE = 0.1
-"""Unexplained share of the torque with which a mistake, once corrected, does not count as found."""
 _LEAST_GRAVITY, _MOST_GRAVITY = 0.5, 1.5
 """How many times the torques contain the gravity of a description whose masses are as wrong as they may be."""
 _LITTLE_GRAVITY = 0.1
@@ -111,17 +109,7 @@ def structure_faults(tree: Array, parameters: Array, joints: Sequence[str], moti
     if not found:
         factor = _gravity_factor(tree, links, data, size)
         found = [_WITHOUT] if factor < _LEAST_GRAVITY else [_TWICE] if factor > _MOST_GRAVITY else []
-        if found:
-            changed = dict(_changes(tree, links, joints, data))[found[0]]
-            unexplained = _unexplained(tree, links, changed, size)
-    if found and unexplained > _STRANGE:
-        yield Fault(
-            f"the torques are not those of this arm: {100.0 * unexplained:.0f} % remain unexplained even if "
-            f"{' and '.join(found)}. Is this the bag of another robot, or of joints in another order?",
-            fatal=True,
-        )
-    else:
-        yield from (Fault(text, fatal=True) for text in found)
+    yield from (Fault(text, fatal=True) for text in found)
 
 
 def _changes(tree: Array, links: Array, joints: Sequence[str], data: Array) -> Iterator[tuple[str, Array]]:

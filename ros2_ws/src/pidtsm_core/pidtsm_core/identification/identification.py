@@ -156,7 +156,8 @@ def _refuse_structure(arm: Description, described: Array, measured: Sequence[Mea
     for each in measured:
         for piece in filtered(each, cutoff)[:1]:
             if faults := list(structure_faults(arm.tree, described, arm.joints, piece.motion)):
-                raise IdentificationError("\n".join(fault.text for fault in faults))
+                texts = [fault.text for fault in faults]
+                raise IdentificationError("\n".join([*texts, "if that is not so, is this the bag of another robot?"]))
 
 
 def _deviation(arm: Description, measured: Sequence[Measurement]) -> Array:
@@ -221,8 +222,8 @@ def _warnings(arm: Description, found: Fit, distance: float, check: Check, free:
     ]
     if far:
         warnings.append(
-            f"data and description disagree {distance:.1f} times as much as they should: is this the bag of another robot, "
-            "or does the arm carry something?"
+            f"data and description disagree {distance:.1f} times as much as they should: is this the bag of another "
+            "robot, or does the arm carry something?"
         )
     if found.condition > _POOR:
         warnings.append(
