@@ -19,6 +19,8 @@ _COMMANDS = {
     "compare": "compare runs: one report with curves over each other, metrics with differences, parameters that differ",
     "compare-engines": "simulate an experiment on both engines of the simulated arm, and show how far they differ",
     "gains": "compute a first set of gains for an arm, with the reason for each number",
+    "excite": "make a motion that shows inertias and friction of an arm",
+    "identify": "correct the description of an arm from bags of its motions, with intervals",
     "reproduce": "compare both cases and all laws with the article",
     "tune": "search for gains for an arm and its hardware, on rollouts",
     "tournament": "tune every law on every arm with the same budget, and score it",

@@ -19,9 +19,9 @@ from pidtsm_core.trajectories.motion import PiecewiseMotion
 
 HARMONICS = 5
 """Of each joint; the period repeats the first."""
-_SAMPLES = 50
-"""States of a period in which a motion is judged; ten for each period of the highest harmonic."""
-_GUESSES, _STEPS = 60, 40
+_SAMPLES = 40
+"""States of a period in which a motion is judged; eight for each period of the highest harmonic."""
+_GUESSES, _STEPS = 40, 15
 """Random motions of which the best is improved, and steps of the improvement."""
 _SHARE = 0.9
 """Of position, velocity and effort limits; the rest is for the controller."""

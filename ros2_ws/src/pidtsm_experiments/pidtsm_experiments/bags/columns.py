@@ -182,6 +182,28 @@ def read_columns(
     return joints, columns, rejections(reports, own)
 
 
+def read_topic(
+    reader: AnyReader, topic: WantedTopic, connections: Sequence[Connection]
+) -> tuple[tuple[str, ...], Columns]:
+    """The joints of the first message of a topic, and its messages sorted by stamp, each stamp once.
+
+    Args:
+        reader: reader of the bag.
+        topic: the topic, of messages with the field ``name``.
+        connections: its connections; they have messages.
+
+    Raises:
+        RecordingError: see `read_columns`.
+    """
+    messages = BagMessages(reader)
+    _, first = next(messages.serialized(connections), ("", b""))
+    joints = tuple(messages.parse(first, topic).name)
+    decoder = _Decoder(topic, sum(connection.msgcount for connection in connections), joints, None, messages)
+    for _, data in messages.serialized(connections):
+        decoder.add(data)
+    return joints, decoder.finish()
+
+
 class _Decoder:
     """Decodes the messages of one topic in blocks.
 

@@ -49,7 +49,7 @@ def read_recording(path: Path, only: frozenset[str] | None = None) -> Recording:
 
 
 def _read(path: Path, only: frozenset[str] | None) -> Recording:
-    with readable(path) as bag, closing(_open(path, bag)) as reader:
+    with readable(path) as bag, closing(open_bag(path, bag)) as reader:
         connections_of = find_topics(reader.connections)
         metadata = run_metadata(path, bag)
         joints, columns, rejected = read_columns(reader, connections_of, only, metadata.namespace)
@@ -95,7 +95,12 @@ def _read(path: Path, only: frozenset[str] | None) -> Recording:
     )
 
 
-def _open(path: Path, bag: Readable) -> AnyReader:
+def open_bag(path: Path, bag: Readable) -> AnyReader:
+    """A reader of a bag that has messages.
+
+    Raises:
+        RecordingError: there are none.
+    """
     if not path.exists():
         raise RecordingError("no such file or folder")
     if path.is_dir() and not bag.flaws and not (path / "metadata.yaml").exists():

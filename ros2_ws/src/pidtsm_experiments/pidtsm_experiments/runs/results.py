@@ -25,6 +25,10 @@ _FILES = {
     "comparison.json",
     "engines.json",
     "report.html",
+    "identified.urdf",
+    "identified.yaml",
+    "identification.html",
+    "identification.json",
     "video.mp4",
     "still.png",
 }

@@ -1,0 +1,207 @@
+"""Identification of arms whose truth is known: intervals, errors on unseen motion, consistency, payload, time.
+
+    ./pidtsm shell -c "python benchmarks/identification.py --seeds 200 --out identification.json"
+
+Each seed is another arm: its description is up to 30 % wrong, its friction and rotors are unknown. It moves on the
+exciting motion with the practical set of the controller, which knows the wrong description only, with encoders of 14
+bits, 1 ms of delay and noise of the torque. Even seeds are simulated by our engine, odd ones by MuJoCo.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pidtsm_core.closed_loop import rollout
+from pidtsm_core.experiment import Experiment
+from pidtsm_core.identification.consistency import is_consistent
+from pidtsm_core.identification.corrected_urdf import carriers, corrected_urdf
+from pidtsm_core.identification.excitation import excitation
+from pidtsm_core.identification.identification import Identification, identify
+from pidtsm_core.identification.least_squares import motion_regressor
+from pidtsm_core.identification.measurement import Measurement, filtered
+from pidtsm_core.identification.regressor import LINK, described_parameters
+from pidtsm_core.parameters import Array
+from pidtsm_core.polynomials import add_quintic, quintic
+from pidtsm_core.recording import Recording
+from pidtsm_core.robots import Description, find_description
+from pidtsm_core.robots.description import read_description
+from pidtsm_core.robots.tree.layout import steiner
+from pidtsm_core.trajectories.limits import motion_limits
+
+ROBOTS = ("two_link", "ur5", "panda")
+EXCITED, CHANGE, UNSEEN = 30.0, 2.0, 8.0
+"""s: exciting motion, way to the other motion, and that motion; the last fifth is kept apart by `identify`."""
+NOISE = 0.005
+"""Standard deviation of the torque's noise, as a share of the effort limit."""
+WRONG = 0.3
+BITS = 14
+
+
+@cache
+def motions(robot: str) -> tuple[Array, Array]:
+    """Time, and q, q', q'' of the exciting motion followed by one with other frequencies and phases."""
+    arm = find_description({"robot.description": robot})
+    excited = excitation(arm, motion_limits({"robot.description": robot}), EXCITED)
+    step = excited.time[1] - excited.time[0]
+    random = np.random.default_rng(1)
+    size = 0.5 * np.ptp(excited.motion[0], axis=0)
+    middle = 0.5 * (excited.motion[0].max(axis=0) + excited.motion[0].min(axis=0))
+    rates = 2.0 * np.pi * random.uniform(0.1, 0.35, (3, 1, len(arm.joints)))
+    phases = random.uniform(0.0, 2.0 * np.pi, rates.shape)
+    angle = rates * np.arange(0.0, UNSEEN, step)[:, np.newaxis] + phases
+    parts = np.stack([np.sin(angle), rates * np.cos(angle), -(rates**2) * np.sin(angle)])
+    other = 0.25 * size * parts.sum(axis=1)
+    other[0] += middle
+    way = np.zeros((6, len(arm.joints)))
+    quintic(np.ascontiguousarray(excited.motion[:, -1]), np.ascontiguousarray(other[:, 0]), CHANGE, way)
+    between = np.zeros((round(CHANGE / step) - 1, 3, len(arm.joints)))
+    for k, state in enumerate(between):
+        add_quintic(way, CHANGE, (k + 1) * step, state)
+    whole = np.concatenate([excited.motion, between.swapaxes(0, 1), other], axis=1)
+    return step * np.arange(whole.shape[1]), whole
+
+
+def wrong_links(arm: Description, random: np.random.Generator) -> Array:
+    """Parameters of the links, up to 30 % off in mass, inertia and centre of mass, as long as bodies can have them."""
+    links = described_parameters(arm.tree, arm.damping, arm.friction)[: LINK * len(arm.joints)].reshape(-1, LINK)
+    for link, body in zip(links, carriers(arm)[1], strict=True):
+        mass, moment, inertia = body[0], body[1:4], _matrix(body)
+        about = inertia - mass * steiner(moment / mass)
+        factor, center = 1.0 + random.uniform(-WRONG, WRONG), moment / mass * (1.0 + random.uniform(-WRONG, WRONG, 3))
+        heavier = mass * (1.0 + random.uniform(-WRONG, WRONG))
+        changed = factor * about + heavier * steiner(center)
+        link += _vector(heavier, heavier * center, changed) - body
+    return links.ravel()
+
+
+def _matrix(body: Array) -> Array:
+    xx, yy, zz, xy, xz, yz = body[4:]
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _vector(mass: float, moment: Array, inertia: Array) -> Array:
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia
+    return np.array([mass, *moment, xx, yy, zz, xy, xz, yz])
+
+
+def arms(robot: str, seed: int) -> tuple[Description, Array, Description]:
+    """The true arm with its parameters pi, and its wrong description."""
+    named, random = find_description({"robot.description": robot}), np.random.default_rng(seed)
+    joints, limit = len(named.joints), np.minimum(named.effort, 100.0)
+    truth = described_parameters(named.tree, named.damping, named.friction)
+    rotors = 5.0 if robot == "two_link" else 0.1 + 0.002 * limit
+    described = truth.copy()
+    described[: LINK * joints] = wrong_links(named, random)
+    described[LINK * joints : (LINK + 1) * joints] = rotors
+    truth[LINK * joints :] = np.concatenate(
+        [share * random.uniform(0.5, 1.5, joints) for share in (rotors, 0.03 * limit, 0.05 * limit, 0.0 * limit)]
+    )
+    described[(LINK + 1) * joints :] = 0.0
+    return read_description(corrected_urdf(named, truth)), truth, read_description(corrected_urdf(named, described))
+
+
+def run(folder: Path, true: Description, known: Description, times: Array, motion: Array, seed: int) -> Recording:
+    """The closed loop: a true arm, and a controller that knows another description."""
+    file, joints = folder / "motion.csv", list(true.joints)
+    header = ",".join(["time", *(f"{kind}_{joint}" for kind in ("q", "dq", "ddq") for joint in joints)])
+    np.savetxt(file, np.column_stack([times, *motion]), delimiter=",", header=header, comments="")
+    simulator = {
+        "robot.description": true.text,
+        "engine": ("rigid_body", "mujoco")[seed % 2],
+        "initial_position": motion[0, 0].tolist(),
+        "encoder.bits": BITS,
+        "delay.samples": 1,
+        "seed": seed,
+    }
+    trajectory = {"joints": joints, "reference.name": "csv", "reference.file": str(file)}
+    settings = {"simulator": simulator, "controller": {"robot.description": known.text}, "trajectory": trajectory}
+    return rollout(Experiment("excitation", "piddtsm", float(times[-1]), settings), params="practical")
+
+
+def measurement(recording: Recording, limit: Array, seed: int) -> Measurement:
+    """What joint states contain: the torque of the last period with noise, and what the encoder reads."""
+    random, step = np.random.default_rng(seed), 2.0 * np.pi / 2**BITS
+    effort = np.vstack([recording.effort[:1], recording.effort[:-1]])
+    effort = effort + NOISE * limit * random.normal(size=effort.shape)
+    position = step * np.round(recording.position / step)
+    return Measurement(recording.joints, recording.time, position, effort, np.full(limit.size, np.inf))
+
+
+def judge(found: Identification, truth: Array, measured: Measurement) -> dict[str, Any]:
+    """Intervals, consistency, and errors on unseen motion relative to those of the truth."""
+    error = np.abs(found.fit.beta - found.base.mapping @ truth)
+    check, joints = found.check, len(measured.joints)
+    pieces = filtered(measured.between(0.8, 1.0), found.cutoff, found.fit.delay)
+    matrix = np.concatenate([motion_regressor(found.arm.tree, piece.motion) for piece in pieces])
+    floor = check.error(matrix @ truth)
+    return {
+        "covered": (error < found.fit.half_interval).tolist(),
+        "consistent": all(is_consistent(each) for each in found.parameters[: LINK * joints].reshape(joints, LINK)),
+        "before": (check.error(check.before) / floor).tolist(),
+        "after": (check.error(check.after) / floor).tolist(),
+        "delay": 1e3 * found.fit.delay,
+        "condition": found.fit.condition,
+        "warnings": list(found.warnings),
+    }
+
+
+def tracking(folder: Path, true: Description, known: Description, robot: str, seed: int) -> float:
+    """Root mean square error of the unseen motion, all joints."""
+    times, motion = motions(robot)
+    last = times >= EXCITED + CHANGE
+    recording = run(folder, true, known, times[last] - times[last][0], motion[:, last], seed)
+    return float(np.sqrt(np.mean(recording.error[recording.time > 2.0] ** 2)))
+
+
+def one(folder: Path, robot: str, seed: int, tracks: bool) -> dict[str, Any]:
+    """One arm."""
+    true, truth, known = arms(robot, seed)
+    times, motion = motions(robot)
+    recording = run(folder, true, known, times, motion, seed)
+    measured = measurement(recording, np.minimum(true.effort, 100.0), seed)
+    start = time.perf_counter()
+    found = identify(known, [measured])
+    result = {"robot": robot, "seed": seed, "seconds": time.perf_counter() - start, **judge(found, truth, measured)}
+    if tracks:
+        better = read_description(corrected_urdf(known, found.parameters))
+        errors = [tracking(folder, true, each, robot, seed) for each in (known, better, true)]
+        result["tracking"] = [each / errors[-1] for each in errors]
+    return result
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--robot", action="append", choices=ROBOTS)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    results = []
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in range(options.first, options.first + options.seeds):
+            for robot in options.robot or ROBOTS:
+                results.append(one(Path(folder), robot, seed, seed % 20 < 2))
+                if options.out:
+                    options.out.write_text(json.dumps(results) + "\n", encoding="utf-8")
+    for robot in options.robot or ROBOTS:
+        of_robot = [each for each in results if each["robot"] == robot]
+        covered = np.mean([np.mean(each["covered"]) for each in of_robot])
+        after, before = (np.array([each[name] for each in of_robot]) for name in ("after", "before"))
+        print(
+            f"{robot}: {len(of_robot)} arms, covered {100.0 * covered:.1f} %, "
+            f"consistent {100.0 * np.mean([each['consistent'] for each in of_robot]):.0f} %, "
+            f"torque error relative to the truth's {np.sqrt(np.mean(before**2)):.1f} before, "
+            f"{np.sqrt(np.mean(after**2)):.3f} after (worst joint {after.max():.2f}), "
+            f"{np.median([each['seconds'] for each in of_robot]):.1f} s, "
+            f"tracking error {np.round([each['tracking'] for each in of_robot if 'tracking' in each], 3).tolist()}"
+        )
+
+
+if __name__ == "__main__":
+    main()

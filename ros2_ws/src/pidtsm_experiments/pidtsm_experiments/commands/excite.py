@@ -1,0 +1,78 @@
+"""``./pidtsm excite``: a motion that shows the parameters of an arm."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import make_experiment
+from pidtsm_core.identification.excitation import Excitation, excitation
+from pidtsm_core.robots import DESCRIPTION, find_description
+from pidtsm_core.trajectories.limits import motion_limits
+from pidtsm_experiments.commands.options import CONSOLE, add_parameter_arguments, add_robot_argument, seconds
+
+_EPILOG = """The motion is a Fourier series within the limits of position, velocity, acceleration and torque of the arm.
+It knows nothing of collisions: set position limits within which the arm hits neither itself nor anything else, and
+look at it in a simulation first. On a real arm, the node trajectory takes the CSV file as reference.file.
+
+examples:
+  ./pidtsm excite --robot panda --out panda.yaml --set trajectory.limits.velocity=0.8
+  ./pidtsm run --scenario panda.yaml --clock lockstep --out results/panda
+  ./pidtsm identify results/panda/bag --robot panda
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.epilog = _EPILOG
+    add_robot_argument(parser)
+    parser.add_argument("--duration", type=seconds, default=60.0, metavar="S", help="duration (default: %(default)g)")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="FILE.yaml", help="scenario; FILE.csv beside it is the motion"
+    )
+    add_parameter_arguments(parser)
+
+
+def execute(options: argparse.Namespace) -> int:
+    if options.robot is None:
+        raise UsageError("--robot: name the arm, or the file of its description")
+    if options.out.suffix != ".yaml":
+        raise UsageError(f"--out {options.out}: its name must end with .yaml")
+    given = make_experiment(None, params=options.params, overrides=options.set, robot=options.robot)
+    description = {DESCRIPTION.name: given.settings["controller"][DESCRIPTION.name]}
+    arm = find_description(description)
+    limited = {name: value for name, value in given.settings["trajectory"].items() if name.startswith("limits.")}
+    limits = motion_limits({**description, **limited, "joints": list(arm.joints)})
+    if limits.joints != arm.joints:
+        raise UsageError(f"joints: the limits are of {', '.join(limits.joints)}, the arm has {', '.join(arm.joints)}")
+    with CONSOLE.status("optimising the motion"):
+        found = excitation(arm, limits, options.duration)
+    try:
+        _write(found, options.out, description)
+    except OSError as error:
+        raise UsageError(f"--out {options.out}: {error.strerror}") from None
+    CONSOLE.print(
+        f"{options.out} {options.out.with_suffix('.csv')}: {found.time[-1]:.0f} s, condition number "
+        f"{found.condition:.1f}",
+        highlight=False,
+    )
+    return 0
+
+
+def _write(found: Excitation, scenario: Path, description: dict[str, Any]) -> None:
+    """Write time, q, q' and q'' as the reference ``csv`` reads them, and a scenario with this reference."""
+    file = scenario.with_suffix(".csv")
+    columns = [f"{kind}_{joint}" for kind in ("q", "dq", "ddq") for joint in found.joints]
+    table = np.column_stack([found.time, *found.motion])
+    np.savetxt(file, table, fmt="%.9g", delimiter=",", header=",".join(["time", *columns]), comments="")
+    reference = {"name": "csv", "file": str(file.absolute())}
+    content = {
+        "description": "a motion that shows inertias and friction, for ./pidtsm identify",
+        "duration": float(found.time[-1]),
+        "simulator": {**description, "initial_position": found.motion[0, 0].tolist()},
+        "controller": description,
+        "trajectory": {"joints": list(found.joints), "reference": reference},
+    }
+    scenario.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")

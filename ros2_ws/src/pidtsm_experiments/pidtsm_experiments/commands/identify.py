@@ -1,0 +1,111 @@
+"""``./pidtsm identify``: a corrected description of an arm, from bags of its motions."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import ros_parameters
+from pidtsm_core.identification.corrected_urdf import corrected_urdf
+from pidtsm_core.identification.identification import Identification, identify
+from pidtsm_core.identification.measurement import Measurement
+from pidtsm_core.parameters import Value
+from pidtsm_core.robots import DESCRIPTION, find_description
+from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument
+from pidtsm_experiments.runs.results import result_folder
+
+_EPILOG = """The bags have joint states with positions and torques, of this project or of another controller. The last
+fifth of each is not fitted, but judges the result. docs/identify.md walks from an unknown arm to a tuned controller.
+
+examples:
+  ./pidtsm excite --robot panda --out panda.yaml
+  ./pidtsm run --scenario panda.yaml --clock lockstep --out results/panda
+  ./pidtsm identify results/panda/bag --robot panda --out results/identified
+  ./pidtsm gains --robot results/identified/identified.urdf
+"""
+URDF, PARAMETERS = "identified.urdf", "identified.yaml"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.epilog = _EPILOG
+    parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="bag with joint states, or its file")
+    add_robot_argument(parser)
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("results/identified"),
+        metavar="DIR",
+        help=f"result folder: {URDF}, {PARAMETERS}, identification.html, identification.json (default: %(default)s)",
+    )
+    parser.add_argument("--json", action="store_true", help="print the result as one JSON object")
+
+
+def execute(options: argparse.Namespace) -> int:
+    from pidtsm_studies.identification.report import write_identification_report
+    from pidtsm_studies.identification.results import as_json
+
+    if options.robot is None:
+        raise UsageError("--robot: name the arm of the bags, or the file of its description")
+    arm = find_description({DESCRIPTION.name: options.robot})
+    measurements = [measurement_of(bag) for bag in options.bags]
+    with CONSOLE.status("identifying"):
+        found = identify(arm, measurements)
+    result = as_json(found)
+    with result_folder(options.out) as folder:
+        (folder / URDF).write_text(corrected_urdf(arm, found.parameters), encoding="utf-8")
+        text = _parameter_file(found, options.out.absolute() / URDF)
+        (folder / PARAMETERS).write_text(text, encoding="utf-8")
+        (folder / "identification.json").write_text(json.dumps(result, allow_nan=False) + "\n", encoding="utf-8")
+        write_identification_report(folder / "identification.html", found, Path(options.robot).stem)
+    if options.json:
+        print(json.dumps(result, allow_nan=False))
+    else:
+        Console().print(_table(result))
+    for warning in found.warnings:
+        CONSOLE.print(f"pidtsm: warning: {warning}", highlight=False)
+    CONSOLE.print(f"{options.out}: {URDF} {PARAMETERS} identification.html identification.json", highlight=False)
+    return 0
+
+
+def measurement_of(bag: Path) -> Measurement:
+    """See `read_measurement`.
+
+    Raises:
+        UsageError: the bag cannot be used.
+    """
+    from pidtsm_experiments.bags.errors import RecordingError
+    from pidtsm_experiments.bags.measurements import read_measurement
+
+    try:
+        return read_measurement(bag)
+    except RecordingError as error:
+        raise UsageError(str(error)) from None
+
+
+def _parameter_file(found: Identification, urdf: Path) -> str:
+    """ROS parameter file with which simulator and controller use the identified arm."""
+    joints = len(found.arm.joints)
+    armature, viscous, coulomb, _ = (
+        tuple(each.tolist()) for each in found.parameters[10 * joints :].reshape(4, joints)
+    )
+    common: dict[str, Value] = {"joints": found.arm.joints, DESCRIPTION.name: str(urdf), "robot.armature": armature}
+    return ros_parameters(
+        "controller", {**common, "compensation.coulomb": coulomb, "compensation.viscous": viscous}
+    ) + ros_parameters("simulator", {**common, "friction.coulomb": coulomb, "friction.viscous": viscous})
+
+
+def _table(result: dict[str, Any]) -> Table:
+    """Errors of the torque, and friction."""
+    table = Table(title="torque on data kept apart, and friction", title_style="bold", box=box.SIMPLE_HEAD)
+    for column in ("joint", "error before", "error after", "Coulomb", "viscous", "armature", "offset"):
+        table.add_column(column, justify="left" if column == "joint" else "right")
+    errors = result["torque_error"]
+    columns = (errors["before"], errors["after"], *(result[n] for n in ("coulomb", "viscous", "armature", "offset")))
+    for joint, *values in zip(result["joints"], *columns, strict=True):
+        table.add_row(joint, *(f"{value:.3g}" for value in values))
+    return table

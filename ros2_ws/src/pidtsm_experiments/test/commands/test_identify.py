@@ -1,0 +1,111 @@
+"""``./pidtsm excite`` and ``identify``: from an arm to a motion, and from a bag to a better description."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from knownarm import KnownArm, known_arm
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from pidtsm_core.closed_loop import rollout
+from pidtsm_core.experiment import load_ros_parameters
+from pidtsm_core.identification.measurement import Measurement
+from pidtsm_core.robots.description import read_description
+from pidtsm_experiments.bags.message_types import typestore
+from pidtsm_experiments.bags.topics import SENSORS
+from pidtsm_experiments.cli import main
+
+
+def write_joint_states(measured: Measurement, folder: Path, efforts: bool = True) -> None:
+    """A bag as another controller records it."""
+    store = typestore()
+    types = store.types
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        topic = bag.add_connection("/arm/joint_states", SENSORS.msgtype, typestore=store)
+        for time, q, effort in zip(measured.time, measured.position, measured.effort, strict=True):
+            stamp = round(time * 1e9) + 10**18
+            header = types["std_msgs/msg/Header"](
+                types["builtin_interfaces/msg/Time"](*divmod(stamp, 1_000_000_000)), ""
+            )
+            given = effort if efforts else np.empty(0)
+            message = types[SENSORS.msgtype](header, list(measured.joints), q, np.empty(0), given)
+            bag.write(topic, stamp, store.serialize_cdr(message, SENSORS.msgtype))
+
+
+@pytest.fixture(scope="module")
+def known() -> KnownArm:
+    return known_arm("two_link", duration=20.0)
+
+
+@pytest.fixture(scope="module")
+def folder(known: KnownArm, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag, the wrong description of its arm, and the result."""
+    parent = tmp_path_factory.mktemp("identify")
+    write_joint_states(known.measured, parent / "bag")
+    (parent / "arm.urdf").write_text(known.described.text, encoding="utf-8")
+    words = [str(parent / "bag"), "--robot", str(parent / "arm.urdf"), "--out", str(parent / "result")]
+    assert main(["identify", *words]) == 0
+    return parent
+
+
+def test_the_result_is_an_arm_for_controller_and_simulator(known: KnownArm, folder: Path) -> None:
+    result = json.loads((folder / "result/identification.json").read_text(encoding="utf-8"))
+    errors = result["torque_error"]
+    assert (np.array(errors["after"]) < 0.2 * np.array(errors["before"])).all()
+    np.testing.assert_allclose(result["coulomb"], known.truth[24:26], rtol=0.05)
+    arm = read_description((folder / "result/identified.urdf").read_text(encoding="utf-8"))
+    np.testing.assert_allclose(arm.friction, result["coulomb"], rtol=1e-6)
+    parameters = load_ros_parameters(folder / "result/identified.yaml")
+    assert parameters["controller"]["compensation.coulomb"] == pytest.approx(result["coulomb"])
+    urdf = str(folder / "result/identified.urdf")
+    assert parameters["simulator"]["robot.description"] == urdf
+    run = rollout(robot=urdf, params=[str(folder / "result/identified.yaml"), "practical"], duration=0.5)
+    assert np.abs(run.error).max() < 0.01
+
+
+def test_the_page_shows_torques_parameters_and_what_is_unknown(folder: Path) -> None:
+    page = (folder / "result/identification.html").read_text(encoding="utf-8")
+    for text in ("Identification of arm", "data kept apart", "joint1.Izz", "joint1.my", "No motion of this arm shows"):
+        assert text in page
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["nowhere"], "no such file or folder"),
+        (["bag", "--robot", "panda"], "the joint states lack panda_joint1"),
+        (["bag", "--robot", "arm.urdf", "--out", "."], "other files"),
+        (["silent", "--robot", "arm.urdf"], "0 values of effort for 2 joints"),
+    ],
+)
+def test_bad_input_is_named(
+    folder: Path,
+    known: KnownArm,
+    words: list[str],
+    told: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    if words[0] == "silent":
+        write_joint_states(known.measured.between(0.0, 0.1), folder / "silent", efforts=False)
+    assert main(["identify", *words, *([] if "--robot" in words else ["--robot", "two_link"])]) == 2
+    assert told in capsys.readouterr().err
+    assert not (folder / "results").exists()
+
+
+def test_an_exciting_motion_is_a_scenario_within_the_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["--robot", "two_link", "--duration", "10", "--set", "trajectory.limits.velocity=0.5"]
+    assert main(["excite", *words, "--out", "motion.yaml"]) == 0
+    run = rollout("motion.yaml", duration=10.0)
+    assert np.abs(run.reference[:, 1]).max() <= 0.5
+    assert np.ptp(run.reference[:, 0], axis=0).min() > 0.5
+    np.testing.assert_allclose(run.reference[0, 1:], 0.0, atol=1e-6)
+    assert np.abs(run.error).max() < 0.05
+
+
+def test_the_name_of_the_scenario_is_checked(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["excite", "--robot", "two_link", "--out", "motion.csv"]) == 2
+    assert "must end with .yaml" in capsys.readouterr().err

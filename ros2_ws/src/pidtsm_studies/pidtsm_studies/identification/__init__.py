@@ -1,0 +1,1 @@
+"""The result of an identification as a page and as plain data."""
