@@ -76,7 +76,7 @@ def wrong_links(arm: Description, random: np.random.Generator) -> Array:
         factor, center = 1.0 + random.uniform(-WRONG, WRONG), moment / mass * (1.0 + random.uniform(-WRONG, WRONG, 3))
         heavier = mass * (1.0 + random.uniform(-WRONG, WRONG))
         changed = factor * about + heavier * steiner(center)
-        link += _vector(heavier, heavier * center, changed) - body
+        link[:] += _vector(heavier, heavier * center, changed) - body
     return links.ravel()
 
 
@@ -176,6 +176,7 @@ def one(folder: Path, robot: str, seed: int, tracks: bool) -> dict[str, Any]:
 
 
 def main() -> None:
+    """Measure as many arms as asked for, and print a line per robot."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)

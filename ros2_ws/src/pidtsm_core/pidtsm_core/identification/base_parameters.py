@@ -32,7 +32,7 @@ class BaseParameters:
 
     def texts(self, names: Sequence[str]) -> tuple[str, ...]:
         """The combinations in words, such as ``joint1.Izz + 0.32 joint2.m``; names are those of pi."""
-        return tuple(_combination(row, column, names) for row, column in zip(self.mapping, self.columns, strict=True))
+        return tuple(_combination(row, int(i), names) for row, i in zip(self.mapping, self.columns, strict=True))
 
     def without_effect(self, names: Sequence[str]) -> tuple[str, ...]:
         """Parameters that change no effort of this arm at all."""
@@ -77,7 +77,7 @@ def base_parameters(tree: Array, joints: int) -> BaseParameters:
 
 def _combination(row: Array, column: int, names: Sequence[str]) -> str:
     """One combination in words, with its own parameter first."""
-    others = [i for i in np.flatnonzero(row) if i != column]
+    others = [i for i in np.flatnonzero(row).tolist() if i != column]
     text = names[column]
     for i in others:
         factor = "" if abs(abs(row[i]) - 1.0) < 1e-6 else f"{abs(row[i]):.3g} "

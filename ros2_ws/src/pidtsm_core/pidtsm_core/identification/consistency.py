@@ -51,11 +51,8 @@ def link_parameters(pseudo: Array) -> Array:
     """The inverse of `pseudo_inertia`, shape (..., 10), linear in pseudo, shape (..., 4, 4)."""
     spread = pseudo[..., :3, :3]
     inertia = np.trace(spread, axis1=-2, axis2=-1)[..., np.newaxis, np.newaxis] * np.eye(3) - spread
-    places = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])
-    return np.concatenate(
-        [pseudo[..., 3:, 3], pseudo[..., :3, 3], inertia[(..., *places)]],
-        axis=-1,
-    )
+    moments = inertia[..., [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return np.concatenate([pseudo[..., 3:, 3], pseudo[..., :3, 3], moments], axis=-1)
 
 
 def is_consistent(link: Array) -> bool:

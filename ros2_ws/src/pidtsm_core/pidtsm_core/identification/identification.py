@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.base_parameters import BaseParameters, base_parameters
@@ -51,7 +52,7 @@ class Check:
     measured: Array
     before: Array
     after: Array
-    usable: Array
+    usable: NDArray[np.bool_]
 
     def error(self, predicted: Array) -> Array:
         """Root mean square of the difference between predicted and measured efforts, shape (joints,), N m or N."""

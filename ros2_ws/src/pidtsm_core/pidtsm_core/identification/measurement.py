@@ -83,8 +83,7 @@ class Measurement:
             time = self.time[rows]
             if time[-1] - time[0] >= _SHORTEST_PIECE:
                 even = np.arange(time[0], time[-1], period)
-                grids = (_onto(even, time, values[rows]) for values in (self.position, self.effort))
-                yield even, *grids
+                yield even, _onto(even, time, self.position[rows]), _onto(even, time, self.effort[rows])
 
 
 @dataclass(frozen=True)

@@ -60,8 +60,8 @@ def regressor(tree: Array, q: Array, dq: Array, ddq: Array) -> Array:
     """
     samples, joints = q.shape
     result = np.zeros((samples, joints, (LINK + len(OF_JOINT)) * joints))
-    motion = [np.ascontiguousarray(each, dtype=np.float64) for each in (q, dq, ddq)]
-    _fill(*motion, tree.copy(), np.zeros(ROW), result)
+    q, dq, ddq = (np.ascontiguousarray(each, dtype=np.float64) for each in (q, dq, ddq))
+    _fill(q, dq, ddq, tree.copy(), np.zeros(ROW), result)
     return result
 
 
