@@ -26,7 +26,7 @@ class KnownArm:
     noise: Array
 
 
-def known_arm(name: str, seed: int = 0, duration: float = 30.0, rate: float = 250.0) -> KnownArm:
+def known_arm(name: str, seed: int = 0, duration: float = 30.0, rate: float = 250.0, step: float = STEP) -> KnownArm:
     """An arm with inertias 20 % off, unknown friction and armature, encoders of 14 bits, and noise of the torque."""
     arm, random = find_description({"robot.description": name}), np.random.default_rng(seed)
     joints = len(arm.joints)
@@ -43,7 +43,7 @@ def known_arm(name: str, seed: int = 0, duration: float = 30.0, rate: float = 25
     q, dq, ddq = periodic_motion(arm, time, random)
     noise = 0.005 * limit
     effort = regressor(arm.tree, q, dq, ddq) @ truth + noise * random.normal(size=q.shape)
-    measured = Measurement(arm.joints, time, STEP * np.round(q / STEP), effort, np.full(joints, np.inf))
+    measured = Measurement(arm.joints, time, step * np.round(q / step), effort, np.full(joints, np.inf))
     return KnownArm(read_description(corrected_urdf(arm, wrong)), truth, measured, noise)
 
 

@@ -45,7 +45,7 @@ class BaseParameters:
         return tuple(name for name, is_mixed in zip(names, mixed, strict=True) if is_mixed)
 
 
-def base_parameters(tree: Array, joints: int) -> BaseParameters:
+def base_parameters(tree: Array, joints: int, among: NDArray[np.int_] | None = None) -> BaseParameters:
     """The base parameters of an arm, by QR with column pivoting of the regressor of random states.
 
     Gautier, Numerical calculation of the base inertial parameters of robots, J. Robotic Systems 8 (1991). Combinations
@@ -54,11 +54,14 @@ def base_parameters(tree: Array, joints: int) -> BaseParameters:
     Args:
         tree: see `tree.layout`, shape (size(joints),).
         joints: number of joints.
+        among: indices in pi of the parameters that may differ from zero; None: all.
     """
     random = np.random.default_rng(0)
     q, dq, ddq = random.uniform(-3.0, 3.0, (3, _STATES * LINK // joints + _STATES, joints))
     stacked = regressor(tree, q, dq, ddq).reshape(-1, (LINK + len(OF_JOINT)) * joints)
     size = np.linalg.norm(stacked, axis=0)
+    if among is not None:
+        size[np.setdiff1d(np.arange(size.size), among)] = 0.0
     size[size < _ZERO * size.max()] = 0.0
     scale = np.where(size > 0.0, size, 1.0)
     triangle, order = qr(stacked * ((size > 0.0) / scale), mode="r", pivoting=True)

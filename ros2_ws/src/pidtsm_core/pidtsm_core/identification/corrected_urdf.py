@@ -36,7 +36,7 @@ def carriers(arm: Description) -> tuple[tuple[str, ...], Array]:
     for name, row, placement in zip(arm.links.names, arm.links.rows, arm.links.placements, strict=True):
         if row < 0:
             continue
-        j, found = places[row], _moved(_parameters(elements[name]), placement)
+        j, found = places[row], moved(_parameters(elements[name]), placement)
         if not names[j] or found[0] > heaviest[j, 0]:
             names[j], heaviest[j] = name, found
     return tuple(names), heaviest
@@ -67,7 +67,7 @@ def corrected_urdf(arm: Description, parameters: Array) -> str:
     for j, joint in enumerate(arm.joints):
         placement = arm.links.placements[arm.links.names.index(names[j])]
         back = np.column_stack([placement[:, :3].T, -placement[:, :3].T @ placement[:, 3]])
-        _set_inertial(links[names[j]], _moved(bodies[j], back))
+        _set_inertial(links[names[j]], moved(bodies[j], back))
         dynamics = joints[joint].find("dynamics")
         dynamics = SubElement(joints[joint], "dynamics") if dynamics is None else dynamics
         dynamics.attrib.update(damping=_text(viscous[j]), friction=_text(coulomb[j]))
@@ -113,7 +113,7 @@ def _rotation(roll: float, pitch: float, yaw: float) -> Array:
     )
 
 
-def _moved(link: Array, placement: Array) -> Array:
+def moved(link: Array, placement: Array) -> Array:
     """Ten parameters in another frame; `placement`, shape (3, 4), leads from the old one to the new one."""
     transform = np.vstack([placement, [0.0, 0.0, 0.0, 1.0]])
     return link_parameters(transform @ pseudo_inertia(link) @ transform.T)

@@ -80,7 +80,12 @@ def motion_regressor(tree: Array, motion: Motion) -> Array:
 
 
 def fit(
-    tree: Array, base: BaseParameters, measurements: Sequence[Measurement], cutoff: float, expected: Expectation
+    tree: Array,
+    base: BaseParameters,
+    measurements: Sequence[Measurement],
+    cutoff: float,
+    expected: Expectation,
+    known: Array | None = None,
 ) -> Fit:
     """Estimate base parameters and delay.
 
@@ -94,13 +99,16 @@ def fit(
         measurements: with the joints of the arm in its order.
         cutoff: bandwidth, Hz.
         expected: what the description says, which counts where the data say nothing.
+        known: parameters pi of what is known, to which `base` adds something, shape (14 joints,); None: nothing is.
 
     Raises:
         ValueError: there are too few usable samples.
     """
     joints = len(measurements[0].joints)
     pieces = [piece for each in measurements for piece in filtered(each, cutoff)]
-    matrices = [[motion_regressor(tree, m)[..., base.columns] for m in (piece.motion, piece.slow)] for piece in pieces]
+    full = [[motion_regressor(tree, m) for m in (piece.motion, piece.slow)] for piece in pieces]
+    matrices = [[matrix[..., base.columns] for matrix in both] for both in full]
+    explained = [fast @ known if known is not None else 0.0 for fast, _ in full]
     if (most := max(np.sum([np.count_nonzero(_used(piece), axis=0) for piece in pieces], axis=0))) < _FEWEST:
         raise ValueError(f"too few samples in which a joint moves and its torque is below its limit: {most}")
     colours, scales = np.zeros((joints, _ORDER)), np.ones(joints)
@@ -114,11 +122,14 @@ def fit(
             [np.dstack([m, rate]) for m, rate in zip(both, rate_of, strict=True)]
             for both, rate_of in zip(matrices, rates, strict=True)
         ]
-        rows, targets = _whitened([s for s, _ in systems], pieces, colours, scales)
-        instruments, _ = _whitened([s for _, s in systems], pieces, colours, scales)
-        triangle, solution = _solve(rows, targets, instruments, expected)
+        efforts = [piece.motion.effort - known_part for piece, known_part in zip(pieces, explained, strict=True)]
+        tables = [np.dstack([fast, slow, effort]) for (fast, slow), effort in zip(systems, efforts, strict=True)]
+        rows, instruments, targets = np.split(
+            _whitened(tables, pieces, colours, scales), [base.columns.size + 1, 2 * base.columns.size + 2], axis=1
+        )
+        triangle, solution = _solve(rows, targets[:, 0], instruments, expected)
         condition = _condition(rows[:, :-1])
-        residuals = [piece.motion.effort - s @ solution for (s, _), piece in zip(systems, pieces, strict=True)]
+        residuals = [effort - fast @ solution for (fast, _), effort in zip(systems, efforts, strict=True)]
         colours, scales = _noise(residuals, pieces, solution.size)
         delay -= float(solution[-1])
         pieces = [piece for each in measurements for piece in filtered(each, cutoff, delay)]
@@ -159,16 +170,15 @@ def _condition(rows: Array) -> float:
     return float(np.linalg.cond(rows[:, size > 0.0] / size[size > 0.0]))
 
 
-def _whitened(matrices: Sequence[Array], pieces: Sequence[Piece], colours: Array, scales: Array) -> tuple[Array, Array]:
-    """Rows and targets in which the noise is white and of size 1, where it is usable."""
-    rows, targets = [], []
-    for matrix, piece in zip(matrices, pieces, strict=True):
+def _whitened(tables: Sequence[Array], pieces: Sequence[Piece], colours: Array, scales: Array) -> Array:
+    """Rows in which the noise is white and of size 1, where they are usable, from tables (samples, joints, columns)."""
+    rows = []
+    for table, piece in zip(tables, pieces, strict=True):
         used = _used(piece)
         for j, (colour, scale) in enumerate(zip(colours, scales, strict=True)):
             taps = np.array([1.0, *(-colour)]) / scale
-            rows.append(lfilter(taps, 1.0, matrix[:, j], axis=0)[used[:, j]])
-            targets.append(lfilter(taps, 1.0, piece.motion.effort[:, j])[used[:, j]])
-    return np.concatenate(rows), np.concatenate(targets)
+            rows.append(lfilter(taps, 1.0, table[:, j], axis=0)[used[:, j]])
+    return np.concatenate(rows)
 
 
 def _used(piece: Piece) -> NDArray[np.bool_]:
