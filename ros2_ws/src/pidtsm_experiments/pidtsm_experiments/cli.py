@@ -21,6 +21,7 @@ _COMMANDS = {
     "gains": "compute a first set of gains for an arm, with the reason for each number",
     "excite": "make a motion that shows inertias and friction of an arm",
     "identify": "correct the description of an arm from bags of its motions, with intervals",
+    "identify-payload": "estimate mass, centre of mass and inertia of what an arm carries, from a bag",
     "reproduce": "compare both cases and all laws with the article",
     "tune": "search for gains for an arm and its hardware, on rollouts",
     "tournament": "tune every law on every arm with the same budget, and score it",

@@ -109,3 +109,17 @@ def test_an_exciting_motion_is_a_scenario_within_the_limits(tmp_path: Path, monk
 def test_the_name_of_the_scenario_is_checked(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["excite", "--robot", "two_link", "--out", "motion.csv"]) == 2
     assert "must end with .yaml" in capsys.readouterr().err
+
+
+def test_a_payload_is_found_in_the_bag_of_a_rollout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of the simulated arm, whose bag has its ground truth."""
+    words = ["--robot", "ur5", "--duration", "8", "--params", "practical"]
+    carried = ["--set", "simulator.payload.mass=2.0", "--set", "simulator.payload.center_of_mass=[0.0,0.05,0.1]"]
+    assert main(["rollout", *words, *carried, "--bag", "--out", str(tmp_path / "run")]) == 0
+    capsys.readouterr()
+    file = tmp_path / "payload.yaml"
+    assert main(["identify-payload", str(tmp_path / "run/bag"), "--robot", "ur5", "--json", "--out", str(file)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["mass"] == pytest.approx(2.0, rel=0.02)
+    np.testing.assert_allclose(found["center_of_mass"], [0.0, 0.05, 0.1], atol=0.005)
+    assert load_ros_parameters(file)["controller"]["payload.mass"] == found["mass"]

@@ -1,0 +1,64 @@
+"""``./pidtsm identify-payload``: what an arm carries, from a bag of its motion."""
+
+import argparse
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from rich.console import Console
+
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import ros_parameters
+from pidtsm_core.identification.payload import CarriedBody, as_parameters, identify_payload
+from pidtsm_core.robots import DESCRIPTION, find_description
+from pidtsm_experiments.commands.identify import measurement_of
+from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument
+
+_EPILOG = """The description should be an identified one, with friction: what it does not explain is taken for the
+payload. Ten seconds of a motion of all joints are enough.
+
+example:
+  ./pidtsm identify-payload results/carrying/bag --robot results/identified/identified.urdf --out payload.yaml
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.epilog = _EPILOG
+    parser.add_argument("bag", type=Path, metavar="BAG", help="bag with joint states, or its file")
+    add_robot_argument(parser)
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write a parameter file for the controller")
+    parser.add_argument("--json", action="store_true", help="print the payload with its intervals as one JSON object")
+
+
+def execute(options: argparse.Namespace) -> int:
+    if options.robot is None:
+        raise UsageError("--robot: name the file of the identified description")
+    arm = find_description({DESCRIPTION.name: options.robot})
+    with CONSOLE.status("identifying"):
+        found = identify_payload(arm, measurement_of(options.bag))
+    if options.out is not None:
+        try:
+            options.out.write_text(ros_parameters("controller", as_parameters(found)), encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f"--out {options.out}: {error.strerror}") from None
+    if options.json:
+        arrays = {name: value for name, value in asdict(found).items() if name != "warnings"}
+        plain = {name: value if isinstance(value, float) else value.tolist() for name, value in arrays.items()}
+        print(json.dumps({**plain, "warnings": list(found.warnings)}, allow_nan=False))
+    else:
+        _show(found)
+    for warning in found.warnings:
+        CONSOLE.print(f"pidtsm: warning: {warning}", highlight=False)
+    return 0
+
+
+def _show(found: CarriedBody) -> None:
+    """Print the payload with its intervals of 95 %, in the tool frame."""
+    out = Console(highlight=False)
+    out.print(f"mass            {found.mass:.4g} ± {found.mass_interval:.2g} kg")
+    for axis, value, half in zip("xyz", found.center_of_mass, found.center_interval, strict=True):
+        out.print(f"centre of mass  {axis} {1e3 * value:.1f} ± {1e3 * half:.1f} mm")
+    for name, value, half in zip(
+        ("xx", "yy", "zz", "xy", "xz", "yz"), found.inertia, found.inertia_interval, strict=True
+    ):
+        out.print(f"inertia         {name} {value:.2g} ± {half:.1g} kg m^2")
