@@ -27,7 +27,7 @@ def execute(options: argparse.Namespace) -> int:
         with CONSOLE.status("optimising"):
             found = find_limit(experiment)
     except RuntimeError as error:
-        raise RunError(f"the optimisation has not converged: {str(error).splitlines()[0]}") from None
+        raise RunError(f"the optimisation has not converged: {error}") from None
     if options.json:
         print(json.dumps({"scenario": experiment.scenario, "rmse": found.rmse}))
     else:

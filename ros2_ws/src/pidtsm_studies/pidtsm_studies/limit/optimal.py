@@ -83,7 +83,12 @@ def find_limit(experiment: Experiment) -> Limit:
     share = np.ones(2)
     for _ in range(_ROUNDS):
         problem.set_value(importance, share)
-        found = problem.solve()
+        try:
+            found = problem.solve()
+        except RuntimeError:
+            if problem.return_status() == "User_Requested_Stop":
+                raise KeyboardInterrupt from None
+            raise RuntimeError(f"IPOPT: {problem.return_status()}") from None
         problem.set_initial(found.value_variables())
         share = np.array([1.0 / found.value(each) for each in squared])
     return Limit(
