@@ -25,7 +25,7 @@ _TITLE = re.compile(r'title="([^"]+)"')
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _RECURSIVE = re.compile(r"^\./pidtsm test\b.*$", re.MULTILINE)
 # Take long; test_reproduction.py, test_closed_loop.py and the command's own test run them.
-_LONG = re.compile(r"^\./pidtsm (reproduce --out \S+|demo|score --quick .*)$", re.MULTILINE)
+_LONG = re.compile(r"^\./pidtsm (reproduce --out \S+|demo|score --quick .*|tune .*)$", re.MULTILINE)
 _PLAIN = re.compile(
     r"(\./pidtsm (run|rollout|report|compare|analyze|reproduce|score|leaderboard|tune|bench) [^$&|;<>`]*\n)+"
 )
