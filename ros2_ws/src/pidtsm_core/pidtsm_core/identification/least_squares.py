@@ -137,13 +137,12 @@ def fit(
     inverse = solve_triangular(triangle, np.eye(solution.size))
     # ... and this one takes into account that it is estimated.
     factor = np.linalg.cholesky(np.linalg.inv((inverse @ inverse.T)[:-1, :-1])).T
-    flat = np.concatenate(residuals)
     return Fit(
         beta=solution[:-1],
         factor=factor,
         delay=delay,
         delay_deviation=float(np.linalg.norm(inverse[-1])),
-        residual=np.sqrt(np.mean(flat**2, axis=0, where=np.concatenate([piece.usable for piece in pieces]))),
+        residual=_size(residuals, pieces),
         freedom=max(1, len(targets) - joints * _ORDER - solution.size),
         condition=condition,
     )
@@ -162,6 +161,13 @@ def _solve(rows: Array, targets: Array, instruments: Array, expected: Expectatio
     values = np.concatenate([basis.T @ targets, weights * np.array([*expected.beta, 0.0])])
     rotation, triangle = qr(system, mode="economic")
     return triangle, solve_triangular(triangle, rotation.T @ values)
+
+
+def _size(residuals: Sequence[Array], pieces: Sequence[Piece]) -> Array:
+    """Root mean square of the residuals of each joint where they are usable; 0 where none is."""
+    usable = np.concatenate([piece.usable for piece in pieces])
+    total = np.sum(np.concatenate(residuals) ** 2, axis=0, where=usable)
+    return np.asarray(np.sqrt(total / np.maximum(np.count_nonzero(usable, axis=0), 1)))
 
 
 def _condition(rows: Array) -> float:
