@@ -22,7 +22,7 @@ from pidtsm_core.experiment import Experiment
 from pidtsm_core.identification.consistency import is_consistent
 from pidtsm_core.identification.corrected_urdf import carriers, corrected_urdf
 from pidtsm_core.identification.excitation import excitation
-from pidtsm_core.identification.identification import Identification, identify
+from pidtsm_core.identification.identification import Identification, IdentificationError, identify
 from pidtsm_core.identification.least_squares import motion_regressor
 from pidtsm_core.identification.measurement import Measurement, filtered
 from pidtsm_core.identification.regressor import LINK, described_parameters
@@ -120,7 +120,8 @@ def run(folder: Path, true: Description, known: Description, times: Array, motio
         "seed": seed,
     }
     trajectory = {"joints": joints, "reference.name": "csv", "reference.file": str(file)}
-    settings = {"simulator": simulator, "controller": {"robot.description": known.text}, "trajectory": trajectory}
+    controller = {"robot.description": known.text, "limits.velocity_action": "warn"}
+    settings = {"simulator": simulator, "controller": controller, "trajectory": trajectory}
     return rollout(Experiment("excitation", "piddtsm", float(times[-1]), settings), params="practical")
 
 
@@ -166,7 +167,10 @@ def one(folder: Path, robot: str, seed: int, tracks: bool) -> dict[str, Any]:
     recording = run(folder, true, known, times, motion, seed)
     measured = measurement(recording, np.minimum(true.effort, 100.0), seed)
     start = time.perf_counter()
-    found = identify(known, [measured])
+    try:
+        found = identify(known, [measured])
+    except IdentificationError as error:
+        return {"robot": robot, "seed": seed, "refused": str(error)}
     result = {"robot": robot, "seed": seed, "seconds": time.perf_counter() - start, **judge(found, truth, measured)}
     if tracks:
         better = read_description(corrected_urdf(known, found.parameters))
@@ -191,11 +195,12 @@ def main() -> None:
                 if options.out:
                     options.out.write_text(json.dumps(results) + "\n", encoding="utf-8")
     for robot in options.robot or ROBOTS:
-        of_robot = [each for each in results if each["robot"] == robot]
+        of_robot = [each for each in results if each["robot"] == robot and "refused" not in each]
         covered = np.mean([np.mean(each["covered"]) for each in of_robot])
         after, before = (np.array([each[name] for each in of_robot]) for name in ("after", "before"))
         print(
-            f"{robot}: {len(of_robot)} arms, covered {100.0 * covered:.1f} %, "
+            f"{robot}: {len(of_robot)} arms, refused {sum(each['robot'] == robot for each in results) - len(of_robot)}, "
+            f"covered {100.0 * covered:.1f} %, "
             f"consistent {100.0 * np.mean([each['consistent'] for each in of_robot]):.0f} %, "
             f"torque error relative to the truth's {np.sqrt(np.mean(before**2)):.1f} before, "
             f"{np.sqrt(np.mean(after**2)):.3f} after (worst joint {after.max():.2f}), "

@@ -9,12 +9,13 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
+from pidtsm_controller.payload_watch import PayloadWatch
 from pidtsm_controller.watchdog import CHECK, Watchdog
 from pidtsm_core.arrivals import Arrivals, Stamp
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.control import Clock, Controller
 from pidtsm_core.joints import MessageError
-from pidtsm_core.node_parameters import controller_node_schema
+from pidtsm_core.node_parameters import PAYLOAD_OBSERVED, controller_node_schema
 from pidtsm_core.parameters import as_float, names
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.signals import Fault, Mode, Request, Signal, Status
@@ -93,6 +94,7 @@ class ControllerNode(ManagedNode):
         self._commands = self.advertise(topic.message_type, topic.name)
         self._states = self.advertise(ControllerState, "~/state")
         self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
+        self._payload = PayloadWatch(self, self._controller) if self.values[PAYLOAD_OBSERVED.name] else None
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset_fault", self._reset_fault)
         self.offer_switch("~/freedrive", lambda on: self._request(Request.FREE if on else Request.HOLD))
@@ -120,6 +122,8 @@ class ControllerNode(ManagedNode):
         # The first state is always published, regardless of state.decimation.
         self._unpublished = self._decimation - 1
         self._controller.reset()
+        if self._payload is not None:
+            self._payload.reset()
         self._reported = _Reported()
         self._status = None
         self._waiting_stamp = self._state_arrivals.last
@@ -133,6 +137,8 @@ class ControllerNode(ManagedNode):
 
     def parameters_changed(self) -> None:
         self._controller.set_parameters(self.values)
+        if self._payload is not None:
+            self._payload.parameters_changed()
         self._statistics.deadline = as_float(self.values["diagnostics.deadline"])
         self._decimation = int(as_float(self.values["state.decimation"]))
         for warning in self._controller.warnings():
@@ -215,6 +221,8 @@ class ControllerNode(ManagedNode):
             self._report(status)
         if self._brakes is not None:
             self._engage_brakes()
+        if self._payload is not None:
+            self._payload.update(stamp)
         age = 0.0 if self.lockstep else self._state_arrivals.age(time.monotonic_ns(), time.time_ns()) * 1e-9
         statistics = self._statistics
         statistics.tick(time.monotonic_ns(), age, compute_time)

@@ -10,6 +10,7 @@ from pidtsm_core.control import ESTIMATOR_NAME, controller_schema
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, chosen
 from pidtsm_core.references import reference_schema
+from pidtsm_core.robots import TreeRobot, find_robot
 from pidtsm_core.simulation.simulator import simulator_schema
 from pidtsm_core.trajectories import limits
 
@@ -106,6 +107,13 @@ _SIMULATOR = (
     ),
 )
 
+PAYLOAD_OBSERVED = Parameter(
+    "payload.observe",
+    False,
+    "estimate what the arm carries while it moves, and publish it on ~/payload; the arm must be read from a description",
+    read_only=True,
+)
+
 _CONTROLLER = (
     *_LOOP,
     *_thresholds(
@@ -128,6 +136,14 @@ _CONTROLLER = (
     _form_of_commands("output.type", "message type of the commands published"),
     _start("the commands", 1, "simulator"),
     Parameter("state.decimation", 1, "number of ticks per message on ~/state", minimum=1),
+    PAYLOAD_OBSERVED,
+    Parameter(
+        "payload.largest",
+        0.0,
+        "largest estimated mass that ~/take_payload takes over; 0: none",
+        "kg",
+        minimum=0.0,
+    ),
 )
 
 _ACTION = (
@@ -220,13 +236,17 @@ def controller_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, .
     """Every parameter of the controller node.
 
     Raises:
-        ParameterError: the estimator works only in a rollout.
+        ParameterError: the estimator works only in a rollout, or the payload of a closed form is to be observed.
     """
     estimator = ESTIMATORS[chosen(settings, ESTIMATOR_NAME)]
     if estimator.needs_truth:
         raise ParameterError(
             f"{ESTIMATOR_NAME.name}: {estimator.name} needs the true derivatives, which no sensor delivers; "
             "it works in a rollout only"
+        )
+    if settings.get(PAYLOAD_OBSERVED.name) is True and not isinstance(robot := find_robot(settings), TreeRobot):
+        raise ParameterError(
+            f"{PAYLOAD_OBSERVED.name}: {robot.name} is a closed form; name the URDF of the arm", PAYLOAD_OBSERVED.name
         )
     return (*controller_schema(settings), *_CONTROLLER)
 

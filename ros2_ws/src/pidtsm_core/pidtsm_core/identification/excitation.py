@@ -23,8 +23,8 @@ _SAMPLES = 40
 """States of a period in which a motion is judged; eight for each period of the highest harmonic."""
 _GUESSES, _STEPS = 40, 15
 """Random motions of which the best is improved, and steps of the improvement."""
-_SHARE = 0.9
-"""Of position, velocity and effort limits; the rest is for the controller."""
+_SHARE, _SHARE_OF_VELOCITY = 0.9, 0.6
+"""Of position and effort limits, and of velocity limits; the rest is for a controller whose model is still wrong."""
 _WIDEST = 2.0
 """rad or m; largest distance from the middle, also of joints that turn farther or without end."""
 _QUICKEST = 4.0
@@ -71,7 +71,7 @@ class _Series:
         self.middle = np.where(bounded, np.where(bounded, limits.lower, 0.0) + np.where(bounded, half, 0.0), 0.0)
         self._bounds = [
             _SHARE * np.minimum(np.where(bounded, half, np.inf), _WIDEST),
-            _SHARE * limits.velocity,
+            _SHARE_OF_VELOCITY * limits.velocity,
             np.where(np.isinf(limits.given_acceleration), _QUICKEST, limits.given_acceleration),
         ]
 
