@@ -195,11 +195,12 @@ def main() -> None:
                 if options.out:
                     options.out.write_text(json.dumps(results) + "\n", encoding="utf-8")
     for robot in options.robot or ROBOTS:
+        refused = sum(each["robot"] == robot and "refused" in each for each in results)
         of_robot = [each for each in results if each["robot"] == robot and "refused" not in each]
         covered = np.mean([np.mean(each["covered"]) for each in of_robot])
         after, before = (np.array([each[name] for each in of_robot]) for name in ("after", "before"))
         print(
-            f"{robot}: {len(of_robot)} arms, refused {sum(each['robot'] == robot for each in results) - len(of_robot)}, "
+            f"{robot}: {len(of_robot)} arms, refused {refused}, "
             f"covered {100.0 * covered:.1f} %, "
             f"consistent {100.0 * np.mean([each['consistent'] for each in of_robot]):.0f} %, "
             f"torque error relative to the truth's {np.sqrt(np.mean(before**2)):.1f} before, "

@@ -110,7 +110,7 @@ _SIMULATOR = (
 PAYLOAD_OBSERVED = Parameter(
     "payload.observe",
     False,
-    "estimate what the arm carries while it moves, and publish it on ~/payload; the arm must be read from a description",
+    "estimate what the arm carries while it moves, and publish it on ~/payload; for arms that are read from a file",
     read_only=True,
 )
 
