@@ -7,7 +7,6 @@ from rclpy.parameter import Parameter as RosParameter
 from pidtsm_core.control import Clock, Controller
 from pidtsm_core.control.payload_blend import PayloadBlend
 from pidtsm_core.identification.payload_observer import PayloadObserver
-from pidtsm_core.node_parameters import PAYLOAD_OBSERVED
 from pidtsm_core.parameters import as_float
 from pidtsm_core.robots import TreeRobot, find_robot
 from pidtsm_core.timing import NANOSECONDS, seconds
@@ -29,8 +28,7 @@ class PayloadWatch:
         """Args: node: the controller node, while it is configured; controller: its controller."""
         self._node, self._controller = node, controller
         robot = find_robot(node.values)
-        if not isinstance(robot, TreeRobot):
-            raise TypeError(f"{PAYLOAD_OBSERVED.name} passed the schema for a closed form")
+        assert isinstance(robot, TreeRobot)  # The schema has checked it.
         self._robot = robot
         self._frame = robot.description.links.names[robot.description.tool_link]
         self._publisher = node.advertise(InertiaStamped, "~/payload")

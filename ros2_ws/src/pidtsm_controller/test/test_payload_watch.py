@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from pidtsm_controller.controller_node import ControllerNode
 from pidtsm_core.node_parameters import controller_node_schema
-from pidtsm_core.parameters import ParameterError, resolve
+from pidtsm_core.parameters import Array, ParameterError, names, resolve
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.stamps import set_stamp
@@ -39,8 +39,11 @@ class Carrying:
         given = {**ARM, "rate": RATE, "payload.mass": CARRIED}
         self.robot = SimulatedRobot(resolve(simulator_schema, given, 6))
         self.middle = self.robot.state.arm.position.copy()
-        self.names = [str(name) for name in resolve(simulator_schema, given, 6)["joints"]]  # type: ignore[union-attr]
-        self.graph, self.commands, self.estimates, self.efforts = graph, [], [], []
+        self.names = list(names(resolve(simulator_schema, given, 6)["joints"]))
+        self.graph = graph
+        self.commands: list[JointState] = []
+        self.estimates: list[InertiaStamped] = []
+        self.efforts: list[Array] = []
         stranger = graph.stranger
         self.states = stranger.create_publisher(JointState, "joint_states", 10)
         self.references = stranger.create_publisher(JointReference, "reference", 10)

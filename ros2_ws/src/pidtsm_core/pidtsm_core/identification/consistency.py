@@ -56,7 +56,7 @@ def link_parameters(pseudo: Array) -> Array:
 
 
 def is_consistent(link: Array) -> bool:
-    """Whether a body with positive mass can have these ten parameters."""
+    """Whether a body with positive mass can have these parameters, shape (10,)."""
     return bool(np.linalg.eigvalsh(pseudo_inertia(link))[0] > 0.0)
 
 

@@ -60,13 +60,13 @@ class Fit:
 
     @property
     def deviation(self) -> Array:
-        """Standard deviations of `beta`."""
+        """Standard deviations of `beta`, shape (base,)."""
         inverse = solve_triangular(self.factor, np.eye(self.beta.size))
         return np.asarray(np.linalg.norm(inverse, axis=1))
 
     @property
     def half_interval(self) -> Array:
-        """Half the width of the intervals of `beta` that contain the truth with probability `CONFIDENCE`."""
+        """Half the width of the intervals of `beta` that contain the truth with `CONFIDENCE`, shape (base,)."""
         return np.asarray(student.ppf(0.5 + 0.5 * CONFIDENCE, self.freedom) * self.deviation)
 
 
@@ -111,31 +111,18 @@ def fit(
     explained = [fast @ known if known is not None else 0.0 for fast, _ in full]
     if (most := max(np.sum([np.count_nonzero(_used(piece), axis=0) for piece in pieces], axis=0))) < _FEWEST:
         raise ValueError(f"too few samples in which a joint moves and its torque is below its limit: {most}")
-    colours, scales = np.zeros((joints, _ORDER)), np.ones(joints)
-    delay, solution, condition = 0.0, np.zeros(0), 0.0
-    residuals: list[Array] = []
-    triangle = np.empty((0, 0))
-    for _ in range(1 + _ROUNDS):
-        # effort(t + delay) = Y beta + (delay - true delay) effort'(t), with the difference as the last parameter.
-        rates = [(piece.motion.effort_rate, piece.slow.effort_rate) for piece in pieces]
-        systems = [
-            [np.dstack([m, rate]) for m, rate in zip(both, rate_of, strict=True)]
-            for both, rate_of in zip(matrices, rates, strict=True)
-        ]
-        efforts = [piece.motion.effort - known_part for piece, known_part in zip(pieces, explained, strict=True)]
-        tables = [np.dstack([fast, slow, effort]) for (fast, slow), effort in zip(systems, efforts, strict=True)]
-        rows, instruments, targets = np.split(
-            _whitened(tables, pieces, colours, scales), [base.columns.size + 1, 2 * base.columns.size + 2], axis=1
-        )
+    colours, scales, delay, count = np.zeros((joints, _ORDER)), np.ones(joints), 0.0, base.columns.size + 1
+    for done in range(1 + _ROUNDS):
+        tables = [_table(*each) for each in zip(pieces, matrices, explained, strict=True)]
+        rows, instruments, targets = np.split(_whitened(tables, pieces, colours, scales), [count, 2 * count], axis=1)
         triangle, solution = _solve(rows, targets[:, 0], instruments, expected)
-        condition = _condition(rows[:, :-1])
-        residuals = [effort - fast @ solution for (fast, _), effort in zip(systems, efforts, strict=True)]
-        colours, scales = _noise(residuals, pieces, solution.size)
+        residuals = [table[..., -1] - table[..., :count] @ solution for table in tables]
         delay -= float(solution[-1])
-        pieces = [piece for each in measurements for piece in filtered(each, cutoff, delay)]
-    factor = triangle[:-1, :-1]  # The delay is the last column, so this is the factor given the delay ...
-    inverse = solve_triangular(triangle, np.eye(solution.size))
-    # ... and this one takes into account that it is estimated.
+        if done < _ROUNDS:
+            colours, scales = _noise(residuals, pieces, count)
+            pieces = [piece for each in measurements for piece in filtered(each, cutoff, delay)]
+    # Of the base parameters alone, without those of the delay, which is the last one.
+    inverse = solve_triangular(triangle, np.eye(count))
     factor = np.linalg.cholesky(np.linalg.inv((inverse @ inverse.T)[:-1, :-1])).T
     return Fit(
         beta=solution[:-1],
@@ -143,9 +130,19 @@ def fit(
         delay=delay,
         delay_deviation=float(np.linalg.norm(inverse[-1])),
         residual=_size(residuals, pieces),
-        freedom=max(1, len(targets) - joints * _ORDER - solution.size),
-        condition=condition,
+        freedom=max(1, len(targets) - joints * _ORDER - count),
+        condition=_condition(rows[:, :-1]),
     )
+
+
+def _table(piece: Piece, matrices: Sequence[Array], explained: Array | float) -> Array:
+    """The columns of a piece side by side: rows of the system, instruments, targets.
+
+    effort(t + delay) = Y beta + (delay - true delay) effort'(t), with the difference of delays as the last parameter.
+    """
+    fast, slow = matrices
+    effort = piece.motion.effort - explained
+    return np.dstack([fast, piece.motion.effort_rate, slow, piece.slow.effort_rate, effort])
 
 
 def _solve(rows: Array, targets: Array, instruments: Array, expected: Expectation) -> tuple[Array, Array]:

@@ -76,7 +76,10 @@ class Measurement:
         return replace(self, time=self.time[kept], position=self.position[kept], effort=self.effort[kept])
 
     def pieces(self) -> Iterator[tuple[Array, Array, Array]]:
-        """Time, position and effort of the pieces without long gaps, on an even grid of its period."""
+        """Time, shape (samples,), position and effort, (samples, joints), of the pieces without long gaps.
+
+        They are on an even grid of its period.
+        """
         period = self.period
         ends = np.flatnonzero(np.diff(self.time) > max(_LONGEST_GAP, 3.0 * period)) + 1
         for rows in np.split(np.arange(self.time.size), ends):

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.identification.corrected_urdf import moved
@@ -104,7 +105,7 @@ class PayloadObserver:
 
     def _solution(self) -> tuple[Array, Array]:
         """Mass and first moments, and their covariance."""
-        covariance = np.linalg.inv(self._information + np.diag(_GUESS**-2.0))
+        covariance = np.asarray(np.linalg.inv(self._information + np.diag(_GUESS**-2.0)), dtype=np.float64)
         return covariance @ self._sum, covariance
 
     def _learn(self) -> None:
@@ -127,7 +128,7 @@ class PayloadObserver:
 
 @njit
 def _low_pass(
-    stages: Array, position: Array, effort: Array, decay: float, rate: float, least: float, fast: Array
+    stages: Array, position: Array, effort: Array, decay: float, rate: float, least: float, fast: NDArray[np.int64]
 ) -> None:
     """Advance the filters, and count the samples since each joint was slow; `stages` has shape (2, 4, joints)."""
     for j in range(position.size):
