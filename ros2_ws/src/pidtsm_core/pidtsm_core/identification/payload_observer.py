@@ -106,7 +106,7 @@ class PayloadObserver:
     def _solution(self) -> tuple[Array, Array]:
         """Mass and first moments, and their covariance."""
         covariance = np.asarray(np.linalg.inv(self._information + np.diag(_GUESS**-2.0)), dtype=np.float64)
-        return covariance @ self._sum, covariance
+        return covariance @ self._sum, np.asarray(covariance, dtype=np.float64)
 
     def _learn(self) -> None:
         """Take the filtered data as rows of least squares."""
