@@ -21,7 +21,7 @@ _OFTEN_AT_LIMIT = 0.002
 """Share of the samples at the limit that needs mention, and that counts as a limit where none is described."""
 _STATES = 250
 """States in which the description is compared with the data."""
-_LEAST_GRAVITY, _MOST_GRAVITY = 0.5, 1.5
+_LEAST_GRAVITY, _MOST_GRAVITY = 0.4, 1.7
 """How many times the torques contain the gravity of a description whose masses are as wrong as they may be."""
 _LITTLE_GRAVITY = 0.1
 """Share of gravity in the torques below which it cannot be judged."""
