@@ -106,7 +106,7 @@ def arms(robot: str, seed: int) -> tuple[Description, Array, Description]:
     return read_description(corrected_urdf(named, truth)), truth, read_description(corrected_urdf(named, described))
 
 
-def run(folder: Path, true: Description, known: Description, times: Array, motion: Array, seed: int) -> Recording:
+def closed_loop(folder: Path, true: Description, known: Description, times: Array, motion: Array, seed: int) -> Recording:
     """The closed loop: a true arm, and a controller that knows another description."""
     file, joints = folder / "motion.csv", list(true.joints)
     header = ",".join(["time", *(f"{kind}_{joint}" for kind in ("q", "dq", "ddq") for joint in joints)])
@@ -156,7 +156,7 @@ def tracking(folder: Path, true: Description, known: Description, robot: str, se
     """Root mean square error of the unseen motion, all joints."""
     times, motion = motions(robot)
     last = times >= EXCITED + CHANGE
-    recording = run(folder, true, known, times[last] - times[last][0], motion[:, last], seed)
+    recording = closed_loop(folder, true, known, times[last] - times[last][0], motion[:, last], seed)
     return float(np.sqrt(np.mean(recording.error[recording.time > 2.0] ** 2)))
 
 
@@ -164,7 +164,7 @@ def one(folder: Path, robot: str, seed: int, tracks: bool) -> dict[str, Any]:
     """One arm."""
     true, truth, known = arms(robot, seed)
     times, motion = motions(robot)
-    recording = run(folder, true, known, times, motion, seed)
+    recording = closed_loop(folder, true, known, times, motion, seed)
     measured = measurement(recording, np.minimum(true.effort, 100.0), seed)
     start = time.perf_counter()
     try:

@@ -131,5 +131,5 @@ def test_a_bag_of_a_run_has_plain_names_and_one_by_hand_has_full_ones(testbed: T
         testbed.node.destroy_publisher(publisher)
         with AnyReader([bag], default_typestore=typestore()) as reader:
             names.append({connection.topic for connection in reader.connections})
-    plain = {"/joint_commands", "/reference", "/controller/state", "/simulator/ground_truth"}
+    plain = {"/joint_commands", "/reference", "/controller/state", "/simulator/ground_truth", "/simulator/push"}
     assert names == [{f"/left/arm{name}" for name in plain} | {"/diagnostics"}, plain | {"/diagnostics"}]

@@ -24,9 +24,9 @@ ROSDEP_KEYS = {
     "yaml": "python3-yaml",
 }
 """Of Python packages, as in rosdep/python.yaml of rosdistro; ROS packages are declared by their names."""
-WITHOUT_KEY = {"llvmlite", "mcap", "mujoco", "plotly", "ruckig", "viser"}
+WITHOUT_KEY = {"cma", "llvmlite", "mcap", "mujoco", "plotly", "ruckig", "viser"}
 """llvmlite comes with numba. The ROS package ruckig has no Python module."""
-OPTIONAL = {"OpenGL", "av", "dask", "distributed", "glfw", "pinocchio"}
+OPTIONAL = {"OpenGL", "av", "casadi", "dask", "distributed", "glfw", "pinocchio"}
 """Imported only where they are installed."""
 HELPERS = {path.stem for path in Path(__file__).parent.glob("*.py")}
 

@@ -29,6 +29,8 @@ ACTION = {
     "reply": ("/_action/send_goal", "/_action/cancel_goal", "/_action/get_result"),
 }
 """What an action consists of."""
+PAYLOAD = ("payload.observe:=true", "robot.description:=ur5")
+"""The controller as it publishes and serves most."""
 Rules = dict[str, set[str]]
 
 
@@ -71,7 +73,7 @@ def graph(testbed: Testbed, node: str) -> Rules:
 def test_policy_is_exactly_what_the_nodes_use(testbed: Testbed) -> None:
     allowed = {node: rules for profiles in policy().values() for node, rules in profiles.items()}
     testbed.start("simulator", "autostart:=false", "clock:=lockstep")
-    testbed.start("controller", "autostart:=false", "stop.brakes:=true")
+    testbed.start("controller", "autostart:=false", "stop.brakes:=true", *PAYLOAD)
     testbed.start("trajectory", "autostart:=false")
     testbed.start("visualization")
     testbed.start("recorder", f"output:={testbed.folder / 'bag'}")

@@ -1,6 +1,5 @@
 """The trajectory node answers joint states with references, and rejects trajectories that it cannot follow."""
 
-import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -53,7 +52,8 @@ def test_every_joint_state_gets_the_reference_of_its_time(answered: tuple[Any, l
 
 def test_tools_read_its_state_as_that_of_a_trajectory_controller(graph: Callable[..., Any]) -> None:
     made = graph(TrajectoryNode, "clock:=lockstep", "start.subscribers:=1", "action_monitor_rate:=100.0")
-    made.stranger.create_subscription(JointReference, "reference", lambda _: None, QoSProfile(depth=100))
+    answers: list[JointReference] = []
+    made.stranger.create_subscription(JointReference, "reference", answers.append, QoSProfile(depth=100))
     found: list[JointTrajectoryControllerState] = []
     made.stranger.create_subscription(
         JointTrajectoryControllerState, "trajectory/controller_state", found.append, QoSProfile(depth=100)
@@ -61,13 +61,17 @@ def test_tools_read_its_state_as_that_of_a_trajectory_controller(graph: Callable
     states = made.stranger.create_publisher(JointState, "joint_states", QoSProfile(depth=100))
     made.node.trigger_configure()
     made.node.trigger_activate()
-    made.until(states.get_subscription_count, made.node.poll)
-    samples = itertools.count()
+    made.until(lambda: states.get_subscription_count() == 1, made.node.poll)
+    sent = 0
 
     def send() -> None:
-        message = JointState(name=NAMES[::-1], position=[-0.2, 0.3])
-        message.header.stamp.nanosec = next(samples) * MS
-        states.publish(message)
+        """One joint state after the other, as in a loop: many at once do not fit the queue."""
+        nonlocal sent
+        if len(answers) == sent:
+            message = JointState(name=NAMES[::-1], position=[-0.2, 0.3])
+            message.header.stamp.nanosec = sent * MS
+            states.publish(message)
+            sent += 1
 
     made.until(lambda: len(found) >= 3, send)
     stamps = [state.header.stamp.nanosec for state in found]

@@ -22,7 +22,7 @@ def fastest(given: InputParameter) -> PiecewiseMotion:
     found, joints = Trajectory(given.degrees_of_freedom), given.degrees_of_freedom
     try:
         result = Ruckig(joints).calculate(given, found)
-    except RuckigError as error:
+    except (RuckigError, ValueError) as error:  # ValueError: a result that the module does not know, such as -101.
         raise TrajectoryError(f"no motion to rest is possible: {error}") from None
     if result not in (Result.Working, Result.Finished):
         raise TrajectoryError(f"no motion to rest is possible ({result.name}): {given}")

@@ -43,7 +43,12 @@ def write_tuning_page(path: Path, tuning: Tuning) -> None:
 
 
 def front(rmse: Array, variation: Array) -> Array:
-    """Indices of the candidates of which no other has both a smaller RMSE and a smaller variation, by variation."""
+    """Indices of the candidates of which no other has both a smaller RMSE and a smaller variation, by variation.
+
+    Args:
+        rmse: of each candidate, relative as in `Result`, shape (candidates,).
+        variation: of its torque, relative, same shape.
+    """
     order = np.lexsort((rmse, variation))
     lowest = np.minimum.accumulate(rmse[order])
     return order[np.concatenate([[True], rmse[order][1:] < lowest[:-1]])]

@@ -104,7 +104,7 @@ def search(
 
 
 def best(generations: Sequence[Generation]) -> tuple[Array, float]:
-    """The candidate with the lowest cost, and its cost; the first one of several."""
+    """The candidate with the lowest cost, shape (parameters,), and its cost; the first one of several."""
     costs = [min(each.costs) for each in generations]
     generation = generations[int(np.argmin(costs))]
     return generation.x[int(np.argmin(generation.costs))], min(costs)
