@@ -106,7 +106,9 @@ def arms(robot: str, seed: int) -> tuple[Description, Array, Description]:
     return read_description(corrected_urdf(named, truth)), truth, read_description(corrected_urdf(named, described))
 
 
-def closed_loop(folder: Path, true: Description, known: Description, times: Array, motion: Array, seed: int) -> Recording:
+def closed_loop(
+    folder: Path, true: Description, known: Description, times: Array, motion: Array, seed: int
+) -> Recording:
     """The closed loop: a true arm, and a controller that knows another description."""
     file, joints = folder / "motion.csv", list(true.joints)
     header = ",".join(["time", *(f"{kind}_{joint}" for kind in ("q", "dq", "ddq") for joint in joints)])

@@ -200,7 +200,8 @@ def start(testbed: Testbed, plant: StrangersPlant, **parameters: object) -> dict
             *(f"{name}:={value}" for name, value in given.items()),
             *(reliable.format(topic) for topic in ("joint_states", "reference")),
         ),
-        "trajectory": testbed.start("trajectory", reliable.format("joint_states")),
+        # It waits for the controller and the test, so that no reference is lost.
+        "trajectory": testbed.start("trajectory", reliable.format("joint_states"), "start.subscribers:=2"),
     }
     testbed.spin_until(
         lambda: plant.states.get_subscription_count() == 2 and testbed.node.count_subscribers("reference") == 2,

@@ -266,10 +266,10 @@ class Arm:
             self._trajectories.publish(message)
             return
         goal = self._goal_type(trajectory=message)
-        self._goal = self._answer(self._action.send_goal_async(goal), _TO_REST)
+        self._goal = self._answer(self._request(self._action.send_goal_async, goal), _TO_REST)
         if not self._goal.accepted:
             raise GoalError("the goal was rejected")
-        self._result = self._goal.get_result_async()
+        self._result = self._request(self._goal.get_result_async)
 
     def _message(self, motion: PiecewiseMotion) -> JointTrajectory:
         """The motion as quintics between its segments, which are the same."""
@@ -332,7 +332,7 @@ class Arm:
             ArmError: the reference is not at rest within 10 s.
         """
         if self._result is not None and self._goal is not None:
-            self._answer(self._goal.cancel_goal_async(), _TO_REST)
+            self._answer(self._request(self._goal.cancel_goal_async), _TO_REST)
             self._result = None
         else:
             self._trajectories.publish(JointTrajectory())
@@ -352,6 +352,12 @@ class Arm:
 
     def _on_state(self, data: bytes) -> None:
         self._state = data
+
+    def _request(self, send: Callable[..., Future], *arguments: Any) -> Future:
+        """Send a request of the action from the thread that takes the answers: rclpy drops one that comes at once."""
+        sent = self._executor.create_task(send, *arguments)
+        self._await(sent.done, _TO_REST, "the request was not sent")
+        return sent.result()
 
     def _answer(self, future: Future, timeout: float, otherwise: str = "the system does not answer") -> Any:
         self._await(future.done, timeout, otherwise)
