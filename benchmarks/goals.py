@@ -31,7 +31,8 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_core.cdr import serialized_nanoseconds
-from pidtsm_core.experiment import PRACTICAL, make_experiment, ros_parameters
+from pidtsm_core.experiment import PRACTICAL, make_experiment
+from pidtsm_core.parameter_files import ros_parameters
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.trajectories.limits import MotionLimits, motion_limits

@@ -19,12 +19,12 @@ import numpy as np
 
 from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import Experiment
-from pidtsm_core.identification.consistency import is_consistent
 from pidtsm_core.identification.corrected_urdf import carriers, corrected_urdf
 from pidtsm_core.identification.excitation import excitation
 from pidtsm_core.identification.identification import Identification, IdentificationError, identify
 from pidtsm_core.identification.least_squares import motion_regressor
 from pidtsm_core.identification.measurement import Measurement, filtered
+from pidtsm_core.identification.pseudo_inertia import is_consistent
 from pidtsm_core.identification.regressor import LINK, described_parameters
 from pidtsm_core.parameters import Array
 from pidtsm_core.polynomials import add_quintic, quintic

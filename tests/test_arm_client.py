@@ -14,7 +14,8 @@ from testarms import TWO_LINK
 from testbed import Testbed, open_testbed
 from trajectory_msgs.msg import JointTrajectory
 
-from pidtsm_core.experiment import PRACTICAL, make_experiment, ros_parameters
+from pidtsm_core.experiment import PRACTICAL, make_experiment
+from pidtsm_core.parameter_files import ros_parameters
 from pidtsm_core.signals import Mode
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.runner import node_parameters

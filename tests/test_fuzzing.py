@@ -24,8 +24,9 @@ from std_srvs.srv import Trigger
 from testbed import DEADLINE, Testbed
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from pidtsm_core.experiment import PRACTICAL_FILE, load_ros_parameters
+from pidtsm_core.experiment import PRACTICAL_FILE
 from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.parameter_files import load_ros_parameters
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.stamps import nanoseconds
 

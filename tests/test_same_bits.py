@@ -18,9 +18,10 @@ from pidtsm_controller.controller_node import ControllerNode
 from pidtsm_controller.trajectory_node import TrajectoryNode
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.closed_loop import rollout
-from pidtsm_core.experiment import Experiment, make_experiment, ros_parameters
+from pidtsm_core.experiment import Experiment, make_experiment
 from pidtsm_core.laws import LAWS
 from pidtsm_core.node_parameters import AUTOSTART
+from pidtsm_core.parameter_files import ros_parameters
 from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot

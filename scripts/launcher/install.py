@@ -8,6 +8,7 @@ import re
 import shutil
 import sys
 import sysconfig
+import tempfile
 import time
 from importlib.util import find_spec
 from pathlib import Path
@@ -127,6 +128,12 @@ class Installer(NamedTuple):
         paths = {name: environment.entries(after, name) for name in after if name.endswith("PATH")}
         environment.write(self.layout, self.want, workspace=digest, paths=paths)
 
+    def compile(self) -> None:
+        """Compile the control loop by a short run of the nodes; if it fails, the first command compiles."""
+        with tempfile.TemporaryDirectory(prefix="pidtsm-") as folder:
+            nodes = ["run", "--params=practical", "--clock=realtime", "--duration=0.1", f"--out={folder}/run"]
+            self._run("compiling the control loop", [str(self.layout.root / "pidtsm"), *nodes], needed=False)
+
     def _paths(self) -> dict[str, list[str]]:
         """Search path entries of the environment itself."""
         venv = self.layout.venv
@@ -187,6 +194,8 @@ def set_up(layout: Layout, *, actions: bool) -> dict[str, Any]:
         say(f"{reason}: setting up the {first}.")
         for step in (installer.create, installer.install, installer.build)[STEPS.index(first) :]:
             step()
+        if first == "environment":
+            installer.compile()
     if actions and not layout.actions.exists():
         layout.actions.touch()
         try:

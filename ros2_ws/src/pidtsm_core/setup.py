@@ -4,16 +4,24 @@ from setuptools import find_packages, setup
 
 NAME = "pidtsm_core"
 
+
+def files(folder: str) -> list[str]:
+    """Parameter files in a folder of the package."""
+    return sorted(map(str, Path(NAME, folder).glob("*.yaml")))
+
+
 setup(
     name=NAME,
     version="0.2.0",
     packages=find_packages(exclude=["test"]),
-    package_data={NAME: ["py.typed", "scenarios/*.yaml", "params/*.yaml", "robots/arms/*.urdf", "robots/arms/*.yaml"]},
+    package_data={
+        NAME: ["py.typed", "scenarios/*.yaml", "params/**/*.yaml", "robots/arms/*.urdf", "robots/arms/*.yaml"]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         # For `ros2 run ... --params-file`.
-        (f"share/{NAME}/params", sorted(map(str, Path(NAME, "params").glob("*.yaml")))),
+        *((f"share/{NAME}/{folder}", files(folder)) for folder in ("params", "params/tuned")),
     ],
     python_requires=">=3.10",
     install_requires=[

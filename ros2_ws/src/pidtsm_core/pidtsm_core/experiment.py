@@ -1,7 +1,6 @@
 """Definition of a run: a scenario, a law, and the resulting parameters of every node."""
 
 import functools
-import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -18,12 +17,10 @@ from pidtsm_core.gains import first_gains
 from pidtsm_core.laws import LAWS
 from pidtsm_core.node_parameters import NODE_ONLY
 from pidtsm_core.node_settings import resolve_nodes
+from pidtsm_core.parameter_files import NODES, Settings, flatten, load_mapping, load_ros_parameters, read_yaml
 from pidtsm_core.parameters import ParameterError, Schema, Value, as_float
 from pidtsm_core.robots import DESCRIPTION, NAMES, ROBOTS, find_robot
 from pidtsm_core.simulation.plant import RATE
-
-Settings = dict[str, dict[str, Any]]
-"""Parameter values by node and full name."""
 
 ARTICLE = "article"
 """Name of the parameter set of the article's Table 1."""
@@ -32,47 +29,11 @@ DEFAULT_SCENARIO = "case1"
 """Scenario if neither a scenario nor a robot is chosen."""
 PRACTICAL = "practical"
 """Name of the parameter set for real sensors and drives."""
-NODES = ("simulator", "controller", "trajectory")
-_ANY_NAMESPACE = "/**"
-"""Prefix of a node name in ROS parameter files."""
+TUNED = "tuned_"
+"""Prefix of the names of tuned parameter sets; a class of hardware follows."""
 _SCENARIOS, _PARAMETERS = (Path(__file__).with_name(folder) for folder in ("scenarios", "params"))
 PRACTICAL_FILE = _PARAMETERS / f"{PRACTICAL}.yaml"
 _SCENARIO_KEYS = ("description", "duration", *NODES)
-
-
-_DEEPEST = 20
-"""Maximum nesting depth of a file; with thousands of levels, PyYAML takes seconds and then fails to recurse further."""
-
-_LONGEST = 100
-"""Maximum number of digits; Python refuses to print integers with thousands of digits."""
-
-
-class _Loader(yaml.SafeLoader):
-    """Reads 1e-3 as a number, as ROS does; in YAML 1.1 it is text.
-
-    Rejects aliases, as ROS does: a few lines with aliases can expand to more than fits into memory, or endlessly.
-    """
-
-    def __init__(self, text: str) -> None:
-        super().__init__(text)
-        self._level = 0
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("aliases (*NAME) are not allowed")
-        if self._level == _DEEPEST:
-            raise yaml.YAMLError(f"more than {_DEEPEST} levels")
-        self._level += 1
-        node = super().compose_node(parent, index)
-        self._level -= 1
-        if isinstance(node, yaml.ScalarNode) and node.tag.endswith(":int") and len(node.value) > _LONGEST:
-            raise yaml.YAMLError(f"an integer of more than {_LONGEST} digits")
-        return node
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
-)
 
 
 @dataclass(frozen=True)
@@ -148,7 +109,7 @@ def make_experiment(
         duration: s; replaces the scenario's if given.
         params: path of a ROS parameter file, or several. ``article`` is the article's Table 1 for the law (`law` if
             given, else the one set by the earlier parts), ``practical`` the set for real sensors and drives
-            (`practical_settings`).
+            (`practical_settings`), ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm.
         overrides: texts ``NODE.PARAMETER=VALUE``, or values by node and name; groups may be nested.
         robot: ``robot.description`` of simulator and controller, see `find_robot`; None: that of the scenario.
 
@@ -175,9 +136,11 @@ def make_experiment(
         of_law = law or (before if before in LAWS.names else None)
         if name == PRACTICAL:
             merge(practical_settings(of_law, _overridden(settings, chosen)), Path(name))
-        else:
-            source = article_parameters(of_law) if name == ARTICLE else Path(name)
-            merge(load_ros_parameters(source), source)
+            continue
+        source = article_parameters(of_law) if name == ARTICLE else Path(name)
+        if name.startswith(TUNED):
+            source = tuned_parameters(name, of_law, _overridden(settings, chosen))
+        merge(load_ros_parameters(source), source)
     if law is not None:
         settings["controller"]["law.name"] = law
     for node, name, value in chosen:
@@ -232,6 +195,27 @@ def article_parameters(law: str | None) -> Path:
     return file
 
 
+def tuned_parameters(name: str, law: str | None, settings: Settings) -> Path:
+    """ROS parameter file of a tuned set.
+
+    Args:
+        name: of the set, such as ``tuned_14bit``.
+        law: name of the law; None: the default law.
+        settings: of the experiment without this set; the arm matters.
+
+    Raises:
+        UsageError: there is none for this arm, hardware and law.
+    """
+    robot, hardware = _robot(settings), name.removeprefix(TUNED)
+    known = {file.stem: file for file in (_PARAMETERS / "tuned").glob("*.yaml")}
+    if law not in (None, LAW_NAME.default) or f"{robot}-{hardware}" not in known:
+        raise UsageError(
+            f"no set {name} for {law or LAW_NAME.default} on {robot}; make one with ./pidtsm tune, or choose one of "
+            f"{', '.join(sorted(known))} ({LAW_NAME.default})"
+        )
+    return known[f"{robot}-{hardware}"]
+
+
 def practical_settings(law: str | None, settings: Settings) -> Settings:
     """Parameters for real sensors and drives: those of ``practical.yaml``, or for an arm of data its `first_gains`.
 
@@ -248,65 +232,15 @@ def practical_settings(law: str | None, settings: Settings) -> Settings:
             "or specify a file"
         )
     controller = settings["controller"]
-    if str(controller.get(DESCRIPTION.name, DEFAULT_ROBOT)) in ROBOTS.names:
+    if _robot(settings) in ROBOTS.names:
         return load_ros_parameters(PRACTICAL_FILE)
     gains = first_gains(controller, rate=as_float(RATE.check(settings["simulator"].get("rate", RATE.default), 1)))
     return {"controller": {gain.name: gain.value for gain in gains}}
 
 
-def load_ros_parameters(file: Path) -> Settings:
-    """Parameters by node from a ROS parameter file (``NODE: ros__parameters: ...``).
-
-    Raises:
-        UsageError: the file is not readable or has another form.
-    """
-    content = _load_mapping(file)
-    settings: Settings = {}
-    for key, value in content.items():
-        node = str(key).removeprefix(_ANY_NAMESPACE).lstrip("/")
-        if node not in NODES:
-            raise UsageError(f"{file}: unknown node {key}; known: {', '.join(NODES)}")
-        if not isinstance(value, dict) or set(value) != {"ros__parameters"}:
-            raise UsageError(f"{file}: {key} must contain ros__parameters and nothing else")
-        settings[node] = flatten(value["ros__parameters"] or {}, f"{file}: {key}")
-    return settings
-
-
-def ros_parameters(node: str, values: Mapping[str, Value]) -> str:
-    """Content of a ROS parameter file for one node, with parameters nested by the dots in their names.
-
-    Args:
-        node: name of the node in any namespace, or its full name.
-        values: parameter values by name.
-    """
-    tree: dict[str, Any] = {}
-    for name, value in values.items():
-        *groups, leaf = name.split(".")
-        branch = tree
-        for group in groups:
-            branch = branch.setdefault(group, {})
-        branch[leaf] = list(value) if isinstance(value, tuple) else value
-    place = node if node.startswith("/") else f"{_ANY_NAMESPACE}/{node}"
-    return yaml.safe_dump({place: {"ros__parameters": tree}}, sort_keys=False)
-
-
-def flatten(tree: object, where: str) -> dict[str, Any]:
-    """Flatten nested groups to full names with dots.
-
-    Raises:
-        UsageError: `tree` is not a mapping with text keys.
-    """
-    if not isinstance(tree, dict):
-        raise UsageError(f"{where} must be a group of parameters, not {tree!r}")
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        if not isinstance(key, str):
-            raise UsageError(f"{where}: {key!r} is not a parameter name")
-        if isinstance(value, dict):
-            flat.update({f"{key}.{name}": v for name, v in flatten(value, f"{where}.{key}").items()})
-        else:
-            flat[key] = value
-    return flat
+def _robot(settings: Settings) -> str:
+    """The arm of the controller."""
+    return str(settings["controller"].get(DESCRIPTION.name, DEFAULT_ROBOT))
 
 
 def _scenario_file(scenario: str) -> Path:
@@ -332,22 +266,8 @@ def _scenario(scenario: str | None, robot: str | None, duration: float | None) -
     return Experiment(file.stem, "", seconds, settings, files)
 
 
-def read_yaml(text: str) -> Any:
-    """The content of a YAML text.
-
-    Raises:
-        YAMLError: the text is not YAML, or a value does not match its tag.
-    """
-    try:
-        return yaml.load(text, _Loader)  # noqa: S506  The loader is safe.
-    except yaml.YAMLError:
-        raise
-    except Exception as error:  # For !!int x, !!bool x or 2001-02-30, PyYAML raises other exceptions.
-        raise yaml.YAMLError(f"a value cannot be read: {error}") from None
-
-
 def _load_scenario(file: Path) -> dict[str, Any]:
-    content = _load_mapping(file)
+    content = load_mapping(file)
     for key in content:
         if key not in _SCENARIO_KEYS:
             raise UsageError(f"{file}: unknown key {key}; allowed: {', '.join(_SCENARIO_KEYS)}")
@@ -356,18 +276,6 @@ def _load_scenario(file: Path) -> dict[str, Any]:
 
 _packaged = functools.cache(_load_scenario)
 """Scenarios of the package do not change, and a batch needs one for each run."""
-
-
-def _load_mapping(file: Path) -> dict[str, Any]:
-    try:
-        content = read_yaml(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"{file}: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise UsageError(f"{file} is not YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(content, dict):
-        raise UsageError(f"{file} must contain keys and values")
-    return content
 
 
 def _parse_override(text: str) -> tuple[str, str, Any]:

@@ -5,10 +5,12 @@ from typing import Any
 
 import pytest
 
+import pidtsm_core
 from pidtsm_core.closed_loop import SCHEMAS
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment, scenario_names
 from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.parameter_files import load_ros_parameters
 from pidtsm_core.parameters import ParameterError, resolve
 
 
@@ -136,3 +138,27 @@ def test_a_closed_form_is_shared_only_in_the_order_of_its_joints() -> None:
     swapped = make_experiment(None, overrides={"trajectory": {"joints": ["joint2", "joint1"]}})
     for experiment, description in ((make_experiment(None), "two_link"), (swapped, "")):
         assert experiment.resolved(NODE_SCHEMAS)["trajectory"]["robot.description"] == description
+
+
+TUNED = sorted((Path(pidtsm_core.__file__).parent / "params" / "tuned").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("file", TUNED, ids=lambda file: file.stem)
+def test_every_tuned_set_is_chosen_by_its_hardware_and_accepted(file: Path) -> None:
+    robot, _, hardware = file.stem.rpartition("-")
+    experiment = make_experiment(None, robot=robot, params=[f"tuned_{hardware}"])
+    assert experiment.resolved(SCHEMAS)
+    first = file.read_text().splitlines()[0]
+    assert first.startswith(f"# ./pidtsm tune --robot {robot} --law piddtsm --hardware {hardware} --objective ")
+    law = load_ros_parameters(file)["controller"]
+    assert law.items() <= experiment.settings["controller"].items()
+
+
+@pytest.mark.parametrize(
+    ("robot", "law", "name"),
+    [("two_link", None, "tuned_20bit"), ("two_link", "pid", "tuned_ideal"), ("arm.urdf", None, "tuned_ideal")],
+)
+def test_a_tuned_set_that_does_not_exist_is_refused(robot: str, law: str | None, name: str) -> None:
+    controller = {"controller": {"robot.description": robot}, "simulator": {"robot.description": robot}}
+    with pytest.raises(UsageError, match=rf"no set {name} for .* two_link-ideal"):
+        make_experiment("case1", law, params=[name], overrides=controller)

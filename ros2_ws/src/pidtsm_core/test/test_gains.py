@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from pidtsm_core.closed_loop import rollout
 from pidtsm_core.control import controller_schema
-from pidtsm_core.experiment import PRACTICAL_FILE, load_ros_parameters, make_experiment
+from pidtsm_core.experiment import PRACTICAL_FILE, make_experiment
 from pidtsm_core.gains import first_gains
+from pidtsm_core.parameter_files import load_ros_parameters
 from pidtsm_core.parameters import Array, resolve
 from pidtsm_core.robots.source import ARMS, rated_payload
 from pidtsm_core.signals import Status

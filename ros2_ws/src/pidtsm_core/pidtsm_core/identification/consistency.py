@@ -7,6 +7,7 @@ from scipy.optimize import least_squares
 
 from pidtsm_core.identification.base_parameters import BaseParameters
 from pidtsm_core.identification.least_squares import Expectation, Fit
+from pidtsm_core.identification.pseudo_inertia import link_parameters, pseudo_inertia
 from pidtsm_core.identification.regressor import LINK, OF_JOINT
 from pidtsm_core.parameters import Array
 
@@ -33,31 +34,6 @@ class Prior:
     parameters: Array
     carriers: Array
     deviation: Array
-
-
-def pseudo_inertia(link: Array) -> Array:
-    """Pseudo-inertia of ten parameters, shape (4, 4): positive definite exactly if a body can have them.
-
-    J = ((S, h), (h', m)) with S = tr(I) / 2 - I; Wensing, Kim and Slotine, IEEE RA-L 3 (2018).
-    """
-    mass, moment = link[0], link[1:4]
-    xx, yy, zz, xy, xz, yz = link[4:]
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    spread = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    return np.block([[spread, moment[:, np.newaxis]], [moment, np.array(mass)]])
-
-
-def link_parameters(pseudo: Array) -> Array:
-    """The inverse of `pseudo_inertia`, shape (..., 10), linear in pseudo, shape (..., 4, 4)."""
-    spread = pseudo[..., :3, :3]
-    inertia = np.trace(spread, axis1=-2, axis2=-1)[..., np.newaxis, np.newaxis] * np.eye(3) - spread
-    moments = inertia[..., [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    return np.concatenate([pseudo[..., 3:, 3], pseudo[..., :3, 3], moments], axis=-1)
-
-
-def is_consistent(link: Array) -> bool:
-    """Whether a body with positive mass can have these parameters, shape (10,)."""
-    return bool(np.linalg.eigvalsh(pseudo_inertia(link))[0] > 0.0)
 
 
 def described_factor(link: Array) -> Array:

@@ -6,7 +6,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.identification.consistency import link_parameters, pseudo_inertia
+from pidtsm_core.identification.pseudo_inertia import moved
 from pidtsm_core.identification.regressor import LINK
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import Description
@@ -111,12 +111,6 @@ def _rotation(roll: float, pitch: float, yaw: float) -> Array:
             [-e, b * d, b * a],
         ]
     )
-
-
-def moved(link: Array, placement: Array) -> Array:
-    """Ten parameters in another frame; `placement`, shape (3, 4), leads from the old one to the new one."""
-    transform = np.vstack([placement, [0.0, 0.0, 0.0, 1.0]])
-    return link_parameters(transform @ pseudo_inertia(link) @ transform.T)
 
 
 def _set_inertial(link: Element, parameters: Array) -> None:

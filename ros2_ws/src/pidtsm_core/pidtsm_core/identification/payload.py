@@ -9,11 +9,12 @@ from scipy.stats import norm
 
 from pidtsm_core.identification.base_parameters import base_parameters
 from pidtsm_core.identification.consistency import body
-from pidtsm_core.identification.corrected_urdf import mass_and_center, moved
+from pidtsm_core.identification.corrected_urdf import mass_and_center
 from pidtsm_core.identification.data_faults import limited, recording_faults
 from pidtsm_core.identification.identification import IdentificationError
 from pidtsm_core.identification.least_squares import CONFIDENCE, Expectation, Fit, fit
 from pidtsm_core.identification.measurement import Measurement, bandwidth
+from pidtsm_core.identification.pseudo_inertia import moved
 from pidtsm_core.identification.regressor import LINK, described_parameters
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import Description

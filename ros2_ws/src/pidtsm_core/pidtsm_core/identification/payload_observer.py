@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.compiled import njit
-from pidtsm_core.identification.corrected_urdf import moved
+from pidtsm_core.identification.pseudo_inertia import moved
 from pidtsm_core.identification.regressor import LINK, REVERSAL, described_parameters, regressor
 from pidtsm_core.parameters import Array, Value, joint_array
 from pidtsm_core.robots import TreeRobot

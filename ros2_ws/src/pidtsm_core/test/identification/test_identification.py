@@ -7,11 +7,11 @@ import pytest
 from knownarm import KnownArm, known_arm
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.identification.consistency import is_consistent
 from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import Identification, IdentificationError, identify
 from pidtsm_core.identification.least_squares import motion_regressor
 from pidtsm_core.identification.measurement import filtered
+from pidtsm_core.identification.pseudo_inertia import is_consistent
 from pidtsm_core.identification.regressor import described_parameters, regressor
 from pidtsm_core.robots.description import read_description
 

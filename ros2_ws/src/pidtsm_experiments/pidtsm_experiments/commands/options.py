@@ -64,9 +64,10 @@ def add_parameter_arguments(parser: argparse.ArgumentParser) -> None:
         "--params",
         action="append",
         default=[],
-        metavar="article|practical|FILE",
-        help="the article's Table 1, the set for real sensors and drives, or a ROS parameter file for any of the "
-        "nodes; overrides the scenario; can be repeated, later files override earlier ones",
+        metavar="article|practical|tuned_14bit|FILE",
+        help="the article's Table 1, the set for real sensors and drives, one tuned for the arm and its encoders "
+        "(tuned_ideal, 17bit, 14bit, 12bit), or a ROS parameter file for any of the nodes; overrides the scenario; can "
+        "be repeated, later files override earlier ones",
     )
     parser.add_argument(
         "--set",

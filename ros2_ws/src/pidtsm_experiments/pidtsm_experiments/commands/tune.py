@@ -106,7 +106,8 @@ def tune(identity: dict[str, Any], limit: Budget, out: Path) -> Tuning:
 
         generations = search(space, training, identity, out / HISTORY, limit, show)
     tuning = conclude(identity, space, generations, training, validation)
-    command = " ".join(["./pidtsm tune", *(f"--{name} {value}" for name, value in identity.items())])
+    choices = {**identity, "budget": tuning.evaluations}
+    command = " ".join(["./pidtsm tune", *(f"--{name} {value}" for name, value in choices.items())])
     with renewed(out) as folder:
         (folder / PARAMETERS).write_text(parameter_file(tuning, command), encoding="utf-8")
         text = json.dumps(as_json(tuning), allow_nan=False)

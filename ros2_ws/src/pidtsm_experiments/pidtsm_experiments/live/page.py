@@ -44,6 +44,8 @@ class Page:
         self._status = Status(desk)
         self._forms: dict[str, NodeForms] = {}
         self._scene: ArmScene | None = None
+        self._watching: Watching | None = None
+        self._recorded: Recorded | None = None
         self._joints: list[str] = []
         self._name = ""
         self._newest: Any = None
@@ -58,7 +60,8 @@ class Page:
                 self._desk.system.spin()
                 if building.done():
                     building.result()
-                    self._show(picture)
+                if self._watching is not None:
+                    self._show(picture, self._watching)
                 elif picture % _TELL_EVERY == 0:
                     self._status.show(None, "")
                 await asyncio.sleep(_PERIOD)
@@ -142,22 +145,23 @@ class Page:
 
     # Showing.
 
-    def _show(self, picture: int) -> None:
+    def _show(self, picture: int, watching: Watching) -> None:
         batch = self._desk.system.states()
         if batch is not None:
             self._newest = batch.newest
             if list(batch.newest.name) == self._joints:
-                self._watching.add(batch)
+                watching.add(batch)
         changes, self._desk.system.changed = self._desk.system.changed, {}
         for node, forms in self._forms.items():
             if node in changes:
                 forms.follow(changes[node])
         self._move(batch)
         if picture % _DRAW_EVERY == 0:
-            self._watching.draw()
+            watching.draw()
         if picture % _TELL_EVERY == 0:
             self._status.show(self._newest, self._name)
-            self._watching.show()
+            watching.show()
+        if picture % _TELL_EVERY == 0 and self._recorded is not None:
             self._recorded.show()
 
     def _move(self, batch: Batch | None) -> None:

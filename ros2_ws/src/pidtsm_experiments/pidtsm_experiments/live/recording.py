@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.experiment import ros_parameters
+from pidtsm_core.parameter_files import ros_parameters
 from pidtsm_core.parameters import Value
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.live.errors import RefusedError

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.experiment import Experiment, article_parameters, make_experiment, ros_parameters
+from pidtsm_core.experiment import Experiment, article_parameters, make_experiment
+from pidtsm_core.parameter_files import ros_parameters
 from pidtsm_core.summary import write_metrics
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.reader import read_recording

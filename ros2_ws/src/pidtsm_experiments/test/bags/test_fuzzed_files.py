@@ -16,7 +16,8 @@ from rosbags.rosbag2 import StoragePlugin
 
 from pidtsm_core.closed_loop import SCHEMAS, rollout
 from pidtsm_core.errors import UsageError
-from pidtsm_core.experiment import NODES, make_experiment
+from pidtsm_core.experiment import make_experiment
+from pidtsm_core.parameter_files import NODES
 from pidtsm_experiments.bags.analysis import analyze
 from pidtsm_experiments.bags.errors import RecordingError, UnfinishedBag
 

@@ -37,11 +37,9 @@ def test_the_results_are_written_and_taken(out: Path, capfd: pytest.CaptureFixtu
     metrics = json.loads(capfd.readouterr().out)
     assert metrics["law"] == "computed_torque"
     assert metrics["rmse"] == content["training"]["nominal"]["after"]["rmse"]
-    command = (out / "params.yaml").read_text().splitlines()[0]
-    assert (
-        command
-        == "# ./pidtsm tune --robot two_link --law computed_torque --hardware ideal --objective balanced --seed 2"
-    )
+    choices = "--robot two_link --law computed_torque --hardware ideal --objective balanced --seed 2"
+    command = f"# ./pidtsm tune {choices} --budget {content['evaluations']}"
+    assert (out / "params.yaml").read_text().splitlines()[0] == command
 
 
 def test_killed_and_resumed_it_finds_the_same(out: Path, tmp_path: Path) -> None:

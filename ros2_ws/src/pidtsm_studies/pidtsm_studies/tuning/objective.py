@@ -22,8 +22,8 @@ from pidtsm_studies.tuning.definitions import OBJECTIVES, conditions
 _SMOOTH, _SMOOTH_EFFORT = 0.002, 0.2
 """Mean change of the effort from sample to sample that costs as much as the reference's RMSE: a share of the effort
 limit, and at most N m or N, as in `pidtsm_core.gains`."""
-_FREE_EFFORT = 1.003
-"""ECI, relative to that of the reference, up to which effort costs nothing."""
+_FREE_EFFORT = 1.004
+"""ECI of a joint, relative to that of the reference, up to which effort costs nothing."""
 _FAILED, _DIVERGED = 5.0, 100.0
 """Added if a run fails, and for one that diverges."""
 _WORST = 10.0
@@ -149,7 +149,7 @@ def _result(problem: Problem, condition: str, run: Mapping[str, list[float]] | N
     smooth = np.minimum(_SMOOTH * problem.limits, _SMOOTH_EFFORT)
     tracking = float(np.mean(values["rmse"] / rmse))
     variation = float(np.mean(values["torque_variation"] / smooth))
-    effort = max(float(np.mean(values["eci"] / eci)) - _FREE_EFFORT, 0.0)
+    effort = float(np.mean(np.maximum(values["eci"] / eci - _FREE_EFFORT, 0.0)))
     weights = problem.weights
     cost = (
         tracking
