@@ -6,6 +6,7 @@ import fcntl
 import importlib.machinery
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -650,6 +651,40 @@ def test_pip_does_what_uv_cannot(
     monkeypatch.setattr(install.Installer, "_run", run)
     install.Installer(checkout.layout, environment.wanted(checkout.layout), lock=0).install()
     assert done == [*steps, "checking packages"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "steps"),
+    [("", ["create", "install", "build", "compile"]), ("lock file", ["install", "build"]), ("workspace", ["build"])],
+)
+def test_only_a_new_environment_compiles_the_loop(
+    checkout: Checkout, monkeypatch: pytest.MonkeyPatch, changed: str, steps: list[str]
+) -> None:
+    if changed:
+        checkout.make_ready()
+        known = environment.read(checkout.layout)
+        environment.write(checkout.layout, known | {changed: "before"})
+    done: list[str] = []
+    monkeypatch.setattr(install, "_check_machine", lambda *_arguments, **_choices: None)
+    for step in ("create", "install", "build", "compile"):
+        monkeypatch.setattr(install.Installer, step, lambda _self, step=step: done.append(step))
+    install.set_up(checkout.layout, actions=False)
+    assert done == steps
+
+
+@pytest.mark.parametrize(("code", "result"), [(0, " 0 s"), (1, " failed")])
+def test_a_loop_that_does_not_compile_stops_no_set_up(
+    checkout: Checkout, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], code: int, result: str
+) -> None:
+    checkout.make_ready()
+    monkeypatch.setenv("CODE", str(code))
+    lock = os.open(checkout.root, os.O_RDONLY)
+    try:
+        install.Installer(checkout.layout, environment.wanted(checkout.layout), lock).compile()
+    finally:
+        os.close(lock)
+    assert re.sub(r"\d+ s", "0 s", capfd.readouterr().err) == f"pidtsm: compiling the control loop ...{result}\n"
+    assert "cli ['run', '--params=practical', " in checkout.layout.log.read_text()
 
 
 # --- the shell ------------------------------------------------------------------------------------------------------

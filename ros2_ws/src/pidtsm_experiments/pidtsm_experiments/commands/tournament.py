@@ -22,14 +22,21 @@ from pidtsm_studies.score.measure import Contender, measure
 from pidtsm_studies.score.results import FILE, as_json
 from pidtsm_studies.score.tasks import find_task
 from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES
+from pidtsm_studies.tuning.search import Budget
 
 _LAWS = tuple(law for law in LAWS.names if law != "sliding_mode")
 """All but the one that consists of parts: with its defaults it is piddtsm."""
-_HEAD = (
-    "# Tournament\n\nEvery law was tuned with the same budget, objective and conditions, and judged on conditions that "
-    "were not tuned on. A smaller objective is better; [Leaderboard](leaderboard.md) has the scores.\n\n"
-    "| arm | law | objective before | after | before, unseen | after, unseen |\n| --- | --- | --- | --- | --- | --- |\n"
-)
+_HEAD = """# Tournament
+
+Every law was tuned with the same budget, objective and conditions, and judged on conditions that were not tuned on. A
+smaller objective is better; 1 and a little is that of the rule-based set of `piddtsm`. The
+[Leaderboard](leaderboard.md) has the scores.
+
+Made by `./pidtsm tournament {options}` on {date}{commit}. The seed of every search is {seed}.
+
+| arm | law | objective before | after | before, unseen | after, unseen |
+| --- | --- | --- | --- | --- | --- |
+"""
 
 
 @dataclass(frozen=True)
@@ -87,7 +94,7 @@ def execute(options: argparse.Namespace) -> int:
     entries = read_entries(out / "score")
     with renewed(out) as folder:
         write_leaderboard(folder, entries)
-        (folder / "tournament.md").write_text(_HEAD + "".join(_rows(out, cells)), encoding="utf-8")
+        (folder / "tournament.md").write_text(_head(out, options) + "".join(_rows(out, cells)), encoding="utf-8")
     CONSOLE.print(f"{out}: leaderboard.html leaderboard.md tournament.md tune/ score/", highlight=False)
     return 0
 
@@ -138,6 +145,19 @@ def _score(cell: Cell, params: Path, out: Path, extent: Extent) -> None:
             lambda done, total: bar.update(bars, completed=done, total=total),
         )
         (folder / FILE).write_text(json.dumps(as_json(entry), allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _head(out: Path, options: argparse.Namespace) -> str:
+    made = json.loads((out / "tournament.json").read_text(encoding="utf-8"))
+    limit: Budget = options.budget
+    budget = limit.evaluations or f"{limit.seconds:g}s"
+    chosen = {"hardware": options.hardware, "objective": options.objective, "budget": budget, "seed": options.seed}
+    return _HEAD.format(
+        options=" ".join(f"--{name} {value}" for name, value in chosen.items()),
+        date=made["date"],
+        commit=f", commit {made['commit'][:12]}" if made["commit"] else "",
+        seed=options.seed,
+    )
 
 
 def _rows(out: Path, cells: list[Cell]) -> Iterator[str]:

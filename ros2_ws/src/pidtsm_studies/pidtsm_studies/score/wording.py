@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from pidtsm_studies.limit.known import known_limit
+from pidtsm_studies.limit.known import above_limit
 from pidtsm_studies.reports.labels import label
 from pidtsm_studies.score.results import Entry, Outcome
 
@@ -68,7 +68,6 @@ def _number(entry: Entry, run: str, metric: str) -> str:
 
 def _above_limit(entry: Entry) -> str:
     """By how much the RMSE of each joint exceeds what any controller can reach, if that is known for this arm."""
-    limit, found = known_limit(entry.task.robot), entry.nominal["ideal"]
-    if limit is None or found is None:
-        return ""
-    return " (" + ", ".join(f"{100.0 * (a / b - 1.0):+.1f} %" for a, b in zip(found["rmse"], limit, strict=True)) + ")"
+    found = entry.nominal["ideal"]
+    text = "" if found is None else above_limit(entry.task.robot, found["rmse"])
+    return f" ({text})" if text else ""

@@ -19,6 +19,9 @@ BOUNDS: Mapping[str, Mapping[str, float]] = _CONTENT["space"]
 FIXED: tuple[str, ...] = tuple(_CONTENT["fixed"])
 """Parameters that are not tuned."""
 
+NOMINAL = "nominal"
+"""The condition of training in which model and load are as the controller knows them."""
+
 
 def conditions(kind: str, hardware: str, task: Task, limits: Array) -> dict[str, dict[str, Any]]:
     """Simulator parameters of each condition, by name.

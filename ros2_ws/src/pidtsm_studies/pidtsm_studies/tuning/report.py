@@ -8,9 +8,11 @@ import numpy as np
 import plotly.graph_objects as go
 
 from pidtsm_core.parameters import Array
+from pidtsm_studies.limit.known import above_limit
 from pidtsm_studies.reports.labels import label, value_text
 from pidtsm_studies.reports.page import Section, write_page
 from pidtsm_studies.reports.plots import colour, set_style
+from pidtsm_studies.tuning.definitions import NOMINAL
 from pidtsm_studies.tuning.objective import Result
 from pidtsm_studies.tuning.outcome import SHIFT, Tuning
 
@@ -60,7 +62,8 @@ def _result(tuning: Tuning) -> dict[str, Any]:
         rows = [_row(name, *pair) for name, pair in getattr(tuning, kind).items()]
         before, after = tuning.objective(kind)
         tables.append({"caption": caption, "rows": rows, "before": f"{before:.4g}", "after": f"{after:.4g}"})
-    return {"tables": tables}
+    nominal = tuning.training[NOMINAL][1].metrics
+    return {"tables": tables, "above": above_limit(tuning.identity["robot"], nominal["rmse"]) if nominal else ""}
 
 
 def _row(name: str, before: Result, after: Result) -> dict[str, Any]:

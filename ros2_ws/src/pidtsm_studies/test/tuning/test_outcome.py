@@ -9,6 +9,7 @@ import pytest
 from devtools import CHROMIUM, Page
 
 from pidtsm_core.parameter_files import load_ros_parameters
+from pidtsm_studies.limit.known import above_limit
 from pidtsm_studies.score.tasks import Task
 from pidtsm_studies.tuning.objective import Problem, evaluate, make_problem, total
 from pidtsm_studies.tuning.outcome import SHIFT, Tuning, as_json, conclude, parameter_file
@@ -74,6 +75,8 @@ def test_the_page_states_what_was_tuned(page_file: Path, tuning: Tuning) -> None
     assert re.findall(r'<h2 id="(\w+)"', text) == ["result", "gains", "search", "smoothness"]
     for name in (*tuning.training, *tuning.validation, *(each.label for each in tuning.space.variables)):
         assert f'<th scope="row">{name}</th>' in text
+    above = above_limit("two_link", tuning.training["nominal"][1].metrics["rmse"])
+    assert f"any controller can reach (<code>./pidtsm limit</code>) by {above}." in text
     assert "default-src 'none'" in text
 
 
