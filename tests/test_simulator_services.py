@@ -139,6 +139,8 @@ def test_brakes_stop_the_arm_when_commands_stay_out_and_open_with_the_next(testb
     testbed.spin_until(lambda: min(map(abs, truth[-1].velocity)) > 0.05, "an arm in motion again")
     for before, after in pairwise(truth):
         dt = (nanoseconds(after.header.stamp) - nanoseconds(before.header.stamp)) * 1e-9
+        if dt > 5e-3:  # A busy machine has lost samples, in which the arm may have been faster.
+            continue
         speed = np.abs([before.velocity, after.velocity]).max(axis=0)
         assert (np.abs(np.subtract(after.position, before.position)) <= 1.01 * speed * dt + 1e-5).all(), "a jump"
 
