@@ -30,7 +30,7 @@ _HEAD = """# Tournament
 
 Every law was tuned with the same budget, objective and conditions, and judged on conditions that were not tuned on. A
 smaller objective is better; 1 and a little is that of the rule-based set of `piddtsm`. The
-[Leaderboard](leaderboard.md) has the scores.
+[Leaderboard](leaderboard.md) has the scores. `sliding_mode` is missing because with its default parts it is `piddtsm`.
 
 Made by `./pidtsm tournament {options}` on {date}{commit}. The seed of every search is {seed}.
 
