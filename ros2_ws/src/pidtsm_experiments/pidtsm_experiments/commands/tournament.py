@@ -151,9 +151,10 @@ def _head(out: Path, options: argparse.Namespace) -> str:
     made = json.loads((out / "tournament.json").read_text(encoding="utf-8"))
     limit: Budget = options.budget
     budget = limit.evaluations or f"{limit.seconds:g}s"
-    chosen = {"hardware": options.hardware, "objective": options.objective, "budget": budget, "seed": options.seed}
+    chosen = [("robot", robot) for robot in options.robot] + [("law", law) for law in options.law]
+    chosen += [("hardware", options.hardware), ("objective", options.objective), ("budget", budget)]
     return _HEAD.format(
-        options=" ".join(f"--{name} {value}" for name, value in chosen.items()),
+        options=" ".join(f"--{name} {value}" for name, value in (*chosen, ("seed", options.seed))),
         date=made["date"],
         commit=f", commit {made['commit'][:12]}" if made["commit"] else "",
         seed=options.seed,

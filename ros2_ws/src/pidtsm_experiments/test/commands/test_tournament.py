@@ -29,7 +29,10 @@ def test_a_cell_is_that_of_the_commands(out: Path, tmp_path: Path) -> None:
     objective = json.loads((params.parent / "tuning.json").read_text())["objective"]
     values = (objective[kind][when] for kind in ("training", "validation") for when in ("before", "after"))
     row = f"| two_link | computed_torque | {' | '.join(f'{value:.4g}' for value in values)} |"
-    assert row in (out / "tournament.md").read_text().splitlines()
+    text = (out / "tournament.md").read_text()
+    assert row in text.splitlines()
+    made = "--robot two_link --law computed_torque --hardware ideal --objective balanced --budget 9 --seed 0"
+    assert f"Made by `./pidtsm tournament {made}` on " in text
     assert "| computed torque |" in (out / "leaderboard.md").read_text()
 
 

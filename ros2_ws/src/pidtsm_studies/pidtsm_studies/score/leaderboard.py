@@ -52,8 +52,12 @@ def write_leaderboard(folder: Path, entries: Sequence[Entry]) -> None:
     arms = by_arm(entries)
     drawings = {f"leaderboard-{arm}": partial(_figure, scored) for arm, scored in arms.items()}
     save_figures(drawings, folder / "images")
-    parts = [_INTRODUCTION, *(_arm(arm, scored) for arm, scored in arms.items())]
-    (folder / "leaderboard.md").write_text("\n".join(parts), encoding="utf-8")
+    (folder / "leaderboard.md").write_text(document(entries), encoding="utf-8")
+
+
+def document(entries: Sequence[Entry]) -> str:
+    """Content of ``leaderboard.md``."""
+    return "\n".join([_INTRODUCTION, *(_arm(arm, scored) for arm, scored in by_arm(entries).items())])
 
 
 def _arm(arm: str, entries: Sequence[Entry]) -> str:
