@@ -1,5 +1,6 @@
 """Scenarios, parameter files and options become the parameters of the nodes."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -148,8 +149,10 @@ def test_every_tuned_set_is_chosen_by_its_hardware_and_accepted(file: Path) -> N
     robot, _, hardware = file.stem.rpartition("-")
     experiment = make_experiment(None, robot=robot, params=[f"tuned_{hardware}"])
     assert experiment.resolved(SCHEMAS)
-    first = file.read_text().splitlines()[0]
+    first, _, unseen = file.read_text().splitlines()[:3]
     assert first.startswith(f"# ./pidtsm tune --robot {robot} --law piddtsm --hardware {hardware} --objective ")
+    before, after = re.findall(r"(\S+) (?:before|after)", unseen)
+    assert float(after) < float(before)
     law = load_ros_parameters(file)["controller"]
     assert law.items() <= experiment.settings["controller"].items()
 
