@@ -3,7 +3,7 @@
     python benchmarks/figaroh_identify.py DATA.npz RESULT.npz
 
 FIGAROH's documented way: its base class with a configuration, its filter (at the given cut-off), base parameters by QR,
-weighted least squares, then bodies from the base parameters (`reconstruction`).
+weighted least squares, then bodies that can exist (`physical_fit`).
 """
 
 import json

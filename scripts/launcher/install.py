@@ -8,7 +8,6 @@ import re
 import shutil
 import sys
 import sysconfig
-import tempfile
 import time
 from importlib.util import find_spec
 from pathlib import Path
@@ -130,9 +129,8 @@ class Installer(NamedTuple):
 
     def compile(self) -> None:
         """Compile the control loop by a short run of the nodes; if it fails, the first command compiles."""
-        with tempfile.TemporaryDirectory(prefix="pidtsm-") as folder:
-            nodes = ["run", "--params=practical", "--clock=realtime", "--duration=0.1", f"--out={folder}/run"]
-            self._run("compiling the control loop", [str(self.layout.root / "pidtsm"), *nodes], needed=False)
+        nodes = ["run", "--params=practical", "--clock=realtime", "--duration=0.1", "--out=../.venv/compiled"]
+        self._run("compiling the control loop", ["../pidtsm", *nodes], needed=False)
 
     def _paths(self) -> dict[str, list[str]]:
         """Search path entries of the environment itself."""
@@ -176,9 +174,7 @@ class Installer(NamedTuple):
 def set_up(layout: Layout, *, actions: bool) -> dict[str, Any]:
     """Do the missing steps under a lock and return the state; SetupError if anything fails or is missing.
 
-    Args:
-        layout: of the checkout.
-        actions: also build the interfaces `environment.ON_DEMAND`.
+    `actions`: also build the interfaces `environment.ON_DEMAND`.
     """
     lock = os.open(layout.root, os.O_RDONLY)  # locks the folder itself, without a file; released when this process ends
     try:
