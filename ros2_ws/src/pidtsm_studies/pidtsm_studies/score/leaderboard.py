@@ -1,5 +1,6 @@
 """The leaderboard: laws and arms, as a page and as a document."""
 
+import textwrap
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,8 @@ from pidtsm_studies.score.page import axis_text, by_arm, curve_of, success, writ
 from pidtsm_studies.score.results import FILE, Entry, read_entry
 from pidtsm_studies.score.wording import COLUMNS, cells, title
 
+_WIDTH = 32
+"""Characters of a line below a panel; longer ones run into the next panel."""
 _INTRODUCTION = """# Leaderboard
 
 `./pidtsm leaderboard` writes this page from the results of `./pidtsm score`; [Score](score.md) describes what is
@@ -50,7 +53,8 @@ def write_leaderboard(folder: Path, entries: Sequence[Entry]) -> None:
     """
     write_score_page(folder / "leaderboard.html", "Leaderboard", entries)
     arms = by_arm(entries)
-    drawings = {f"leaderboard-{arm}": partial(_figure, scored) for arm, scored in arms.items()}
+    names = sorted({title(entry) for entry in entries})  # A controller looks the same on every arm.
+    drawings = {f"leaderboard-{arm}": partial(_figure, scored, names) for arm, scored in arms.items()}
     save_figures(drawings, folder / "images")
     (folder / "leaderboard.md").write_text(document(entries), encoding="utf-8")
 
@@ -69,16 +73,17 @@ def _row(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _figure(entries: Sequence[Entry]) -> Figure:
+def _figure(entries: Sequence[Entry], names: Sequence[str]) -> Figure:
     """One panel per range, one line per controller."""
     ranges = [(criterion, each) for criterion in CRITERIA for each in criterion.ranges]
     figure = Figure(figsize=(9.0, 2.0 * -(-len(ranges) // 3)), layout="constrained")
     panels = figure.subplots(-(-len(ranges) // 3), 3, sharey=True, squeeze=False).flat
     for panel, (criterion, each) in zip(panels, ranges, strict=True):
-        for style, entry in enumerate(entries):
+        for entry in entries:
+            style = names.index(title(entry))
             colour, dashes = COLOURS[style % len(COLOURS)], DASHES[(style + style // len(COLOURS)) % len(DASHES)]
             panel.plot(*success(curve_of(entry, criterion, each)), color=colour, linestyle=dashes, label=title(entry))
-        panel.set_xlabel(axis_text(each))
+        panel.set_xlabel(textwrap.fill(axis_text(each), _WIDTH))
         panel.set_xscale("log" if each.logarithmic else "linear")
         panel.set_xlim(each.first, each.last)
     figure.supylabel("success", fontsize=STYLE["axes.labelsize"])
