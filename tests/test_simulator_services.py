@@ -154,6 +154,32 @@ def test_in_lockstep_silence_ends_the_run_with_the_name_of_who_is_silent(testbed
     assert "no command for t = 0.001 s within 0.5 s: /stranger did not respond" in arm.process.log.read_text()
 
 
+WILD = ("rate:=50", "limits.effort:=1e6", "command.timeout:=0.0")
+TOO_MUCH = [9e5, -9e5]
+
+
+def test_an_arm_that_diverges_starts_again_and_nothing_infinite_is_published(testbed: Testbed) -> None:
+    truth: list[JointState] = testbed.hear(JointState, "simulator/ground_truth", 1000)
+    arm = Arm(testbed, *WILD)
+    arm.effort, arm.obedient = TOO_MUCH, True
+    arm.says("s; it is at its initial position again, at rest")
+    count = len(truth)
+    testbed.spin_until(lambda: len(truth) > count + 50, "a second more")
+    assert all(np.isfinite([*each.position, *each.velocity, *each.effort]).all() for each in truth)
+    assert np.isfinite([each.position for each in arm.states]).all()
+
+
+def test_in_lockstep_an_arm_that_diverges_ends_the_run_as_a_rollout_ends(testbed: Testbed) -> None:
+    arm = Arm(testbed, *WILD, "clock:=lockstep")
+    arm.position(0)
+    arm.effort, arm.obedient = TOO_MUCH, True
+    arm.command()
+    testbed.spin_until(lambda: arm.process.process.poll() is not None, "the end")
+    assert arm.process.wait() == 1
+    assert "the arm moved too fast to be simulated at rate = 50, and diverged after" in arm.process.log.read_text()
+    assert np.isfinite([each.position for each in arm.states]).all()
+
+
 def test_in_realtime_no_sample_passes_before_somebody_answers(testbed: Testbed) -> None:
     truth: list[JointState] = testbed.hear(JointState, "simulator/ground_truth", 1000)
     arm = Arm(testbed, "duration:=0.3")

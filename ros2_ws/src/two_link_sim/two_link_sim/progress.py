@@ -26,6 +26,7 @@ class Progress:
     began: int = 0  # when the first sample was due
     sent: int = 0  # when the last sample was published
     compute_time: float = 0.0  # of the last sample, s
+    diverged: Bursts = field(default_factory=Bursts)
 
 
 @dataclass

@@ -199,7 +199,7 @@ class SimulatorNode(ManagedNode):
         self._progress.compute_time = time.perf_counter() - began
 
         done = self._samples and self._progress.sample + 1 >= self._samples
-        if not done:
+        if not (done or self.failed):
             self._publish_sample(self._progress.sample + 1)
         self._ground_truth.publish(self._truth.to_bytes(ended))
         if self._touches:
@@ -226,9 +226,24 @@ class SimulatorNode(ManagedNode):
         commanded, self._commands.new = self._commands.new, False
         self._pushes.act(self._robot)
         self._robot.act(self._progress.sample, commanded, self._effort)
+        if self._robot.diverged:
+            self._start_again()
         # Before the first command, the brakes are always engaged.
         if self._robot.silence and self._brakes.changes(self._robot.braked):
             self._log_brakes()
+
+    def _start_again(self) -> None:
+        """Put a diverged arm back to its start; a run in lockstep ends, as a rollout does."""
+        self._robot.reset(self.values)
+        reason = (
+            f"the arm moved too fast to be simulated at rate = {self.values['rate']}, and diverged after "
+            f"{seconds(self._progress.sample * self._period):g} s"
+        )
+        if self.lockstep:
+            self.get_logger().fatal(reason)
+            self.finished = self.failed = True
+        elif self._progress.diverged.begins():
+            self.get_logger().error(f"{reason}; it is at its initial position again, at rest")
 
     def _log_brakes(self) -> None:
         """Log that the brakes were engaged for lack of commands, or released."""
@@ -356,6 +371,7 @@ class SimulatorNode(ManagedNode):
             Reading("samples", self._progress.sample + 1),
             Reading("samples skipped", self._progress.skipped),
             Reading("stops by the brakes since activation", self._brakes.count),
+            Reading("divergences since activation", self._progress.diverged.count),
             Reading("samples since that of the last command", self._progress.sample - self._commands.answered),
             Reading("commands ignored for a stale stamp since activation", self._commands.stale.count),
             Reading("commands rejected for an unknown stamp since activation", self._commands.unknown.count),

@@ -3,6 +3,7 @@
 One sample is `sense`, then the controller's step, then `act`.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -280,8 +281,7 @@ class SimulatedRobot:
         )
         self.randomness = Randomness(values, joints)
         self._draws = np.empty(0)
-        self._measured = np.zeros(joints)
-        self.applied = np.zeros(joints)
+        self._measured, self.applied = np.zeros(joints), np.zeros(joints)
 
     def _configure(self, values: Mapping[str, Value]) -> None:
         robot = find_robot(values)
@@ -311,11 +311,11 @@ class SimulatedRobot:
 
         This moves the arm.
         """
-        draws = np.zeros(columns(self.joints))
+        draws, effort = np.zeros(columns(self.joints)), self.state.effort
         _sense_into(self.config, self.state, draws, 0, self._measured, self.applied)
-        _act_now(self.config, self.state, draws, 0, True, self.state.effort, 0.0, seconds(self._period))
-        self._plant.step(self.state.effort, 0.0, seconds(self._period))
-        _brake_now(self.config, self.state, 0.0, seconds(self._period))
+        _act_now(self.config, self.state, draws, 0, True, effort, 0.0, self._dt)
+        self._plant.step(effort, 0.0, self._dt)
+        _brake_now(self.config, self.state, 0.0, self._dt)
         for each in (part, actuator.part, friction.part, plant.part):
             each.prepare()
 
@@ -328,6 +328,11 @@ class SimulatedRobot:
     def braked(self) -> bool:
         """Whether the brakes are engaged."""
         return not self.state.brakes.released[0]
+
+    @property
+    def diverged(self) -> bool:
+        """Whether a position or velocity is no longer finite: the arm moves too fast for the integration step."""
+        return not math.isfinite(self.state.arm.position @ self.state.arm.derivatives[0])
 
     @property
     def has_tool(self) -> bool:
@@ -360,8 +365,7 @@ class SimulatedRobot:
         self._plant.reset()
         arm = self.state.arm
         arm.position[:] = joint_array(values["initial_position"], self.joints)
-        arm.derivatives[:] = 0.0
-        arm.effort[:] = 0.0
+        arm.derivatives[:] = arm.effort[:] = 0.0
         self.state.motor[:] = arm.position
         self.state.lagging[:] = 0.0
         self.state.brakes.released[0] = False

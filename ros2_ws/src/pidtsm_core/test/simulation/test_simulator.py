@@ -287,3 +287,21 @@ def test_the_limits_stand_after_the_drives(arm: Arm) -> None:
 def test_invalid_values_are_refused(arm: Arm, name: str, value: object) -> None:
     with pytest.raises(ParameterError, match=name):
         arm.values(simulator_schema, {name: value})
+
+
+@pytest.mark.parametrize("engine", ["rigid_body", "mujoco"])
+def test_an_arm_that_is_too_fast_for_its_step_diverges_and_moves_as_new_after_a_reset(engine: str) -> None:
+    values = resolve(simulator_schema, {"engine": engine, "rate": 100, "limits.effort": 1e6}, 2)
+    new, robot = SimulatedRobot(values), SimulatedRobot(values)
+    samples = iter(range(10_000))
+    while not robot.diverged:
+        sample = next(samples)
+        robot.sense(sample)
+        robot.act(sample, True, 1e6 * np.sign(robot.state.arm.derivatives[0] + 0.1))
+    robot.reset(values)
+    assert not robot.diverged
+    for each in (new, robot):
+        for sample in range(20_000, 20_010):
+            each.sense(sample)
+            each.act(sample, True, np.array([1.0, 0.5]))
+    assert robot.state.arm.position.tobytes() == new.state.arm.position.tobytes()
