@@ -119,7 +119,13 @@ def fit(
         residuals = [table[..., -1] - table[..., :count] @ solution for table in tables]
         delay -= float(solution[-1])
         if done < _ROUNDS:
-            colours, scales = _noise(residuals, pieces, count)
+            # Before the size of the noise is known, the covariance is not either.
+            spread = solve_triangular(triangle, np.eye(count)) if done else np.zeros((count, 0))
+            errors = [
+                np.dstack([residual, *np.moveaxis(table[..., :count] @ spread, -1, 0)])
+                for residual, table in zip(residuals, tables, strict=True)
+            ]
+            colours, scales = _noise(errors, pieces, joints)
             pieces = [piece for each in measurements for piece in filtered(each, cutoff, delay)]
     # Of the base parameters alone, without those of the delay, which is the last one.
     inverse = solve_triangular(triangle, np.eye(count))
@@ -193,22 +199,27 @@ def _used(piece: Piece) -> NDArray[np.bool_]:
     return used
 
 
-def _noise(residuals: Sequence[Array], pieces: Sequence[Piece], parameters: int) -> tuple[Array, Array]:
-    """Autoregressive coefficients of the noise, shape (joints, order), and the size of what drives it, (joints,)."""
-    joints = residuals[0].shape[1]
+def _noise(errors: Sequence[Array], pieces: Sequence[Piece], joints: int) -> tuple[Array, Array]:
+    """Autoregressive coefficients of the noise, shape (joints, order), and the size of what drives it, (joints,).
+
+    Residuals alone lack what the estimates have absorbed, mostly at the low frequencies of the motion, and intervals
+    would be too narrow. So the noise is what is expected of it (Dempster, Laird and Rubin, J. Royal Statistical Society
+    B 39, 1977): `errors` has the residuals, shape (samples, joints), and beside them the same for every column of the
+    rows times a root of the covariance of the estimates.
+    """
     colours, scales = np.zeros((joints, _ORDER)), np.ones(joints)
     used = [_used(piece)[_ORDER:] for piece in pieces]
     for j in range(joints):
-        past = np.concatenate([_lagged(values[:, j])[u[:, j]] for values, u in zip(residuals, used, strict=True)])
-        now = np.concatenate([values[_ORDER:, j][u[:, j]] for values, u in zip(residuals, used, strict=True)])
-        if now.size <= _ORDER:
+        columns = [values[:, j::joints] for values in errors]
+        past = np.concatenate([_lagged(values)[u[:, j]] for values, u in zip(columns, used, strict=True)])
+        now = np.concatenate([values[_ORDER:][u[:, j]] for values, u in zip(columns, used, strict=True)])
+        if len(now) <= _ORDER:
             continue
-        colours[j] = np.linalg.lstsq(past, now, rcond=None)[0]
-        spent = _ORDER + parameters / joints
-        scales[j] = np.sqrt(np.sum((now - past @ colours[j]) ** 2) / max(1.0, now.size - spent))
+        colours[j] = np.linalg.lstsq(past.reshape(-1, _ORDER), now.ravel(), rcond=None)[0]
+        scales[j] = np.sqrt(np.sum((now - past @ colours[j]) ** 2) / (len(now) - _ORDER))
     return colours, np.maximum(scales, 1e-12)
 
 
 def _lagged(values: Array) -> Array:
-    """Column k has the values k + 1 samples earlier, shape (samples - order, order)."""
-    return np.stack([values[_ORDER - k - 1 : len(values) - k - 1] for k in range(_ORDER)], axis=1)
+    """At [..., k] the values k + 1 samples earlier, shape (samples - order, columns, order)."""
+    return np.stack([values[_ORDER - k - 1 : len(values) - k - 1] for k in range(_ORDER)], axis=-1)
