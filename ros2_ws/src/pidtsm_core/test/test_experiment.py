@@ -93,14 +93,14 @@ def test_a_named_set_is_that_of_the_law_of_the_scenario(tmp_path: Path) -> None:
     ("node", "settings", "cause"),
     [
         ("controller", {"estimator.bandwidth": 30}, "bandwidth belongs to estimator.name extended_state_observer"),
-        ("controller", {"law.gain": 1}, "gain belongs to law.name super_twisting"),
-        ("controller", {"law.width": 1}, "width belongs to law.name sliding_mode and law.reaching boundary_layer"),
+        ("controller", {"law.gain": 1}, "gain belongs to law.name sliding_mode or super_twisting"),
+        ("controller", {"law.decay": 1}, "decay belongs to law.name sliding_mode and law.reaching exponential"),
         (
             "controller",
             {"law.name": "sliding_mode", "law.manifold": "none", "law.kd": 1},
             "kd belongs to law.name .*; or law.manifold pid",
         ),
-        ("controller", {"law.name": "pid", "law.alpha": 1}, "alpha belongs to law.name dtsm, piddtsm or sliding_mode"),
+        ("controller", {"law.name": "pid", "law.alpha": 1}, "alpha belongs to law.name dtsm or piddtsm"),
         ("trajectory", {"reference.file": "x"}, "file belongs to reference.name csv"),
         ("controller", {"law.kk": 1}, r"unknown parameter law.kk; did you mean law.k\?"),
     ],

@@ -50,11 +50,10 @@ ANTI_WINDUP = Parameter(
     "a limit, or the drives report another torque, and in contact (limits.external_effort); none: as in the article",
     choices=("conditional", "none"),
 )
-_SURFACE = Parameter("surface", "dual_terminal", "sliding surface", choices=SURFACES.names, read_only=True)
-_MANIFOLD_CHOICE = Parameter("manifold", "pid", "sigma = s, or PID of s, eq. (10)", choices=MANIFOLDS, read_only=True)
-_REACHING_CHOICE = Parameter(
-    "reaching", "adaptive_continuous", "reaching law", choices=REACHING_LAWS.names, read_only=True
-)
+# Defaults: sliding mode as textbooks have it (Slotine and Li 1991, section 7.2).
+_SURFACE = Parameter("surface", "linear", "sliding surface", choices=SURFACES.names, read_only=True)
+_MANIFOLD_CHOICE = Parameter("manifold", "none", "sigma = s, or PID of s, eq. (10)", choices=MANIFOLDS, read_only=True)
+_REACHING_CHOICE = Parameter("reaching", "boundary_layer", "reaching law", choices=REACHING_LAWS.names, read_only=True)
 
 
 @inlined

@@ -24,15 +24,14 @@ from pidtsm_studies.score.tasks import find_task
 from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES
 from pidtsm_studies.tuning.search import Budget
 
-_LAWS = tuple(law for law in LAWS.names if law != "sliding_mode")
-"""All but the one that consists of parts: with its defaults it is piddtsm."""
 _HEAD = """# Tournament
 
 Every law was tuned with the same budget, objective and conditions, and judged on conditions that were not tuned on. A
 smaller objective is better; 1 and a little is that of the rule-based set of `piddtsm`. The
-[Leaderboard](leaderboard.md) has the scores. `sliding_mode` is missing because with its default parts it is `piddtsm`.
+[Leaderboard](leaderboard.md) has the scores. `sliding_mode` has its default parts: a linear surface and
+a boundary layer.
 
-Made by `./pidtsm tournament {options}` on {date}{commit}. The seed of every search is {seed}.
+Made by `./pidtsm tournament {options}` {made}. The seed of every search is {seed}.
 
 | arm | law | objective before | after | before, unseen | after, unseen |
 | --- | --- | --- | --- | --- | --- |
@@ -76,13 +75,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     out: Path = options.out
     common = {"hardware": options.hardware, "objective": options.objective, "seed": options.seed}
-    cells = [Cell(robot, law) for robot in options.robot or NAMES for law in options.law or _LAWS]
+    cells = [Cell(robot, law) for robot in options.robot or NAMES for law in options.law or LAWS.names]
     for cell in cells:
         find_task(cell.robot).experiment(cell.law)
     extent = QUICK if options.quick else FULL
     rules = {**common, "budget": asdict(options.budget), "extent": asdict(extent)}
     with workers(options.scheduler):
         _begin(out, rules)
+        if not all((cell.folder(out, "score") / FILE).exists() for cell in cells):
+            _sign(out)
         for number, cell in enumerate(cells, start=1):
             CONSOLE.print(f"{number} of {len(cells)}: {cell.law} on {cell.robot}", highlight=False)
             tuned = cell.folder(out, "tune")
@@ -100,7 +101,7 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _begin(out: Path, rules: dict[str, Any]) -> None:
-    """Make the folder, and write the rules with date and commit; those of a tournament that is resumed must agree.
+    """Make the folder, and write the rules; those of a tournament that is resumed must agree.
 
     Raises:
         UsageError: the folder has a tournament with other rules, or cannot be written.
@@ -116,11 +117,22 @@ def _begin(out: Path, rules: dict[str, Any]) -> None:
             out.mkdir(exist_ok=True)
             if any(out.iterdir()):
                 raise UsageError(f"{out} contains other files; choose another --out")
-            date = datetime.now(timezone.utc).date().isoformat()
-            content = {"rules": rules, "date": date, "commit": _commit()}
-            file.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+            _write(file, {"rules": rules, "made": []})
         except OSError as error:
             raise UsageError(f"--out {out}: {error.strerror}") from None
+
+
+def _sign(out: Path) -> None:
+    """Add date and commit, unless they are known."""
+    file = out / "tournament.json"
+    content = json.loads(file.read_text(encoding="utf-8"))
+    present = {"date": datetime.now(timezone.utc).date().isoformat(), "commit": _commit()}
+    if present not in content["made"]:
+        _write(file, {**content, "made": [*content["made"], present]})
+
+
+def _write(file: Path, content: dict[str, Any]) -> None:
+    file.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def _commit() -> str:
@@ -148,15 +160,16 @@ def _score(cell: Cell, params: Path, out: Path, extent: Extent) -> None:
 
 
 def _head(out: Path, options: argparse.Namespace) -> str:
-    made = json.loads((out / "tournament.json").read_text(encoding="utf-8"))
+    made = json.loads((out / "tournament.json").read_text(encoding="utf-8"))["made"]
     limit: Budget = options.budget
     budget = limit.evaluations or f"{limit.seconds:g}s"
     chosen = [("robot", robot) for robot in options.robot] + [("law", law) for law in options.law]
     chosen += [("hardware", options.hardware), ("objective", options.objective), ("budget", budget)]
     return _HEAD.format(
         options=" ".join(f"--{name} {value}" for name, value in (*chosen, ("seed", options.seed))),
-        date=made["date"],
-        commit=f", commit {made['commit'][:12]}" if made["commit"] else "",
+        made=" and ".join(
+            f"on {each['date']}" + (f", commit {each['commit'][:12]}" if each["commit"] else "") for each in made
+        ),
         seed=options.seed,
     )
 

@@ -41,8 +41,15 @@ def test_what_is_done_is_not_done_again(out: Path) -> None:
     before = {file: file.stat().st_mtime_ns for file in files}
     shutil.rmtree(out / "score" / "two_link")
     (out / "leaderboard.md").unlink()
-    assert main([*ARGUMENTS, *BUDGET, "--out", str(out)]) == 0
+    rules = out / "tournament.json"
+    content = json.loads(rules.read_text())
+    content["made"][0]["date"] = "2026-01-02"
+    rules.write_text(json.dumps(content))
+    for _ in range(2):
+        assert main([*ARGUMENTS, *BUDGET, "--out", str(out)]) == 0
     assert (out / "leaderboard.md").exists()
+    assert (out / "tournament.md").read_text().count(f", commit {content['made'][0]['commit'][:12]}") == 2
+    assert json.loads(rules.read_text())["made"][:-1] == content["made"]
     tuned = {file: time for file, time in before.items() if "tune" in file.parts}
     assert tuned == {file: file.stat().st_mtime_ns for file in tuned}
 
