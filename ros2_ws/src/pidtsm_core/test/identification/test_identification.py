@@ -33,6 +33,14 @@ def test_the_intervals_contain_the_truth_as_often_as_they_say(known: KnownArm, f
     assert np.mean((error / found.fit.deviation) ** 2) < 2.0
 
 
+def test_intervals_of_a_short_motion_count_the_noise_that_the_estimates_absorb() -> None:
+    arms = [known_arm("panda", seed, duration=15.0) for seed in range(4)]
+    fits = [(arm, identify(arm.described, [arm.measured])) for arm in arms]
+    ratios = [(found.fit.beta - found.base.mapping @ arm.truth) / found.fit.deviation for arm, found in fits]
+    # By the residuals alone, 1.26.
+    assert np.sqrt(np.mean(np.square(ratios))) < 1.08
+
+
 def test_the_torque_on_data_kept_apart_is_predicted_as_well_as_by_the_truth(
     known: KnownArm, found: Identification
 ) -> None:
