@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from knownarm import KnownArm
 
+from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import IdentificationError, identify
 from pidtsm_core.identification.measurement import Measurement
-from pidtsm_core.identification.regressor import regressor
+from pidtsm_core.identification.regressor import described_parameters, regressor
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import find_description
+from pidtsm_core.robots.description import read_description
 
 
 def swapped(measured: Measurement, _: Array) -> Measurement:
@@ -60,6 +62,19 @@ def test_a_fault_is_named_and_nothing_is_fitted(panda: KnownArm, fault: str) -> 
     gravity = regressor(panda.described.tree, q, 0.0 * q, 0.0 * q)[..., :70] @ panda.truth[:70]
     with pytest.raises(IdentificationError, match=message):
         identify(panda.described, [spoil(panda.measured, gravity)])
+
+
+def test_masses_that_are_much_too_small_are_no_gravity_that_counts_twice(panda: KnownArm) -> None:
+    described = panda.described
+    links = described_parameters(described.tree, described.damping, described.friction)
+    links[:70] *= 0.55
+    light = read_description(corrected_urdf(described, links))
+    found = identify(light, [panda.measured])
+    assert np.mean(found.check.error(found.check.after) / panda.noise) < 0.5
+    q = panda.measured.position
+    gravity = regressor(described.tree, q, 0.0 * q, 0.0 * q)[..., :70] @ panda.truth[:70]
+    with pytest.raises(IdentificationError, match="contain gravity twice"):
+        identify(light, [replace(panda.measured, effort=panda.measured.effort + gravity)])
 
 
 def test_the_torques_of_another_arm_are_refused(panda: KnownArm) -> None:
