@@ -13,7 +13,9 @@ _CONTENT: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("tuning.yaml"
 HARDWARE: Mapping[str, Mapping[str, float]] = _CONTENT["hardware"]
 """Simulator parameters by class of hardware."""
 OBJECTIVES: Mapping[str, Mapping[str, float]] = _CONTENT["objectives"]
-"""Weights by name, see `objective.cost`."""
+"""Weights by name, see `objective`."""
+MARGINS: Mapping[str, Mapping[str, Any]] = _CONTENT["margins"]
+"""By name of the condition the imperfection that the rule-based set must endure: ``parameter``, ``step``, ``steps``."""
 BOUNDS: Mapping[str, Mapping[str, float]] = _CONTENT["space"]
 """Start and bounds by parameter; what is missing follows from the parameter, see `space`."""
 FIXED: tuple[str, ...] = tuple(_CONTENT["fixed"])

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from pidtsm_core.recording import Recording
 from pidtsm_studies.score.criteria import ROUGHNESS
 from pidtsm_studies.score.measure import judge
 from pidtsm_studies.score.tasks import Task, effort_limits
-from pidtsm_studies.tuning.definitions import OBJECTIVES, conditions
+from pidtsm_studies.tuning.definitions import MARGINS, OBJECTIVES, conditions
 
 _SMOOTH, _SMOOTH_EFFORT = 0.002, 0.2
 """Mean change of the effort from sample to sample that costs as much as the reference's RMSE: a share of the effort
@@ -77,14 +78,31 @@ def make_problem(task: Task, kind: str, hardware: str, objective: str) -> Proble
     nominal = task.experiment(None, (PRACTICAL,))
     limits = effort_limits(nominal.resolved(SCHEMAS)["simulator"])
     found = conditions(kind, hardware, task, limits)
+    rule = nominal.settings["controller"]
     blank = Problem(task, found, OBJECTIVES[objective], limits, {})
-    runs = _run(blank, [nominal.settings["controller"]])[0]
+    if blank.weights["margins"] and kind == "training":
+        found |= _margins(blank, rule)
+    runs = _run(blank, [rule])[0]
     if any(run is None for run in runs):
         raise UsageError(f"{task.robot}: the set of ./pidtsm gains diverges, so the objective has no reference")
     reference = {
         name: np.array([run["rmse"], run["eci"]]) for name, run in zip(found, runs, strict=True) if run is not None
     }
     return replace(blank, reference=reference)
+
+
+def _margins(blank: Problem, rule: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """For each of `MARGINS` the condition with the largest value under which the rule-based set succeeds, if any."""
+    found = {}
+    for name, margin in MARGINS.items():
+        unit = blank.limits if margin.get("relative_to") == "effort" else 1
+        values = [np.asarray(margin["step"] * k * unit).tolist() for k in range(1, margin["steps"] + 1)]
+        grid = {str(value): {margin["parameter"]: value} for value in values}
+        runs = _run(replace(blank, conditions=grid), [rule])[0]
+        endured = [*takewhile(lambda run: _judged(blank.task, run)[1], runs)]
+        if endured:
+            found[name] = {margin["parameter"]: values[len(endured) - 1]}
+    return found
 
 
 def evaluate(problem: Problem, controllers: Sequence[Mapping[str, Any]]) -> list[list[Result]]:
@@ -141,6 +159,14 @@ def _measure(run: Recording, after: float, limits: Array) -> JointMetrics:
     return {**judge(run, after, limits), "fast_steps": np.quantile(steps, 0.999, axis=0).tolist()}
 
 
+def _judged(task: Task, run: Mapping[str, list[float]] | None) -> tuple[float, bool]:
+    """The largest error, relative to that of a successful run, and whether the run succeeded."""
+    if run is None:
+        return np.inf, False
+    late = max(run["late_error"]) / task.error
+    return late, late < 1.0 and max(run["roughness"]) <= ROUGHNESS
+
+
 def _result(problem: Problem, condition: str, run: Mapping[str, list[float]] | None) -> Result:
     if run is None:
         return Result(_DIVERGED, np.inf, np.inf, False, {})
@@ -158,8 +184,9 @@ def _result(problem: Problem, condition: str, run: Mapping[str, list[float]] | N
         + weights["limits"] * float(values["saturation"].mean())
         + weights["effort"] * effort
     )
-    late = float(values["late_error"].max()) / problem.task.error
-    success = late < 1.0 and bool((values["roughness"] <= ROUGHNESS).all())
+    if condition in MARGINS:
+        cost = 1.0  # It is enough to succeed.
+    late, success = _judged(problem.task, run)
     if not success:
         cost += _FAILED + min(late, _WORST)
     kept = ("rmse", "eci", "torque_variation", "late_error")

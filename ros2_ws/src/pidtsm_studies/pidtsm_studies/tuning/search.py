@@ -19,9 +19,6 @@ from pidtsm_core.parameters import Array
 from pidtsm_studies.tuning.objective import Problem, Result, evaluate, total
 from pidtsm_studies.tuning.space import Space
 
-_STEP = 0.1
-"""First standard deviation of the candidates, as a share of the (logarithmic) range of each gain."""
-
 
 @dataclass(frozen=True)
 class Budget:
@@ -87,7 +84,7 @@ def search(
         UsageError: the history is of another search.
     """
     known = _read(history, identity)
-    strategy = _strategy(space, int(identity["seed"]))
+    strategy = _strategy(space, int(identity["seed"]), problem.weights["step"])
     generations: list[Generation] = []
     with history.open("a", encoding="utf-8") as file:
         while budget.share(generations) < 1.0:
@@ -110,7 +107,7 @@ def best(generations: Sequence[Generation]) -> tuple[Array, float]:
     return generation.x[int(np.argmin(generation.costs))], min(costs)
 
 
-def _strategy(space: Space, seed: int) -> Any:
+def _strategy(space: Space, seed: int, step: float) -> Any:
     # Slow to import.
     import cma
 
@@ -125,7 +122,7 @@ def _strategy(space: Space, seed: int) -> Any:
         "tolflatfitness": np.inf,
         "maxiter": np.inf,
     }
-    return cma.CMAEvolutionStrategy(space.start, _STEP, options)
+    return cma.CMAEvolutionStrategy(space.start, step, options)
 
 
 def _simulated(space: Space, problem: Problem, x: Array) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import pytest
 
 from pidtsm_core.closed_loop import rollout
 from pidtsm_studies.score.tasks import Task
-from pidtsm_studies.tuning.definitions import HARDWARE, conditions
+from pidtsm_studies.tuning.definitions import HARDWARE, MARGINS, conditions
 from pidtsm_studies.tuning.objective import Problem, evaluate, make_problem, total
 from pidtsm_studies.tuning.space import Space
 
@@ -56,3 +56,18 @@ def test_effort_beyond_that_of_the_rule_costs(problem: Problem, space: Space, ta
     before, after = (total(evaluate(each, start)[0]) for each in (problem, replace(problem, reference=cheaper)))
     assert after - before == pytest.approx(20.0 * (1.0 / 0.9 - 1.003), abs=0.1)
     assert make_problem(task, "training", "14bit", "smooth").weights != problem.weights
+
+
+def test_robust_gains_endure_what_the_rule_based_set_just_endures(problem: Problem, space: Space, task: Task) -> None:
+    robust = make_problem(replace(task, duration=6.0, after=3.0, error=0.02), "training", "14bit", "robust")
+    assert {*robust.conditions} == {*problem.conditions, *MARGINS}
+    margins = {name: robust.conditions[name] for name in MARGINS}
+    start = space.controller(space.start)
+    (kept,) = evaluate(replace(robust, conditions=margins), [start])
+    assert all(each.success and each.cost == pytest.approx(1.0, rel=0.05) for each in kept)
+    beyond = {
+        "longest delay": {"delay.samples": margins["longest delay"]["delay.samples"] + 3},
+        "slowest drives": {"actuator.lag": margins["slowest drives"]["actuator.lag"] + 0.005},
+    }
+    (lost,) = evaluate(replace(robust, conditions=beyond), [start])
+    assert not any(each.success for each in lost)
