@@ -128,8 +128,8 @@ class Installer(NamedTuple):
         environment.write(self.layout, self.want, workspace=digest, paths=paths)
 
     def compile(self) -> None:
-        """Compile the control loop by a short run of the nodes; if it fails, the first command compiles."""
-        nodes = ["run", "--params=practical", "--clock=realtime", "--duration=0.1", "--out=../.venv/compiled"]
+        """Compile the control loop, in lockstep so that no busy machine fails it; else the first command compiles."""
+        nodes = ["run", "--params=practical", "--clock=lockstep", "--duration=0.1", "--out=../.venv/compiled"]
         self._run("compiling the control loop", ["../pidtsm", *nodes], needed=False)
 
     def _paths(self) -> dict[str, list[str]]:
