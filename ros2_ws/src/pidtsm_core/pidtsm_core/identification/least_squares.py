@@ -122,10 +122,10 @@ def fit(
             # Before the size of the noise is known, the covariance is not either.
             spread = solve_triangular(triangle, np.eye(count)) if done else np.zeros((count, 0))
             errors = [
-                np.dstack([residual, *np.moveaxis(table[..., :count] @ spread, -1, 0)])
+                np.concatenate([residual[..., np.newaxis], table[..., :count] @ spread], axis=2)
                 for residual, table in zip(residuals, tables, strict=True)
             ]
-            colours, scales = _noise(errors, pieces, joints)
+            colours, scales = _noise(errors, pieces)
             pieces = [piece for each in measurements for piece in filtered(each, cutoff, delay)]
     # Of the base parameters alone, without those of the delay, which is the last one.
     inverse = solve_triangular(triangle, np.eye(count))
@@ -199,18 +199,19 @@ def _used(piece: Piece) -> NDArray[np.bool_]:
     return used
 
 
-def _noise(errors: Sequence[Array], pieces: Sequence[Piece], joints: int) -> tuple[Array, Array]:
+def _noise(errors: Sequence[Array], pieces: Sequence[Piece]) -> tuple[Array, Array]:
     """Autoregressive coefficients of the noise, shape (joints, order), and the size of what drives it, (joints,).
 
     Residuals alone lack what the estimates have absorbed, mostly at the low frequencies of the motion, and intervals
     would be too narrow. So the noise is what is expected of it (Dempster, Laird and Rubin, J. Royal Statistical Society
-    B 39, 1977): `errors` has the residuals, shape (samples, joints), and beside them the same for every column of the
-    rows times a root of the covariance of the estimates.
+    B 39, 1977): `errors`, of shape (samples, joints, 1 + columns), has the residuals, and then the rows times a root of
+    the covariance of the estimates.
     """
+    joints = errors[0].shape[1]
     colours, scales = np.zeros((joints, _ORDER)), np.ones(joints)
     used = [_used(piece)[_ORDER:] for piece in pieces]
     for j in range(joints):
-        columns = [values[:, j::joints] for values in errors]
+        columns = [values[:, j] for values in errors]
         past = np.concatenate([_lagged(values)[u[:, j]] for values, u in zip(columns, used, strict=True)])
         now = np.concatenate([values[_ORDER:][u[:, j]] for values, u in zip(columns, used, strict=True)])
         if len(now) <= _ORDER:
