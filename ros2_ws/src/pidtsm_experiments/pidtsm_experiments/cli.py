@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -10,6 +11,7 @@ from typing import NoReturn
 from pidtsm_core.errors import UsageError
 from pidtsm_experiments.errors import RunError
 
+_INTERRUPTED = 130
 _COMMANDS = {
     "demo": "run the article's Case 1 with the proposed law and the real nodes: table, figures, bag",
     "run": "run any scenario and law with the real nodes",
@@ -96,7 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         print("pidtsm: interrupted", file=sys.stderr)
-        return 130
+        return _INTERRUPTED
     except BrokenPipeError:
         return 1
 
@@ -105,5 +107,15 @@ def _interrupt(_signal: int, _frame: object) -> NoReturn:
     raise KeyboardInterrupt
 
 
+def _main_of_process() -> NoReturn:
+    code = main()
+    if code == _INTERRUPTED:
+        # A thread that is still compiling would abort an orderly end.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    _main_of_process()
