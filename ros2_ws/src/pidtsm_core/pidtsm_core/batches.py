@@ -8,11 +8,10 @@ Compiled code releases the GIL, so the workers are threads. A caller can choose 
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from itertools import islice
 from typing import Any, TypeAlias
 
 import numpy as np
-from joblib import Parallel, delayed, effective_n_jobs
+from joblib import Parallel, delayed
 
 from pidtsm_core.closed_loop import DivergedError, rollout
 from pidtsm_core.errors import UsageError
@@ -23,9 +22,6 @@ from pidtsm_core.recording import Recording
 Settings: TypeAlias = Mapping[str, Any]
 """Arguments of `rollout` by name, without the duration."""
 Measure: TypeAlias = Callable[[Recording], JointMetrics]
-
-_SHARE = 32
-"""Runs per worker between two reports: few enough to show progress, enough to keep all workers busy."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +81,10 @@ def batch(
     """
     if keep_every < 0:
         raise ValueError(f"keep_every: {keep_every} must be 0 or positive")
-    waiting = iter(settings)
     outcomes: list[_Outcome] = []
-    with Parallel(n_jobs=workers, prefer="threads") as parallel:
-        while block := list(islice(waiting, _SHARE * effective_n_jobs(workers))):
-            outcomes += parallel(delayed(_run)(each, duration, keep_every, measure) for each in block)
+    with Parallel(n_jobs=workers, prefer="threads", return_as="generator") as parallel:
+        for outcome in parallel(delayed(_run)(each, duration, keep_every, measure) for each in settings):
+            outcomes.append(outcome)
             if progress is not None:
                 progress(len(outcomes))
     return BatchResult(

@@ -11,10 +11,10 @@ import joblib
 import numpy as np
 import pytest
 
-from pidtsm_core import batches as module
 from pidtsm_core.batches import BatchResult, batch
 from pidtsm_core.closed_loop import rollout
-from pidtsm_core.metrics import metrics
+from pidtsm_core.metrics import JointMetrics, metrics
+from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
 
 DURATION = 0.2
@@ -125,8 +125,7 @@ def test_a_negative_decimation_is_refused() -> None:
         batch([{}], DURATION, keep_every=-1)
 
 
-def test_settings_are_taken_a_few_at_a_time_and_progress_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_SHARE", 2)
+def test_settings_are_taken_a_few_at_a_time_and_progress_is_reported() -> None:
     taken = 0
     ahead: list[int] = []
     reported: list[int] = []
@@ -137,13 +136,14 @@ def test_settings_are_taken_a_few_at_a_time_and_progress_is_reported(monkeypatch
             taken += 1
             yield each
 
-    def progress(done: int) -> None:
-        reported.append(done)
-        ahead.append(taken - done)
+    def measure(_: Recording) -> JointMetrics:
+        ahead.append(taken - len(ahead))
+        return {}
 
-    batch(settings(), DURATION, workers=2, progress=progress)
-    assert reported == [4, 8, 9]
-    assert ahead == [0, 0, 0]
+    batch(settings(), DURATION, workers=2, progress=reported.append, measure=measure)
+    assert reported == list(range(1, len(GAINS) + 1))
+    # Per worker two at the start, and one that is ready when a run has ended.
+    assert max(ahead) <= 6
 
 
 def test_an_interrupt_ends_it_cleanly() -> None:
