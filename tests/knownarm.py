@@ -8,6 +8,7 @@ import numpy as np
 from pidtsm_core.identification.consistency import body, described_factor
 from pidtsm_core.identification.corrected_urdf import carriers, corrected_urdf
 from pidtsm_core.identification.measurement import Measurement
+from pidtsm_core.identification.pseudo_inertia import moved
 from pidtsm_core.identification.regressor import LINK, described_parameters, regressor
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import Description, find_description
@@ -27,8 +28,12 @@ class KnownArm:
 
 
 def known_arm(name: str, seed: int = 0, duration: float = 30.0, rate: float = 250.0, step: float = STEP) -> KnownArm:
-    """An arm with inertias 20 % off, unknown friction and armature, encoders of 14 bits, and noise of the torque."""
-    arm, random = find_description({"robot.description": name}), np.random.default_rng(seed)
+    """An arm with encoders of 14 bits and noise of the torque.
+
+    Inertias and centres of mass are 20 % off, friction and armature are unknown.
+    """
+    arm = find_description({"robot.description": name})
+    random, centers = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     joints = len(arm.joints)
     limit = np.minimum(arm.effort, 100.0)
     viscous, coulomb, offset = (share * limit * random.uniform(0.5, 1.5, joints) for share in (0.03, 0.05, 0.01))
@@ -38,7 +43,9 @@ def known_arm(name: str, seed: int = 0, duration: float = 30.0, rate: float = 25
     wrong = described_parameters(arm.tree, np.zeros(joints), np.zeros(joints))
     for j, carrier in enumerate(carriers(arm)[1]):
         part = slice(LINK * j, LINK * (j + 1))
-        wrong[part] += body(described_factor(carrier), 0.1 * random.normal(size=LINK))[0] - carrier
+        reshaped = body(described_factor(carrier), 0.1 * random.normal(size=LINK))[0]
+        shift = 0.1 * np.linalg.norm(carrier[1:4]) / carrier[0] * centers.normal(size=3)
+        wrong[part] += moved(reshaped, np.column_stack([np.eye(3), shift])) - carrier
     time = np.arange(0.0, duration, 1.0 / rate)
     q, dq, ddq = periodic_motion(arm, time, random)
     noise = 0.005 * limit

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from pidtsm_core.identification.base_parameters import BaseParameters
@@ -12,12 +13,15 @@ from pidtsm_core.identification.regressor import LINK, OF_JOINT
 from pidtsm_core.parameters import Array
 
 UNCERTAINTY = 0.15
-"""How far real bodies differ from described ones: 30 % of mass and inertia, as a standard deviation of theta."""
+"""How far real bodies differ from described ones, as standard deviations: 30 % of the mass, of the shape, and of the
+distance of the centre of mass from the joint."""
 _ROUNDNESS = 0.01
 """m; a body is taken to extend at least so far in all directions: descriptions have points and rods."""
 _LIGHTEST = 1e-3
 """kg; smallest mass of a body whose pseudo-inertia is estimated."""
 _UPPER = np.triu_indices(4)
+_CENTER = np.flatnonzero((_UPPER[1] == 3) & (_UPPER[0] < 3))
+"""Elements of theta that move the centre of mass."""
 
 
 @dataclass(frozen=True)
@@ -37,21 +41,23 @@ class Prior:
 
 
 def described_factor(link: Array) -> Array:
-    """A factor L of the pseudo-inertia J = L L' of a described body, made as round as `_ROUNDNESS`, shape (4, 4)."""
+    """The upper triangle F with pseudo-inertia J = F F' of a described body, as round as `_ROUNDNESS`, shape (4, 4)."""
     mass = max(float(link[0]), _LIGHTEST)
     pseudo = pseudo_inertia(link)
     pseudo[3, 3] = mass
     pseudo[:3, :3] += mass * _ROUNDNESS**2 * np.eye(3)
     values, vectors = np.linalg.eigh(pseudo)
     # An impossible description becomes the possible one next to it.
-    return np.linalg.cholesky((vectors * np.maximum(values, mass * 1e-6)) @ vectors.T)
+    possible = (vectors * np.maximum(values, mass * 1e-6)) @ vectors.T
+    return np.ascontiguousarray(np.linalg.cholesky(possible[::-1, ::-1])[::-1, ::-1])
 
 
 def body(factor: Array, theta: Array) -> tuple[Array, Array]:
     """Ten parameters of a body, shape (10,), and their derivatives by theta, shape (10, 10).
 
-    Log-Cholesky coordinates (Rucker and Wensing, IEEE RA-L 7, 2022) relative to the described body: J = L U U' L' with
-    an upper triangle U whose diagonal is exp(theta), so that theta = 0 is the description, whatever its size.
+    Log-Cholesky coordinates (Rucker and Wensing, IEEE RA-L 7, 2022) relative to the described body: J = F U U' F' with
+    an upper triangle U whose diagonal is exp(theta), so that theta = 0 is the description, whatever its size. The last
+    column of U is mass and centre of mass, the rest is the shape.
     """
     upper = np.zeros((4, 4))
     upper[_UPPER] = theta
@@ -68,6 +74,19 @@ def body(factor: Array, theta: Array) -> tuple[Array, Array]:
     )
 
 
+def _uncertainty(factor: Array) -> Array:
+    """A root of the covariance of theta of a described body, shape (10, 10).
+
+    Coordinates of the centre are relative to the size of the body; of a small one far from the joint they are the
+    more uncertain.
+    """
+    root = np.eye(LINK)
+    size, center = factor[:3, :3], factor[:3, 3]
+    relative = np.linalg.norm(center) * np.linalg.inv(size)
+    root[np.ix_(_CENTER, _CENTER)] = np.linalg.cholesky(np.eye(3) + relative @ relative.T)
+    return UNCERTAINTY * root
+
+
 class _Problem:
     """Data and description as one problem of least squares.
 
@@ -80,8 +99,10 @@ class _Problem:
         joints = len(prior.carriers)
         self._links = LINK * joints
         self._factors = [described_factor(carrier) for carrier in prior.carriers]
+        certainty = [np.linalg.inv(_uncertainty(factor)) for factor in self._factors]
+        self._certainty = block_diag(*certainty, np.eye(len(OF_JOINT) * joints))
         self._rest = prior.parameters[: self._links] - prior.carriers.ravel()
-        self._centre = prior.parameters[self._links :] / prior.deviation
+        self._described = np.concatenate([np.zeros(self._links), prior.parameters[self._links :] / prior.deviation])
         self._target = fit.factor @ fit.beta
         # Offsets may have either sign.
         least = np.zeros(len(OF_JOINT) * joints)
@@ -91,7 +112,8 @@ class _Problem:
     @property
     def start(self) -> Array:
         """The description, strictly within the bounds."""
-        return np.concatenate([np.zeros(self._links), np.where(self._centre == 0.0, 1e-3, self._centre)])
+        of_joints = np.arange(self._described.size) >= self._links
+        return np.where(of_joints & (self._described == 0.0), 1e-3, self._described)
 
     def parameters(self, variables: Array) -> tuple[Array, Array]:
         """The vector pi, and its derivatives by the variables."""
@@ -108,13 +130,11 @@ class _Problem:
     def residuals(self, variables: Array) -> Array:
         """In standard deviations: of the data, then of the description."""
         data = self._mapping @ self.parameters(variables)[0] - self._target
-        theta, of_joints = np.split(variables, [self._links])
-        return np.concatenate([data, theta / UNCERTAINTY, of_joints - self._centre])
+        return np.concatenate([data, self._certainty @ (variables - self._described)])
 
     def slopes(self, variables: Array) -> Array:
         """Derivatives of `residuals`."""
-        scale = np.where(np.arange(variables.size) < self._links, 1.0 / UNCERTAINTY, 1.0)
-        return np.vstack([self._mapping @ self.parameters(variables)[1], np.diag(scale)])
+        return np.vstack([self._mapping @ self.parameters(variables)[1], self._certainty])
 
 
 def consistent_parameters(prior: Prior, base: BaseParameters, fit: Fit) -> tuple[Array, float]:
@@ -137,7 +157,8 @@ def expectation(prior: Prior, base: BaseParameters) -> Expectation:
     spread = np.zeros((prior.parameters.size, prior.parameters.size))
     for j, carrier in enumerate(prior.carriers):
         part = slice(LINK * j, LINK * (j + 1))
-        spread[part, part] = UNCERTAINTY * body(described_factor(carrier), np.zeros(LINK))[1]
+        factor = described_factor(carrier)
+        spread[part, part] = body(factor, np.zeros(LINK))[1] @ _uncertainty(factor)
     rest = np.arange(LINK * joints, prior.parameters.size)
     spread[rest, rest] = prior.deviation
     return Expectation(base.mapping @ prior.parameters, np.linalg.norm(base.mapping @ spread, axis=1))

@@ -10,7 +10,7 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.base_parameters import BaseParameters, base_parameters
 from pidtsm_core.identification.consistency import Prior, consistent_parameters, expectation
 from pidtsm_core.identification.corrected_urdf import carriers
-from pidtsm_core.identification.data_faults import limited, recording_faults, structure_faults
+from pidtsm_core.identification.data_faults import gravity_faults, limited, recording_faults, structure_faults
 from pidtsm_core.identification.least_squares import Fit, fit, motion_regressor
 from pidtsm_core.identification.measurement import Measurement, Piece, bandwidth, filtered
 from pidtsm_core.identification.regressor import described_parameters
@@ -106,9 +106,9 @@ def identify(arm: Description, measurements: Sequence[Measurement]) -> Identific
         cutoff = bandwidth(measured)
     except ValueError as error:
         raise IdentificationError(str(error)) from None
-    _refuse_structure(arm, described, measured, cutoff)
-    base = base_parameters(arm.tree, len(arm.joints))
     prior = Prior(described, bodies, _deviation(arm, measured))
+    _refuse_structure(arm, prior, measured, cutoff)
+    base = base_parameters(arm.tree, len(arm.joints))
     expected = expectation(prior, base)
     try:
         found = fit(arm.tree, base, [each.between(0.0, _APART) for each in measured], cutoff, expected)
@@ -148,7 +148,7 @@ def _recording_warnings(measured: Sequence[Measurement]) -> list[str]:
     return [fault.text for fault in faults]
 
 
-def _refuse_structure(arm: Description, described: Array, measured: Sequence[Measurement], cutoff: float) -> None:
+def _refuse_structure(arm: Description, prior: Prior, measured: Sequence[Measurement], cutoff: float) -> None:
     """Check order and signs of the joints, and gravity.
 
     Raises:
@@ -156,7 +156,8 @@ def _refuse_structure(arm: Description, described: Array, measured: Sequence[Mea
     """
     for each in measured:
         for piece in filtered(each, cutoff)[:1]:
-            if faults := list(structure_faults(arm.tree, described, arm.joints, piece.motion)):
+            faults = [*structure_faults(arm.tree, prior.parameters, arm.joints, piece.motion)]
+            if faults := faults or [*gravity_faults(arm.tree, prior, piece.motion)]:
                 texts = [fault.text for fault in faults]
                 raise IdentificationError("\n".join([*texts, "if that is not so, is this the bag of another robot?"]))
 

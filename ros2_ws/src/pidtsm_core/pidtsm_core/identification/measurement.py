@@ -107,8 +107,8 @@ class Motion:
     effort: Array
     effort_rate: Array
 
-    def at(self, samples: slice) -> "Motion":
-        """These samples of it."""
+    def at(self, samples: slice | NDArray[np.int64]) -> "Motion":
+        """These samples of it: arrays of shape (selected samples, joints)."""
         return Motion(*(getattr(self, each.name)[samples] for each in fields(self)))
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from knownarm import KnownArm
+from knownarm import KnownArm, known_arm
 
 from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import IdentificationError, identify
@@ -62,6 +62,17 @@ def test_a_fault_is_named_and_nothing_is_fitted(panda: KnownArm, fault: str) -> 
     gravity = regressor(panda.described.tree, q, 0.0 * q, 0.0 * q)[..., :70] @ panda.truth[:70]
     with pytest.raises(IdentificationError, match=message):
         identify(panda.described, [spoil(panda.measured, gravity)])
+
+
+@pytest.mark.parametrize("fault", ["no gravity", "gravity twice"])
+@pytest.mark.parametrize("seed", [6, 8, 12])
+def test_gravity_is_judged_with_masses_that_are_elsewhere_than_described(fault: str, seed: int) -> None:
+    arm = known_arm("two_link", seed)
+    spoil, message = FAULTS[fault]
+    q = arm.measured.position
+    gravity = regressor(arm.described.tree, q, 0.0 * q, 0.0 * q)[..., :20] @ arm.truth[:20]
+    with pytest.raises(IdentificationError, match=message):
+        identify(arm.described, [spoil(arm.measured, gravity)])
 
 
 def test_masses_that_are_much_too_small_are_no_gravity_that_counts_twice(panda: KnownArm) -> None:
