@@ -43,7 +43,7 @@ def test_a_cell_has_the_score_that_is_published(params: str) -> None:
 
 
 def test_a_cell_has_the_objective_that_is_published(params: str) -> None:
-    published = json.loads((DATA / "tune" / ROBOT / LAW / "tuning.json").read_text())["objective"]
+    published = json.loads((DATA / "tune" / ROBOT / LAW / "tuning.json").read_text())["cost"]
     rules = json.loads((DATA / "tournament.json").read_text())["rules"]
     task = find_task(ROBOT)
     controller = task.experiment(LAW, (params,)).settings["controller"]

@@ -5,7 +5,7 @@ import json
 import shutil
 import subprocess
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -91,7 +91,7 @@ def execute(options: argparse.Namespace) -> int:
                 tuned.parent.mkdir(parents=True, exist_ok=True)
                 tune({"robot": cell.robot, "law": cell.law, **common}, options.budget, tuned)
             if not (cell.folder(out, "score") / FILE).exists():
-                _score(cell, tuned / PARAMETERS, cell.folder(out, "score"), extent)
+                _score(cell, out, extent)
     entries = read_entries(out / "score")
     with renewed(out) as folder:
         write_leaderboard(folder, entries)
@@ -146,8 +146,9 @@ def _commit() -> str:
     return found.stdout.strip()
 
 
-def _score(cell: Cell, params: Path, out: Path, extent: Extent) -> None:
-    with result_folder(out) as folder, progress_bar() as bar:
+def _score(cell: Cell, out: Path, extent: Extent) -> None:
+    params = cell.folder(out, "tune") / PARAMETERS
+    with result_folder(cell.folder(out, "score")) as folder, progress_bar() as bar:
         bars = bar.add_task("score", total=None)
         contender = Contender(cell.law, (str(params),), name=cell.law)
         entry = measure(
@@ -156,6 +157,7 @@ def _score(cell: Cell, params: Path, out: Path, extent: Extent) -> None:
             extent,
             lambda done, total: bar.update(bars, completed=done, total=total),
         )
+        entry = replace(entry, params=(params.relative_to(out).as_posix(),))  # Wherever the tournament is kept.
         (folder / FILE).write_text(json.dumps(as_json(entry), allow_nan=False) + "\n", encoding="utf-8")
 
 
@@ -177,7 +179,5 @@ def _head(out: Path, options: argparse.Namespace) -> str:
 def _rows(out: Path, cells: list[Cell]) -> Iterator[str]:
     for cell in cells:
         content = json.loads((cell.folder(out, "tune") / "tuning.json").read_text(encoding="utf-8"))
-        values = [
-            content["objective"][kind][when] for kind in ("training", "validation") for when in ("before", "after")
-        ]
+        values = [content["cost"][kind][when] for kind in ("training", "validation") for when in ("before", "after")]
         yield f"| {Path(cell.robot).stem} | {cell.law} | {' | '.join(f'{value:.4g}' for value in values)} |\n"

@@ -26,14 +26,20 @@ def test_a_cell_is_that_of_the_commands(out: Path, tmp_path: Path) -> None:
     first, again = (json.loads(file.read_text()) for file in (score, tmp_path / "again" / "score.json"))
     assert first["criteria"] == again["criteria"]
     assert first["score"] == again["score"]
-    objective = json.loads((params.parent / "tuning.json").read_text())["objective"]
-    values = (objective[kind][when] for kind in ("training", "validation") for when in ("before", "after"))
+    cost = json.loads((params.parent / "tuning.json").read_text())["cost"]
+    values = (cost[kind][when] for kind in ("training", "validation") for when in ("before", "after"))
     row = f"| two_link | computed_torque | {' | '.join(f'{value:.4g}' for value in values)} |"
     text = (out / "tournament.md").read_text()
     assert row in text.splitlines()
     made = "--robot two_link --law computed_torque --hardware ideal --objective balanced --budget 9 --seed 0"
     assert f"Made by `./pidtsm tournament {made}` on " in text
     assert "| computed torque |" in (out / "leaderboard.md").read_text()
+
+
+def test_the_files_do_not_name_their_folder(out: Path) -> None:
+    score = json.loads((out / "score" / "two_link" / "computed_torque" / "score.json").read_text())
+    assert score["params"] == ["tune/two_link/computed_torque/params.yaml"]
+    assert not [file for file in out.rglob("*.*") if str(out).encode() in file.read_bytes()]
 
 
 def test_what_is_done_is_not_done_again(out: Path) -> None:

@@ -31,6 +31,7 @@ def found(out: Path) -> dict[str, Any]:
 def test_the_results_are_written_and_taken(out: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert {file.name for file in out.iterdir()} == {"params.yaml", "tuning.json", "tuning.html", "history.jsonl"}
     content = found(out)
+    assert content["objective"] == "balanced"
     rollout = ["rollout", "--params", str(out / "params.yaml"), "--json"]
     capfd.readouterr()
     assert main(rollout) == 0

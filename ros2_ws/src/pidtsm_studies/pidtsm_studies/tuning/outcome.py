@@ -99,7 +99,7 @@ def as_json(tuning: Tuning) -> dict[str, Any]:
         **tuning.identity,
         "evaluations": tuning.evaluations,
         "parameters": tuning.parameters,
-        "objective": {
+        "cost": {
             kind: dict(zip(("before", "after"), tuning.objective(kind), strict=True))
             for kind in ("training", "validation")
         },

@@ -62,7 +62,8 @@ def test_sensitivity_is_that_of_one_gain(tuning: Tuning, problem: Problem) -> No
 def test_the_json_has_training_and_validation_side_by_side(tuning: Tuning) -> None:
     content = json.loads(json.dumps(as_json(tuning), allow_nan=False))
     assert set(content["training"]) == set(tuning.training) != set(content["validation"])
-    assert content["objective"]["validation"]["after"] == tuning.objective("validation")[1]
+    assert content["objective"] == tuning.identity["objective"]
+    assert content["cost"]["validation"]["after"] == tuning.objective("validation")[1]
 
 
 def test_the_front_has_what_nothing_beats_in_both() -> None:
