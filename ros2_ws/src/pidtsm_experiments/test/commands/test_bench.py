@@ -14,7 +14,7 @@ from pidtsm_experiments.commands.bench import Row, medians
 from pidtsm_experiments.commands.bench_against import show
 
 FIELDS = {"benchmark", "met", *(field.name for field in fields(Row))}
-OWN = ["analyze", "batch", "dynamics", "library", "rollout", "tick"]
+OWN = ["analyze", "batch", "dask_workers", "dynamics", "library", "rollout", "tick"]
 
 
 @pytest.fixture(autouse=True)
