@@ -15,7 +15,8 @@ HARDWARE: Mapping[str, Mapping[str, float]] = _CONTENT["hardware"]
 OBJECTIVES: Mapping[str, Mapping[str, float]] = _CONTENT["objectives"]
 """Weights by name, see `objective`."""
 MARGINS: Mapping[str, Mapping[str, Any]] = _CONTENT["margins"]
-"""By name of the condition the imperfection that the rule-based set must endure: ``parameter``, ``step``, ``steps``."""
+"""By name of the condition the imperfection that the rule-based set endures: ``parameter``, ``step``, ``steps``, and
+where they matter ``relative_to`` and ``seed``."""
 BOUNDS: Mapping[str, Mapping[str, float]] = _CONTENT["space"]
 """Start and bounds by parameter; what is missing follows from the parameter, see `space`."""
 FIXED: tuple[str, ...] = tuple(_CONTENT["fixed"])

@@ -97,11 +97,11 @@ def _margins(blank: Problem, rule: Mapping[str, Any]) -> dict[str, dict[str, Any
     for name, margin in MARGINS.items():
         unit = blank.limits if margin.get("relative_to") == "effort" else 1
         values = [np.asarray(margin["step"] * k * unit).tolist() for k in range(1, margin["steps"] + 1)]
-        grid = {str(value): {margin["parameter"]: value} for value in values}
+        grid = {str(value): {margin["parameter"]: value, "seed": margin.get("seed", 0)} for value in values}
         runs = _run(replace(blank, conditions=grid), [rule])[0]
-        endured = [*takewhile(lambda run: _judged(blank.task, run)[1], runs)]
+        endured = [*takewhile(lambda run: max(_judged(blank.task, run)) < 1.0, runs)]
         if endured:
-            found[name] = {margin["parameter"]: values[len(endured) - 1]}
+            found[name] = grid[str(values[len(endured) - 1])]
     return found
 
 
@@ -159,12 +159,11 @@ def _measure(run: Recording, after: float, limits: Array) -> JointMetrics:
     return {**judge(run, after, limits), "fast_steps": np.quantile(steps, 0.999, axis=0).tolist()}
 
 
-def _judged(task: Task, run: Mapping[str, list[float]] | None) -> tuple[float, bool]:
-    """The largest error, relative to that of a successful run, and whether the run succeeded."""
+def _judged(task: Task, run: Mapping[str, list[float]] | None) -> tuple[float, float]:
+    """Largest error and roughness, relative to what a successful run may have: both below 1 if the run succeeded."""
     if run is None:
-        return np.inf, False
-    late = max(run["late_error"]) / task.error
-    return late, late < 1.0 and max(run["roughness"]) <= ROUGHNESS
+        return np.inf, np.inf
+    return max(run["late_error"]) / task.error, max(run["roughness"]) / ROUGHNESS
 
 
 def _result(problem: Problem, condition: str, run: Mapping[str, list[float]] | None) -> Result:
@@ -184,9 +183,10 @@ def _result(problem: Problem, condition: str, run: Mapping[str, list[float]] | N
         + weights["limits"] * float(values["saturation"].mean())
         + weights["effort"] * effort
     )
+    late, rough = _judged(problem.task, run)
+    success = max(late, rough) < 1.0
     if condition in MARGINS:
         cost = 1.0  # It is enough to succeed.
-    late, success = _judged(problem.task, run)
     if not success:
         cost += _FAILED + min(late, _WORST)
     kept = ("rmse", "eci", "torque_variation", "late_error")
