@@ -29,6 +29,10 @@ _FAILED, _DIVERGED = 5.0, 100.0
 """Added if a run fails, and for one that diverges."""
 _WORST = 10.0
 """Largest multiple of its limit that the error of a failed run counts as."""
+_BEYOND = ", one step more"
+"""Ends the names of conditions under which the rule-based set fails."""
+_TRIED = 0.1
+"""Weight of failing where the rule-based set fails too: little, or tracking suffers."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,10 @@ def make_problem(task: Task, kind: str, hardware: str, objective: str) -> Proble
 
 
 def _margins(blank: Problem, rule: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """For each of `MARGINS` the condition with the largest value under which the rule-based set succeeds, if any."""
+    """For each of `MARGINS` the condition with the largest value under which the rule-based set succeeds, and the next.
+
+    A value that does not exist, or under which that set diverges, is left out.
+    """
     found = {}
     for name, margin in MARGINS.items():
         unit = blank.limits if margin.get("relative_to") == "effort" else 1
@@ -100,8 +107,9 @@ def _margins(blank: Problem, rule: Mapping[str, Any]) -> dict[str, dict[str, Any
         grid = {str(value): {margin["parameter"]: value, "seed": margin.get("seed", 0)} for value in values}
         runs = _run(replace(blank, conditions=grid), [rule])[0]
         endured = [*takewhile(lambda run: max(_judged(blank.task, run)) < 1.0, runs)]
-        if endured:
-            found[name] = grid[str(values[len(endured) - 1])]
+        for title, k in ((name, len(endured) - 1), (name + _BEYOND, len(endured))):
+            if 0 <= k < len(values) and runs[k] is not None:
+                found[title] = grid[str(values[k])]
     return found
 
 
@@ -185,9 +193,10 @@ def _result(problem: Problem, condition: str, run: Mapping[str, list[float]] | N
     )
     late, rough = _judged(problem.task, run)
     success = max(late, rough) < 1.0
-    if condition in MARGINS:
+    beyond = condition.endswith(_BEYOND)
+    if beyond or condition in MARGINS:
         cost = 1.0  # It is enough to succeed.
     if not success:
-        cost += _FAILED + min(late, _WORST)
+        cost += _TRIED * min(max(late, rough), _WORST) if beyond else _FAILED + min(late, _WORST)
     kept = ("rmse", "eci", "torque_variation", "late_error")
     return Result(cost, tracking, variation, success, {name: run[name] for name in kept})
