@@ -70,4 +70,3 @@ def test_robust_gains_endure_what_the_rule_based_set_endures_and_try_more(proble
     )
     assert all(each.success and each.cost == 1.0 for each in kept)
     assert all(not each.success and 1.1 <= each.cost <= 2.0 for each in lost)
-
