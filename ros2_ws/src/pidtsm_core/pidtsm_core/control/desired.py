@@ -1,7 +1,9 @@
 """The desired motion that the law follows: the reference or a held position, plus a way.
 
 The way is a quintic that begins at the difference from the current motion and ends at zero, so the desired motion makes
-no step. Along the way, the effort that is fed forward fades to that of the reference, or to zero if a position is held.
+no step. If a rate limit has thrown the arm off its reference, the way brakes first: its sum with another quintic, which
+takes velocity and acceleration away as soon as the limits allow, so that the arm does not go farther than it must.
+Along the way, the effort that is fed forward fades to that of the reference, or to zero if a position is held.
 """
 
 import math
@@ -29,6 +31,8 @@ _SHORTEST_WAY, _LONGEST_WAY, _LONGER = 0.01, 20.0, 1.2  # s, s, ratio of consecu
 _SHORTEST_REST, _LONGEST_REST = 0.1, 2.0  # s in which the desired motion comes to rest
 _REST_BY_HAND = 0.3  # s, the shortest time in which it does so at the end of freedrive
 _MOMENTS = 12
+_FOR_RETURN = 1.2
+"""Excess of braking and return together, relative to that of braking alone, that is small enough."""
 _HOPELESS = 2.0
 """Excess (see `_excess`) at which a way is useless: its rate needs the whole limit, not only its share."""
 _ABSURD = 1e4  # rad/s^2; a larger correction comes from a singular law
@@ -70,7 +74,7 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
         return
     if follows and not followed:
         # Start at the last desired motion; at the first sample, this is rest at the position of the arm.
-        _begin_way(config, state, stamp)
+        _begin_way(config, state, stamp, False)
         clock[Clock.ADAPTATION] = Adaptation.APPROACHING if state.way_duration[0] > 0.0 else Adaptation.NORMAL
         clock[Clock.STRAYED] = 0
     elif (followed or freed) and not follows:
@@ -86,7 +90,7 @@ def write_desired(state: ControllerState, stamp: int) -> None:
     if duration > 0.0:
         t = seconds(stamp - state.clock[Clock.WAY_BEGAN])
         if t < duration:
-            add_quintic(state.way, duration, t, state.desired)
+            _add_way(state, duration, t, state.desired)
             passed = t / duration
         else:
             _end_way(state)
@@ -96,6 +100,14 @@ def write_desired(state: ControllerState, stamp: int) -> None:
     for j in range(state.fed.size):
         state.fed[j] = _fed(state, j, passed)
         state.handed[j] = state.handed_before[j] * (_left(passed) if follows else 1.0)
+
+
+@inlined
+def _add_way(state: ControllerState, duration: float, t: float, motion: Array) -> None:
+    """Add the way, which takes `duration` (s), at t (s) to `motion`, shape (3, joints)."""
+    add_quintic(state.way, duration, t, motion)
+    if t < state.braking_duration[0]:
+        add_quintic(state.braking, state.braking_duration[0], t, motion)
 
 
 @inlined
@@ -132,7 +144,7 @@ def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int) -
         for j in range(start.shape[1]):
             start[i, j] = state.desired[i, j]
     _plan_rest(state, start, duration)
-    while duration < _LONGEST_REST and _excess(config, state, duration) > 1.0:
+    while duration < _LONGEST_REST and _excess(config, state, duration, duration) > 1.0:
         duration *= _LONGER
         _plan_rest(state, start, duration)
     state.way_duration[0] = duration
@@ -146,7 +158,7 @@ def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int) -
 def _plan_rest(state: ControllerState, start: Array, duration: float) -> None:
     """Plan a stop from `start` (q, q', q'', shape (3, joints)) in `duration` (s): its end position and the way."""
     for j in range(start.shape[1]):
-        state.held[0, j] = start[0, j] + duration * (0.5 * start[1, j] + duration * start[2, j] / 12.0)
+        state.held[0, j] = _resting_place(start, duration, j)
         for i in range(1, 3):
             state.held[i, j] = 0.0
         for i in range(3):
@@ -157,6 +169,12 @@ def _plan_rest(state: ControllerState, start: Array, duration: float) -> None:
     # The way is the difference from the held position.
     for j in range(start.shape[1]):
         state.way[0, j] -= state.held[0, j]
+
+
+@inlined
+def _resting_place(start: Array, duration: float, joint: int) -> float:
+    """Where a joint comes to rest, rad: the end of a quartic from `start` (q, q', q'', shape (3, joints)) to rest."""
+    return start[0, joint] + duration * (0.5 * start[1, joint] + duration * start[2, joint] / 12.0)
 
 
 @inlined
@@ -189,19 +207,26 @@ def _fed(state: ControllerState, joint: int, passed: float) -> float:
 
 @inlined
 def _end_way(state: ControllerState) -> None:
-    state.way_duration[0] = 0.0
+    state.way_duration[0] = state.braking_duration[0] = 0.0
     state.clock[Clock.ADAPTATION] = Adaptation.NORMAL
     state.clock[Clock.STRAYED] = 0
 
 
 @part
-def _begin_way(config: ControllerConfig, state: ControllerState, stamp: int) -> float:
+def _begin_way(config: ControllerConfig, state: ControllerState, stamp: int, brakes: bool) -> float:
     """Plan the way from the motion in ``state.desired`` to the reference or the held position.
+
+    Args:
+        config: configuration, which is read.
+        state: state, which is changed.
+        stamp: stamp of the sample, ns.
+        brakes: whether the way brakes first.
 
     Returns:
         The `_excess` of the way; 0 if no rate is limited.
     """
     start, difference, rest = state.desired, state.scratch[:3], state.scratch[3:]
+    state.braking_duration[0] = 0.0
     write_base(state, state.base)
     for i in range(3):
         for j in range(start.shape[1]):
@@ -210,14 +235,56 @@ def _begin_way(config: ControllerConfig, state: ControllerState, stamp: int) -> 
     for j in range(start.shape[1]):
         state.fed_before[j] = state.fed[j]
         state.handed_before[j] = state.handed[j]
-    duration, excess = _slow_enough(config, state, difference), 0.0
+    excess = _plan_braking(config, state) if brakes else 0.0
+    duration = max(_slow_enough(config, state, difference), state.braking_duration[0])
     if config.rate_limited:
-        duration, excess = _duration(config, state, duration)
+        duration, excess = _duration(config, state, duration, max(_FOR_RETURN * excess, 1.0))
     if duration > 0.0:
         quintic(difference, rest, duration, state.way)
     state.way_duration[0] = duration
     state.clock[Clock.WAY_BEGAN] = stamp
     return excess
+
+
+@part
+def _plan_braking(config: ControllerConfig, state: ControllerState) -> float:
+    """Plan to brake in the shortest time with an `_excess` of at most 1, or of what the effort is now; else the least.
+
+    ``state.scratch`` has the difference with which the way begins, then zeros. Afterwards, it has the difference that
+    remains when the arm has braked.
+
+    Returns:
+        The excess.
+    """
+    difference, rest = state.scratch[:3], state.scratch[3:]
+    duration = best = _SHORTEST_WAY
+    least, enough = math.inf, 1.0
+    for j in range(difference.shape[1]):
+        enough = max(enough, abs(state.signals[Signal.EFFORT, j]) / (_SHARE_OF_EFFORT * config.effort_limit[j]))
+    while duration < _LONGEST_REST and least > enough:
+        _brake(state, duration)
+        excess = _excess(config, state, duration, duration)
+        if excess < least:
+            best, least = duration, excess
+        duration *= _LONGER
+    _brake(state, best)
+    for j in range(difference.shape[1]):
+        difference[0, j] = state.way[0, j]
+        difference[1, j] = difference[2, j] = rest[0, j] = 0.0
+    return least
+
+
+@inlined
+def _brake(state: ControllerState, duration: float) -> None:
+    """Brake in `duration` (s), and stay: the way is the difference that remains."""
+    difference, rest = state.scratch[:3], state.scratch[3:]
+    for j in range(difference.shape[1]):
+        rest[0, j] = _resting_place(difference, duration, j)
+    quintic(difference, rest, duration, state.braking)
+    quintic(rest, rest, duration, state.way)
+    for j in range(difference.shape[1]):
+        state.braking[0, j] -= rest[0, j]
+    state.braking_duration[0] = duration
 
 
 @inlined
@@ -240,8 +307,8 @@ def _slow_enough(config: ControllerConfig, state: ControllerState, difference: A
 
 
 @part
-def _duration(config: ControllerConfig, state: ControllerState, shortest: float) -> tuple[float, float]:
-    """Duration of the way (s), at least `shortest`, with an `_excess` of at most 1, else with the least; the excess.
+def _duration(config: ControllerConfig, state: ControllerState, shortest: float, most: float) -> tuple[float, float]:
+    """Duration of the way (s), at least `shortest`, with an `_excess` of at most `most`, else the least; the excess.
 
     ``state.scratch`` has the difference with which the way begins, then that with which it ends.
     """
@@ -250,23 +317,25 @@ def _duration(config: ControllerConfig, state: ControllerState, shortest: float)
     least = math.inf
     while duration < _LONGEST_WAY:
         quintic(difference, rest, duration, state.way)
-        excess = _excess(config, state, duration)
+        excess = _excess(config, state, duration, duration)
+        if state.braking_duration[0] > 0.0:
+            excess = max(excess, _excess(config, state, duration, state.braking_duration[0]))
         if excess < least:
             best, least = duration, excess
-        if excess <= 1.0:
+        if excess <= most:
             break
         duration *= _LONGER
     return best, least
 
 
 @inlined
-def _excess(config: ControllerConfig, state: ControllerState, duration: float) -> float:
-    """The largest effort or effort rate along ``state.way``, by the model, as a multiple of what the way may use.
+def _excess(config: ControllerConfig, state: ControllerState, duration: float, until: float) -> float:
+    """The largest effort or effort rate along a way, by the model, as a multiple of what the way may use.
 
-    It is evaluated at some moments, assuming that the base keeps its velocity.
+    It is evaluated at some moments up to `until` (s), assuming that the base keeps its velocity.
     """
     motion, efforts = state.desired, state.accelerations
-    step, excess = duration / _MOMENTS, 0.0
+    step, excess = until / _MOMENTS, 0.0
     for k in range(_MOMENTS + 1):
         t = k * step
         for j in range(motion.shape[1]):
@@ -274,10 +343,10 @@ def _excess(config: ControllerConfig, state: ControllerState, duration: float) -
             motion[1, j] = state.base[1, j]
             motion[2, j] = 0.0
             efforts[1, j] = efforts[0, j]
-        add_quintic(state.way, duration, t, motion)
+        _add_way(state, duration, t, motion)
         inverse_dynamics(config.model, motion[0], motion[1], motion[2:], efforts[:1])
         for j in range(motion.shape[1]):
-            efforts[0, j] += _fed(state, j, k / _MOMENTS)
+            efforts[0, j] += _fed(state, j, t / duration)
             excess = max(excess, abs(efforts[0, j]) / (_SHARE_OF_EFFORT * config.effort_limit[j]) if k else 0.0)
             if k and config.effort_rate[j] > 0.0:
                 rate = abs(efforts[0, j] - efforts[1, j]) / step
@@ -299,6 +368,8 @@ def learnt_acceleration(config: ControllerConfig, state: ControllerState, joint:
 def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int) -> bool:
     """Begin a way at the arm's estimated motion, with the acceleration for which the law commands the present effort.
 
+    It brakes first. A single quintic would be as long for braking as for the return, and the arm would go far astray.
+
     This is the acceleration that the effort causes by the model, minus the output of the law without errors, which is
     what the law has learnt of the disturbances. So neither the desired motion nor the effort makes a step.
 
@@ -314,9 +385,9 @@ def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int)
         learnt = learnt_acceleration(config, state, j)
         if abs(learnt) < _ABSURD:
             start[2, j] -= learnt
-    excess = _begin_way(config, state, stamp)
+    excess = _begin_way(config, state, stamp, True)
     write_base(state, state.desired)
-    add_quintic(state.way, state.way_duration[0], 0.0, state.desired)
+    _add_way(state, state.way_duration[0], 0.0, state.desired)
     if state.clock[Clock.ADAPTATION] == Adaptation.NORMAL:
         state.clock[Clock.STRAYED] = 1
     state.clock[Clock.ADAPTATION] = Adaptation.FROZEN

@@ -133,6 +133,8 @@ class ControllerState(NamedTuple):
     desired: Array  # the same plus the way: the motion that the law follows, likewise
     way: Array  # coefficients of the way, see desired.py, shape (6, joints)
     way_duration: Array  # shape (1,), s; 0: there is no way
+    braking: Array  # coefficients of its first part, likewise
+    braking_duration: Array  # shape (1,), s; 0: there is no such part
     estimator: Array  # shape (joints, SLOTS)
     law: Array  # shape (joints, STATE_SLOTS)
     signals: Array  # shape (len(Signal), joints), see `Signal`
@@ -161,9 +163,9 @@ class ControllerState(NamedTuple):
 _CONFIG_INTEGERS = 30  # lengths, and the integers of `ControllerConfig` except the law's
 _FEEDS_BACK = 14
 _CLOCK = len(Clock)
-_SCALARS = 6
+_SCALARS = 7
 # Rows of the table at the end of the floats, one number per joint: configuration, state, signals, scratch.
-_EXTERNAL = 31
+_EXTERNAL = 37
 _HOLD = _EXTERNAL + len(External) + 1
 _CONFIG, _MOTION, _SCRATCH = 14, _HOLD + len(Hold), 13
 _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
@@ -259,6 +261,8 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
         desired=motion[12:15],
         way=motion[15:21],
         way_duration=floats[3:4],
+        braking=motion[31:37],
+        braking_duration=floats[6:7],
         estimator=floats[c:d].reshape((joints, SLOTS)),
         law=floats[d : d + joints * STATE_SLOTS].reshape((joints, STATE_SLOTS)),
         signals=rows[_CONFIG + _MOTION : _ROWS - _SCRATCH],

@@ -61,13 +61,15 @@ def test_the_arm_follows_its_reference_with_a_torque_that_keeps_within_the_rate(
 @pytest.mark.parametrize(
     ("arm", "name"), [(TWO_LINK, "default"), *((arm, "practical") for arm in ARMS)], indirect=["arm"], ids=str
 )
-def test_a_push_that_brings_torque_and_rate_to_their_limits_is_over_soon(arm: Arm, name: str) -> None:
+@pytest.mark.parametrize("strength", [0.97, 1.0, 1.03])
+def test_a_push_that_brings_torque_and_rate_to_their_limits_is_over_soon(arm: Arm, name: str, strength: float) -> None:
+    """Pushes of slightly different strength: where limits meet, small causes have large effects."""
     limits, push = arm.limits.copy(), np.array([120.0, -40.0])
     if arm is not TWO_LINK:
         limits[-1] = arm.weak_limits(4.0)[-1]
-        push = arm.effort(arm.start, ddq=arm.alternating(3.0)) - arm.effort(arm.start)
-    pushed = {"push.effort": push.tolist(), "push.time": 5.0, "push.duration": 0.3}
-    run = roll(arm, name, 3.0 * limits * arm.spread(1.0, 2.0), 10.0, limits, **pushed)
+        push = arm.effort(arm.start, ddq=arm.alternating(5.0)) - arm.effort(arm.start)
+    pushed = {"push.effort": (strength * push).tolist(), "push.time": 5.0, "push.duration": 0.3}
+    run = roll(arm, name, 3.0 * arm.limits * arm.spread(1.0, 2.0), 10.0, limits, **pushed)
     assert limited(run, Limited.EFFORT)[-1] > 0
     assert (limited(run, Limited.RATE) > 0).all()
     assert not run.status[:, Status.FAULT].any()
