@@ -35,7 +35,7 @@ from pidtsm_core.robots.tree.layout import steiner
 from pidtsm_core.trajectories.limits import motion_limits
 
 ROBOTS = ("two_link", "ur5", "panda")
-EXCITED, CHANGE, UNSEEN = 30.0, 2.0, 8.0
+EXCITED, CHANGE, UNSEEN = 50.0, 2.0, 13.0
 """s: exciting motion, way to the other motion, and that motion; the last fifth is kept apart by `identify`."""
 NOISE = 0.005
 """Standard deviation of the torque's noise, as a share of the effort limit."""

@@ -14,9 +14,8 @@ HARDWARE: Mapping[str, Mapping[str, float]] = _CONTENT["hardware"]
 """Simulator parameters by class of hardware."""
 OBJECTIVES: Mapping[str, Mapping[str, float]] = _CONTENT["objectives"]
 """Weights by name, see `objective`."""
-MARGINS: Mapping[str, Mapping[str, Any]] = _CONTENT["margins"]
-"""By name of the condition the imperfection that the rule-based set endures: ``parameter``, ``step``, ``steps``, and
-where they matter ``relative_to`` and ``seed``."""
+MARGINS: Mapping[str, Any] = _CONTENT["margins"]
+"""Which of the score's criteria the objective ``robust`` has: ``criteria``, number of ``values``, ``seeds``."""
 BOUNDS: Mapping[str, Mapping[str, float]] = _CONTENT["space"]
 """Start and bounds by parameter; what is missing follows from the parameter, see `space`."""
 FIXED: tuple[str, ...] = tuple(_CONTENT["fixed"])

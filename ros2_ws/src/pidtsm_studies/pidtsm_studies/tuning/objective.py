@@ -1,6 +1,6 @@
 """What the tuner minimises: tracking, a smooth torque, distance from the limits, and success, under every condition."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import takewhile
@@ -15,7 +15,7 @@ from pidtsm_core.experiment import PRACTICAL, Experiment
 from pidtsm_core.metrics import JointMetrics
 from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
-from pidtsm_studies.score.criteria import ROUGHNESS
+from pidtsm_studies.score.criteria import CRITERIA, ROUGHNESS, Extent
 from pidtsm_studies.score.measure import judge
 from pidtsm_studies.score.tasks import Task, effort_limits
 from pidtsm_studies.tuning.definitions import MARGINS, OBJECTIVES, conditions
@@ -29,8 +29,6 @@ _FAILED, _DIVERGED = 5.0, 100.0
 """Added if a run fails, and for one that diverges."""
 _WORST = 10.0
 """Largest multiple of its limit that the error of a failed run counts as."""
-_BEYOND = ", one step more"
-"""Ends the names of conditions under which the rule-based set fails."""
 _TRIED = 0.1
 """Weight of failing where the rule-based set fails too: little, or tracking suffers."""
 
@@ -45,6 +43,8 @@ class Problem:
         weights: one of `OBJECTIVES`.
         limits: effort limits, N m or N, shape (joints,).
         reference: RMSE and ECI of the rule-based set by condition, shape (2, joints) each.
+        endured: conditions in which it is enough to succeed.
+        beyond: conditions in which the rule-based set fails.
     """
 
     task: Task
@@ -52,6 +52,8 @@ class Problem:
     weights: Mapping[str, float]
     limits: Array
     reference: Mapping[str, Array]
+    endured: Collection[str] = ()
+    beyond: Collection[str] = ()
 
 
 @dataclass(frozen=True)
@@ -85,32 +87,42 @@ def make_problem(task: Task, kind: str, hardware: str, objective: str) -> Proble
     rule = nominal.settings["controller"]
     blank = Problem(task, found, OBJECTIVES[objective], limits, {})
     if blank.weights["margins"] and kind == "training":
-        found |= _margins(blank, rule)
+        endured, beyond = _margins(blank, rule)
+        blank = replace(blank, conditions=found | endured | beyond, endured={*endured}, beyond={*beyond})
     runs = _run(blank, [rule])[0]
     if any(run is None for run in runs):
         raise UsageError(f"{task.robot}: the set of ./pidtsm gains diverges, so the objective has no reference")
     reference = {
-        name: np.array([run["rmse"], run["eci"]]) for name, run in zip(found, runs, strict=True) if run is not None
+        name: np.array([run["rmse"], run["eci"]])
+        for name, run in zip(blank.conditions, runs, strict=True)
+        if run is not None
     }
     return replace(blank, reference=reference)
 
 
-def _margins(blank: Problem, rule: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """For each of `MARGINS` the condition with the largest value under which the rule-based set succeeds, and the next.
+def _margins(blank: Problem, rule: Mapping[str, Any]) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
+    """For each of `MARGINS` and each seed, the last condition under which the rule-based set succeeds, and the next.
 
     A value that does not exist, or under which that set diverges, is left out.
+
+    Returns:
+        The conditions that this set endures, and those beyond.
     """
-    found = {}
-    for name, margin in MARGINS.items():
-        unit = blank.limits if margin.get("relative_to") == "effort" else 1
-        values = [np.asarray(margin["step"] * k * unit).tolist() for k in range(1, margin["steps"] + 1)]
-        grid = {str(value): {margin["parameter"]: value, "seed": margin.get("seed", 0)} for value in values}
-        runs = _run(replace(blank, conditions=grid), [rule])[0]
-        endured = [*takewhile(lambda run: max(_judged(blank.task, run)) < 1.0, runs)]
-        for title, k in ((name, len(endured) - 1), (name + _BEYOND, len(endured))):
-            if 0 <= k < len(values) and runs[k] is not None:
-                found[title] = grid[str(values[k])]
-    return found
+    endured: dict[str, dict[str, Any]] = {}
+    beyond: dict[str, dict[str, Any]] = {}
+    extent = Extent(MARGINS["values"], len(MARGINS["seeds"]))
+    for criterion in (each for each in CRITERIA if each.name in MARGINS["criteria"]):
+        (varied,) = criterion.ranges
+        values = varied.values(extent)
+        for seed in MARGINS["seeds"] if criterion.random else (0,):
+            grid = {str(k): varied.settings(value, seed, blank.task, blank.limits) for k, value in enumerate(values)}
+            runs = _run(replace(blank, conditions=grid), [rule])[0]
+            last = len([*takewhile(lambda run: max(_judged(blank.task, run)) < 1.0, runs)]) - 1
+            title = f"{criterion.label}, seed {seed}" if criterion.random else criterion.label
+            for found, name, k in ((endured, title, last), (beyond, f"{title}, one step more", last + 1)):
+                if 0 <= k < len(values) and runs[k] is not None:
+                    found[name] = grid[str(k)]
+    return endured, beyond
 
 
 def evaluate(problem: Problem, controllers: Sequence[Mapping[str, Any]]) -> list[list[Result]]:
@@ -193,8 +205,8 @@ def _result(problem: Problem, condition: str, run: Mapping[str, list[float]] | N
     )
     late, rough = _judged(problem.task, run)
     success = max(late, rough) < 1.0
-    beyond = condition.endswith(_BEYOND)
-    if beyond or condition in MARGINS:
+    beyond = condition in problem.beyond
+    if beyond or condition in problem.endured:
         cost = 1.0  # It is enough to succeed.
     if not success:
         cost += _TRIED * min(max(late, rough), _WORST) if beyond else _FAILED + min(late, _WORST)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pidtsm_core.closed_loop import rollout
+from pidtsm_studies.score.criteria import CRITERIA
 from pidtsm_studies.score.tasks import Task
 from pidtsm_studies.tuning.definitions import HARDWARE, MARGINS, conditions
 from pidtsm_studies.tuning.objective import Problem, evaluate, make_problem, total
@@ -60,13 +61,14 @@ def test_effort_beyond_that_of_the_rule_costs(problem: Problem, space: Space, ta
 
 def test_robust_gains_endure_what_the_rule_based_set_endures_and_try_more(problem: Problem, task: Task) -> None:
     robust = make_problem(replace(task, duration=6.0, after=3.0, error=0.02), "training", "14bit", "robust")
-    beyond = [name for name in robust.conditions if name.endswith(", one step more")]
-    assert {*robust.conditions} == {*problem.conditions, *MARGINS, *beyond}
-    assert {f"{name}, one step more" for name in ("longest delay", "slowest drives", "most friction")} <= {*beyond}
+    assert {*robust.conditions} == {*problem.conditions, *robust.endured, *robust.beyond}
+    labels = {name.partition(", seed")[0] for name in robust.endured}
+    assert labels == {each.label for each in CRITERIA if each.name in MARGINS["criteria"]}
+    assert {f"{name}, one step more" for name in robust.endured} >= {*robust.beyond} != set()
     rule = task.experiment(None, ("practical",)).settings["controller"]
     kept, lost = (
         evaluate(replace(robust, conditions={name: robust.conditions[name] for name in names}), [rule])[0]
-        for names in (MARGINS, beyond)
+        for names in (robust.endured, robust.beyond)
     )
     assert all(each.success and each.cost == 1.0 for each in kept)
     assert all(not each.success and 1.1 <= each.cost <= 2.0 for each in lost)
