@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import joblib
 import numpy as np
-from distributed import Client, LocalCluster
+from distributed import LocalCluster
 
 from pidtsm_core.batches import Settings, batch
 from pidtsm_experiments.commands.bench import Row, medians
+from pidtsm_experiments.commands.cluster import workers
 from pidtsm_studies.score.tasks import find_task
 from pidtsm_studies.tuning.space import make_space
 
@@ -21,11 +22,11 @@ def run(quick: bool) -> Iterator[Row]:
     count, duration, repetitions = (4, 0.1, 1) if quick else (72, 10.0, 5)
     settings = _candidates(count)
     with ExitStack() as stack:
-        clients = [stack.enter_context(Client(stack.enter_context(_cluster(workers)))) for workers in (1, 2)]
+        clusters = [stack.enter_context(_cluster(number)) for number in (1, 2)]
         one, two, alone, both = medians(
             repetitions,
-            lambda: _with_dask(clients[0], settings, duration),
-            lambda: _with_dask(clients[1], settings, duration),
+            lambda: _with_dask(clusters[0], settings, duration),
+            lambda: _with_dask(clusters[1], settings, duration),
             lambda: _without(1, settings, duration),
             lambda: _without(2, settings, duration),
         )
@@ -35,12 +36,14 @@ def run(quick: bool) -> Iterator[Row]:
     yield Row(f"{name}, 2 Dask workers", two, "s", "2 processes", both, two / both)
 
 
-def _cluster(workers: int) -> LocalCluster:
-    return LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", host="127.0.0.1")
+def _cluster(number: int) -> LocalCluster:
+    return LocalCluster(
+        n_workers=number, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+    )
 
 
-def _with_dask(client: Client, settings: Sequence[Settings], duration: float) -> None:
-    with joblib.parallel_config(backend="dask", client=client):
+def _with_dask(cluster: LocalCluster, settings: Sequence[Settings], duration: float) -> None:
+    with workers(cluster.scheduler_address):
         batch(settings, duration)
 
 

@@ -13,8 +13,9 @@ from typing import Any
 from pidtsm_core.errors import UsageError
 from pidtsm_core.laws import LAWS
 from pidtsm_core.robots import NAMES
+from pidtsm_experiments.commands.cluster import workers
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar
-from pidtsm_experiments.commands.tune import PARAMETERS, budget, natural, tune, workers
+from pidtsm_experiments.commands.tune import PARAMETERS, budget, natural, tune
 from pidtsm_experiments.runs.results import locked, renewed, result_folder
 from pidtsm_studies.score.criteria import FULL, QUICK, Extent
 from pidtsm_studies.score.leaderboard import read_entries, write_leaderboard

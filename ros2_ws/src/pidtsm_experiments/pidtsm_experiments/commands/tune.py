@@ -3,12 +3,10 @@
 import argparse
 import json
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import joblib
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -17,6 +15,7 @@ from pidtsm_core.control import LAW_NAME
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import DEFAULT_ROBOT
 from pidtsm_core.laws import LAWS
+from pidtsm_experiments.commands.cluster import workers
 from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument, progress_bar
 from pidtsm_experiments.runs.results import locked, renewed
 from pidtsm_studies.score.tasks import find_task
@@ -131,28 +130,6 @@ def natural(text: str) -> int:
     if not text.isdecimal() or int(text) >= 2**32:
         raise argparse.ArgumentTypeError(f"{text!r} is not an integer from 0 to 2^32 - 1")
     return int(text)
-
-
-@contextmanager
-def workers(scheduler: str | None) -> Iterator[None]:
-    """Simulate on the workers of a Dask scheduler within the block; None: on all cores of this machine.
-
-    Raises:
-        UsageError: Dask is not installed, or nothing answers at the address.
-    """
-    if scheduler is None:
-        yield
-        return
-    try:
-        from distributed import Client
-    except ModuleNotFoundError:
-        raise UsageError("--scheduler needs Dask: python -m pip install dask[distributed]") from None
-    try:
-        client = Client(scheduler, timeout=10.0)
-    except (OSError, ValueError) as error:
-        raise UsageError(f"--scheduler {scheduler}: no scheduler answers ({error})") from None
-    with client, joblib.parallel_config(backend="dask", client=client):
-        yield
 
 
 def _table(tuning: Tuning) -> Table:
