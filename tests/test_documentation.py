@@ -26,9 +26,7 @@ _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _RECURSIVE = re.compile(r"^\./pidtsm test\b.*$", re.MULTILINE)
 # Take long; test_reproduction.py, test_closed_loop.py and the command's own test run them.
 _LONG = re.compile(r"^\./pidtsm (reproduce --out \S+|demo|score --quick .*|tune .*)$", re.MULTILINE)
-_PLAIN = re.compile(
-    r"(\./pidtsm (run|rollout|report|compare|analyze|reproduce|score|leaderboard|tune|bench) [^$&|;<>`]*\n)+"
-)
+_PLAIN = re.compile(r"(\./pidtsm (?!shell|actions|live|move)[a-z]\S*( [^$&|;<>`\n]*)?\n|\s*\n)+")
 """Commands that need no shell."""
 
 
@@ -130,7 +128,7 @@ def run_commands(document: Path, folder: Path, environment: dict[str, str], *, r
             check_test_command(line)
         script = _LONG.sub("", _RECURSIVE.sub("", block.content))
         if _PLAIN.fullmatch(script):
-            for words in map(shlex.split, script.splitlines()):
+            for words in filter(None, map(shlex.split, script.splitlines())):
                 assert main(words[1:]) == 0, words
         else:
             run_script(script, folder, environment)
