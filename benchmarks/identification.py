@@ -11,6 +11,7 @@ import argparse
 import json
 import tempfile
 import time
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from pidtsm_core.identification.excitation import excitation
 from pidtsm_core.identification.identification import Identification, IdentificationError, identify
 from pidtsm_core.identification.least_squares import motion_regressor
 from pidtsm_core.identification.measurement import Measurement, filtered
+from pidtsm_core.identification.payload import identify_payload
 from pidtsm_core.identification.pseudo_inertia import is_consistent
 from pidtsm_core.identification.regressor import LINK, described_parameters
 from pidtsm_core.parameters import Array
@@ -33,10 +35,15 @@ from pidtsm_core.robots import Description, find_description
 from pidtsm_core.robots.description import read_description
 from pidtsm_core.robots.tree.layout import steiner
 from pidtsm_core.trajectories.limits import motion_limits
+from pidtsm_studies.score.tasks import find_task
 
 ROBOTS = ("two_link", "ur5", "panda")
 EXCITED, CHANGE, UNSEEN = 50.0, 2.0, 13.0
 """s: exciting motion, way to the other motion, and that motion; the last fifth is kept apart by `identify`."""
+CARRYING = 10.0
+"""s for which the arm moves with a payload."""
+SHOWN = 0.02
+"""m; half an interval of a coordinate that the motion shows."""
 NOISE = 0.005
 """Standard deviation of the torque's noise, as a share of the effort limit."""
 WRONG = 0.3
@@ -107,9 +114,15 @@ def arms(robot: str, seed: int) -> tuple[Description, Array, Description]:
 
 
 def closed_loop(
-    folder: Path, true: Description, known: Description, times: Array, motion: Array, seed: int
+    folder: Path,
+    descriptions: tuple[Description, Description],
+    times: Array,
+    motion: Array,
+    seed: int,
+    carried: Mapping[str, Any] | None = None,
 ) -> Recording:
-    """The closed loop: a true arm, and a controller that knows another description."""
+    """The closed loop: a true arm, which may carry something, and a controller that knows another description."""
+    true, known = descriptions
     file, joints = folder / "motion.csv", list(true.joints)
     header = ",".join(["time", *(f"{kind}_{joint}" for kind in ("q", "dq", "ddq") for joint in joints)])
     np.savetxt(file, np.column_stack([times, *motion]), delimiter=",", header=header, comments="")
@@ -120,6 +133,7 @@ def closed_loop(
         "encoder.bits": BITS,
         "delay.samples": 1,
         "seed": seed,
+        **(carried or {}),
     }
     trajectory = {"joints": joints, "reference.name": "csv", "reference.file": str(file)}
     controller = {"robot.description": known.text, "limits.velocity_action": "warn"}
@@ -158,15 +172,35 @@ def tracking(folder: Path, true: Description, known: Description, robot: str, se
     """Root mean square error of the unseen motion, all joints."""
     times, motion = motions(robot)
     last = times >= EXCITED + CHANGE
-    recording = closed_loop(folder, true, known, times[last] - times[last][0], motion[:, last], seed)
+    recording = closed_loop(folder, (true, known), times[last] - times[last][0], motion[:, last], seed)
     return float(np.sqrt(np.mean(recording.error[recording.time > 2.0] ** 2)))
+
+
+def payload(folder: Path, true: Description, known: Description, robot: str, seed: int) -> dict[str, float]:
+    """Errors of mass (relative) and centre (m) of a payload, from ten seconds of motion.
+
+    Coordinates of the centre that no motion of the arm shows have wide intervals, and do not count.
+    """
+    random = np.random.default_rng([seed, 1])
+    mass, center = random.uniform(0.2, 0.6) * find_task(robot).payload, random.uniform(-0.05, 0.05, 3)
+    times, motion = motions(robot)
+    first = times <= CARRYING
+    carried = {"payload.mass": mass, "payload.center_of_mass": center.tolist()}
+    recording = closed_loop(folder, (true, known), times[first], motion[:, first], seed, carried)
+    found = identify_payload(known, measurement(recording, np.minimum(true.effort, 100.0), seed))
+    shown = found.center_interval < SHOWN
+    return {
+        "mass": abs(found.mass / mass - 1.0),
+        "center": float(np.linalg.norm((found.center_of_mass - center)[shown])),
+        "coordinates": int(shown.sum()),
+    }
 
 
 def one(folder: Path, robot: str, seed: int, tracks: bool) -> dict[str, Any]:
     """One arm."""
     true, truth, known = arms(robot, seed)
     times, motion = motions(robot)
-    recording = closed_loop(folder, true, known, times, motion, seed)
+    recording = closed_loop(folder, (true, known), times, motion, seed)
     measured = measurement(recording, np.minimum(true.effort, 100.0), seed)
     start = time.perf_counter()
     try:
@@ -178,6 +212,7 @@ def one(folder: Path, robot: str, seed: int, tracks: bool) -> dict[str, Any]:
         better = read_description(corrected_urdf(known, found.parameters))
         errors = [tracking(folder, true, each, robot, seed) for each in (known, better, true)]
         result["tracking"] = [each / errors[-1] for each in errors]
+        result["payload"] = payload(folder, true, better, robot, seed)
     return result
 
 
@@ -208,7 +243,8 @@ def main() -> None:
             f"torque error relative to the truth's {np.sqrt(np.mean(before**2)):.1f} before, "
             f"{np.sqrt(np.mean(after**2)):.3f} after (worst joint {after.max():.2f}), "
             f"{np.median([each['seconds'] for each in of_robot]):.1f} s, "
-            f"tracking error {np.round([each['tracking'] for each in of_robot if 'tracking' in each], 3).tolist()}"
+            f"tracking error {np.round([each['tracking'] for each in of_robot if 'tracking' in each], 3).tolist()}, "
+            f"payload {[each['payload'] for each in of_robot if 'payload' in each]}"
         )
 
 

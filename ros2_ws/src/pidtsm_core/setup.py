@@ -31,6 +31,7 @@ setup(
         "scipy>=1.11",
         "ruckig>=0.15",
         "pyyaml>=6",
+        "threadpoolctl>=3",
         # mujoco-core is mujoco without its viewer.
         "mujoco-core; python_version >= '3.11'",
         "mujoco<4; python_version < '3.11'",

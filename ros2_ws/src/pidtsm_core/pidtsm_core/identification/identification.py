@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.base_parameters import BaseParameters, base_parameters
@@ -98,6 +99,12 @@ def identify(arm: Description, measurements: Sequence[Measurement]) -> Identific
         IdentificationError: the measurements cannot be used.
         UsageError: see `carriers`.
     """
+    # The systems are small: several threads of BLAS wait for each other, on a busy machine up to 20 times as long.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _identify(arm, measurements)
+
+
+def _identify(arm: Description, measurements: Sequence[Measurement]) -> Identification:
     _, bodies = carriers(arm)
     measured = [limited(_ordered(each, arm), arm.effort) for each in measurements]
     described = described_parameters(arm.tree, arm.damping, arm.friction)

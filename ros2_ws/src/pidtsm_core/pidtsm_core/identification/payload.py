@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import norm
+from threadpoolctl import threadpool_limits
 
 from pidtsm_core.identification.base_parameters import base_parameters
 from pidtsm_core.identification.consistency import body
@@ -82,7 +83,8 @@ def identify_payload(arm: Description, measurement: Measurement) -> CarriedBody:
     deviation[is_offset] = _OFFSET * limit[base.columns[is_offset] - offsets[0]]
     expected = Expectation(np.zeros(base.columns.size), deviation)
     try:
-        found = fit(arm.tree, base, [measured], bandwidth([measured]), expected, known)
+        with threadpool_limits(limits=1, user_api="blas"):  # See `identify`.
+            found = fit(arm.tree, base, [measured], bandwidth([measured]), expected, known)
     except ValueError as error:
         raise IdentificationError(str(error)) from None
     return _body(arm, base.mapping[:, [*range(link, link + LINK), *offsets]], found, [f.text for f in faults])
