@@ -38,7 +38,7 @@ STYLE: Any = {
     "lines.linewidth": 1.2,
     "legend.frameon": False,
     "legend.fontsize": 8,
-    "savefig.dpi": 200,
+    "figure.dpi": 200,
     "svg.fonttype": "none",  # text as text: small and searchable
     "svg.hashsalt": "pidtsm",  # the same run gives the same file
 }
@@ -95,11 +95,18 @@ def save_figures(drawings: Mapping[str, Callable[[], Figure]], directory: Path) 
     with matplotlib.rc_context(STYLE):
         for name, draw in drawings.items():
             figure = draw()
+            arrange(figure)
             for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
                 files.append(directory / f"{name}.{suffix}")
                 figure.savefig(files[-1], metadata=metadata)
-                figure.set_layout_engine("none")  # keep the layout
     return files
+
+
+def arrange(figure: Figure) -> None:
+    """Lay it out, once for all its files: Matplotlib would draw it one more time for each."""
+    if engine := figure.get_layout_engine():
+        engine.execute(figure)
+        figure.set_layout_engine(None)
 
 
 def tracking(recording: Recording) -> Figure:
