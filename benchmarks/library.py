@@ -36,13 +36,13 @@ def _python(code: str, cache: str) -> Spent:
 
 def run(quick: bool) -> Iterator[Row]:
     """Fresh processes, then a warm call beside the compiled loop that it contains."""
-    duration, repetitions = (1.0, 3) if quick else (30.0, 15)
+    duration, repetitions, processes = (1.0, 3, 1) if quick else (30.0, 15, 3)
     with tempfile.TemporaryDirectory() as cache:
         first = _python(ROLLOUT, cache)
-        second = min((_python(ROLLOUT, cache) for _ in range(3)), key=lambda spent: spent.elapsed)
-        compiler = min(_python("import numba", cache).elapsed for _ in range(3))
-        empty = min(_python("", cache).elapsed for _ in range(3))
-        package = min(_python("import pidtsm_core", cache).elapsed for _ in range(3))
+        second = min((_python(ROLLOUT, cache) for _ in range(processes)), key=lambda spent: spent.elapsed)
+        compiler = min(_python("import numba", cache).elapsed for _ in range(processes))
+        empty = min(_python("", cache).elapsed for _ in range(processes))
+        package = min(_python("import pidtsm_core", cache).elapsed for _ in range(processes))
     yield Row("import pidtsm_core", package, "s", "Python alone", empty, package / empty)
     note = f"{first.processor:.3g} s of processor time, compilation included"
     ratio = first.elapsed / second.elapsed

@@ -1,6 +1,5 @@
 """The main job: Case 1 over the real nodes, recorded, against the rollout and the article."""
 
-import subprocess
 from collections import Counter, defaultdict
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +13,9 @@ from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import Experiment, make_experiment
 from pidtsm_core.recording import Recording
 from pidtsm_experiments.bags.reader import read_recording
+from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.runner import run
 
-ROOT = Path(__file__).resolve().parents[1]
 SAMPLES = 30_000
 
 
@@ -32,8 +31,9 @@ def record(experiment: Experiment, clock: str, folder: Path) -> Path:
 def demo_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """That of the README's command."""
     folder = tmp_path_factory.mktemp("reader")
-    done = subprocess.run([ROOT / "pidtsm", "demo"], cwd=folder, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(["demo"]) == 0
     assert {"bag", "figures", "metrics.json", "report.html"} <= {
         p.name for p in (folder / "results" / "demo").iterdir()
     }

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from pidtsm_experiments.cli import main
+from pidtsm_experiments.commands import cluster
 
 DEADLINE = 120.0
 Call = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -21,6 +22,7 @@ Call = Callable[..., "subprocess.CompletedProcess[str]"]
 def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
     """A command with its words, in the folder of the test and in this process."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cluster, "TIMEOUT", 1.0)
 
     def call(*words: str) -> "subprocess.CompletedProcess[str]":
         try:

@@ -7,6 +7,9 @@ import joblib
 
 from pidtsm_core.errors import UsageError
 
+TIMEOUT = 10.0
+"""Of a scheduler that does not answer, s."""
+
 
 @contextmanager
 def workers(scheduler: str | None) -> Iterator[None]:
@@ -31,7 +34,7 @@ def workers(scheduler: str | None) -> Iterator[None]:
             return max(int(super().effective_n_jobs(n_jobs)), 2)
 
     try:
-        client = Client(scheduler, timeout=10.0)
+        client = Client(scheduler, timeout=TIMEOUT)
     except (OSError, ValueError) as error:
         raise UsageError(f"--scheduler {scheduler}: no scheduler answers ({error})") from None
     with client, joblib.parallel_config(backend=Backend(client=client)):
