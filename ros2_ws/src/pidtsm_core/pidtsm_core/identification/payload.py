@@ -101,7 +101,7 @@ def _body(arm: Description, mapping: Array, found: Fit, warnings: list[str]) -> 
         data = weighted @ np.concatenate([link, variables[LINK:]]) - target
         return np.concatenate([data, variables[:LINK] / _VAGUENESS])
 
-    solution = least_squares(residuals, np.zeros(mapping.shape[1]), x_scale="jac", max_nfev=50)
+    solution = least_squares(residuals, np.zeros(mapping.shape[1]), method="dogbox", x_scale="jac", max_nfev=50)
     covariance = np.linalg.inv(solution.jac.T @ solution.jac)[:LINK, :LINK]
     theta = solution.x[:LINK]
     slopes = np.array(
