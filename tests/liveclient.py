@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import viser
 import zstandard
+from livepage import until
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
@@ -71,8 +72,13 @@ class LiveClient:
             self.elements[uuid] = message
 
     def find(self, label: str) -> dict[str, Any]:
-        """The first element with this label."""
-        return next(e for e in tuple(self.elements.values()) if e["props"].get("label") == label)
+        """The first element with this label; a page gets its elements one after the other."""
+
+        def found() -> list[dict[str, Any]]:
+            return [e for e in tuple(self.elements.values()) if e["props"].get("label") == label]
+
+        first: dict[str, Any] = until(found, f"the element {label}")[0]
+        return first
 
     def shown(self, word: str) -> str:
         """The HTML element that contains a word; empty: there is none."""
