@@ -15,8 +15,9 @@ from pidtsm_core.identification.measurement import Measurement, Motion, Piece, f
 from pidtsm_core.identification.regressor import LINK, regressor
 from pidtsm_core.parameters import Array
 
-_ORDER = 6
-"""Of the autoregressive model of the noise of each joint."""
+_ORDER = 3
+"""Of the autoregressive model of the noise of each joint. With more, the model follows what the estimates absorb, too,
+and intervals become too narrow; with fewer, it misses the low-pass."""
 _ROUNDS = 3
 """Repetitions with better known noise and delay; the estimates change by less than a hundredth of their intervals."""
 _WEAK = 10.0
