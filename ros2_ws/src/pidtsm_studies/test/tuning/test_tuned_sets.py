@@ -1,10 +1,13 @@
 """The tuned sets that come along keep what is said of them, under conditions that they were not tuned under."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import pidtsm_core
 from pidtsm_core.closed_loop import rollout
 from pidtsm_core.robots import NAMES
 from pidtsm_studies.limit.known import known_limit
@@ -12,8 +15,19 @@ from pidtsm_studies.score.tasks import find_task
 from pidtsm_studies.tuning.definitions import HARDWARE
 from pidtsm_studies.tuning.objective import Result, evaluate, make_problem, total
 
+TUNED = Path(pidtsm_core.__file__).parent / "params" / "tuned"
 AFTER = 2.0
 """s from picking up a payload until the error must be small."""
+
+
+@pytest.mark.parametrize("robot", NAMES)
+@pytest.mark.parametrize("hardware", HARDWARE)
+def test_every_arm_has_a_set_for_each_class_and_the_command_that_made_it(robot: str, hardware: str) -> None:
+    command, _, unseen = (TUNED / f"{robot}-{hardware}.yaml").read_text().splitlines()[:3]
+    assert command.startswith(f"# ./pidtsm tune --robot {robot} --law piddtsm --hardware {hardware} --objective ")
+    assert "--seed " in command
+    before, after = map(float, re.findall(r"[\d.]+(?= before| after)", unseen))
+    assert after < before
 
 
 @pytest.mark.parametrize("robot", NAMES)
