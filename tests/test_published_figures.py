@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pidtsm_core.robots import NAMES
 from pidtsm_studies.score.criteria import FULL, Extent
 from pidtsm_studies.score.leaderboard import document, read_entries
 from pidtsm_studies.score.measure import Contender, measure
@@ -51,6 +52,15 @@ def test_a_cell_has_the_objective_that_is_published(params: str) -> None:
         problem = make_problem(task, kind, rules["hardware"], rules["objective"])
         (results,) = evaluate(problem, [controller])
         assert total(results) == pytest.approx(published[kind]["after"], rel=1e-9)
+
+
+@pytest.mark.parametrize("robot", NAMES)
+def test_the_tuned_set_of_every_arm_has_a_higher_score_than_the_rule(robot: str) -> None:
+    rule, tuned = (read_entry(DATA / "score" / robot / name / FILE) for name in ("rule", "tuned"))
+    for entry, params in ((rule, "practical"), (tuned, "tuned_14bit")):
+        controller = find_task(robot).experiment("piddtsm", (params,)).settings["controller"]
+        assert entry.controller == json.loads(json.dumps(controller)), "the set has changed: score it again"
+    assert tuned.score > rule.score
 
 
 def test_the_tables_are_those_of_the_data() -> None:
