@@ -38,7 +38,7 @@ def run(quick: bool) -> Iterator[Row]:
 
 def _cluster(number: int) -> LocalCluster:
     return LocalCluster(
-        n_workers=number, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+        n_workers=number, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", host="127.0.0.1"
     )
 
 
