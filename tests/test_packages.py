@@ -24,7 +24,7 @@ ROSDEP_KEYS = {
     "yaml": "python3-yaml",
 }
 """Of Python packages, as in rosdep/python.yaml of rosdistro; ROS packages are declared by their names."""
-WITHOUT_KEY = {"cma", "llvmlite", "mcap", "mujoco", "plotly", "ruckig", "viser"}
+WITHOUT_KEY = {"cma", "llvmlite", "mcap", "mujoco", "plotly", "ruckig", "threadpoolctl", "viser"}
 """llvmlite comes with numba. The ROS package ruckig has no Python module."""
 OPTIONAL = {"OpenGL", "av", "casadi", "dask", "distributed", "glfw", "pinocchio"}
 """Imported only where they are installed."""
