@@ -28,6 +28,7 @@ LIBRARIES = {
     "plotly",
     "ruckig",
     "scipy",
+    "threadpoolctl",
     "xacro",
     "xarray",
     "yaml",
