@@ -1,0 +1,296 @@
+"""A stop, judged by what the arm really does: is it worse than what it stops?
+
+After the stop the time is divided at pushes into *stretches* in which no outside force acts. Each stretch is judged
+from the true motion at its begin (the stop, or the end of a push, which no controller can undo):
+
+travel: no joint gets farther from where it was than 0.05 rad plus twice the way of the best braking. After a push, it
+    may return to where it was held before.
+speed: no joint gets faster than it was, or than in the best braking, plus an allowance: the speed with which a position
+    control of the bandwidth w (``stop.bandwidth``) returns from a distance d, 0.8 w d. Here d is the 0.05 rad that travel
+    allows, plus how far the push has moved the joint.
+energy: between no two times more than 50 ms apart does the energy grow by more than 5 % of the largest so far plus that
+    of a spring stretched by 0.05 rad / 5. The energy is the kinetic one of the true arm plus that of the hold's spring,
+    0.5 d' 3 w^2 H d, where d is the distance from where the arm comes to rest, and H the true inertia there: a position
+    control with an integral and three poles at -w has this stiffness. Gravity is in it: at rest the hold carries the
+    arm, so that near this place its potential and the constant torque of the hold cancel. The 5 % are what an integral
+    adds when it overshoots: 2 % with three equal poles.
+
+Over the whole time after the stop:
+
+step: no torque changes by more than 10 % of its limit from one command to the next.
+torque: no torque is beyond its limit.
+finite: every torque is finite, and so is the motion.
+
+*The best braking* knows the true arm with its payload, and its true motion. It decelerates all joints in proportion to
+their velocities, at every instant as strongly as the inverse dynamics allow within the limits of the torques; but it
+begins with the torque that was applied, changes it by at most 10 % of its limit per command, as `step` demands, and only
+after the delays of sensors and drives. Friction does not help it.
+
+A joint that slides has m instead of rad.
+"""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from stopcases import ARMS, Case, case_of
+from stoploop import (
+    Braking,
+    Kind,
+    LoopParts,
+    Trace,
+    brake,
+    falsified,
+    kinetic,
+    simulate,
+    trace_of,
+)
+
+from pidtsm_core.control import Controller, controller_schema
+from pidtsm_core.estimators import ESTIMATORS
+from pidtsm_core.parameters import Array, as_float, joint_array, resolve
+from pidtsm_core.references import ReferenceMotion, reference_schema
+from pidtsm_core.robots import Model, inverse_dynamics
+from pidtsm_core.signals import Fault
+from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
+from pidtsm_core.timing import period_nanoseconds
+
+CRITERIA = ("travel", "speed", "energy", "step", "torque", "finite")
+ALLOWED_WAY, TIMES_WAY = 0.05, 2.0
+"""rad; and how many times the way of the best braking."""
+_RETURN = 0.8
+"""Largest speed of the return from a distance, relative to the bandwidth times this distance."""
+_GROWS, _SHARE, _STRETCHED = 0.05, 0.05, 0.2
+"""s; share of the energy; and how far the spring may be stretched, relative to `ALLOWED_WAY`."""
+STEP = 0.1
+"""Share of the limit of a torque."""
+_ROUNDING = 1e-9
+_RESTED = 0.3
+"""s at the end over which the place of rest is averaged."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a case came to.
+
+    Attributes:
+        fault: name of the fault; empty: the controller did not stop.
+        time: of the stop, s.
+        worst: by name in `CRITERIA`, the largest value relative to what is allowed; more than 1 is a violation.
+        moved: largest distance of a joint from where it was, rad or m.
+        why: for each violation, what exceeded what; empty: none.
+    """
+
+    index: int
+    arm: str
+    cause: str
+    blind: bool
+    kind: dict[str, Any]
+    fault: str
+    time: float
+    worst: dict[str, float]
+    moved: float
+    why: list[str]
+
+    @property
+    def stopped(self) -> bool:
+        return bool(self.fault)
+
+    @property
+    def worst_ratio(self) -> float:
+        """The largest of `worst`."""
+        return max(self.worst.values(), default=0.0)
+
+    @property
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+class Run:
+    """A case that has been simulated.
+
+    Attributes:
+        case: the case.
+        trace: what happened, as far as it is finite.
+        stopped: sample of the stop; -1: none.
+        finite: whether everything was.
+        dt: period, s.
+        limit: of the torques, shape (joints,), N m.
+        true: the true arm.
+    """
+
+    def __init__(self, case: Case) -> None:
+        arm, self.case = ARMS[case.arm], case
+        settings = {"robot.description": arm.description}
+        known = resolve(controller_schema, {**settings, **case.controller}, arm.joints)
+        values = resolve(simulator_schema, {**settings, **case.simulator}, arm.joints)
+        controller = Controller(known)
+        robot = SimulatedRobot(values, ESTIMATORS[str(known["estimator.name"])].needs_truth)
+        motion = ReferenceMotion(resolve(reference_schema, {"joints": arm.names, **case.trajectory}, arm.joints))
+        rate = int(as_float(values["rate"]))
+        self.dt, n = 1.0 / rate, arm.joints
+        parts = LoopParts(
+            floats=controller.floats,
+            integers=controller.integers,
+            position=controller.position,
+            measured_effort=controller.measured[1] if len(controller.measured) > 1 else np.zeros(n),
+            desired=controller.reference,
+            effort=controller.effort,
+            signals=controller.signals,
+            state_stop=controller.state_stop,
+            hardware=robot.config,
+            robot=robot.state,
+            motion=motion.config,
+            period=period_nanoseconds(rate),
+        )
+        until, after = round(case.until * rate), round(case.after * rate)
+        trace = trace_of(until + after, n)
+        draws = robot.randomness.draw(until + after)
+        count, self.stopped = simulate(parts, draws, falsified(_table(case, rate)), until, after, trace)
+        self.trace = Trace(*(each[:count] for each in trace))
+        ended = self.stopped + after if self.stopped >= 0 else until
+        self.finite = count >= ended and bool(np.isfinite(trace.command[:count]).all())
+        self.limit = np.minimum(joint_array(values["limits.effort"], n), joint_array(known["limits.effort"], n))
+        plant, last = robot.config.plant, self.dt * max(self.stopped, 0)
+        self.true: Model = plant.loaded_model if plant.payload_begin <= last else plant.model
+        self.bandwidth = as_float(known["stop.bandwidth"])
+        lag = float(joint_array(values["actuator.lag"], n).max())
+        delays = as_float(values["delay.samples"]) + as_float(values["delay.command_samples"])
+        self.late = int(delays) + int(np.ceil(lag * rate))
+        self.fault = Fault(int(self.trace.fault[self.stopped])).name if self.stopped >= 0 else ""
+
+    def stretches(self) -> Iterator[slice]:
+        """Samples after the stop without a push, at least 10 ms each."""
+        free = np.flatnonzero(~self.trace.pushed[self.stopped :]) + self.stopped
+        for part in np.split(free, np.flatnonzero(np.diff(free) > 1) + 1):
+            if part.size * self.dt > 0.01:
+                yield slice(int(part[0]), int(part[-1]) + 1)
+
+
+def _table(case: Case, rate: int) -> list[tuple[float, ...]]:
+    rows = []
+    for kind, joint, begin, lasts, size in case.events:
+        first = round(begin * rate)
+        rows.append((float(Kind[kind]), float(joint), float(first), first + max(1.0, round(lasts * rate)), size))
+    return rows
+
+
+def best_braking(run: Run, first: int) -> tuple[Array, Array]:
+    """Way and largest speed of each joint in the best braking from sample `first` on, rad and rad/s."""
+    trace, n = run.trace, run.limit.size
+    applied = trace.applied[max(first - 1, 0)]
+    state = np.array([trace.position[first], trace.velocity[first], applied])
+    way, fastest = np.zeros(n), np.zeros(n)
+    brake(run.true, Braking(run.limit, STEP, run.dt, run.late), state, way, fastest, np.zeros((6, n)))
+    return way, fastest
+
+
+def _inertia(model: Model, q: Array) -> Array:
+    n = q.size
+    accelerations, efforts = np.vstack([np.zeros(n), np.eye(n)]), np.zeros((n + 1, n))
+    inverse_dynamics(model, np.ascontiguousarray(q), np.zeros(n), accelerations, efforts)
+    return efforts[1:] - efforts[0]
+
+
+def energy(run: Run, stretch: slice) -> tuple[Array, float]:
+    """Kinetic plus spring energy at each sample, J, and what it may grow by in any case."""
+    trace = run.trace
+    q, dq = (np.ascontiguousarray(table[stretch]) for table in (trace.position, trace.velocity))
+    rest = np.median(q[-max(1, round(_RESTED / run.dt)) :], axis=0)
+    stiffness = 3.0 * run.bandwidth**2 * _inertia(run.true, rest)
+    result = np.zeros(len(q))
+    kinetic(run.true, q, dq, np.zeros((4, q.shape[1])), result)
+    away = q - rest
+    spring = 0.5 * np.einsum("ki,ij,kj->k", away, stiffness, away)
+    return result + spring, 0.5 * float(np.trace(stiffness)) * (_STRETCHED * ALLOWED_WAY) ** 2
+
+
+def _growth(energies: Array, apart: int, floor: float) -> float:
+    """Largest growth between two times more than `apart` samples apart, relative to what is allowed."""
+    if energies.size <= apart + 1:
+        return 0.0
+    least = np.minimum.accumulate(energies)[: -apart - 1]
+    largest = np.maximum.accumulate(energies)[: -apart - 1]
+    return float(((energies[apart + 1 :] - least) / (_SHARE * largest + floor)).max())
+
+
+def judge(run: Run) -> Outcome:
+    """Judge a run by all criteria; without a stop, there is nothing to judge."""
+    case, trace, worst, moved = run.case, run.trace, dict.fromkeys(CRITERIA, 0.0), 0.0
+    why: list[str] = []
+    if run.stopped < 0:
+        worst = {}
+    else:
+        moved = _judge_motion(run, worst, why)
+        _judge_torque(run, worst, why)
+    return Outcome(
+        index=case.index,
+        arm=case.arm,
+        cause=case.cause,
+        blind=case.blind,
+        kind=case.kind,
+        fault=run.fault,
+        time=round(run.stopped * run.dt, 4),
+        worst={name: round(min(value, 1e6), 4) for name, value in worst.items()},
+        moved=round(moved, 5),
+        why=why if run.stopped >= 0 else [] if run.finite else ["not finite, and not stopped"],
+    )
+
+
+def _judge_motion(run: Run, worst: dict[str, float], why: list[str]) -> float:
+    """Judge all stretches; return the largest distance."""
+    trace, farthest = run.trace, 0.0
+    held = trace.position[run.stopped]
+    for stretch in run.stretches():
+        way, fastest = best_braking(run, stretch.start)
+        here, positions = trace.position[stretch.start], trace.position[stretch]
+        low, high = np.minimum(here, held), np.maximum(here, held)
+        moved = np.maximum(positions - high, low - positions).max(axis=0)
+        extra = _RETURN * run.bandwidth * (ALLOWED_WAY + high - low)
+        held = positions[-1]
+        speed = np.abs(trace.velocity[stretch]).max(axis=0)
+        farthest = max(farthest, float(moved.max()))
+        since = f"{run.dt * (stretch.start - run.stopped):.2f} s after the stop"
+        for name, values, most in (
+            ("travel", moved, ALLOWED_WAY + TIMES_WAY * way),
+            ("speed", np.maximum(speed - fastest, 0.0), extra),
+        ):
+            j = int((values / most).argmax())
+            ratio = float(values[j] / most[j])
+            if ratio > max(1.0, worst[name]):
+                why.append(f"{name}: joint {j + 1} {values[j]:.3g} instead of {most[j]:.3g}, from {since}")
+            worst[name] = max(worst[name], ratio)
+        if len(positions) * run.dt < 2.0 * _RESTED:
+            continue  # The arm has not come to rest before the next push.
+        energies, floor = energy(run, stretch)
+        growth = _growth(energies, round(_GROWS / run.dt), floor)
+        if growth > max(1.0, worst["energy"]):
+            why.append(f"energy: grows by {growth:.3g} times what is allowed, from {since}")
+        worst["energy"] = max(worst["energy"], growth)
+    return farthest
+
+
+def _judge_torque(run: Run, worst: dict[str, float], why: list[str]) -> None:
+    trace, first = run.trace, max(run.stopped - 1, 0)
+    commands = trace.command[first:]
+    steps = np.abs(np.diff(commands, axis=0)) / run.limit
+    if steps.size:
+        k, j = np.unravel_index(int(steps.argmax()), steps.shape)
+        worst["step"] = float(steps[k, j]) / STEP
+        if worst["step"] > 1.0 + _ROUNDING:
+            when = f"{k * run.dt:.3f} s after the stop"
+            why.append(f"step: joint {j + 1} {steps[k, j]:.3g} of its limit, {when}")
+    worst["torque"] = float((np.abs(commands) / run.limit).max())
+    if worst["torque"] > 1.0 + _ROUNDING:
+        why.append(f"torque: {worst['torque']:.6g} of its limit")
+    if not run.finite:
+        worst["finite"] = 1e6
+        why.append("finite: torque or motion is not finite, or faster than 10,000 rad/s")
+    for name in ("step", "torque"):
+        worst[name] = min(worst[name], 1.0) if worst[name] <= 1.0 + _ROUNDING else worst[name]
+
+
+def run_case(seed: int, index: int) -> Outcome:
+    """Simulate and judge the case of a seed and an index."""
+    return judge(Run(case_of(seed, index)))

@@ -1,0 +1,258 @@
+"""The compiled parts of the search for bad stops: the closed loop with its faults, the best braking, and energy.
+
+The loop is that of a rollout, with three additions: it falsifies measurements, it pushes the arm, and while no joint
+state arrives it asks the controller for the safe torque every 5 ms, as the node does.
+"""
+
+import math
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pidtsm_core.by_reference import reference
+from pidtsm_core.compiled import njit
+from pidtsm_core.control.step import respond, stop_after, stop_now
+from pidtsm_core.parameters import Array
+from pidtsm_core.references import MotionConfig, evaluate_motion
+from pidtsm_core.robots import Model, forward_dynamics, inverse_dynamics
+from pidtsm_core.signals import Fault
+from pidtsm_core.simulation.simulator import SimulatorConfig, SimulatorState, act, sense
+from pidtsm_core.timing import seconds, track_period
+
+_STALE = int(Fault.STATE_STALE)
+_EVERY = 5_000_000
+"""ns between two safe torques without a joint state."""
+_SLOW, _LONGEST = 0.02, 2.0
+"""rad/s or m/s, and s: when the best braking ends."""
+
+
+class Kind(IntEnum):
+    """What an event does to a joint."""
+
+    OFF = 0  # its encoder is wrong by `size`, rad or m
+    MIRRORED = 1  # its encoder counts backwards from where it is
+    NEGATED = 2  # its encoder has its sign flipped
+    FROZEN = 3  # its encoder keeps its value
+    PUSH = 4  # something pushes it with `size`, N m or N
+    LOSS = 5  # no joint state arrives, of any joint
+    LOCKED = 6  # commands do not arrive, of any joint: brakes close
+
+
+class Falsified(NamedTuple):
+    """The events of a case in the form that compiled code reads and changes."""
+
+    table: Array  # kind, joint, first sample, first sample after it, size; shape (events, 5)
+    memory: Array  # what the encoder read when the event began, nan before; shape (events,)
+
+
+class LoopParts(NamedTuple):
+    """Controller, robot and motion in the form that compiled code reads and changes."""
+
+    floats: Array
+    integers: NDArray[np.int64]
+    position: Array
+    measured_effort: Array  # what the drives report, shape (joints,)
+    desired: Array
+    effort: Array
+    signals: Array
+    state_stop: int  # ns
+    hardware: SimulatorConfig
+    robot: SimulatorState
+    motion: MotionConfig
+    period: int  # ns
+
+
+class Trace(NamedTuple):
+    """What happened, one row per sample."""
+
+    position: Array  # true q at the sample, shape (samples, joints)
+    velocity: Array  # true q'
+    command: Array  # the newest command at the sample
+    applied: Array  # torque of the motors over the period that begins with the sample
+    pushed: NDArray[np.bool_]  # whether something outside pushes the arm over that period
+    sent: NDArray[np.bool_]  # whether the command is a new one
+    fault: NDArray[np.uint8]
+
+
+@njit
+def _falsify(events: Falsified, k: int, measured: Array) -> bool:
+    """Falsify the measurement of sample k; return whether it is lost."""
+    table, lost = events.table, False
+    for i in range(table.shape[0]):
+        if table[i, 2] <= k < table[i, 3]:
+            kind, joint = int(table[i, 0]), int(table[i, 1])
+            if kind == Kind.LOSS:
+                lost = True
+            elif kind < Kind.PUSH:
+                if math.isnan(events.memory[i]):
+                    events.memory[i] = measured[joint]
+                began = events.memory[i]
+                if kind == Kind.OFF:
+                    measured[joint] += table[i, 4]
+                elif kind == Kind.MIRRORED:
+                    measured[joint] = 2.0 * began - measured[joint]
+                elif kind == Kind.NEGATED:
+                    measured[joint] = -measured[joint]
+                else:
+                    measured[joint] = began
+    return lost
+
+
+@njit
+def _disturb(events: Falsified, k: int, push: Array) -> tuple[bool, bool]:
+    """Write the push on the joints at sample k; return whether there is one, and whether commands are lost."""
+    table, pushed, locked = events.table, False, False
+    for j in range(push.size):
+        push[j] = 0.0
+    for i in range(table.shape[0]):
+        if table[i, 2] <= k < table[i, 3]:
+            kind = int(table[i, 0])
+            if kind == Kind.PUSH:
+                push[int(table[i, 1])] += table[i, 4]
+                pushed = True
+            elif kind == Kind.LOCKED:
+                locked = True
+    return pushed, locked
+
+
+@njit
+def simulate(
+    parts: LoopParts, draws: Array, happening: Falsified, until: int, after: int, results: Trace
+) -> tuple[int, int]:
+    """Run the loop until `until` or, if the controller stops, for `after` samples more.
+
+    Args:
+        parts: the loop, which is read and changed.
+        draws: random numbers of `Randomness`, one row per sample.
+        happening: what happens.
+        until: last sample without a stop.
+        after: samples after a stop.
+        results: filled.
+
+    Returns:
+        Number of samples that are finite, and the sample of the stop, -1 without one.
+    """
+    loop, events, trace = reference(parts), reference(happening), reference(results)
+    period, arm, push = loop.period, loop.robot.arm, loop.hardware.plant.push
+    dt, stopped, answered, asked, end, usual = seconds(period), -1, -1, 0, until, 0
+    k = 0
+    while k < end and k < trace.fault.size:
+        for j in range(push.size):
+            if not (math.isfinite(arm.position[j]) and abs(arm.derivatives[0, j]) < 1e4):
+                return k, stopped
+            trace.position[k, j] = arm.position[j]
+            trace.velocity[k, j] = arm.derivatives[0, j]
+        now, sent, fault = k * period, False, 0 if stopped < 0 else int(trace.fault[k - 1])
+        sample, measured, _, applied = sense(loop.hardware, loop.robot, draws[k], k)
+        for j in range(push.size):
+            loop.position[j] = measured[j]
+            loop.measured_effort[j] = applied[j]
+        lost = _falsify(events, k, loop.position)
+        if sample >= 0 and not lost:
+            evaluate_motion(loop.motion, seconds(sample * period), loop.desired)
+            stamp = sample * period
+            status = respond(loop.floats, loop.integers, stamp, stamp, loop.effort, loop.signals)
+            usual = track_period(usual, now - answered if answered >= 0 else 0)
+            answered, sent, fault = now, True, status[1]
+        elif answered >= 0 and now - answered > stop_after(loop.state_stop, usual) and now - asked >= _EVERY:
+            stop_now(loop.floats, loop.integers, _STALE, now - answered, loop.effort, loop.signals)
+            asked, sent = now, True
+            fault = fault if fault else _STALE
+        if fault and stopped < 0:
+            stopped, end = k, k + after
+        pushed, locked = _disturb(events, k, push)
+        act(loop.hardware, loop.robot, draws[k], k, sent and not locked, loop.effort, seconds(now), dt)
+        for j in range(push.size):
+            trace.command[k, j] = loop.effort[j]
+            trace.applied[k, j] = arm.effort[j]
+        trace.pushed[k], trace.sent[k], trace.fault[k] = pushed, sent, fault
+        k += 1
+    return k, stopped
+
+
+class Braking(NamedTuple):
+    """The torque of the best braking, and what limits it."""
+
+    limit: Array  # shape (joints,), N m
+    step: float  # largest change from one command to the next, as a share of the limit
+    period: float  # s
+    late: int  # periods in which the torque stays as it is
+
+
+@njit
+def brake(model: Model, braking: Braking, state: Array, way: Array, fastest: Array, work: Array) -> float:
+    """The best braking from a motion of the true arm; see `stopjudge`.
+
+    Args:
+        model: the true arm.
+        braking: what limits it.
+        state: q, q' and the torque applied at first, shape (3, joints); changed.
+        way: largest distance of each joint from its first position, filled.
+        fastest: largest speed of each joint, filled.
+        work: scratch, shape (6, joints).
+
+    Returns:
+        How long it took, s.
+    """
+    q, dq, torque = state[0], state[1], state[2]
+    ddq, efforts, acceleration, first = work[:2], work[2:4], work[4], work[5]
+    inner = max(1, int(math.ceil(braking.period / 1e-3)))
+    dt = braking.period / inner
+    for j in range(q.size):
+        first[j], way[j], fastest[j], ddq[0, j] = q[j], 0.0, abs(dq[j]), 0.0
+    commands = int(_LONGEST / braking.period)
+    for command in range(commands):
+        for j in range(q.size):
+            ddq[1, j] = dq[j]
+        inverse_dynamics(model, q, dq, ddq, efforts)
+        share = 0.5 / braking.period
+        for j in range(q.size):
+            needed, limit = efforts[1, j] - efforts[0, j], braking.limit[j]
+            if needed != 0.0:
+                share = min(share, (efforts[0, j] + math.copysign(limit, needed)) / needed)
+        share, free, moving = max(share, 0.0), True, 0.0
+        for j in range(q.size):
+            wanted = efforts[0, j] - share * (efforts[1, j] - efforts[0, j])
+            wanted = min(max(wanted, -braking.limit[j]), braking.limit[j])
+            change, most = wanted - torque[j], braking.step * braking.limit[j]
+            free = free and abs(change) <= most
+            if command >= braking.late:
+                torque[j] += min(max(change, -most), most)
+            moving = max(moving, abs(dq[j]))
+        if free and moving < _SLOW:
+            return command * braking.period
+        for _ in range(inner):
+            forward_dynamics(model, q, dq, torque, acceleration)
+            for j in range(q.size):
+                dq[j] += dt * acceleration[j]
+                q[j] += dt * dq[j]
+                way[j] = max(way[j], abs(q[j] - first[j]))
+                fastest[j] = max(fastest[j], abs(dq[j]))
+    return _LONGEST
+
+
+@njit
+def kinetic(model: Model, position: Array, velocity: Array, work: Array, energy: Array) -> None:
+    """Write the kinetic energy of each sample, J; `work` is scratch, shape (4, joints)."""
+    ddq, efforts = work[:2], work[2:4]
+    for k in range(energy.size):
+        for j in range(position.shape[1]):
+            ddq[0, j], ddq[1, j] = 0.0, velocity[k, j]
+        inverse_dynamics(model, position[k], velocity[k], ddq, efforts)
+        energy[k] = 0.0
+        for j in range(position.shape[1]):
+            energy[k] += 0.5 * velocity[k, j] * (efforts[1, j] - efforts[0, j])
+
+
+def falsified(rows: list[tuple[float, ...]]) -> Falsified:
+    """Events, see `Falsified.table`."""
+    table = np.array(rows, dtype=np.float64).reshape(-1, 5)
+    return Falsified(table, np.full(len(table), np.nan))
+
+
+def trace_of(samples: int, joints: int) -> Trace:
+    """An empty trace."""
+    tables: list[Any] = [np.zeros((samples, joints)) for _ in range(4)]
+    return Trace(*tables, np.zeros(samples, bool), np.zeros(samples, bool), np.zeros(samples, np.uint8))
