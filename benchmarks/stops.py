@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests"))
 
 from stopcases import Case, case_of, ordinary_case_of  # In the folder of the tests, as the next one.
-from stopjudge import CRITERIA, Outcome, Run, best_braking, energy, judge
+from stopjudge import CRITERIA, Allowed, Outcome, Run, energy, judge
 
 _CHUNK = 10
 """Cases that a process judges before it reports."""
@@ -226,14 +226,16 @@ def show(case: Case) -> None:
     begin = max(run.stopped - round(0.05 / run.dt), 0) if run.stopped >= 0 else 0
     rows = np.unique(np.linspace(begin, len(trace.fault) - 1, 41).astype(int))
     if run.stopped >= 0:
+        held = trace.position[run.stopped]
         for stretch in run.stretches():
-            way, fastest = best_braking(run, stretch.start)
-            print(f"from {run.dt * stretch.start:.4f} s, best braking: way {way.round(4)}, fastest {fastest.round(3)}")
-            energies, floor = energy(run, stretch)
-            print(f"  energy: at first {energies[0]:.4g} J, largest {energies.max():.4g} J, floor {floor:.4g} J")
+            allowed, energies = Allowed.of(run, stretch, held), energy(run, stretch)
+            held = trace.position[stretch.stop - 1]
+            print(f"from {run.dt * stretch.start:.4f} s: allowed travel {allowed.travel.round(4)}, ", end="")
+            print(f"speed {allowed.speed.round(3)} + {allowed.faster.round(3)}; ", end="")
+            print(f"energy {energies[0]:.4g} J at first, {energies.max():.4g} J at most")
     print("time s | true q | true q' | command, share of the limit")
     for k in rows:
-        marks = ("STOP " if k >= run.stopped >= 0 else "") + ("push" if trace.pushed[k] else "")
+        marks = ("STOP " if k >= run.stopped >= 0 else "") + ("push" if trace.push[k].any() else "")
         cells = (trace.position[k].round(4), trace.velocity[k].round(3), (trace.command[k] / run.limit).round(3))
         print(f"{run.dt * k:8.4f} | " + " | ".join(" ".join(f"{v:9.4g}" for v in row) for row in cells) + f" {marks}")
     print(f"{outcome.fault or 'no stop'} at {outcome.time} s; relative to what is allowed: {outcome.worst}")

@@ -36,7 +36,7 @@ _AFTER = 2.5
 _WAIT = 0.8
 """s for a stop after its cause."""
 _PUSHED = 0.2
-"""Longest push, s."""
+"""Longest push, where nothing else is said, s."""
 FOREVER = 100.0
 
 
@@ -118,9 +118,9 @@ class Draft:
         jump[self.joint] = size * self._length(self.joint)
         self.trajectory |= {"jump.time": self.at, "jump.position": jump.tolist()}
 
-    def pushes(self, speed: tuple[float, float], after: float = 0.0) -> None:
+    def pushes(self, speed: tuple[float, float], after: float = 0.0, longest: float = _PUSHED) -> None:
         """Something pushes the joint, as strongly as would give it a speed, but at most with its largest torque."""
-        lasts, q = float(self.random.uniform(0.02, _PUSHED)), np.array(self.trajectory["reference.offset"])
+        lasts, q = float(self.random.uniform(0.02, longest)), np.array(self.trajectory["reference.offset"])
         inertia = self.arm.robot.joint_inertia(_model(self.arm).parameters, q)[self.joint]
         size = self.either(*speed) * self._length(self.joint) * inertia / lasts
         most = self.arm.limits[self.joint]
@@ -159,7 +159,10 @@ def _alternate(draft: Draft) -> None:
 
 
 def _gap(draft: Draft) -> None:
-    draft.happens(Kind.LOSS, 0.0, float(draft.random.uniform(0.02, 0.3)) + 5.5 / draft.rate)
+    """One gap; while a long one lasts, the arm cannot be seen."""
+    lasts = float(draft.random.uniform(0.02, 0.3))
+    draft.blind = lasts > 0.1
+    draft.happens(Kind.LOSS, 0.0, lasts + 5.5 / draft.rate)
 
 
 def _gaps(draft: Draft) -> None:
@@ -218,7 +221,7 @@ def _external(draft: Draft) -> None:
         draft.controller["limits.external_effort"] = (draft.random.uniform(0.05, 0.25) * draft.arm.limits).tolist()
     else:
         draft.controller["limits.tracking_error"] = 0.05
-    draft.happens(Kind.PUSH, draft.either(0.1, 0.6) * draft.arm.limits[draft.joint], float(draft.random.uniform(0.1, 0.6)))
+    draft.pushes((0.3, 5.0), longest=0.5)
 
 
 def _rate(draft: Draft) -> None:

@@ -71,7 +71,7 @@ class Trace(NamedTuple):
     velocity: Array  # true q'
     command: Array  # the newest command at the sample
     applied: Array  # torque of the motors over the period that begins with the sample
-    pushed: NDArray[np.bool_]  # whether something outside pushes the arm over that period
+    push: Array  # torque of what pushes the arm over that period
     sent: NDArray[np.bool_]  # whether the command is a new one
     fault: NDArray[np.uint8]
 
@@ -101,9 +101,9 @@ def _falsify(events: Falsified, k: int, measured: Array) -> bool:
 
 
 @njit
-def _disturb(events: Falsified, k: int, push: Array) -> tuple[bool, bool]:
-    """Write the push on the joints at sample k; return whether there is one, and whether commands are lost."""
-    table, pushed, locked = events.table, False, False
+def _disturb(events: Falsified, k: int, push: Array) -> bool:
+    """Write the push on the joints at sample k; return whether commands are lost."""
+    table, locked = events.table, False
     for j in range(push.size):
         push[j] = 0.0
     for i in range(table.shape[0]):
@@ -111,10 +111,9 @@ def _disturb(events: Falsified, k: int, push: Array) -> tuple[bool, bool]:
             kind = int(table[i, 0])
             if kind == Kind.PUSH:
                 push[int(table[i, 1])] += table[i, 4]
-                pushed = True
             elif kind == Kind.LOCKED:
                 locked = True
-    return pushed, locked
+    return locked
 
 
 @njit
@@ -162,12 +161,13 @@ def simulate(
             fault = fault if fault else _STALE
         if fault and stopped < 0:
             stopped, end = k, k + after
-        pushed, locked = _disturb(events, k, push)
+        locked = _disturb(events, k, push)
         act(loop.hardware, loop.robot, draws[k], k, sent and not locked, loop.effort, seconds(now), dt)
         for j in range(push.size):
             trace.command[k, j] = loop.effort[j]
             trace.applied[k, j] = arm.effort[j]
-        trace.pushed[k], trace.sent[k], trace.fault[k] = pushed, sent, fault
+            trace.push[k, j] = push[j]
+        trace.sent[k], trace.fault[k] = sent, fault
         k += 1
     return k, stopped
 
@@ -254,5 +254,5 @@ def falsified(rows: list[tuple[float, ...]]) -> Falsified:
 
 def trace_of(samples: int, joints: int) -> Trace:
     """An empty trace."""
-    tables: list[Any] = [np.zeros((samples, joints)) for _ in range(4)]
-    return Trace(*tables, np.zeros(samples, bool), np.zeros(samples, bool), np.zeros(samples, np.uint8))
+    tables: list[Any] = [np.zeros((samples, joints)) for _ in range(5)]
+    return Trace(*tables, np.zeros(samples, bool), np.zeros(samples, np.uint8))
