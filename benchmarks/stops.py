@@ -31,12 +31,12 @@ from joblib import Parallel, delayed
 
 import pidtsm_core
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "tests"))
+sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 
 from stopcases import Case, case_of, ordinary_case_of  # In the folder of the tests, as the next one.
 from stopjudge import CRITERIA, Allowed, Outcome, Run, energy, judge
 
+ROOT = Path(__file__).resolve().parents[1]
 _CHUNK = 10
 """Cases that a process judges before it reports."""
 _SHOWN = 40

@@ -15,10 +15,11 @@ from stoploop import Kind
 from testarms import CRANE, PENDULUM, Arm
 
 from pidtsm_core.control import controller_schema
-from pidtsm_core.experiment import PRACTICAL, load_ros_parameters, practical_settings, tuned_parameters
+from pidtsm_core.experiment import PRACTICAL, practical_settings, tuned_parameters
 from pidtsm_core.laws import LAWS
+from pidtsm_core.parameter_files import load_ros_parameters
 from pidtsm_core.parameters import Array, resolve
-from pidtsm_core.robots import find_robot, inverse_dynamics, make_model
+from pidtsm_core.robots import inverse_dynamics, make_model
 from pidtsm_core.robots.source import rated_payload
 
 Random = np.random.Generator
@@ -125,6 +126,12 @@ class Draft:
         size = self.either(*speed) * self._length(self.joint) * inertia / lasts
         most = self.arm.limits[self.joint]
         self.happens(Kind.PUSH, float(np.clip(size, -most, most)), lasts, after=after)
+
+    def leans(self, share: float) -> None:
+        """Something leans on the joint, ever more strongly for half a second, up to a share of its largest torque."""
+        size = self.either(0.1 * share, share) * self.arm.limits[self.joint] / 10.0
+        for i in range(10):
+            self.happens(Kind.PUSH, size, FOREVER, after=0.05 * i)
 
     def samples(self, low: int, high: int) -> float:
         """Duration of some samples, s."""
@@ -339,14 +346,13 @@ def ordinary_case_of(seed: int, index: int) -> Case:
     draft.rate = int(random.choice((500, 1000, 2000)))
     # Gains for real sensors wherever there are any.
     hardware = _hardware(draft)
-    kind = _controlled(draft, practical=hardware != "ideal") | {"hardware": hardware, "rate": draft.rate}
+    kind = _controlled(draft, fits=hardware) | {"hardware": hardware, "rate": draft.rate}
     _load(draft)
     happens = str(random.choice(["nothing", "leaning", "locked", "touch"]))
     if happens == "leaning":
-        size = draft.either(0.02, 0.12) * draft.arm.limits[draft.joint]
-        draft.happens(Kind.PUSH, size, FOREVER)
+        draft.leans(0.1)
     elif happens == "touch":
-        draft.happens(Kind.PUSH, draft.either(0.05, 0.15) * draft.arm.limits[draft.joint], 0.05)
+        draft.pushes((0.05, 0.5))
     elif happens == "locked":
         draft.trajectory["reference.amplitude"] = 0.0
         draft.simulator |= {"initial_position": draft.trajectory["reference.offset"], "command.timeout": 0.02}
@@ -359,7 +365,7 @@ def _case(
 ) -> Case:
     if any(event[0] == Kind.PUSH.name for event in draft.events):
         draft.simulator |= {"push.time": 0.0, "push.duration": FOREVER}
-    return Case(
+    made = Case(
         *place,
         arm=arm,
         cause=cause,
@@ -371,6 +377,7 @@ def _case(
         events=draft.events,
         until=until or round(draft.at + _WAIT, 3),
     )
+    return Case.from_text(made.text)
 
 
 def _draft(random: Random, arm: Arm, gentle: bool = False) -> Draft:
@@ -430,25 +437,32 @@ def _model(arm: Arm) -> Any:
     return make_model(arm.robot, arm.robot.pack_model(resolve(controller_schema, arm.settings, arm.joints)))
 
 
-def _controlled(draft: Draft, practical: bool | None = None) -> dict[str, Any]:
-    """Choose law and parameters; return their names."""
+def _controlled(draft: Draft, fits: str = "") -> dict[str, Any]:
+    """Choose law and parameters; return their names.
+
+    Args:
+        draft: the case.
+        fits: hardware that the parameters must fit; empty: any parameters will do.
+    """
     random, arm = draft.random, draft.arm
-    sets = ["default", PRACTICAL] + (["tuned"] if arm.description in SHIPPED else [])
-    chosen = str(random.choice(sets if practical is None else sets[1:] if practical else sets))
+    sets = [PRACTICAL] + (["tuned"] if arm.description in SHIPPED else [])
+    chosen = str(random.choice(sets + ([] if fits not in ("", "ideal") else ["default"])))
     law = "piddtsm"
     if chosen == "default":
         laws = [each for each in LAWS.names if each != "pidnftsm" or arm.joints <= 2]
         law = str(random.choice(laws))
         draft.controller |= {"law.name": law, **arm_gains(arm, law)}
-        if random.random() < 0.4 and practical is None:
+        if random.random() < 0.4 and not fits:
             estimators = ["filtered_difference", "extended_state_observer", "robust_differentiator"]
             draft.controller["estimator.name"] = str(random.choice(estimators))
     elif chosen == PRACTICAL:
         settings = {"simulator": {"rate": draft.rate}, "controller": dict(arm.settings)}
         draft.controller |= practical_settings(None, settings)["controller"]
     else:
-        hardware = str(random.choice(["12bit", "14bit", "17bit"]))
-        chosen = f"tuned_{hardware}"
+        bits = str(random.choice(["12bit", "14bit", "17bit"]))
+        if fits:
+            bits = next((each for each in ("17bit", "14bit") if each.replace("b", " b") in fits), "12bit")
+        chosen = f"tuned_{bits}"
         file = tuned_parameters(chosen, None, {"simulator": {}, "controller": dict(arm.settings)})
         draft.controller |= load_ros_parameters(file)["controller"]
     draft.controller["activation.blend"] = 0.0

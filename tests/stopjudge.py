@@ -27,8 +27,8 @@ finite: every torque is finite, and so is the motion.
 
 *The best braking* knows the true arm with its payload, and its true motion. It decelerates all joints in proportion to
 their velocities, at every instant as strongly as the inverse dynamics allow within the limits of the torques; but it
-begins with the torque that was applied, changes it by at most 10 % of its limit per command, as `step` demands, and only
-after the delays of sensors and drives. Friction does not help it.
+begins with the torque that was applied, changes it by at most 10 % of its limit per command, as `step` demands, and
+only after the delays of sensors and drives. Friction does not help it.
 
 A joint that slides has m instead of rad.
 """
@@ -43,9 +43,9 @@ from stoploop import (
     Braking,
     Kind,
     LoopParts,
-    Trace,
     brake,
     falsified,
+    first_samples,
     kinetic,
     simulate,
     trace_of,
@@ -154,7 +154,7 @@ class Run:
         trace = trace_of(until + after, n)
         draws = robot.randomness.draw(until + after)
         count, self.stopped = simulate(parts, draws, falsified(_table(case, rate)), until, after, trace)
-        self.trace = Trace(*(each[:count] for each in trace))
+        self.trace = first_samples(trace, count)
         ended = self.stopped + after if self.stopped >= 0 else until
         self.finite = count >= ended and bool(np.isfinite(trace.command[:count]).all())
         self.limit = np.minimum(joint_array(values["limits.effort"], n), joint_array(known["limits.effort"], n))
@@ -175,7 +175,7 @@ class Run:
 
 
 def _table(case: Case, rate: int) -> list[tuple[float, ...]]:
-    rows = []
+    rows: list[tuple[float, ...]] = []
     for kind, joint, begin, lasts, size in case.events:
         first = round(begin * rate)
         rows.append((float(Kind[kind]), float(joint), float(first), first + max(1.0, round(lasts * rate)), size))
@@ -236,7 +236,8 @@ def _growth(energies: Array, apart: int, floor: float) -> float:
 
 def judge(run: Run) -> Outcome:
     """Judge a run by all criteria; without a stop, there is nothing to judge."""
-    case, trace, worst, moved = run.case, run.trace, dict.fromkeys(CRITERIA, 0.0), 0.0
+    case, moved = run.case, 0.0
+    worst: dict[str, float] = dict.fromkeys(CRITERIA, 0.0)
     why: list[str] = []
     if run.stopped < 0:
         worst = {}

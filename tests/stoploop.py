@@ -198,7 +198,7 @@ def brake(model: Model, braking: Braking, state: Array, way: Array, fastest: Arr
     """
     q, dq, torque = state[0], state[1], state[2]
     ddq, efforts, acceleration, first = work[:2], work[2:4], work[4], work[5]
-    inner = max(1, int(math.ceil(braking.period / 1e-3)))
+    inner = max(1, math.ceil(braking.period / 1e-3))
     dt = braking.period / inner
     for j in range(q.size):
         first[j], way[j], fastest[j], ddq[0, j] = q[j], 0.0, abs(dq[j]), 0.0
@@ -255,4 +255,11 @@ def falsified(rows: list[tuple[float, ...]]) -> Falsified:
 def trace_of(samples: int, joints: int) -> Trace:
     """An empty trace."""
     tables: list[Any] = [np.zeros((samples, joints)) for _ in range(5)]
-    return Trace(*tables, np.zeros(samples, bool), np.zeros(samples, np.uint8))
+    tables += [np.zeros(samples, dtype=np.bool_), np.zeros(samples, dtype=np.uint8)]
+    return Trace(*tables)
+
+
+def first_samples(trace: Trace, count: int) -> Trace:
+    """The first samples of a trace."""
+    shorter: list[Any] = [table[:count] for table in trace]
+    return Trace(*shorter)

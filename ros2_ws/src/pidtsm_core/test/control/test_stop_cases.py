@@ -1,0 +1,109 @@
+"""The judge of stops finds what is bad, and only that."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from stopcases import ARMS, Case, case_of, ordinary_case_of
+from stopjudge import CRITERIA, STEP, Run, judge
+from stoploop import Braking, brake
+from testarms import ROTOR
+
+GOOD = Case(
+    seed=0,
+    index=0,
+    arm="two_link",
+    cause="velocity limit",
+    blind=False,
+    kind={},
+    controller={"limits.velocity": 0.3, "law.name": "computed_torque", "activation.blend": 0.0},
+    simulator={"rate": 500, "initial_position": [-0.2, -0.3], "disturbance.name": "none", "command.timeout": 0.0},
+    trajectory={
+        "reference.name": "sines",
+        "reference.amplitude": 0.2,
+        "reference.frequency": 0.3,
+        "reference.phase": -0.5 * np.pi,
+        "reference.offset": [0.0, -0.1],
+    },
+    events=[],
+    until=1.0,
+    after=2.0,
+)
+"""The arm swings, faster than its limit allows."""
+
+
+def drift(run: Run) -> None:
+    run.trace.position[run.stopped :, 0] += np.linspace(0.0, 0.2, len(run.trace.fault) - run.stopped)
+
+
+def hurry(run: Run) -> None:
+    run.trace.velocity[run.stopped + 100, 1] = 1.0
+
+
+def swing_up(run: Run) -> None:
+    """Slowly enough that it is no faster than allowed, and around where it rests, near enough."""
+    rows = np.arange(len(run.trace.fault) - run.stopped)[250:500]
+    run.trace.velocity[run.stopped + rows, :] = np.sin(np.pi * np.linspace(0.0, 1.0, rows.size))[:, np.newaxis] * 0.55
+
+
+def jolt(run: Run) -> None:
+    run.trace.command[run.stopped + 50 :, 0] += 1.5 * STEP * run.limit[0]
+
+
+def overload(run: Run) -> None:
+    ramp = np.minimum(np.arange(len(run.trace.fault) - run.stopped) * 0.01, 1.2)
+    run.trace.command[run.stopped :, 1] = ramp * run.limit[1]
+
+
+def break_down(run: Run) -> None:
+    run.finite = False
+
+
+SPOILT: dict[str, Callable[[Run], None]] = {
+    "travel": drift,
+    "speed": hurry,
+    "energy": swing_up,
+    "step": jolt,
+    "torque": overload,
+    "finite": break_down,
+}
+
+
+def test_a_good_stop_violates_nothing() -> None:
+    outcome = judge(Run(GOOD))
+    assert outcome.fault == "VELOCITY_LIMIT"
+    assert outcome.why == []
+    assert 0.0 < outcome.worst["travel"] <= 1.0
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_a_stop_that_is_spoilt_violates_its_criterion(criterion: str) -> None:
+    run = Run(GOOD)
+    SPOILT[criterion](run)
+    outcome = judge(run)
+    assert outcome.worst[criterion] > 1.0
+    assert any(reason.startswith(criterion) for reason in outcome.why)
+
+
+@pytest.mark.parametrize("make", [case_of, ordinary_case_of])
+def test_a_case_follows_from_seed_and_index_and_survives_as_text(make: Callable[[int, int], Case]) -> None:
+    cases = [make(7, index) for index in range(40)]
+    assert [make(7, index).text for index in range(40)] == [case.text for case in cases]
+    assert [Case.from_text(case.text) for case in cases] == cases
+    assert len({case.text for case in cases}) == len(cases)
+
+
+@pytest.mark.parametrize("rate", [100, 1000])
+def test_the_best_braking_takes_the_known_way(rate: int) -> None:
+    """A rotor from 3 rad/s, which already brakes, and one whose torque must change first."""
+    arm = ARMS["pendulum"]
+    speed, most = 3.0, arm.limits[0] / ROTOR
+    for torque, ramp in ((-arm.limits[0], 0.0), (0.0, 1.0 / STEP / rate)):
+        way, fastest = np.zeros(1), np.zeros(1)
+        state = np.array([[0.3], [speed], [torque]])
+        brake(arm.free, Braking(arm.limits, STEP, 1.0 / rate, 0), state, way, fastest, np.zeros((6, 1)))
+        # On a ramp from 0, the mean deceleration is half of the largest.
+        after = speed - 0.5 * most * ramp
+        expected = speed * ramp - most * ramp**2 / 6.0 + after**2 / (2.0 * most)
+        assert way[0] == pytest.approx(expected, rel=0.02 + 20.0 / rate)
+        assert fastest[0] == pytest.approx(speed)
