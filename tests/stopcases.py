@@ -18,9 +18,11 @@ from pidtsm_core.control import controller_schema
 from pidtsm_core.experiment import PRACTICAL, practical_settings, tuned_parameters
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameter_files import load_ros_parameters
-from pidtsm_core.parameters import Array, resolve
-from pidtsm_core.robots import inverse_dynamics, make_model
+from pidtsm_core.parameters import Array, as_float, resolve
+from pidtsm_core.robots import Model, inverse_dynamics, make_model
+from pidtsm_core.robots.payload import payload_of
 from pidtsm_core.robots.source import rated_payload
+from pidtsm_core.simulation.simulator import simulator_schema
 
 Random = np.random.Generator
 Event = tuple[str, int, float, float, float]
@@ -38,7 +40,10 @@ _WAIT = 0.8
 """s for a stop after its cause."""
 _PUSHED = 0.2
 """Longest push, where nothing else is said, s."""
+_POSSIBLE = 0.85
+"""Largest share of a torque limit that the true arm with its payload needs."""
 FOREVER = 100.0
+"""s."""
 
 
 @dataclass(frozen=True)
@@ -218,7 +223,7 @@ def _collision(draft: Draft) -> None:
     draft.pushes((0.2, 5.0))
     _tighten(draft, 0.5)
     draft.controller["limits.tracking_error"] = float(draft.random.uniform(0.02, 0.3))
-    if draft.random.random() < 0.3:
+    if draft.random.random() < 0.3 and LAWS[draft.controller["law.name"]].uses_model:
         draft.controller["limits.external_effort_action"] = "stop"
 
 
@@ -271,8 +276,9 @@ def _step(draft: Draft) -> None:
 
 def _pickup(draft: Draft) -> None:
     """A load is picked up or dropped, so that the arm strays from its reference."""
-    mass = float(draft.random.uniform(0.5, 1.0)) * _rated(draft.arm)
+    mass = round(float(draft.random.uniform(0.5, 1.0)) * _rated(draft.arm), 3)
     draft.simulator |= {"payload.mass": mass, "payload.time": draft.at}
+    _lighten(draft)
     draft.controller["limits.tracking_error"] = 0.01
     draft.controller["limits.effort_rate"] = 0.0
 
@@ -395,7 +401,7 @@ def _draft(random: Random, arm: Arm, gentle: bool = False) -> Draft:
     middle = middle + random.uniform(-0.4, 0.4, n) * half
     amplitude = np.minimum(amplitude, 0.5 * half)
     for _ in range(12):
-        if _effort_share(arm, middle, amplitude, 2.0 * np.pi * frequency) < 0.6:
+        if _effort_share(arm, _model(arm), middle, amplitude, 2.0 * np.pi * frequency) < 0.6:
             break
         amplitude = 0.7 * amplitude
         middle = np.array(robot.initial_position) + 0.8 * (middle - robot.initial_position)
@@ -418,7 +424,7 @@ def _draft(random: Random, arm: Arm, gentle: bool = False) -> Draft:
     )
 
 
-def _effort_share(arm: Arm, middle: Array, amplitude: Array, omega: Array) -> float:
+def _effort_share(arm: Arm, model: Model, middle: Array, amplitude: Array, omega: Array) -> float:
     """Largest torque of the motion, as a share of its limit."""
     largest = 0.0
     for t in np.linspace(0.0, 4.0, 25):
@@ -426,13 +432,13 @@ def _effort_share(arm: Arm, middle: Array, amplitude: Array, omega: Array) -> fl
         q, dq, ddq = middle + amplitude * np.sin(angle), amplitude * omega * np.cos(angle), np.zeros((1, omega.size))
         ddq[0] = -(omega**2) * amplitude * np.sin(angle)
         effort = np.zeros_like(ddq)
-        inverse_dynamics(_model(arm), q, dq, ddq, effort)
+        inverse_dynamics(model, q, dq, ddq, effort)
         largest = max(largest, float((np.abs(effort[0]) / arm.limits).max()))
     return largest
 
 
 @cache
-def _model(arm: Arm) -> Any:
+def _model(arm: Arm) -> Model:
     """Its model with the default parameters."""
     return make_model(arm.robot, arm.robot.pack_model(resolve(controller_schema, arm.settings, arm.joints)))
 
@@ -514,8 +520,24 @@ def _load(draft: Draft) -> None:
     if chosen != "none":
         mass = round(float(random.uniform(0.2, 1.0)) * _rated(draft.arm), 3)
         draft.simulator["payload.mass"] = mass
+        _lighten(draft)
         if chosen == "known":
-            draft.controller["payload.mass"] = mass
+            draft.controller["payload.mass"] = draft.simulator["payload.mass"]
+
+
+def _lighten(draft: Draft) -> None:
+    """Take as much of the payload away as makes the motion possible for the true arm."""
+    arm, motion = draft.arm, draft.trajectory
+    wave = [np.array(motion[f"reference.{name}"]) for name in ("offset", "amplitude", "frequency")]
+    for _ in range(4):
+        values = resolve(simulator_schema, {**arm.settings, **draft.simulator}, arm.joints)
+        factors = {name: 1.0 + as_float(values[f"model_error.{name}"]) for name in ("mass", "inertia", "length")}
+        packed = arm.robot.with_payload(arm.robot.pack_model(values, factors=factors), payload_of(values))
+        share = _effort_share(arm, make_model(arm.robot, packed), wave[0], wave[1], 2.0 * np.pi * wave[2])
+        if share < _POSSIBLE:
+            return
+        draft.simulator["payload.mass"] = round(0.5 * draft.simulator["payload.mass"], 3)
+    draft.simulator["payload.mass"] = 0.0
 
 
 def _rate_limits(draft: Draft) -> None:
