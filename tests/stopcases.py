@@ -196,6 +196,8 @@ def _controlled(draft: Draft, fits: str = "") -> dict[str, Any]:
     law = "piddtsm"
     if chosen == "default":
         laws = [each for each in LAWS.names if each != "pidnftsm" or arm.joints <= 2]
+        if fits and arm.description != "two_link":
+            laws = ["pid", "piddtsm"]  # The gains of the other laws are those of the two-link arm.
         law = str(random.choice(laws))
         draft.controller |= {"law.name": law, **arm_gains(arm, law)}
         if random.random() < 0.4 and not fits:
