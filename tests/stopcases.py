@@ -192,12 +192,13 @@ def _controlled(draft: Draft, fits: str = "") -> dict[str, Any]:
     """
     random, arm = draft.random, draft.arm
     sets = [PRACTICAL] + (["tuned"] if arm.description in SHIPPED else [])
-    chosen = str(random.choice(sets + ([] if fits not in ("", "ideal") else ["default"])))
+    # The defaults fit the two-link arm with ideal sensors.
+    if not fits or (fits == "ideal" and arm.description == "two_link"):
+        sets.append("default")
+    chosen = str(random.choice(sets))
     law = "piddtsm"
     if chosen == "default":
         laws = [each for each in LAWS.names if each != "pidnftsm" or arm.joints <= 2]
-        if fits and arm.description != "two_link":
-            laws = ["pid", "piddtsm"]  # The gains of the other laws are those of the two-link arm.
         law = str(random.choice(laws))
         draft.controller |= {"law.name": law, **arm_gains(arm, law)}
         if random.random() < 0.4 and not fits:
