@@ -34,6 +34,7 @@ class Status(IntEnum):
     FAULT = 1  # see `Fault`
     FAULT_JOINT = 2  # the joint that caused the fault, counted from 1; 0: no single joint
     VIOLATIONS = 3  # limits that are exceeded, see `Violation`
+    STOP_STAGE = 4  # see `Stop`
 
 
 class Mode(IntEnum):
@@ -64,6 +65,17 @@ class Fault(IntEnum):
     EFFORT_RATE_LIMIT = 5
     MEASUREMENT = 6
     EXTERNAL_EFFORT_LIMIT = 7
+    NO_EFFECT = 8
+
+
+class Stop(IntEnum):
+    """How a controller that has stopped keeps the arm safe, from the stage with the most trust to that with the least."""
+
+    NONE = 0  # not stopped, or as ``stop.effort`` says if that is not ``hold``
+    HOLD = 1  # holds the arm where it stopped
+    DAMPING = 2  # damps it: it left its place
+    GRAVITY = 3  # carries it, and damps it weakly: it grew faster although it was damped
+    BLIND = 4  # applies what the model says while no joint state arrives; this effort fades
 
 
 class Violation(IntEnum):

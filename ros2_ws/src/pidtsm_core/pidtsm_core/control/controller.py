@@ -7,6 +7,7 @@ import numpy as np
 
 from pidtsm_core.compilation import first_compilation
 from pidtsm_core.control.parameters import CONTACT, FREEDRIVE, FRICTION, REJECTION
+from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
 from pidtsm_core.control.state import Clock, floats_size, integers_size, part, unpack
 from pidtsm_core.control.step import (
@@ -96,7 +97,10 @@ class Controller:
         Args:
             values: as for the constructor, with the same law, estimator and robot.
         """
+        before = self._demanding
         self._fill(values, *_packed(values, self.joints))
+        if any(not np.array_equal(a, b) for a, b in zip(before, self._demanding, strict=True)):
+            expect_handover(self.state)
 
     def _fill(self, values: Mapping[str, Value], model: Array, gains: Array) -> None:
         """Write the configuration, with packed parameters of model and law, to the arrays."""
@@ -155,6 +159,9 @@ class Controller:
             getattr(config, field)[:] = array
         if stop not in ("damping", "gravity_damping"):
             config.damping[:] = 0.0
+        friction = config.coulomb.copy(), config.viscous.copy()
+        # Not those of the configuration, in which the model has its scratch space.
+        self._demanding = (model, gains, config.estimator_parameters.copy(), config.law_integers.copy(), *friction)
 
     def reset(self) -> None:
         """Return to the initial state; measurements and reference are kept."""
@@ -172,10 +179,10 @@ class Controller:
             leave_now(self.floats, self.integers, self.effort, self.signals)
             part.prepare()
         set_clock(self.state, 0)
-        reset_fault(self.state)
+        reset_fault(self.config, self.state)
         self.reset()
 
-    def step(self, stamp: int, reference_stamp: int) -> tuple[int, int, int, int]:
+    def step(self, stamp: int, reference_stamp: int) -> tuple[int, int, int, int, int]:
         """Respond to the measurement in `position`: write `effort` and `signals`.
 
         Args:
@@ -250,7 +257,7 @@ class Controller:
 
     def reset_fault(self) -> None:
         """Reset the fault, so that the controller can follow again."""
-        reset_fault(self.state)
+        reset_fault(self.config, self.state)
 
     @property
     def status(self) -> tuple[int, ...]:

@@ -78,7 +78,7 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
         clock[Clock.ADAPTATION] = Adaptation.APPROACHING if state.way_duration[0] > 0.0 else Adaptation.NORMAL
         clock[Clock.STRAYED] = 0
     elif (followed or freed) and not follows:
-        come_to_rest(config, state, stamp)
+        come_to_rest(config, state, stamp, _REST_BY_HAND if freed else _SHORTEST_REST)
     write_desired(state, stamp)
 
 
@@ -132,14 +132,13 @@ def begin_at(state: ControllerState, position: Array) -> None:
 
 
 @part
-def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
-    """Bring the desired motion to rest, without a step of position, velocity or acceleration.
+def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int, duration: float) -> None:
+    """Bring the desired motion to rest, in `duration` (s) or longer, with no step of position, velocity or acceleration.
 
     The end position is that of a quartic with the same other conditions, so the motion need not turn back or speed up.
     """
     _end_way(state)
-    freed = state.clock[Clock.FREED] != 0 and state.status[Status.FAULT] == 0
-    start, duration = state.scratch[3:], _REST_BY_HAND if freed else _SHORTEST_REST
+    start = state.scratch[3:]
     for i in range(3):
         for j in range(start.shape[1]):
             start[i, j] = state.desired[i, j]
@@ -348,7 +347,7 @@ def _excess(config: ControllerConfig, state: ControllerState, duration: float, u
         for j in range(motion.shape[1]):
             efforts[0, j] += _fed(state, j, t / duration)
             excess = max(excess, abs(efforts[0, j]) / (_SHARE_OF_EFFORT * config.effort_limit[j]) if k else 0.0)
-            if k and config.effort_rate[j] > 0.0:
+            if k and config.effort_rate[j] > 0.0 and state.clock[Clock.UNLIMITED] == 0:
                 rate = abs(efforts[0, j] - efforts[1, j]) / step
                 excess = max(excess, rate / (_SHARE_OF_RATE * config.effort_rate[j]))
     return excess

@@ -82,6 +82,18 @@ def limit_effort(config: ControllerConfig, state: ControllerState) -> None:
 
 
 @part
+def rate_delay(config: ControllerConfig, state: ControllerState, dt: float) -> float:
+    """The delay of the effort that `limit_rate` would cause and return, s."""
+    behind = 0.0
+    for j in range(state.sent.size):
+        rate = config.effort_rate[j]
+        if rate > 0.0:
+            beyond = abs(state.signals[Signal.EFFORT, j] - state.sent[j]) - rate * dt
+            behind = max(behind, beyond / rate)
+    return behind
+
+
+@part
 def limit_rate(config: ControllerConfig, state: ControllerState, dt: float) -> float:
     """Limit the change of the efforts since the last command, dt (s) ago.
 

@@ -2,6 +2,7 @@
 
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
+from pidtsm_core.control.trust import distrust
 from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Signal
 
@@ -31,6 +32,7 @@ def doubt(config: ControllerConfig, state: ControllerState, dt: float) -> int:
             replaced = True
         else:
             doubted[j] = 0.0
+            distrust(state, j)
             wrong = j + 1
     if replaced or wrong:
         state.clock[Clock.IMPLAUSIBLE] += 1

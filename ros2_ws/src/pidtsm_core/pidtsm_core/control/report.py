@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pidtsm_core.control.state import Clock, ControllerConfig
 from pidtsm_core.robots import inverse_dynamics
-from pidtsm_core.signals import Fault, Mode, Request, Status, Violation
+from pidtsm_core.signals import Fault, Mode, Request, Status, Stop, Violation
 from pidtsm_core.timing import seconds
 from pidtsm_core.units import JointUnits
 
@@ -61,6 +61,11 @@ def cause(fault: int, joint: int, joints: Sequence[str]) -> str:
         return "no joint state"
     if fault == Fault.MEASUREMENT:
         return f"{joints[joint - 1]} has implausible measurements (plausibility.velocity)"
+    if fault == Fault.NO_EFFECT:
+        return (
+            f"the torque has no effect on {joints[joint - 1]}: it is locked or not powered, another controller drives "
+            "it, or its measurements are stuck"
+        )
     if fault == Fault.EFFORT_RATE_LIMIT:
         return "limits.effort_rate is too tight for the motion of the arm"
     return f"{joints[joint - 1]} is beyond {_NAMED[_OF_FAULTS[Fault(fault)]]}"
@@ -77,7 +82,7 @@ def changes(
         clock: integers of the controller, shape (len(Clock),), order of `Clock`, times in ns.
         joints: names of the joints.
     """
-    return list(_changes([Mode.HOLDING, 0, 0, 0] if before is None else before, after, clock, joints, before is None))
+    return list(_changes([Mode.HOLDING, 0, 0, 0, 0] if before is None else before, after, clock, joints, before is None))
 
 
 def _changes(
@@ -96,6 +101,7 @@ def _changes(
             if fault == Fault.STATE_STALE:
                 reason += f" for {seconds(int(clock[Clock.GAP])):.3g} s"
             yield Change("error", f"stopped: {reason}; safe torque until ~/reset_fault is called")
+    yield from _stages(before[Status.STOP_STAGE], after[Status.STOP_STAGE])
     modes = before[Status.MODE], after[Status.MODE]
     if modes[0] == modes[1]:
         return
@@ -109,6 +115,18 @@ def _changes(
         age = seconds(int(clock[Clock.REFERENCE_AGE]))
         late = f"the reference is {abs(age):.3g} s {'old' if age > 0 else 'ahead'}" if age else "there is no reference"
         yield Change("warning", f"holding position: {late}")
+
+
+def _stages(before: int, after: int) -> Iterator[Change]:
+    """Changes of the way in which a stopped arm is kept safe."""
+    if after == before:
+        return
+    if after == Stop.DAMPING:
+        yield Change("warning", "the stopped arm has left its place: it is damped instead of held")
+    elif after == Stop.GRAVITY:
+        yield Change("error", "a joint becomes faster although it is damped: the arm is only carried, with weak damping")
+    elif after == Stop.HOLD and before in (Stop.DAMPING, Stop.GRAVITY):
+        yield Change("info", "the stopped arm is held where it is now")
 
 
 def tight_rates(config: ControllerConfig, joints: Sequence[str], units: Sequence[JointUnits]) -> list[str]:

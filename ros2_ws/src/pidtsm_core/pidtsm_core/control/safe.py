@@ -1,19 +1,30 @@
-"""The safe effort of a controller that has stopped: it holds or damps the arm, depending on ``stop.effort``."""
+"""The safe effort of a controller that has stopped: it holds or damps the arm, depending on ``stop.effort``.
+
+Holding is a spring, a damper and an integral that tie the arm to a motion that comes to rest. Stiffness and damping are
+the inertia of the model where the arm was stopped, times constants. They are symmetric and positive, so the energy of
+arm and spring can only decay, whatever the true inertia is (docs/stops.md has the argument). Where the arm does not
+obey, supervision.py gives up holding.
+"""
 
 import math
 
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.desired import come_to_rest, learnt_acceleration, write_desired
 from pidtsm_core.control.effort import added_gravity, carry, limit_effort
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Hold, part
+from pidtsm_core.control.history import HISTORY, RECENT, noted_motion
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, External, Held, Hold, Still, part
+from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
+from pidtsm_core.control.trust import is_doubtful, reverse, used_position
 from pidtsm_core.robots import inverse_dynamics
-from pidtsm_core.signals import Signal
+from pidtsm_core.signals import Fault, Signal, Status, Stop
 from pidtsm_core.timing import seconds
 
 _CUTOFF = 10.0
 """Cutoff of the velocity filter, as a multiple of the bandwidth of the position control."""
-_QUICKEST = 0.125
+_QUICKEST, _SLOWEST = 0.02, 0.125
 """s; time in which a difference as large as the effort limit fades, so that a stop causes no jolt."""
+_FADES_OVER = 0.015
+"""rad; way of the arm in this time: an arm that moves fast needs the safe effort sooner."""
 _LARGEST_CHANGE = 0.08
 """Largest change from one command to the next, as a share of the effort limit."""
 _LONGEST_CHANGE = 0.01
@@ -21,8 +32,14 @@ _LONGEST_CHANGE = 0.01
 _LARGEST_SHARE = 0.5
 """Largest share of the effort limit that is accepted as learnt by the law."""
 _AT_REST = 0.02  # rad/s
-_HOLDS, ELSEWHERE = 1, 2
-"""Values of `Clock.HELD`; ELSEWHERE: the arm may have moved since, and will be held at its new position."""
+_WAY_TO_REST, _SHORTEST_REST, _LONGEST_REST = 0.03, 0.02, 0.1
+"""rad; way to rest that is short enough for the most gentle stop; s, s; times to rest that are tried first."""
+_DETOUR = 0.02
+"""rad; if a rate limit makes the way to rest longer by more, it is suspended."""
+_SHARE_OF_RATE = 0.5
+"""Share of a rate limit in which the difference fades."""
+_LARGEST_VELOCITY = 1.5
+"""Largest velocity at which a stop may begin, as a multiple of the velocity limit: more is a wrong measurement."""
 
 
 @part
@@ -31,6 +48,7 @@ def make_safe(config: ControllerConfig, state: ControllerState, stamp: int, dt: 
     _add_nothing(state)
     if config.holds:
         _hold(config, state, stamp, dt)
+        supervise(config, state, stamp)
     else:
         _damp(config, state)
     if config.brakes:
@@ -53,8 +71,8 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     begins = clock[Clock.SILENT_SINCE] == 0
     if begins:
         clock[Clock.SILENT_SINCE] = now + 1
-        if clock[Clock.HELD] == 0:
-            _begin(config, state, clock[Clock.LAST])
+        if clock[Clock.HELD] == Held.NOT:
+            begin_hold(config, state, clock[Clock.LAST])
     write_desired(state, now)
     gone = seconds(now + 1 - clock[Clock.SILENT_SINCE])
     left = max(0.0, 1.0 - gone / config.fade) if config.fade > 0.0 else 1.0
@@ -62,7 +80,8 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     _fade(config, state, left)
     limit_effort(config, state)
     go_gently(config, state, now, begins)
-    clock[Clock.HELD] = ELSEWHERE
+    clock[Clock.HELD] = Held.ELSEWHERE
+    state.status[Status.STOP_STAGE] = Stop.BLIND
 
 
 @inlined
@@ -70,6 +89,24 @@ def _add_nothing(state: ControllerState) -> None:
     """The safe effort compensates no friction, and feeds nothing forward; the estimator must know."""
     for j in range(state.added.size):
         state.added[j] = 0.0
+
+
+@inlined
+def _fade_distrusted(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Fade the effort of joints that are not trusted; what the arm's firmware adds remains."""
+    efforts, blind = state.signals[Signal.EFFORT], False
+    for j in range(efforts.size):
+        blind = blind or state.hold[Hold.DISTRUSTED, j] != 0.0
+    if not blind or config.fade <= 0.0:
+        return
+    added = state.scratch[0]
+    if config.robot_adds_gravity:
+        added_gravity(config, state)
+    for j in range(efforts.size):
+        if state.hold[Hold.DISTRUSTED, j] != 0.0:
+            state.hold[Hold.BLIND, j] += dt
+            least = added[j] if config.robot_adds_gravity else 0.0
+            efforts[j] = least + max(0.0, 1.0 - state.hold[Hold.BLIND, j] / config.fade) * (efforts[j] - least)
 
 
 @inlined
@@ -91,7 +128,7 @@ def leave(config: ControllerConfig, state: ControllerState) -> None:
     if not config.holds:
         _damp(config, state)
         return
-    if state.clock[Clock.HELD] == 0:
+    if state.clock[Clock.HELD] == Held.NOT:
         learn(config, state)
     for j in range(state.measured.size):
         state.desired[0, j] = state.signals[Signal.POSITION, j]
@@ -136,51 +173,185 @@ def learn(config: ControllerConfig, state: ControllerState) -> None:
         state.hold[Hold.LEARNT, j] = min(max(learnt, -most), most) if math.isfinite(learnt) else 0.0
 
 
-@inlined
-def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
-    """Start a desired motion from the present motion of the arm to rest."""
-    y = state.signals
-    if state.clock[Clock.HELD] == 0:
+@part
+def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
+    """Start a desired motion from the present motion of the arm to rest, and weigh the arm."""
+    if state.clock[Clock.HELD] == Held.NOT:
         learn(config, state)
+        _doubt_what_was_learnt(config, state)
+    fastest = 0.0
     for j in range(state.measured.size):
-        velocity, most = y[Signal.VELOCITY, j], config.plausible_velocity[j]
-        if most > 0.0:
-            velocity = min(max(velocity, -most), most)
+        position, velocity = _present_motion(config, state, stamp, j)
+        fastest = max(fastest, abs(velocity))
         state.hold[Hold.VELOCITY, j] = velocity
-        state.hold[Hold.POSITION, j] = state.measured[j]
-        state.desired[0, j] = state.measured[j]
+        state.hold[Hold.POSITION, j] = position
+        state.desired[0, j] = position
         state.desired[1, j] = velocity
         state.desired[2, j] = 0.0
-    come_to_rest(config, state, stamp)
-    state.clock[Clock.HELD] = _HOLDS
+    state.hold_pace[0] = min(max(_FADES_OVER / max(fastest, 1e-9), _QUICKEST), _SLOWEST)
+    _plan_stop(config, state, stamp, fastest)
+    _weigh(config, state)
+    state.clock[Clock.HELD] = Held.HERE
+    state.status[Status.STOP_STAGE] = Stop.HOLD
+
+
+@part
+def _plan_stop(config: ControllerConfig, state: ControllerState, stamp: int, fastest: float) -> None:
+    """Plan the way to rest for an arm of which the fastest joint has this speed (rad/s).
+
+    It keeps the rate limit if the arm then goes only little farther; otherwise the limit is suspended.
+    """
+    clock, shortest = state.clock, min(max(2.0 * _WAY_TO_REST / max(fastest, 1e-9), _SHORTEST_REST), _LONGEST_REST)
+    suspended = clock[Clock.UNLIMITED]
+    clock[Clock.UNLIMITED] = 1
+    come_to_rest(config, state, stamp, shortest)
+    if config.rate_limited and suspended == 0:
+        unlimited = state.way_duration[0]
+        clock[Clock.UNLIMITED] = 0
+        come_to_rest(config, state, stamp, shortest)
+        if 0.5 * fastest * (state.way_duration[0] - unlimited) > _DETOUR:
+            clock[Clock.UNLIMITED] = 1
+            come_to_rest(config, state, stamp, shortest)
+
+
+@part
+def keep_what_holds(config: ControllerConfig, state: ControllerState) -> None:
+    """Let the law start with what holds the arm: with what it has learnt if that is nearer to it than nothing.
+
+    Its state is part of some faults, such as an error that has wound up an integral.
+    """
+    w, scratch, held = config.hold_bandwidth, state.scratch, state.scratch[5]
+    for j in range(held.size):
+        held[j] = state.hold[Hold.LEARNT, j]
+        for k in range(held.size):
+            held[j] -= w * w * w * state.inertia[j, k] * state.hold[Hold.INTEGRAL, k]
+    learn(config, state)
+    for j in range(held.size):
+        learnt = state.hold[Hold.LEARNT, j]
+        if abs(scratch[5, j] - learnt) > abs(scratch[5, j]):
+            for slot in range(state.law.shape[1]):
+                state.law[j, slot] = 0.0
+
+
+@inlined
+def _middle(a: float, b: float, c: float) -> float:
+    """The median of three numbers: one of them may be arbitrarily wrong."""
+    return max(min(a, b), min(max(a, b), c))
+
+
+@part
+def _present_motion(
+    config: ControllerConfig, state: ControllerState, stamp: int, joint: int
+) -> tuple[float, float]:
+    """Position (rad) and velocity (rad/s) of a joint at `stamp` (ns), of which no single measurement decides.
+
+    The velocity is the median of the estimated one, of that of the last measurements, and of that of more of them. If
+    the joint is not trusted, its estimates are not, either; once it is held, what the hold uses counts.
+    """
+    y, hold = state.signals, state.hold
+    if is_doubtful(state, joint) and state.clock[Clock.HELD] != Held.NOT:
+        return hold[Hold.POSITION, joint], hold[Hold.VELOCITY, joint]
+    recent, velocity = noted_motion(state, stamp, joint, RECENT)
+    _, before = noted_motion(state, stamp, joint, HISTORY)
+    if is_doubtful(state, joint):
+        velocity = before
+    else:
+        recent = _middle(state.measured[joint], recent, y[Signal.POSITION, joint])
+        velocity = _middle(y[Signal.VELOCITY, joint], velocity, before)
+    most = config.plausible_velocity[joint] if config.plausible_velocity[joint] > 0.0 else math.inf
+    if config.velocity_limit[joint] > 0.0:
+        most = min(most, _LARGEST_VELOCITY * config.velocity_limit[joint])
+    return recent, min(max(velocity, -most), most)
+
+
+@inlined
+def _doubt_what_was_learnt(config: ControllerConfig, state: ControllerState) -> None:
+    """Of what the law has learnt, believe what the motion of the arm confirms: its output may be part of the fault.
+
+    The median of it, of the effort that acts on the arm from outside, and of that when the arm was last near its
+    reference: a wound-up law and a collision deceive one of them each. If efforts have had no effect, those count that
+    were applied before.
+    """
+    if state.status[Status.FAULT] == Fault.NO_EFFECT:
+        carry(config, state, state.measured)
+        for j in range(state.measured.size):
+            if state.hold[Hold.DISTRUSTED, j] != 0.0:
+                state.hold[Hold.LEARNT, j] = state.still[Still.EFFORT, j] - state.signals[Signal.EFFORT, j]
+        return
+    if config.feels:
+        for j in range(state.measured.size):
+            external = state.external
+            confirmed = _middle(state.hold[Hold.LEARNT, j], -external[External.TWICE, j], -external[External.USUAL, j])
+            state.hold[Hold.LEARNT, j] = confirmed
+
+
+@part
+def _weigh(config: ControllerConfig, state: ControllerState) -> None:
+    """Write the inertia of the model where the arm is to ``state.inertia``."""
+    joints = state.measured.size
+    still, efforts = state.accelerations, state.scratch[1:3]
+    for k in range(joints):
+        for j in range(joints):
+            still[0, j] = still[1, j] = state.scratch[0, j] = 0.0
+        still[1, k] = 1.0
+        inverse_dynamics(config.model, state.hold[Hold.POSITION], state.scratch[0], still, efforts)
+        for j in range(joints):
+            state.inertia[j, k] = efforts[1, j] - efforts[0, j]
 
 
 @inlined
 def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
-    """Control the position on the way to rest and at rest, with an integral and all poles at the bandwidth."""
-    y, hold, clock, w = state.signals, state.hold, state.clock, config.hold_bandwidth
-    begins = clock[Clock.HELD] != _HOLDS
+    """Tie the arm to its way to rest by spring, damper and integral, all poles at the bandwidth."""
+    y, hold, w = state.signals, state.hold, config.hold_bandwidth
+    begins = state.clock[Clock.HELD] != Held.HERE
     if begins:
-        _begin(config, state, stamp)
+        begin_hold(config, state, stamp)
         dt = 0.0
-    passed = -math.expm1(-_CUTOFF * w * dt)
-    for j in range(y.shape[1]):
-        q = state.measured[j]
-        if dt > 0.0:
-            hold[Hold.VELOCITY, j] += passed * ((q - hold[Hold.POSITION, j]) / dt - hold[Hold.VELOCITY, j])
-        hold[Hold.POSITION, j] = q
-        e, de = q - state.desired[0, j], hold[Hold.VELOCITY, j] - state.desired[1, j]
-        state.accelerations[0, j] = state.desired[2, j]
-        state.accelerations[1, j] = state.desired[2, j] - w * (3.0 * de + w * (3.0 * e + w * hold[Hold.INTEGRAL, j]))
-    efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
-    inverse_dynamics(config.model, hold[Hold.POSITION], hold[Hold.VELOCITY], state.accelerations, efforts)
-    for j in range(y.shape[1]):
-        y[Signal.EFFORT, j] += hold[Hold.LEARNT, j]
+    _filter_motion(config, state, dt)
+    if gives_up(state):
+        damp_inertia(config, state)
+    else:
+        efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EQUIVALENT_EFFORT + 1]
+        inverse_dynamics(config.model, hold[Hold.POSITION], state.desired[1], state.desired[2:], efforts)
+        pull = state.accelerations[1]
+        for j in range(pull.size):
+            e, de = hold[Hold.POSITION, j] - state.desired[0, j], hold[Hold.VELOCITY, j] - state.desired[1, j]
+            pull[j] = -w * (3.0 * de + w * (3.0 * e + w * hold[Hold.INTEGRAL, j]))
+        for j in range(pull.size):
+            effort = y[Signal.EQUIVALENT_EFFORT, j] + hold[Hold.LEARNT, j]
+            for k in range(pull.size):
+                effort += state.inertia[j, k] * pull[k]
+            y[Signal.EFFORT, j] = effort
+    _fade_distrusted(config, state, dt)
     limit_effort(config, state)
     go_gently(config, state, stamp, begins)
-    for j in range(y.shape[1]):
-        if y[Signal.SATURATED, j] == 0.0 and clock[Clock.BRAKES] == 0:
-            hold[Hold.INTEGRAL, j] += dt * (state.measured[j] - state.desired[0, j])
+    _integrate(state, dt)
+
+
+@inlined
+def _filter_motion(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Update measured position and filtered velocity; a joint that is not trusted is taken to move as desired."""
+    hold, passed = state.hold, -math.expm1(-_CUTOFF * config.hold_bandwidth * dt)
+    for j in range(state.measured.size):
+        blind = hold[Hold.DISTRUSTED, j] != 0.0
+        q = used_position(config, state, j, dt)
+        if blind:
+            hold[Hold.VELOCITY, j] = state.desired[1, j]
+        elif dt > 0.0:
+            hold[Hold.VELOCITY, j] += passed * ((q - hold[Hold.POSITION, j]) / dt - hold[Hold.VELOCITY, j])
+        if blind or dt > 0.0:
+            hold[Hold.POSITION, j] = q
+    reverse(config, state, dt)
+
+
+@inlined
+def _integrate(state: ControllerState, dt: float) -> None:
+    """Let the integral of the error grow while the effort can follow it."""
+    if state.clock[Clock.BRAKES] == 0 and not gives_up(state):
+        for j in range(state.measured.size):
+            if state.signals[Signal.SATURATED, j] == 0.0:
+                error = state.hold[Hold.POSITION, j] - state.desired[0, j]
+                state.hold[Hold.INTEGRAL, j] += dt * error
 
 
 @inlined
@@ -191,15 +362,40 @@ def go_gently(config: ControllerConfig, state: ControllerState, now: int, begins
     the position control, which then swings the arm if the stop needs much effort.
     """
     efforts, offset = state.signals[Signal.EFFORT], state.hold[Hold.OFFSET]
+    if begins:
+        for j in range(efforts.size):
+            offset[j] = state.sent[j] - efforts[j]
+        _judge_rate_limit(config, state)
     since = min(max(seconds(now - state.clock[Clock.SENT]), 0.0), _LONGEST_CHANGE)
     for j in range(efforts.size):
-        if begins:
-            offset[j] = state.sent[j] - efforts[j]
-        change = config.effort_limit[j] * since / _QUICKEST
+        change = _fading_rate(config, state, j) * since
         offset[j] -= min(max(offset[j], -change), change)
         limit, last = config.effort_limit[j], state.sent[j]
         low, high = max(last - _LARGEST_CHANGE * limit, -limit), min(last + _LARGEST_CHANGE * limit, limit)
         efforts[j] = min(max(efforts[j] + offset[j], low), high)
+
+
+@inlined
+def _fading_rate(config: ControllerConfig, state: ControllerState, joint: int) -> float:
+    """Rate at which the difference of a joint fades, N m/s."""
+    rate = config.effort_limit[joint] / (state.hold_pace[0] if state.hold_pace[0] > 0.0 else _SLOWEST)
+    limited = state.status[Status.FAULT] != 0 and config.effort_rate[joint] > 0.0 and state.clock[Clock.UNLIMITED] == 0
+    return min(rate, _SHARE_OF_RATE * config.effort_rate[joint]) if limited else rate
+
+
+@inlined
+def _judge_rate_limit(config: ControllerConfig, state: ControllerState) -> None:
+    """Suspend the rate limit if the arm went too far astray while the difference fades within it.
+
+    Without the hold, a difference d that fades at the rate r displaces an inertia m by d^3 / (6 m r^2); with it, by the
+    share of d that the spring takes, at most.
+    """
+    if config.rate_limited and config.holds and state.status[Status.FAULT] != 0:
+        w = config.hold_bandwidth
+        for j in range(state.sent.size):
+            off, mass, rate = abs(state.hold[Hold.OFFSET, j]), state.inertia[j, j], _SHARE_OF_RATE * config.effort_rate[j]
+            if rate > 0.0 and min(off * off * off / (6.0 * rate * rate), off / (3.0 * w * w)) > _DETOUR * mass:
+                state.clock[Clock.UNLIMITED] = 1
 
 
 @inlined

@@ -36,12 +36,34 @@ class Clock(IntEnum):
     PERIOD = 15  # nominal time between two joint states; 0: not known yet
     SENT = 16  # time of the last command, in the time of the stamps
     IMPLAUSIBLE = 17  # number of joint states with an implausible measurement
-    HELD = 18  # how a controller that has stopped holds the arm, see safe.py; 0: it does not
+    HELD = 18  # where a controller that has stopped holds the arm, see `Held`
     SILENT_SINCE = 19  # when joint states were found missing, in the time of the stamps, plus 1; 0: they arrive
     BRAKES = 20  # 1: the brakes should be engaged
     REQUEST = 21  # see `Request`
     FREED = 22  # 1: freedrive has begun, see freedrive.py
     GENTLE = 23  # 1: the next approach keeps within freedrive.velocity, because the arm may be far from its reference
+    NOTED = 24  # time of the newest row of the history, in the time of the stamps
+    NOTES = 25  # number of rows written to the history
+    HANDOVER = 26  # what a change of the controller does to the effort, see `Handover`
+    DEGRADED_SINCE = 27  # since when the stopped arm has not obeyed, plus 1; 0: it does, see supervision.py
+    RESTED = 28  # number of times that a stopped arm was held again after it had left its place
+    UNLIMITED = 29  # 1: the rate limit is suspended, because it would prevent the stop
+
+
+class Handover(IntEnum):
+    """Values of `Clock.HANDOVER`."""
+
+    NONE = 0
+    PENDING = 1  # the next effort shall be that of the last command
+    FADING = 2  # the difference fades
+
+
+class Held(IntEnum):
+    """Values of `Clock.HELD`."""
+
+    NOT = 0
+    HERE = 1  # at the end of its way to rest
+    ELSEWHERE = 2  # the arm may have moved since, and will be held at its new position
 
 
 class Hold(IntEnum):
@@ -54,6 +76,26 @@ class Hold(IntEnum):
     OFFSET = 4  # what is left of the difference between the last command before the stop and the first safe one, N m
     ANCHOR = 5  # where freedrive ties the arm, rad
     INERTIA = 6  # what a push moves in freedrive, kg m^2
+    SLOWEST = 7  # least speed since the controller has only damped the arm, rad/s
+    DISTRUSTED = 8  # 1: the measurements of the joint are not used, see trust.py
+    BLIND = 9  # time since it has been distrusted, s
+    STEADY = 10  # time for which its measurements have not jumped, s
+    STEADY_FROM = 11  # its measured position then, rad
+    DESIRED_FROM = 12  # its desired position then, rad
+    SEEN = 13  # last measured position, rad
+    SIGN = 14  # 1, -1: its motion is measured with this sign, its position not at all; 0: its position is measured
+    SHIFT = 15  # its position is SIGN times the measured one, plus this, rad
+    TREND = 16  # velocity beside the desired one, filtered more, rad/s
+    REVERSED = 17  # how often SIGN was changed
+
+
+class Still(IntEnum):
+    """Rows of what is known of a joint whose measured position does not change by a single bit, see effect.py."""
+
+    POSITION = 0  # as measured last, rad
+    SAMPLES = 1  # number of consecutive measurements that equal it
+    EFFORT = 2  # commanded when it began, N m
+    DEMANDED = 3  # effort beyond that of the model then, N m
 
 
 class External(IntEnum):
@@ -123,6 +165,7 @@ class ControllerState(NamedTuple):
 
     clock: NDArray[np.int64]  # shape (len(Clock),)
     status: NDArray[np.int64]  # shape (len(Status),)
+    history_stamps: NDArray[np.int64]  # of the rows of the history, shape (HISTORY,)
     measured: Array  # q as measured, written before a step, shape (joints,), rad
     applied: Array  # effort as the drives report it, if the configuration feeds_back, likewise, N m
     reference: Array  # q_d, q_d', q_d'' as received, written before a step, shape (3, joints)
@@ -135,8 +178,10 @@ class ControllerState(NamedTuple):
     way_duration: Array  # shape (1,), s; 0: there is no way
     braking: Array  # coefficients of its first part, likewise
     braking_duration: Array  # shape (1,), s; 0: there is no such part
+    hold_pace: Array  # shape (1,), s in which an effort fades at the begin of a stop, see safe.py
     estimator: Array  # shape (joints, SLOTS)
     law: Array  # shape (joints, STATE_SLOTS)
+    inertia: Array  # of the model where the arm was stopped, shape (joints, joints), kg m^2
     signals: Array  # shape (len(Signal), joints), see `Signal`
     sent: Array  # the last command, shape (joints,), N m
     added: Array  # effort of the last tick beyond the law's: it compensates friction, or was fed forward, likewise
@@ -149,6 +194,9 @@ class ControllerState(NamedTuple):
     handed: Array  # what is added because it held the arm at the end of freedrive, likewise
     handed_before: Array  # the same when the way began
     hold: Array  # of the safe effort that holds the arm, see `Hold`, shape (len(Hold), joints)
+    still: Array  # of joints whose measurements do not change, see `Still`, shape (len(Still), joints)
+    history: Array  # positions as measured, a ring, see history.py, shape (HISTORY, joints), rad
+    handover: Array  # what is left of the difference that a change of the controller made, shape (joints,), N m
     external: Array  # effort that acts on the arm from outside, see `External`, shape (len(External), joints)
     rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
@@ -160,25 +208,30 @@ class ControllerState(NamedTuple):
     net: Array  # scratch: effort that accelerates the arm, shape (joints,), N m
 
 
+HISTORY = 16
+"""Rows of the history of measured positions."""
 _CONFIG_INTEGERS = 30  # lengths, and the integers of `ControllerConfig` except the law's
 _FEEDS_BACK = 14
-_CLOCK = len(Clock)
-_SCALARS = 7
+_CLOCK, _STATUS = len(Clock), len(Status)
+_SCALARS = 8
 # Rows of the table at the end of the floats, one number per joint: configuration, state, signals, scratch.
 _EXTERNAL = 37
 _HOLD = _EXTERNAL + len(External) + 1
-_CONFIG, _MOTION, _SCRATCH = 14, _HOLD + len(Hold), 13
+_STILL = _HOLD + len(Hold)
+_HISTORY = _STILL + len(Still)
+_HANDOVER = _HISTORY + HISTORY
+_CONFIG, _MOTION, _SCRATCH = 14, _HANDOVER + 1, 13
 _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
 
 
 def floats_size(joints: int, model: int, law: int) -> int:
     """Length of the floats of `unpack`, for the numbers of parameters of the model and of the law (per joint)."""
-    return _SCALARS + 2 * model + joints * (law + SLOTS + SLOTS + STATE_SLOTS + _ROWS)
+    return _SCALARS + 2 * model + joints * (law + SLOTS + SLOTS + STATE_SLOTS + joints + _ROWS)
 
 
 def integers_size() -> int:
     """Length of the integers of `unpack`."""
-    return _CONFIG_INTEGERS + LAW_INTEGERS + _CLOCK + len(Status)
+    return _CONFIG_INTEGERS + LAW_INTEGERS + _CLOCK + _STATUS + HISTORY
 
 
 @inlined
@@ -245,12 +298,15 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
     joints = integers[0]
     c = _SCALARS + 2 * integers[1] + joints * (integers[2] + SLOTS)
     d = c + joints * SLOTS
+    e = d + joints * STATE_SLOTS
     clock = _CONFIG_INTEGERS + LAW_INTEGERS
+    status = clock + _CLOCK
     motion = rows[_CONFIG : _CONFIG + _MOTION]
     scratch = rows[_ROWS - _SCRATCH :]
     return ControllerState(
-        clock=integers[clock : clock + _CLOCK],
-        status=integers[clock + _CLOCK :],
+        clock=integers[clock:status],
+        status=integers[status : status + _STATUS],
+        history_stamps=integers[status + _STATUS :],
         measured=motion[0],
         applied=motion[1],
         reference=motion[2:5],
@@ -263,8 +319,10 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
         way_duration=floats[3:4],
         braking=motion[31:37],
         braking_duration=floats[6:7],
+        hold_pace=floats[7:8],
         estimator=floats[c:d].reshape((joints, SLOTS)),
-        law=floats[d : d + joints * STATE_SLOTS].reshape((joints, STATE_SLOTS)),
+        law=floats[d:e].reshape((joints, STATE_SLOTS)),
+        inertia=floats[e : e + joints * joints].reshape((joints, joints)),
         signals=rows[_CONFIG + _MOTION : _ROWS - _SCRATCH],
         sent=motion[21],
         added=motion[22],
@@ -278,7 +336,10 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
         handed_before=motion[30],
         external=motion[_EXTERNAL : _HOLD - 1],
         rejected=motion[_HOLD - 1],
-        hold=motion[_HOLD:],
+        hold=motion[_HOLD:_STILL],
+        still=motion[_STILL:_HISTORY],
+        history=motion[_HISTORY:_HANDOVER],
+        handover=motion[_HANDOVER],
         truth=scratch[:2],
         torque=scratch[2],
         received=motion[: 1 + integers[_FEEDS_BACK]],

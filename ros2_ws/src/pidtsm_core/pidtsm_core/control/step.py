@@ -3,12 +3,25 @@
 from pidtsm_core.by_reference import reference
 from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_base
-from pidtsm_core.control.effort import carry, limit_rate, write_command
+from pidtsm_core.control.effect import distrust_idle, watch_effect
+from pidtsm_core.control.effort import carry, limit_rate, rate_delay, write_command
 from pidtsm_core.control.freedrive import hand_over, make_free
+from pidtsm_core.control.handover import begin_handover, expect_handover, hand_over_effort
+from pidtsm_core.control.history import note, shift_history
 from pidtsm_core.control.plausibility import doubt
-from pidtsm_core.control.safe import ELSEWHERE, leave, make_safe, make_safe_blindly
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, External, part, unpack
+from pidtsm_core.control.safe import keep_what_holds, leave, make_safe, make_safe_blindly
+from pidtsm_core.control.state import (
+    Clock,
+    ControllerConfig,
+    ControllerState,
+    External,
+    Handover,
+    Held,
+    part,
+    unpack,
+)
 from pidtsm_core.control.tick import tick
+from pidtsm_core.control.trust import is_doubtful, trust
 from pidtsm_core.control.turns import distance, unwind_measurement
 from pidtsm_core.laws import Integers
 from pidtsm_core.parameters import Array
@@ -17,6 +30,10 @@ from pidtsm_core.timing import NANOSECONDS, seconds, track_period
 
 _BEHIND = 0.02
 """s; if a rate limit delays the effort longer, the arm takes another way."""
+_BEHIND_IN_STOP = 0.01
+"""s; likewise, while the arm is stopped: then the limit is suspended."""
+_LONGEST_BEHIND_IN_STOP = NANOSECONDS // 20
+"""ns; if the delay persists longer, unless the arm is held."""
 _PERIODS_TO_HOLD, _PERIODS_TO_STOP = 2, 5
 """Nominal periods up to which a gap between joint states is never late, and never a fault."""
 _LONGEST_BEHIND = NANOSECONDS // 2
@@ -47,17 +64,25 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         _watch_gaps(config, state, period)
         if config.doubts:
             _doubt(config, state, dt)
+        idle = watch_effect(config, state)
+        if idle:
+            _distrust_idle(config, state, idle)
     else:
         begin_at(state, state.measured)
         if config.rate_limited and clock[Clock.COMMANDED] == 0:
             carry(config, state, state.measured)
             for j in range(state.sent.size):
                 state.sent[j] = y[Signal.EFFORT, j]
+    note(state, stamp)
+    if clock[Clock.HANDOVER] == Handover.PENDING:
+        begin_handover(config, state, dt)
     choose(config, state, stamp, reference_stamp)
 
     tick(config, state, dt)
     if clock[Clock.FREED] != 0 and state.status[Status.MODE] != Mode.FREEDRIVE:
         hand_over(state)
+    if clock[Clock.HANDOVER] == Handover.FADING:
+        hand_over_effort(config, state, dt)
     # A limit that was removed is no longer exceeded.
     state.status[Status.VIOLATIONS] = 0
     if config.watches:
@@ -66,9 +91,9 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         make_safe(config, state, stamp, dt)
     elif state.status[Status.MODE] == Mode.FREEDRIVE:
         make_free(config, state, stamp, dt)
-    if config.rate_limited and state.status[Status.FAULT] != Fault.EFFORT_RATE_LIMIT:
+    if config.rate_limited:
         since = 0 if first else max(stamp - clock[Clock.SENT], 0)
-        _keep_up(config, state, stamp, limit_rate(config, state, seconds(since)))
+        _limit_rate(config, state, stamp, seconds(since))
     _count(state)
     write_command(config, state)
     clock[Clock.LAST] = stamp
@@ -105,6 +130,13 @@ def _doubt(config: ControllerConfig, state: ControllerState, dt: float) -> None:
 
 
 @part
+def _distrust_idle(config: ControllerConfig, state: ControllerState, joint: int) -> None:
+    """Stop because the effort has no effect on a joint (counted from 1)."""
+    stop(state, Fault.NO_EFFECT, joint)
+    distrust_idle(config, state)
+
+
+@part
 def _believe(state: ControllerState) -> None:
     """Restart the estimates from the measurements."""
     for j in range(state.estimator.shape[0]):
@@ -134,6 +166,8 @@ def stop(state: ControllerState, fault: int, joint: int) -> None:
         if status[Status.MODE] == Mode.FOLLOWING:
             begin_at(state, state.desired[0])
         status[Status.MODE] = Mode.STOPPED
+        state.clock[Clock.BEHIND_SINCE] = 0
+        state.clock[Clock.HANDOVER] = Handover.NONE
         if state.clock[Clock.REQUEST] == Request.FREE:
             request(state, Request.HOLD)
 
@@ -150,8 +184,8 @@ def request(state: ControllerState, wanted: int) -> None:
 @inlined
 def hold_elsewhere(state: ControllerState) -> None:
     """Because a stopped arm that is held may have moved, hold it at its new position."""
-    if state.clock[Clock.HELD]:
-        state.clock[Clock.HELD] = ELSEWHERE
+    if state.clock[Clock.HELD] != Held.NOT:
+        state.clock[Clock.HELD] = Held.ELSEWHERE
 
 
 @part
@@ -174,17 +208,33 @@ def begin_afresh(state: ControllerState) -> None:
         state.doubted[j] = state.rejected[j] = 0.0
         for i in range(state.external.shape[0]):
             state.external[i, j] = 0.0
-    clock[Clock.BEHIND_SINCE] = 0
+    clock[Clock.BEHIND_SINCE] = clock[Clock.NOTES] = 0
+    for i in range(state.still.shape[0]):
+        for j in range(state.doubted.size):
+            state.still[i, j] = 0.0
 
 
 @part
-def reset_fault(state: ControllerState) -> None:
-    """Reset the fault, so that the controller can follow again."""
-    state.status[Status.FAULT] = 0
-    state.status[Status.FAULT_JOINT] = 0
-    state.clock[Clock.HELD] = 0
-    state.clock[Clock.BRAKES] = 0
-    begin_afresh(state)
+def reset_fault(config: ControllerConfig, state: ControllerState) -> None:
+    """Reset the fault, so that the controller can follow again.
+
+    An arm that was held stays where it is, under the effort that holds it, until the law has taken over.
+    """
+    clock, status = state.clock, state.status
+    resumes = clock[Clock.HELD] == Held.HERE and config.holds and clock[Clock.COMMANDED] != 0
+    for j in range(state.measured.size):
+        resumes = resumes and not is_doubtful(state, j)
+        trust(state, j)
+    if resumes:
+        keep_what_holds(config, state)
+        expect_handover(state)
+        clock[Clock.GENTLE] = 1
+    else:
+        begin_afresh(state)
+    status[Status.FAULT] = status[Status.FAULT_JOINT] = status[Status.STOP_STAGE] = 0
+    clock[Clock.HELD] = Held.NOT
+    clock[Clock.BRAKES] = clock[Clock.UNLIMITED] = clock[Clock.RESTED] = 0
+    state.hold_pace[0] = 0.0
 
 
 @part
@@ -194,6 +244,9 @@ def set_clock(state: ControllerState, stamp: int) -> None:
     later = stamp - clock[Clock.LAST]
     clock[Clock.LAST] += later
     clock[Clock.SENT] += later
+    if clock[Clock.DEGRADED_SINCE]:
+        clock[Clock.DEGRADED_SINCE] += later
+    shift_history(state, later)
     clock[Clock.WAY_BEGAN] += later
     if clock[Clock.BEGAN]:
         clock[Clock.BEGAN] += later
@@ -221,12 +274,12 @@ def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, refe
     stays = reference_stamp < 0 or clock[Clock.REQUEST] != Request.FOLLOW
     if resets and (stays or _distance(config, state) <= config.distance):
         clock[Clock.REHEARSED_RESET] = 1
-        reset_fault(state)
+        reset_fault(config, state)
     _rehearse_requests(config, state, age)
     if 0 < config.restart_at <= age and clock[Clock.REHEARSED_RESTART] == 0:
         clock[Clock.REHEARSED_RESTART] = 1
         clock[Clock.COMMANDED] = 0
-        reset_fault(state)
+        reset_fault(config, state)
 
 
 @inlined
@@ -279,11 +332,29 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
 
 
 @part
+def _limit_rate(config: ControllerConfig, state: ControllerState, stamp: int, since: float) -> None:
+    """Limit the rate of the efforts, `since` (s) the last command; a stop that it delays is not limited any more."""
+    clock = state.clock
+    if state.status[Status.FAULT] == 0:
+        _keep_up(config, state, stamp, limit_rate(config, state, since))
+        return
+    if rate_delay(config, state, since) <= _BEHIND_IN_STOP:
+        clock[Clock.BEHIND_SINCE] = 0
+    elif clock[Clock.BEHIND_SINCE] == 0:
+        clock[Clock.BEHIND_SINCE] = stamp + 1
+    # Holding keeps within the limit where it can; a damping torque may be demanded at once.
+    longest = 0 if config.holds else _LONGEST_BEHIND_IN_STOP
+    if clock[Clock.BEHIND_SINCE] != 0 and stamp + 1 - clock[Clock.BEHIND_SINCE] >= longest:
+        clock[Clock.UNLIMITED] = 1
+    if clock[Clock.UNLIMITED] == 0:
+        limit_rate(config, state, since)
+
+
+@part
 def _keep_up(config: ControllerConfig, state: ControllerState, stamp: int, behind: float) -> None:
     """Take a slower way if the rate limit delays the effort by `behind` (s), and stop if that does not help.
 
-    A limit that is too tight for the law is also too tight for the safe effort of any fault: it would prevent the stop.
-    So this fault replaces any other, and suspends the limit.
+    A limit that is too tight for the law would also prevent the stop, so the fault suspends it.
     """
     clock, status = state.clock, state.status
     if behind <= _BEHIND or status[Status.MODE] == Mode.FREEDRIVE:
@@ -292,18 +363,18 @@ def _keep_up(config: ControllerConfig, state: ControllerState, stamp: int, behin
     if clock[Clock.BEHIND_SINCE] == 0:
         clock[Clock.BEHIND_SINCE] = stamp + 1
     possible = stamp + 1 - clock[Clock.BEHIND_SINCE] <= _LONGEST_BEHIND
-    if possible and config.uses_model and status[Status.FAULT] == 0:
+    if possible and config.uses_model:
         possible = begin_way_here(config, state, stamp)
     if not possible:
-        status[Status.FAULT] = 0
         stop(state, Fault.EFFORT_RATE_LIMIT, 0)
+        clock[Clock.UNLIMITED] = 1
         make_safe(config, state, stamp, 0.0)
 
 
 @njit
 def respond(
     floats: Array, integers: Integers, stamp: int, reference_stamp: int, effort: Array, signals: Array
-) -> tuple[int, int, int, int]:
+) -> tuple[int, int, int, int, int]:
     """`step` for Python, with few arguments: see `unpack`.
 
     Args:
@@ -343,8 +414,8 @@ def stop_now(floats: Array, integers: Integers, fault: int, elapsed: int, effort
         clock[Clock.GAP] = elapsed
     now = clock[Clock.LAST] + elapsed
     make_safe_blindly(config, state, now)
-    if config.rate_limited and state.status[Status.FAULT] != Fault.EFFORT_RATE_LIMIT:
-        limit_rate(config, state, seconds(max(now - clock[Clock.SENT], 0)))
+    if config.rate_limited:
+        _limit_rate(config, state, now, seconds(max(now - clock[Clock.SENT], 0)))
     clock[Clock.SENT] = now
     write_command(config, state)
     _copy_result(state, effort, signals)
@@ -368,7 +439,7 @@ def tick_now(floats: Array, integers: Integers, dt: float) -> None:
 
 
 @inlined
-def _copy_result(state: ControllerState, effort: Array, signals: Array) -> tuple[int, int, int, int]:
+def _copy_result(state: ControllerState, effort: Array, signals: Array) -> tuple[int, int, int, int, int]:
     """Copy the result to the arrays of the caller."""
     y, status = state.signals, state.status
     for i in range(y.shape[0]):
@@ -376,4 +447,10 @@ def _copy_result(state: ControllerState, effort: Array, signals: Array) -> tuple
             signals[i, j] = y[i, j]
     for j in range(effort.size):
         effort[j] = state.output[j]
-    return status[Status.MODE], status[Status.FAULT], status[Status.FAULT_JOINT], status[Status.VIOLATIONS]
+    return (
+        status[Status.MODE],
+        status[Status.FAULT],
+        status[Status.FAULT_JOINT],
+        status[Status.VIOLATIONS],
+        status[Status.STOP_STAGE],
+    )

@@ -3,7 +3,7 @@
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.contact import in_contact, sense_contact
 from pidtsm_core.control.effort import friction, limit_effort, write_net_effort
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, part
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
 from pidtsm_core.parameters import Array
@@ -87,12 +87,30 @@ def _add(config: ControllerConfig, state: ControllerState, desired: Array) -> No
             state.added[j] += friction(config, desired[1, j], j)
 
 
+@part
+def demand_again(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Write what the law, which has changed, would have demanded at the last sample, to ``state.signals``.
+
+    Args:
+        config: configuration, which is read.
+        state: state, of which only signals change.
+        dt: as for the last `tick`.
+    """
+    _command(config, state, state.desired, dt)
+    _add(config, state, state.desired)
+    _actuate(config, state, dt, False)
+    limit_effort(config, state)
+
+
 @inlined
-def _actuate(config: ControllerConfig, state: ControllerState, dt: float) -> None:
-    """Convert the law's accelerations to efforts with the model; the outputs of a law without model are efforts."""
+def _actuate(config: ControllerConfig, state: ControllerState, dt: float, senses: bool) -> None:
+    """Convert the law's accelerations to efforts with the model; the outputs of a law without model are efforts.
+
+    If it `senses`, it also updates what acts on the arm from outside.
+    """
     y, motion, efforts = state.signals, state.motion, state.scratch
     q_hat, dq_hat = y[Signal.POSITION], y[Signal.VELOCITY]
-    if config.feels:
+    if config.feels and senses:
         for j in range(y.shape[1]):
             motion[2, j] = y[Signal.ACCELERATION, j]
         inverse_dynamics(config.model, q_hat, dq_hat, motion, efforts[:3])
@@ -135,5 +153,5 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
         _reject(config, state)
     _command(config, state, desired, dt)
     _add(config, state, desired)
-    _actuate(config, state, dt)
+    _actuate(config, state, dt, True)
     limit_effort(config, state)

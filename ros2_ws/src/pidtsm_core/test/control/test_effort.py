@@ -93,7 +93,7 @@ def test_without_a_joint_state_the_safe_torque_changes_within_the_rate_limit(arm
         controller.step(START + k * MS, START + k * MS)
     before = [controller.effort.copy()]
     assert (np.abs(before[0] - arm.effort(arm.start)) > 0.06 * arm.limits).all()
-    rates = arm.limits
+    rates = 4.0 * arm.limits
     controller.set_parameters(arm.values(controller_schema, {**settings, "limits.effort_rate": rates.tolist()}))
     for elapsed in (20, 25, 40):
         controller.stop(Fault.STATE_STALE, elapsed * MS)

@@ -40,7 +40,7 @@ def test_a_sensor_that_stays_far_off_is_a_fault_that_names_the_joint(loop_of: An
     loop = loop_of(2000, rate=rate, estimator__name=estimator)
     loop.measure(TOLERATED + 1, 1.0)
     assert loop.controller.status[:3] == (Mode.STOPPED, Fault.MEASUREMENT, loop.arm.joints)
-    assert f"{loop.arm.names[-1]} has implausible measurements" in loop.controller.changes([0, 0, 0, 0])[0].text
+    assert f"{loop.arm.names[-1]} has implausible measurements" in loop.controller.changes([0, 0, 0, 0, 0])[0].text
     # The new measurements hold the arm, and a single sample far from them is replaced as before.
     loop.measure(20, 1.0)
     loop.measure(1, 3.0)

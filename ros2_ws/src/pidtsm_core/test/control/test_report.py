@@ -7,10 +7,10 @@ from testarms import Arm
 
 from pidtsm_core.control import Clock
 from pidtsm_core.control.report import cause, changes
-from pidtsm_core.signals import Fault, Mode, Request, Violation
+from pidtsm_core.signals import Fault, Mode, Request, Stop, Violation
 
 JOINTS = ("shoulder", "elbow")
-FOLLOWS, HOLDS, FREE = [Mode.FOLLOWING, 0, 0, 0], [Mode.HOLDING, 0, 0, 0], [Mode.FREEDRIVE, 0, 0, 0]
+FOLLOWS, HOLDS, FREE = [Mode.FOLLOWING, 0, 0, 0, 0], [Mode.HOLDING, 0, 0, 0, 0], [Mode.FREEDRIVE, 0, 0, 0, 0]
 RANGE = "its position limits (limits.*_position)"
 STOPPED = "; safe torque until ~/reset_fault is called"
 
@@ -32,12 +32,17 @@ def clock(**times: int) -> NDArray[np.int64]:
         (Fault.EXTERNAL_EFFORT_LIMIT, "{} is beyond limits.external_effort"),
         (Fault.EFFORT_RATE_LIMIT, "limits.effort_rate is too tight for the motion of the arm"),
         (Fault.MEASUREMENT, "{} has implausible measurements (plausibility.velocity)"),
+        (
+            Fault.NO_EFFECT,
+            "the torque has no effect on {}: it is locked or not powered, another controller drives it, or its "
+            "measurements are stuck",
+        ),
     ],
 )
 def test_every_fault_has_a_cause(arm: Arm, fault: Fault, text: str) -> None:
     joint, text = arm.joints, text.format(arm.names[-1])
     assert cause(fault, joint, arm.names) == text
-    found = changes(FOLLOWS, [Mode.STOPPED, fault, joint, 0], clock(GAP=30_000_000), arm.names)
+    found = changes(FOLLOWS, [Mode.STOPPED, fault, joint, 0, 0], clock(GAP=30_000_000), arm.names)
     age = " for 0.03 s" if fault == Fault.STATE_STALE else ""
     assert [(change.level, change.text) for change in found] == [("error", f"stopped: {text}{age}{STOPPED}")]
 
@@ -56,15 +61,15 @@ def test_the_causes_are_those_of_all_faults() -> None:
         (FOLLOWS, FOLLOWS, []),
         (HOLDS, FOLLOWS, [("info", "following the reference")]),
         (FOLLOWS, HOLDS, [("warning", "holding position: the reference is 0.25 s old")]),
-        ([Mode.STOPPED, Fault.STATE_STALE, 0, 0], HOLDS, [("info", "fault reset")]),
+        ([Mode.STOPPED, Fault.STATE_STALE, 0, 0, Stop.HOLD], HOLDS, [("info", "fault reset")]),
         (FOLLOWS, FREE, [("info", "freedrive: the arm can be moved by hand")]),
         (FREE, FREE, []),
         (FREE, FOLLOWS, [("info", "following the reference")]),
-        (FOLLOWS, [0, 0, 0, Violation.VELOCITY], [("warning", "a joint is beyond limits.velocity")]),
-        ([0, 0, 0, Violation.VELOCITY], [0, 0, 0, Violation.VELOCITY], []),
+        (FOLLOWS, [0, 0, 0, Violation.VELOCITY, 0], [("warning", "a joint is beyond limits.velocity")]),
+        ([0, 0, 0, Violation.VELOCITY, 0], [0, 0, 0, Violation.VELOCITY, 0], []),
         (
             FOLLOWS,
-            [0, 0, 0, Violation.POSITION + Violation.TRACKING],
+            [0, 0, 0, Violation.POSITION + Violation.TRACKING, 0],
             [
                 ("warning", f"a joint is beyond {RANGE}"),
                 ("warning", "a joint is beyond limits.tracking_error"),
@@ -72,7 +77,7 @@ def test_the_causes_are_those_of_all_faults() -> None:
         ),
         (
             FOLLOWS,
-            [Mode.STOPPED, Fault.POSITION_LIMIT, 1, Violation.POSITION + Violation.VELOCITY],
+            [Mode.STOPPED, Fault.POSITION_LIMIT, 1, Violation.POSITION + Violation.VELOCITY, Stop.HOLD],
             [
                 ("warning", "a joint is beyond limits.velocity"),
                 ("error", f"stopped: shoulder is beyond its position limits (limits.*_position){STOPPED}"),

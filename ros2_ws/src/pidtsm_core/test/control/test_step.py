@@ -12,9 +12,9 @@ from testarms import Arm
 
 from pidtsm_core.control import Clock, Controller, controller_schema
 from pidtsm_core.laws import LAWS
-from pidtsm_core.signals import Fault, Mode, Signal, Status, Violation
+from pidtsm_core.signals import Fault, Mode, Signal, Status, Stop, Violation
 
-OF_A_JOINT = (Fault.POSITION_LIMIT, Fault.VELOCITY_LIMIT, Fault.TRACKING_LIMIT, Fault.MEASUREMENT)
+OF_A_JOINT = (Fault.POSITION_LIMIT, Fault.VELOCITY_LIMIT, Fault.TRACKING_LIMIT, Fault.MEASUREMENT, Fault.NO_EFFECT)
 MS = 1_000_000
 START = 1_000_000_000
 NEAR, ANY = st.floats(-0.5, 0.5), st.floats(-1e6, 1e6)
@@ -86,14 +86,15 @@ def test_the_torque_is_always_sound_and_the_status_consistent(
         assert np.isfinite(controller.signals).all()
         assert (np.abs(controller.effort) <= config.effort_limit).all()
         np.testing.assert_array_equal(controller.signals[Signal.EFFORT], controller.effort)
-        mode, now, joint, violations = controller.status
+        mode, now, joint, violations, stage = controller.status
         assert (mode == Mode.STOPPED) == (now != Fault.NO_FAULT)
-        assert not fault or now in (fault, Fault.EFFORT_RATE_LIMIT), "latched"
+        assert not fault or now == fault, "latched"
         assert 0 <= joint <= arm.joints
         assert (joint > 0) == (now in OF_A_JOINT)
         assert not violations & ~sum(Violation)
+        assert Stop(stage) == Stop.NONE or now
         fault = Fault(now)
-        if begun and action == "step" and fault != Fault.EFFORT_RATE_LIMIT:
+        if begun and action == "step" and not controller.clock(Clock.UNLIMITED):
             allowed = config.effort_rate * (stamp - sent if action != "afresh" else 0) * 1e-9
             assert (np.abs(controller.effort - before) <= allowed + 1e-9)[config.effort_rate > 0.0].all()
 

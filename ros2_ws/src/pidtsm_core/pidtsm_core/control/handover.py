@@ -1,0 +1,55 @@
+"""Changes without a step of the effort: of gains, of the model, and from a stop back to the law.
+
+What the law demanded for the last sample before and after the change differs. This difference is added to the efforts,
+and fades, slowly enough for the law to take over.
+"""
+
+from pidtsm_core.compiled import inlined
+from pidtsm_core.control.effort import limit_effort
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Handover, part
+from pidtsm_core.control.tick import demand_again
+from pidtsm_core.signals import Signal
+
+_FADES_IN = 0.25
+"""s; time constant with which the difference fades."""
+_LARGEST_CHANGE = 0.01
+"""Largest change of the difference from one command to the next, as a share of the effort limit."""
+_NOTHING = 1e-4
+"""A difference below this share of the effort limit has faded."""
+
+
+@inlined
+def expect_handover(state: ControllerState) -> None:
+    """The controller has changed: the next command continues from the last one, if there was one."""
+    if state.clock[Clock.COMMANDED] != 0:
+        state.clock[Clock.HANDOVER] = Handover.PENDING
+
+
+@part
+def begin_handover(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Find what the change of the controller, which demands other efforts now, makes of the last command.
+
+    Args:
+        config: configuration, which is read.
+        state: state, which is changed.
+        dt: time between the last two commands, s.
+    """
+    demand_again(config, state, dt)
+    for j in range(state.sent.size):
+        state.handover[j] = state.sent[j] - state.signals[Signal.EFFORT, j]
+        state.signals[Signal.EFFORT, j] = state.sent[j]  # The estimator needs what was applied.
+    state.clock[Clock.HANDOVER] = Handover.FADING
+
+
+@part
+def hand_over_effort(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Add to the law's effort what is left of the difference, dt (s) after the last command."""
+    efforts, difference, fades = state.signals[Signal.EFFORT], state.handover, False
+    for j in range(efforts.size):
+        change = min(abs(difference[j]) * min(dt / _FADES_IN, 1.0), _LARGEST_CHANGE * config.effort_limit[j])
+        difference[j] -= min(max(difference[j], -change), change)
+        fades = fades or abs(difference[j]) > _NOTHING * config.effort_limit[j]
+        efforts[j] += difference[j]
+    if not fades:
+        state.clock[Clock.HANDOVER] = Handover.NONE
+    limit_effort(config, state)

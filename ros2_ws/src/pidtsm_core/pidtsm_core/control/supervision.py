@@ -1,0 +1,116 @@
+"""Supervision of a stopped arm: what it is held by must not be what moves it.
+
+If the arm leaves its place, holding is given up for damping, which dissipates energy whatever the inertia is. If a
+joint becomes faster although it is damped, the damping acts on a wrong velocity, or too late: then the arm is only
+carried by the model, with weak damping. An arm that has come to rest is held again, but not for ever.
+"""
+
+import math
+
+from pidtsm_core.compiled import inlined
+from pidtsm_core.control.effort import carry
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold, part
+from pidtsm_core.signals import Signal, Status, Stop
+from pidtsm_core.timing import NANOSECONDS
+
+_LEFT = 0.15
+"""rad; an arm that is farther from its way to rest, and leaves it faster than a spring would allow, is not held."""
+_RATE, _WEAK = 2.0, 0.25
+"""Damping, relative to stop.bandwidth; weak damping, relative to damping."""
+_GROWN, _GROWN_BY = 2.0, 0.5
+"""Factor, and rad/s, by which a joint has become faster if it is not damped by its damping."""
+_SLOW = 0.05
+"""rad/s; an arm that is slower is held again."""
+_PATIENCE = NANOSECONDS // 2
+"""ns after which an arm that obeys is held again even if it moves: it sinks because its load is unknown."""
+_LARGEST_COUNT = 5
+"""How often."""
+
+
+@inlined
+def gives_up(state: ControllerState) -> bool:
+    """Whether the arm is not held any more."""
+    return state.status[Status.STOP_STAGE] == Stop.DAMPING or state.status[Status.STOP_STAGE] == Stop.GRAVITY
+
+
+@inlined
+def supervise(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
+    """Choose the stage for the next joint state after that of `stamp` (ns)."""
+    stage = state.status[Status.STOP_STAGE]
+    if stage == Stop.HOLD:
+        if _leaves(config, state):
+            _enter(state, Stop.DAMPING, stamp)
+    elif stage == Stop.DAMPING and _accelerates(state):
+        _enter(state, Stop.GRAVITY, stamp)
+    elif state.clock[Clock.RESTED] < _LARGEST_COUNT:
+        since = stamp + 1 - state.clock[Clock.DEGRADED_SINCE]
+        if _fastest(state) < _SLOW or (stage == Stop.DAMPING and since > _PATIENCE):
+            state.clock[Clock.RESTED] += 1
+            state.clock[Clock.HELD] = Held.ELSEWHERE
+
+
+@part
+def _enter(state: ControllerState, stage: int, stamp: int) -> None:
+    """Enter a stage at `stamp` (ns)."""
+    state.status[Status.STOP_STAGE] = stage
+    state.clock[Clock.DEGRADED_SINCE] = stamp + 1
+    for j in range(state.measured.size):
+        state.hold[Hold.SLOWEST, j] = abs(state.hold[Hold.VELOCITY, j])
+
+
+@inlined
+def _leaves(config: ControllerConfig, state: ControllerState) -> bool:
+    """Whether a joint is far from its desired position, and still departs from it quickly."""
+    leaves = False
+    for j in range(state.measured.size):
+        e = state.hold[Hold.POSITION, j] - state.desired[0, j]
+        de = state.hold[Hold.VELOCITY, j] - state.desired[1, j]
+        leaves = leaves or (abs(e) > _LEFT and de * math.copysign(1.0, e) > config.hold_bandwidth * abs(e))
+    return leaves
+
+
+@inlined
+def _fastest(state: ControllerState) -> float:
+    """Largest speed of a joint, rad/s."""
+    fastest = 0.0
+    for j in range(state.measured.size):
+        fastest = max(fastest, abs(state.hold[Hold.VELOCITY, j]))
+    return fastest
+
+
+@inlined
+def _accelerates(state: ControllerState) -> bool:
+    """Whether a joint has become faster since the arm has been damped."""
+    grown = False
+    for j in range(state.measured.size):
+        speed, slowest = abs(state.hold[Hold.VELOCITY, j]), state.hold[Hold.SLOWEST, j]
+        state.hold[Hold.SLOWEST, j] = min(speed, slowest)
+        grown = grown or speed > _GROWN * slowest + _GROWN_BY
+    return grown
+
+
+@inlined
+def damp_inertia(config: ControllerConfig, state: ControllerState) -> None:
+    """Compute the effort that carries the arm, minus damping in proportion to the inertia where it was stopped.
+
+    If a torque limit does not allow all the damping, all joints get the same share of it: each joint limited alone, the
+    damping of one could accelerate another.
+    """
+    y, hold, w = state.signals, state.hold, config.hold_bandwidth
+    weak = state.status[Status.STOP_STAGE] == Stop.GRAVITY
+    carry(config, state, hold[Hold.POSITION])
+    rate, share, damping = _RATE * w * (_WEAK if weak else 1.0), 1.0, state.accelerations[1]
+    for j in range(damping.size):
+        damping[j] = 0.0
+        for k in range(damping.size):
+            damping[j] -= rate * state.inertia[j, k] * hold[Hold.VELOCITY, k]
+            if not weak:
+                y[Signal.EFFORT, j] -= w * w * w * state.inertia[j, k] * hold[Hold.INTEGRAL, k]
+        if not weak:
+            y[Signal.EFFORT, j] += hold[Hold.LEARNT, j]
+    for j in range(damping.size):
+        left = config.effort_limit[j] - math.copysign(1.0, damping[j]) * y[Signal.EFFORT, j]
+        if abs(damping[j]) > left:
+            share = min(share, max(left, 0.0) / abs(damping[j]))
+    for j in range(damping.size):
+        y[Signal.EFFORT, j] += share * damping[j]
