@@ -1,9 +1,8 @@
 """Detection of implausible measurements: a single sample that is far off must not move the arm."""
 
 from pidtsm_core.compiled import inlined
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
-from pidtsm_core.control.trust import distrust
-from pidtsm_core.parameters import Array
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold
+from pidtsm_core.control.trust import distrust, is_doubtful
 from pidtsm_core.signals import Signal
 
 _SLACK = 0.01
@@ -23,12 +22,18 @@ def doubt(config: ControllerConfig, state: ControllerState, dt: float) -> int:
         the caller reports a fault. 0: no such joint.
     """
     y, measured, doubted, wrong, replaced = state.signals, state.measured, state.doubted, 0, False
+    held = config.holds and state.clock[Clock.HELD] == Held.HERE
+    positions, velocities = y[Signal.POSITION], y[Signal.VELOCITY]
+    if held:  # The estimates may be part of the fault.
+        positions, velocities = state.hold[Hold.POSITION], state.hold[Hold.VELOCITY]
     for j in range(measured.size):
-        if config.plausible_velocity[j] <= 0.0 or not _off(config, y, measured, j, dt):
+        predicted = positions[j] + dt * velocities[j]
+        off = abs(measured[j] - predicted) > _SLACK + config.plausible_velocity[j] * dt
+        if config.plausible_velocity[j] <= 0.0 or not off or (held and is_doubtful(state, j)):
             doubted[j] = 0.0
         elif doubted[j] < TOLERATED:
             doubted[j] += 1.0
-            measured[j] = y[Signal.POSITION, j] + dt * y[Signal.VELOCITY, j]
+            measured[j] = predicted
             replaced = True
         else:
             doubted[j] = 0.0
@@ -37,9 +42,3 @@ def doubt(config: ControllerConfig, state: ControllerState, dt: float) -> int:
     if replaced or wrong:
         state.clock[Clock.IMPLAUSIBLE] += 1
     return wrong
-
-
-@inlined
-def _off(config: ControllerConfig, y: Array, measured: Array, j: int, dt: float) -> bool:
-    off = abs(measured[j] - y[Signal.POSITION, j] - dt * y[Signal.VELOCITY, j])
-    return off > _SLACK + config.plausible_velocity[j] * dt

@@ -32,6 +32,9 @@ _LONGEST_CHANGE = 0.01
 _LARGEST_SHARE = 0.5
 """Largest share of the effort limit that is accepted as learnt by the law."""
 _AT_REST = 0.02  # rad/s
+_OF_RATE = 0.05
+"""Largest bandwidth of the hold as a multiple of the rate of the joint states: effort that is late, and that may change
+by a share with each command, cannot hold faster."""
 _WAY_TO_REST, _SHORTEST_REST, _LONGEST_REST = 0.03, 0.02, 0.1
 """rad; way to rest that is short enough for the most gentle stop; s, s; times to rest that are tried first."""
 _DETOUR = 0.02
@@ -176,18 +179,24 @@ def learn(config: ControllerConfig, state: ControllerState) -> None:
 @part
 def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
     """Start a desired motion from the present motion of the arm to rest, and weigh the arm."""
-    if state.clock[Clock.HELD] == Held.NOT:
+    clock = state.clock
+    if clock[Clock.HELD] == Held.NOT:
         learn(config, state)
         _doubt_what_was_learnt(config, state)
     fastest = 0.0
     for j in range(state.measured.size):
         position, velocity = _present_motion(config, state, stamp, j)
         fastest = max(fastest, abs(velocity))
+        if clock[Clock.HELD] == Held.NOT:
+            state.hold[Hold.BEFORE, j] = velocity
         state.hold[Hold.VELOCITY, j] = velocity
         state.hold[Hold.POSITION, j] = position
         state.desired[0, j] = position
         state.desired[1, j] = velocity
         state.desired[2, j] = 0.0
+    state.hold_bandwidth[0] = config.stop_bandwidth
+    if clock[Clock.PERIOD] > 0:
+        state.hold_bandwidth[0] = min(config.stop_bandwidth, _OF_RATE / seconds(clock[Clock.PERIOD]))
     state.hold_pace[0] = min(max(_FADES_OVER / max(fastest, 1e-9), _QUICKEST), _SLOWEST)
     _plan_stop(config, state, stamp, fastest)
     _weigh(config, state)
@@ -220,7 +229,7 @@ def keep_what_holds(config: ControllerConfig, state: ControllerState) -> None:
 
     Its state is part of some faults, such as an error that has wound up an integral.
     """
-    w, scratch, held = config.hold_bandwidth, state.scratch, state.scratch[5]
+    w, scratch, held = state.hold_bandwidth[0], state.scratch, state.scratch[5]
     for j in range(held.size):
         held[j] = state.hold[Hold.LEARNT, j]
         for k in range(held.size):
@@ -302,11 +311,12 @@ def _weigh(config: ControllerConfig, state: ControllerState) -> None:
 @inlined
 def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
     """Tie the arm to its way to rest by spring, damper and integral, all poles at the bandwidth."""
-    y, hold, w = state.signals, state.hold, config.hold_bandwidth
+    y, hold = state.signals, state.hold
     begins = state.clock[Clock.HELD] != Held.HERE
     if begins:
         begin_hold(config, state, stamp)
         dt = 0.0
+    w = state.hold_bandwidth[0]
     _filter_motion(config, state, dt)
     if gives_up(state):
         damp_inertia(config, state)
@@ -331,10 +341,10 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
 @inlined
 def _filter_motion(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Update measured position and filtered velocity; a joint that is not trusted is taken to move as desired."""
-    hold, passed = state.hold, -math.expm1(-_CUTOFF * config.hold_bandwidth * dt)
+    hold, passed = state.hold, -math.expm1(-_CUTOFF * state.hold_bandwidth[0] * dt)
     for j in range(state.measured.size):
-        blind = hold[Hold.DISTRUSTED, j] != 0.0
         q = used_position(config, state, j, dt)
+        blind = hold[Hold.DISTRUSTED, j] != 0.0
         if blind:
             hold[Hold.VELOCITY, j] = state.desired[1, j]
         elif dt > 0.0:
@@ -347,7 +357,7 @@ def _filter_motion(config: ControllerConfig, state: ControllerState, dt: float) 
 @inlined
 def _integrate(state: ControllerState, dt: float) -> None:
     """Let the integral of the error grow while the effort can follow it."""
-    if state.clock[Clock.BRAKES] == 0 and not gives_up(state):
+    if state.clock[Clock.BRAKES] == 0 and state.clock[Clock.SLEWING] == 0 and not gives_up(state):
         for j in range(state.measured.size):
             if state.signals[Signal.SATURATED, j] == 0.0:
                 error = state.hold[Hold.POSITION, j] - state.desired[0, j]
@@ -362,6 +372,7 @@ def go_gently(config: ControllerConfig, state: ControllerState, now: int, begins
     the position control, which then swings the arm if the stop needs much effort.
     """
     efforts, offset = state.signals[Signal.EFFORT], state.hold[Hold.OFFSET]
+    state.clock[Clock.SLEWING] = 0
     if begins:
         for j in range(efforts.size):
             offset[j] = state.sent[j] - efforts[j]
@@ -372,7 +383,9 @@ def go_gently(config: ControllerConfig, state: ControllerState, now: int, begins
         offset[j] -= min(max(offset[j], -change), change)
         limit, last = config.effort_limit[j], state.sent[j]
         low, high = max(last - _LARGEST_CHANGE * limit, -limit), min(last + _LARGEST_CHANGE * limit, limit)
-        efforts[j] = min(max(efforts[j] + offset[j], low), high)
+        wanted = efforts[j] + offset[j]
+        efforts[j] = min(max(wanted, low), high)
+        state.clock[Clock.SLEWING] |= int(efforts[j] != wanted)
 
 
 @inlined
@@ -391,7 +404,7 @@ def _judge_rate_limit(config: ControllerConfig, state: ControllerState) -> None:
     share of d that the spring takes, at most.
     """
     if config.rate_limited and config.holds and state.status[Status.FAULT] != 0:
-        w = config.hold_bandwidth
+        w = state.hold_bandwidth[0]
         for j in range(state.sent.size):
             off, mass, rate = abs(state.hold[Hold.OFFSET, j]), state.inertia[j, j], _SHARE_OF_RATE * config.effort_rate[j]
             if rate > 0.0 and min(off * off * off / (6.0 * rate * rate), off / (3.0 * w * w)) > _DETOUR * mass:
@@ -401,7 +414,7 @@ def _judge_rate_limit(config: ControllerConfig, state: ControllerState) -> None:
 @inlined
 def _follow_blindly(config: ControllerConfig, state: ControllerState) -> None:
     """Compute the effort of the desired motion from the model and from what was learnt beyond it."""
-    w, efforts = config.hold_bandwidth, state.signals[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
+    w, efforts = state.hold_bandwidth[0], state.signals[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
     for j in range(state.measured.size):
         state.accelerations[0, j] = state.desired[2, j]
         state.accelerations[1, j] = state.desired[2, j] - w * w * w * state.hold[Hold.INTEGRAL, j]

@@ -47,6 +47,7 @@ class Clock(IntEnum):
     HANDOVER = 26  # what a change of the controller does to the effort, see `Handover`
     DEGRADED_SINCE = 27  # since when the stopped arm has not obeyed, plus 1; 0: it does, see supervision.py
     RESTED = 28  # number of times that a stopped arm was held again after it had left its place
+    SLEWING = 30  # 1: the safe effort of the last step was limited by its largest change
     UNLIMITED = 29  # 1: the rate limit is suspended, because it would prevent the stop
 
 
@@ -81,7 +82,7 @@ class Hold(IntEnum):
     BLIND = 9  # time since it has been distrusted, s
     STEADY = 10  # time for which its measurements have not jumped, s
     STEADY_FROM = 11  # its measured position then, rad
-    DESIRED_FROM = 12  # its desired position then, rad
+    BEFORE = 12  # its velocity when the arm was stopped, rad/s
     SEEN = 13  # last measured position, rad
     SIGN = 14  # 1, -1: its motion is measured with this sign, its position not at all; 0: its position is measured
     SHIFT = 15  # its position is SIGN times the measured one, plus this, rad
@@ -138,7 +139,7 @@ class ControllerConfig(NamedTuple):
     blend: float  # s
     distance: float  # rad
     gravity: float  # 1: the safe effort compensates gravity, else 0
-    hold_bandwidth: float  # rad/s
+    stop_bandwidth: float  # rad/s
     fade: float  # s in which the effort fades while no joint state arrives; 0: no fading
     model: Model  # its parameters have shape (model parameters,)
     firmware: Model  # the model by which the robot's firmware adds gravity: that of the arm without a payload
@@ -179,6 +180,7 @@ class ControllerState(NamedTuple):
     braking: Array  # coefficients of its first part, likewise
     braking_duration: Array  # shape (1,), s; 0: there is no such part
     hold_pace: Array  # shape (1,), s in which an effort fades at the begin of a stop, see safe.py
+    hold_bandwidth: Array  # shape (1,), rad/s, that of the configuration or as much as the rate of the samples allows
     estimator: Array  # shape (joints, SLOTS)
     law: Array  # shape (joints, STATE_SLOTS)
     inertia: Array  # of the model where the arm was stopped, shape (joints, joints), kg m^2
@@ -213,7 +215,7 @@ HISTORY = 16
 _CONFIG_INTEGERS = 30  # lengths, and the integers of `ControllerConfig` except the law's
 _FEEDS_BACK = 14
 _CLOCK, _STATUS = len(Clock), len(Status)
-_SCALARS = 8
+_SCALARS = 9
 # Rows of the table at the end of the floats, one number per joint: configuration, state, signals, scratch.
 _EXTERNAL = 37
 _HOLD = _EXTERNAL + len(External) + 1
@@ -269,7 +271,7 @@ def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
         blend=floats[0],
         distance=floats[1],
         gravity=floats[2],
-        hold_bandwidth=floats[4],
+        stop_bandwidth=floats[4],
         fade=floats[5],
         model=Model(integers[3], integers[20], integers[21], floats[_SCALARS : _SCALARS + model]),
         firmware=Model(integers[3], integers[20], integers[21], floats[_SCALARS + model : a]),
@@ -320,6 +322,7 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
         braking=motion[31:37],
         braking_duration=floats[6:7],
         hold_pace=floats[7:8],
+        hold_bandwidth=floats[8:9],
         estimator=floats[c:d].reshape((joints, SLOTS)),
         law=floats[d:e].reshape((joints, STATE_SLOTS)),
         inertia=floats[e : e + joints * joints].reshape((joints, joints)),

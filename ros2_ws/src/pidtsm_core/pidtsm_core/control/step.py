@@ -56,6 +56,7 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
     first = clock[Clock.ANSWERED] == 0
     period = 0 if first else stamp - clock[Clock.LAST]
     dt = seconds(period)
+    implausible = clock[Clock.IMPLAUSIBLE]
     clock[Clock.GAP] = period
     clock[Clock.SILENT_SINCE] = 0
     if not first:
@@ -73,7 +74,8 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
             carry(config, state, state.measured)
             for j in range(state.sent.size):
                 state.sent[j] = y[Signal.EFFORT, j]
-    note(state, stamp)
+    if clock[Clock.IMPLAUSIBLE] == implausible:
+        note(state, stamp)
     if clock[Clock.HANDOVER] == Handover.PENDING:
         begin_handover(config, state, dt)
     choose(config, state, stamp, reference_stamp)

@@ -65,7 +65,7 @@ def _leaves(config: ControllerConfig, state: ControllerState) -> bool:
     for j in range(state.measured.size):
         e = state.hold[Hold.POSITION, j] - state.desired[0, j]
         de = state.hold[Hold.VELOCITY, j] - state.desired[1, j]
-        leaves = leaves or (abs(e) > _LEFT and de * math.copysign(1.0, e) > config.hold_bandwidth * abs(e))
+        leaves = leaves or (abs(e) > _LEFT and de * math.copysign(1.0, e) > state.hold_bandwidth[0] * abs(e))
     return leaves
 
 
@@ -96,7 +96,7 @@ def damp_inertia(config: ControllerConfig, state: ControllerState) -> None:
     If a torque limit does not allow all the damping, all joints get the same share of it: each joint limited alone, the
     damping of one could accelerate another.
     """
-    y, hold, w = state.signals, state.hold, config.hold_bandwidth
+    y, hold, w = state.signals, state.hold, state.hold_bandwidth[0]
     weak = state.status[Status.STOP_STAGE] == Stop.GRAVITY
     carry(config, state, hold[Hold.POSITION])
     rate, share, damping = _RATE * w * (_WEAK if weak else 1.0), 1.0, state.accelerations[1]

@@ -1,8 +1,8 @@
 """Joints whose measurements a stopped controller does not believe, because they have jumped or do not change.
 
-At first such a joint is blind: it is taken to move as desired. If its measurements then move steadily, as desired or
-just opposite, they are used again, but for the motion only: an encoder that has slipped or changed its sign still
-measures how far a joint moves. If the hold then drives the joint away, the sign was wrong.
+At first such a joint is blind: it is taken to move as desired. Once its measurements are steady they are used again,
+but for the motion only: an encoder that has slipped or changed its sign still measures how far a joint moves. The sign
+follows from the motion before; if the hold drives the joint away, it was wrong.
 """
 
 import math
@@ -15,10 +15,12 @@ _NEAR = 0.03
 """rad; a position that is nearer to the desired one was measured rightly again."""
 _SLACK = 0.01
 """rad; a larger step, beyond what the joint can move, is a jump."""
+_SHARE = 0.25
+"""Of plausibility.velocity, that a joint which is being stopped may have."""
 _LONG = 0.02
 """s without a jump after which measurements are used again."""
-_SHARE, _SLOW = 0.5, 0.1
-"""Share of the desired velocity, and rad/s, by which a measured velocity may differ from it."""
+_SLOW = 0.1
+"""rad/s; slower motions do not show a sign."""
 _STRAYED, _GROWS, _TREND = 0.02, 1.3, 0.02
 """rad, factor, s: a joint farther from its desired position departs from it if its velocity has grown by this factor,
 compared with that filtered over this time."""
@@ -28,18 +30,25 @@ _REVERSALS = 3
 @inlined
 def used_position(config: ControllerConfig, state: ControllerState, joint: int, dt: float) -> float:
     """The position of a joint that the hold uses, dt (s) after the last: as measured, or as far as it is believed."""
-    hold, q = state.hold, state.measured[joint]
-    if hold[Hold.DISTRUSTED, joint] != 0.0:
+    if state.hold[Hold.DISTRUSTED, joint] != 0.0:
         _watch(config, state, joint, dt)
+    if state.hold[Hold.DISTRUSTED, joint] != 0.0:
         return state.desired[0, joint]
-    if hold[Hold.SIGN, joint] == 0.0:
-        return q
-    return hold[Hold.SIGN, joint] * q + hold[Hold.SHIFT, joint]
+    if state.hold[Hold.SIGN, joint] != 0.0:
+        _follow_jump(config, state, joint, dt)
+    return used_position_of(state, joint)
+
+
+@inlined
+def used_position_of(state: ControllerState, joint: int) -> float:
+    """The position of a joint that is believed, in part or wholly."""
+    hold, q = state.hold, state.measured[joint]
+    return q if hold[Hold.SIGN, joint] == 0.0 else hold[Hold.SIGN, joint] * q + hold[Hold.SHIFT, joint]
 
 
 @inlined
 def _watch(config: ControllerConfig, state: ControllerState, joint: int, dt: float) -> None:
-    """Use the measurements of a blind joint again, from the next sample on, if they are steady and make sense.
+    """Use the measurements of a blind joint again, from the next sample on, if they are steady.
 
     Measurements that have stopped changing while the effort changed are steady, too, but never used again.
     """
@@ -49,26 +58,35 @@ def _watch(config: ControllerConfig, state: ControllerState, joint: int, dt: flo
     hold[Hold.STEADY, joint] = 0.0 if jumps else hold[Hold.STEADY, joint] + dt
     time = hold[Hold.STEADY, joint]
     if time == 0.0 or state.status[Status.FAULT] == Fault.NO_EFFECT:
-        hold[Hold.STEADY_FROM, joint], hold[Hold.DESIRED_FROM, joint] = q, state.desired[0, joint]
+        hold[Hold.STEADY_FROM, joint] = q
     elif time >= _LONG:
-        measured = (q - hold[Hold.STEADY_FROM, joint]) / time
-        desired = (state.desired[0, joint] - hold[Hold.DESIRED_FROM, joint]) / time
-        allowed = _SHARE * abs(desired) + _SLOW
-        hold[Hold.STEADY, joint] = 0.0
-        hold[Hold.STEADY_FROM, joint], hold[Hold.DESIRED_FROM, joint] = q, state.desired[0, joint]
-        if abs(measured - desired) <= allowed:
-            _use(state, joint, 1.0)
-        elif abs(measured + desired) <= allowed:
-            _use(state, joint, -1.0)
+        velocity = (q - hold[Hold.STEADY_FROM, joint]) / time
+        opposite = velocity * hold[Hold.BEFORE, joint] < 0.0
+        clear = min(abs(velocity), abs(hold[Hold.BEFORE, joint])) > _SLOW
+        _use(state, joint, -1.0 if opposite and clear else 1.0, velocity)
 
 
 @inlined
-def _use(state: ControllerState, joint: int, sign: float) -> None:
+def _use(state: ControllerState, joint: int, sign: float, velocity: float) -> None:
     """Use the motion that is measured with this sign, and the position if it is near the desired one."""
     hold, off = state.hold, state.desired[0, joint] - sign * state.measured[joint]
     hold[Hold.DISTRUSTED, joint] = 0.0
     hold[Hold.SIGN, joint] = 0.0 if sign > 0.0 and abs(off) <= _NEAR else sign
     hold[Hold.SHIFT, joint] = off
+    hold[Hold.POSITION, joint] = used_position_of(state, joint)
+    hold[Hold.VELOCITY, joint] = sign * velocity
+    hold[Hold.TREND, joint] = sign * velocity - state.desired[1, joint]
+
+
+@inlined
+def _follow_jump(config: ControllerConfig, state: ControllerState, joint: int, dt: float) -> None:
+    """If a joint of which only the motion is measured seems to jump, shift its position back; and use it if it fits."""
+    hold = state.hold
+    predicted = hold[Hold.POSITION, joint] + dt * hold[Hold.VELOCITY, joint]
+    if abs(used_position_of(state, joint) - predicted) > _SLACK + _SHARE * config.plausible_velocity[joint] * dt:
+        hold[Hold.SHIFT, joint] = predicted - hold[Hold.SIGN, joint] * state.measured[joint]
+    if hold[Hold.SIGN, joint] > 0.0 and abs(hold[Hold.SHIFT, joint]) <= _NEAR:
+        hold[Hold.SIGN, joint] = 0.0
 
 
 @inlined
@@ -79,13 +97,14 @@ def reverse(config: ControllerConfig, state: ControllerState, dt: float) -> None
         if hold[Hold.SIGN, j] != 0.0 and hold[Hold.DISTRUSTED, j] == 0.0:
             e, de = hold[Hold.POSITION, j] - state.desired[0, j], hold[Hold.VELOCITY, j] - state.desired[1, j]
             away = de * math.copysign(1.0, e)
-            grows = away > _GROWS * abs(hold[Hold.TREND, j]) and away > config.hold_bandwidth * abs(e)
+            grows = away > _GROWS * abs(hold[Hold.TREND, j]) and away > state.hold_bandwidth[0] * abs(e)
             hold[Hold.TREND, j] += min(dt / _TREND, 1.0) * (de - hold[Hold.TREND, j])
             if abs(e) > _STRAYED and grows and hold[Hold.REVERSED, j] < _REVERSALS:
                 hold[Hold.SIGN, j] = -hold[Hold.SIGN, j]
                 hold[Hold.SHIFT, j] = hold[Hold.POSITION, j] - hold[Hold.SIGN, j] * state.measured[j]
                 hold[Hold.VELOCITY, j] = -hold[Hold.VELOCITY, j]
-                hold[Hold.TREND, j] = hold[Hold.INTEGRAL, j] = 0.0
+                hold[Hold.TREND, j] = -de
+                hold[Hold.INTEGRAL, j] = 0.0
                 hold[Hold.REVERSED, j] += 1.0
 
 
