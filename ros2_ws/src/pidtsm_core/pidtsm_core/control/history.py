@@ -58,6 +58,17 @@ def noted_motion(state: ControllerState, stamp: int, joint: int, most: int) -> t
     return place, velocity
 
 
+@part
+def noted_acceleration(state: ControllerState, stamp: int, joint: int) -> float:
+    """Acceleration of a joint by its notes at `stamp` (ns), rad/s^2: how the newest differ in velocity from all."""
+    _, recent = noted_motion(state, stamp, joint, RECENT)
+    _, all_ = noted_motion(state, stamp, joint, HISTORY)
+    newest = state.history_stamps[_row(state, 0)]
+    mean = 0.5 * seconds(newest - state.history_stamps[_row(state, max(_recent_notes(state, stamp, RECENT) - 1, 0))])
+    mean_of_all = 0.5 * seconds(newest - state.history_stamps[_row(state, max(_recent_notes(state, stamp, HISTORY) - 1, 0))])
+    return (recent - all_) / (mean_of_all - mean) if mean_of_all > mean else 0.0
+
+
 @inlined
 def _recent_notes(state: ControllerState, stamp: int, most: int) -> int:
     """Number of the newest notes that are recent at `stamp` (ns), `most` at most."""

@@ -11,7 +11,7 @@ import math
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.desired import come_to_rest, learnt_acceleration, write_desired
 from pidtsm_core.control.effort import added_gravity, carry, limit_effort
-from pidtsm_core.control.history import HISTORY, RECENT, noted_motion
+from pidtsm_core.control.history import HISTORY, RECENT, noted_acceleration, noted_motion
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, External, Held, Hold, Still, part
 from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
 from pidtsm_core.control.trust import is_doubtful, reverse, used_position
@@ -35,6 +35,9 @@ _AT_REST = 0.02  # rad/s
 _OF_RATE = 0.05
 """Largest bandwidth of the hold as a multiple of the rate of the joint states: effort that is late, and that may change
 by a share with each command, cannot hold faster."""
+_SHARE_OF_LIMIT, _AWAY = 0.5, 0.05
+"""Largest share of the effort limit that the spring of the hold needs for a distance of the joint, rad: a hold whose
+effort is at its limits swings."""
 _WAY_TO_REST, _SHORTEST_REST, _LONGEST_REST = 0.03, 0.02, 0.1
 """rad; way to rest that is short enough for the most gentle stop; s, s; times to rest that are tried first."""
 _DETOUR = 0.02
@@ -182,7 +185,7 @@ def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> 
     clock = state.clock
     if clock[Clock.HELD] == Held.NOT:
         learn(config, state)
-        _doubt_what_was_learnt(config, state)
+        _doubt_what_was_learnt(config, state, stamp)
     fastest = 0.0
     for j in range(state.measured.size):
         position, velocity = _present_motion(config, state, stamp, j)
@@ -194,14 +197,25 @@ def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> 
         state.desired[0, j] = position
         state.desired[1, j] = velocity
         state.desired[2, j] = 0.0
-    state.hold_bandwidth[0] = config.stop_bandwidth
-    if clock[Clock.PERIOD] > 0:
-        state.hold_bandwidth[0] = min(config.stop_bandwidth, _OF_RATE / seconds(clock[Clock.PERIOD]))
     state.hold_pace[0] = min(max(_FADES_OVER / max(fastest, 1e-9), _QUICKEST), _SLOWEST)
     _plan_stop(config, state, stamp, fastest)
     _weigh(config, state)
+    _choose_bandwidth(config, state)
     state.clock[Clock.HELD] = Held.HERE
     state.status[Status.STOP_STAGE] = Stop.HOLD
+
+
+@inlined
+def _choose_bandwidth(config: ControllerConfig, state: ControllerState) -> None:
+    """Choose the bandwidth of the hold: that of the configuration, or what rate and torque limits of the arm allow."""
+    bandwidth, period = config.stop_bandwidth, seconds(state.clock[Clock.PERIOD])
+    if period > 0.0:
+        bandwidth = min(bandwidth, _OF_RATE / period)
+    for j in range(state.measured.size):
+        stiffness = _SHARE_OF_LIMIT * config.effort_limit[j] / _AWAY
+        if state.inertia[j, j] > 0.0:
+            bandwidth = min(bandwidth, math.sqrt(stiffness / (3.0 * state.inertia[j, j])))
+    state.hold_bandwidth[0] = bandwidth
 
 
 @part
@@ -274,11 +288,12 @@ def _present_motion(
 
 
 @inlined
-def _doubt_what_was_learnt(config: ControllerConfig, state: ControllerState) -> None:
+def _doubt_what_was_learnt(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
     """Of what the law has learnt, believe what the motion of the arm confirms: its output may be part of the fault.
 
     The median of it, of the effort that acts on the arm from outside, and of that when the arm was last near its
-    reference: a wound-up law and a collision deceive one of them each. If efforts have had no effect, those count that
+    reference: a wound-up law and a collision deceive one of them each. Without the latter two, of what the law has
+    learnt, what the noted motion shows, and nothing. If efforts have had no effect, those count that
     were applied before.
     """
     if state.status[Status.FAULT] == Fault.NO_EFFECT:
@@ -287,11 +302,24 @@ def _doubt_what_was_learnt(config: ControllerConfig, state: ControllerState) -> 
             if state.hold[Hold.DISTRUSTED, j] != 0.0:
                 state.hold[Hold.LEARNT, j] = state.still[Still.EFFORT, j] - state.signals[Signal.EFFORT, j]
         return
-    if config.feels:
-        for j in range(state.measured.size):
-            external = state.external
-            confirmed = _middle(state.hold[Hold.LEARNT, j], -external[External.TWICE, j], -external[External.USUAL, j])
-            state.hold[Hold.LEARNT, j] = confirmed
+    external, learnt = state.external, state.hold[Hold.LEARNT]
+    if not config.feels:
+        _find_load(config, state, stamp)
+    for j in range(state.measured.size):
+        if config.feels:
+            learnt[j] = _middle(learnt[j], -external[External.TWICE, j], -external[External.USUAL, j])
+        else:
+            learnt[j] = _middle(learnt[j], state.net[j] - state.scratch[2, j], 0.0)
+
+
+@part
+def _find_load(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
+    """Write the effort that the noted motion needs, by the model, to ``state.scratch[2]``, N m."""
+    motion, velocities = state.motion, state.scratch[0]
+    for j in range(state.measured.size):
+        _, velocities[j] = noted_motion(state, stamp, j, RECENT)
+        motion[0, j] = noted_acceleration(state, stamp, j)
+    inverse_dynamics(config.model, state.measured, velocities, motion[:1], state.scratch[2:3])
 
 
 @part

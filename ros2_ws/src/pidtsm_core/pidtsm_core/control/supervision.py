@@ -56,6 +56,7 @@ def _enter(state: ControllerState, stage: int, stamp: int) -> None:
     state.clock[Clock.DEGRADED_SINCE] = stamp + 1
     for j in range(state.measured.size):
         state.hold[Hold.SLOWEST, j] = abs(state.hold[Hold.VELOCITY, j])
+        state.hold[Hold.ANCHOR, j] = state.hold[Hold.POSITION, j]
 
 
 @inlined
@@ -93,6 +94,7 @@ def _accelerates(state: ControllerState) -> bool:
 def damp_inertia(config: ControllerConfig, state: ControllerState) -> None:
     """Compute the effort that carries the arm, minus damping in proportion to the inertia where it was stopped.
 
+    A soft spring to where damping began lets it carry an unknown load, too, unless the damping is weak.
     If a torque limit does not allow all the damping, all joints get the same share of it: each joint limited alone, the
     damping of one could accelerate another.
     """
@@ -105,7 +107,8 @@ def damp_inertia(config: ControllerConfig, state: ControllerState) -> None:
         for k in range(damping.size):
             damping[j] -= rate * state.inertia[j, k] * hold[Hold.VELOCITY, k]
             if not weak:
-                y[Signal.EFFORT, j] -= w * w * w * state.inertia[j, k] * hold[Hold.INTEGRAL, k]
+                pull = w * w * (hold[Hold.POSITION, k] - hold[Hold.ANCHOR, k] + w * hold[Hold.INTEGRAL, k])
+                y[Signal.EFFORT, j] -= state.inertia[j, k] * pull
         if not weak:
             y[Signal.EFFORT, j] += hold[Hold.LEARNT, j]
     for j in range(damping.size):
