@@ -191,7 +191,9 @@ def test_a_real_arm_without_ground_truth_is_recorded(testbed: Testbed, later: bo
     assert later == bool(commands)
     others = "/simulator/ground_truth, /controller/state, /joint_commands, /reference"
     assert f"recording without {others}, which nobody publishes" in log
-    counted = f"{len(commands)} of joint_commands, {len(sent)} of joint_states" if later else f"{len(sent)} of joint_states"
+    counted = (
+        f"{len(commands)} of joint_commands, {len(sent)} of joint_states" if later else f"{len(sent)} of joint_states"
+    )
     lacking = "simulator/ground_truth, controller/state" + (", reference" if later else ", joint_commands, reference")
     assert progress.splitlines()[-1] == f"recorded {len(sent)} samples: {counted}; nothing of {lacking}"
     assert f"received {counted}; nothing of {lacking}" in log

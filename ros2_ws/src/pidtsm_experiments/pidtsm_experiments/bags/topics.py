@@ -49,9 +49,7 @@ STATE = WantedTopic(
 SENSORS = WantedTopic("joint_states", _JOINT_STATE)
 COMMANDS = WantedTopic("joint_commands", _JOINT_STATE)
 DIAGNOSTICS = WantedTopic("diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
-MEASURED = WantedTopic(
-    SENSORS.name, _JOINT_STATE, ("position", "velocity", "effort"), optional=("velocity", "effort")
-)
+MEASURED = WantedTopic(SENSORS.name, _JOINT_STATE, ("position", "velocity", "effort"), optional=("velocity", "effort"))
 """The joint states of a bag without ground truth."""
 COMMANDED = WantedTopic(COMMANDS.name, _JOINT_STATE, ("effort",))
 """The commands of a bag without ground truth or without controller state."""
