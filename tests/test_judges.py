@@ -94,7 +94,9 @@ def test_three_libraries_read_the_same_numbers_from_every_message(bags: dict[str
         assert content(of_rosbags, message) == expected == content(of_mcap, message), topic
         exact = serialize(message)
         rest = data[len(exact) :]  # DDS fills up to a multiple of four bytes.
-        assert data.startswith(exact) and len(rest) < 4 and not any(rest), f"{topic} has bytes that are not part of it"
+        assert data.startswith(exact), f"{topic} is not what it should be"
+        assert not any(rest), f"{topic} has bytes that are not part of it"
+        assert len(rest) < 4
         counts[topic.lstrip("/")] = counts.get(topic.lstrip("/"), 0) + 1
     assert set(LOOP) - ({"joint_states"} if name == "rollout" else set()) <= set(counts)
     assert min(counts[topic] for topic in LOOP if topic in counts) >= 100
@@ -112,7 +114,8 @@ def test_two_runs_in_lockstep_give_the_same_bytes(bags: dict[str, Path]) -> None
 
 
 def test_joint_states_have_the_estimates_of_the_drives(bags: dict[str, Path]) -> None:
-    states, truth = [], []
+    states: list[Any] = []
+    truth: list[Any] = []
     for topic, kind, data, *_ in messages(bags["lockstep"]):
         if topic.endswith(("joint_states", "ground_truth")):
             (states if topic.endswith("joint_states") else truth).append(deserialize_message(data, get_message(kind)))
@@ -167,7 +170,7 @@ def copy_with_mcap(bag: Path, folder: Path, topics: tuple[str, ...]) -> None:
         for connection, time, data in reader.messages():
             if connection.topic in channels:
                 writer.add_message(channels[connection.topic], time, data, time)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
 
 
 REAL_ARM = ("/joint_states", "/reference", "/joint_commands")

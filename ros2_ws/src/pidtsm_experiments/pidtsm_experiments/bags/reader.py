@@ -31,8 +31,9 @@ def read_recording(path: Path, only: frozenset[str] | None = None) -> Recording:
     or with ground truth alone if the measurement was lost at the sensor. In the latter case the controller's signals
     are the previous ones, 0 before the first. In the bag of a real arm, which has no ground truth, a sample is a joint
     state, see `measured_motion`; a bag without controller state has a sample for each stamp of the motion, and only the
-    efforts of the controller's signals, from its commands. Missing references are computed from the trajectory's parameters in the
-    bag. If that motion differs from the recorded one, the reference is interpolated over short gaps, and samples in
+    efforts of the controller's signals, from its commands.
+
+    Missing references are computed from the trajectory's parameters in the bag. If that motion differs from the recorded one, the reference is interpolated over short gaps, and samples in
     longer gaps are omitted. Joints are matched by name. A bag whose recorder was killed or ran out of space is read as
     far as possible, with the warning `UnfinishedBag`.
 

@@ -40,8 +40,8 @@ _FILES = {
 def result_folder(out: Path) -> Iterator[Path]:
     """Yield an empty working folder; at the end of the block it becomes `out` and replaces earlier results.
 
-    It gets a file that says where the results come from, see `write_origin`. If the block raises an exception, earlier results are kept, and the unfinished ones are moved to ``OUT.failed``,
-    where the logs can be read.
+    It gets a file that says where the results come from, see `write_origin`. If the block raises an exception, earlier
+    results are kept, and the unfinished ones are moved to ``OUT.failed``, where the logs can be read.
 
     Raises:
         UsageError: `out` contains other files, cannot be written, or is used by another process.

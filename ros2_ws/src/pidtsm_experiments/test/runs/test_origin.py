@@ -60,4 +60,5 @@ def test_every_package_has_the_one_version() -> None:
     assert len(files) > 10
     for file in files:
         found = re.search(r"<version>(.*?)</version>|    version=\"(.*?)\"", file.read_text(encoding="utf-8"))
-        assert found and pidtsm_core.__version__ in found.groups(), file
+        assert found, file
+        assert pidtsm_core.__version__ in found.groups(), file
