@@ -33,9 +33,10 @@ def read_recording(path: Path, only: frozenset[str] | None = None) -> Recording:
     state, see `measured_motion`; a bag without controller state has a sample for each stamp of the motion, and only the
     efforts of the controller's signals, from its commands.
 
-    Missing references are computed from the trajectory's parameters in the bag. If that motion differs from the recorded one, the reference is interpolated over short gaps, and samples in
-    longer gaps are omitted. Joints are matched by name. A bag whose recorder was killed or ran out of space is read as
-    far as possible, with the warning `UnfinishedBag`.
+    Missing references are computed from the trajectory's parameters in the bag. If that motion differs from the
+    recorded one, the reference is interpolated over short gaps, and samples in longer gaps are omitted. Joints are
+    matched by name. A bag whose recorder was killed or ran out of space is read as far as possible, with the warning
+    `UnfinishedBag`.
 
     Args:
         path: rosbag2 folder (MCAP or SQLite), or one .mcap or .db3 file.
