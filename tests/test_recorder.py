@@ -8,7 +8,7 @@ import signal
 import subprocess
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -37,14 +37,15 @@ PROMISE = 1_000_000_000  # ns; what is older than that is readable
 class Loop:
     """Publishes what recorders subscribe to, as fast as a loop does."""
 
-    def __init__(self, testbed: Testbed, namespace: str = "") -> None:
+    def __init__(self, testbed: Testbed, namespace: str = "", published: Sequence[str] = PUBLISHED) -> None:
         self.testbed = testbed
         self.namespace = namespace
-        self.sent: dict[str, list[int]] = {topic: [] for topic in PUBLISHED}
-        self.out: dict[str, list[int]] = {topic: [] for topic in PUBLISHED}
+        self.sent: dict[str, list[int]] = {topic: [] for topic in published}
+        self.out: dict[str, list[int]] = {topic: [] for topic in published}
         self._publishers = {
             topic: testbed.node.create_publisher(kind, f"{namespace}/{topic}", PUBLISHER)
             for topic, kind in TOPICS.items()
+            if topic in published or published is PUBLISHED
         }
         self._message = JointState(name=["joint1", "joint2"], position=[0.0, 0.0], velocity=[0.0, 0.0])
 
@@ -74,7 +75,7 @@ class Loop:
         """
         now = time.time_ns()
         set_stamp(self._message.header.stamp, now)
-        for topic in PUBLISHED:
+        for topic in self.sent:
             self._publishers[topic].publish(self._message)
             self.sent[topic].append(now)
             self.out[topic].append(time.time_ns())
@@ -167,6 +168,37 @@ def test_what_a_recorder_missed_while_it_was_stopped_it_gets_afterwards(testbed:
         assert set(loop.sent[topic]) == got[topic]
 
 
+@pytest.mark.parametrize("later", [False, True], ids=["alone", "then_commanded"])
+def test_a_real_arm_without_ground_truth_is_recorded(testbed: Testbed, later: bool) -> None:
+    loop = Loop(testbed, published=("joint_states",))
+    bag = testbed.folder / "bag"
+    process = loop.start(bag)
+    loop.wait_for(1)
+    commands: list[int] = []
+    publisher = None
+    for k, _ in enumerate(loop.run(1.0)):
+        if later and k == 300:
+            publisher = testbed.node.create_publisher(JointState, "joint_commands", PUBLISHER)
+        if publisher and publisher.get_subscription_count():
+            message = JointState(name=["joint1"], effort=[1.0])
+            set_stamp(message.header.stamp, loop.sent["joint_states"][-1])
+            publisher.publish(message)
+            commands.append(loop.sent["joint_states"][-1])
+    code, log, progress = end(process)
+    assert code == 0
+    sent = loop.sent["joint_states"]
+    assert recorded(bag) == {"joint_states": set(sent)} | ({"joint_commands": set(commands)} if later else {})
+    assert later == bool(commands)
+    others = "/simulator/ground_truth, /controller/state, /joint_commands, /reference"
+    assert f"recording without {others}, which nobody publishes" in log
+    counted = (
+        f"{len(commands)} of joint_commands, {len(sent)} of joint_states" if later else f"{len(sent)} of joint_states"
+    )
+    lacking = "simulator/ground_truth, controller/state" + (", reference" if later else ", joint_commands, reference")
+    assert progress.splitlines()[-1] == f"recorded {len(sent)} samples: {counted}; nothing of {lacking}"
+    assert f"received {counted}; nothing of {lacking}" in log
+
+
 def test_threads_that_receive_go_before_other_work(testbed: Testbed) -> None:
     """Otherwise messages are missed on a busy machine, and the loop must send them again."""
     process = testbed.start("recorder", f"output:={testbed.folder / 'bag'}")
@@ -228,7 +260,9 @@ def check_ended_early(loop: Loop, bag: Path, process: Process, reason: str) -> N
     assert f"{bag} is incomplete: {reason}" in log
     assert "Traceback" not in log
     sent = loop.sent["simulator/ground_truth"]
-    assert progress.splitlines()[-1] == f"recorded {len(sent)}"
+    last = progress.splitlines()[-1]
+    assert last.startswith(f"recorded {len(sent)} samples: {len(sent)} of simulator/ground_truth, ")
+    assert last.endswith("; nothing of controller/state, joint_commands, reference")
     got = recorded(bag)["simulator/ground_truth"]
     assert 100 < len(got) < len(sent)
     assert got == set(sent[: len(got)])

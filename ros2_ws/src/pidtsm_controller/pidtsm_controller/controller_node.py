@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
@@ -26,6 +25,7 @@ from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run_nodes
 from pidtsm_ros.qos import KEPT
+from pidtsm_ros.serialization import serialize
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage, deserialize
 
@@ -33,7 +33,7 @@ _REFERENCE_FIELDS = ("position", "velocity", "acceleration", "effort")
 _LOOP_FIELDS = ("period", "rate", "period_jitter", "state_age", "missed_deadlines", "compute_time")
 _CALM = 1.0
 """s; sooner, the same warning is not logged again: a limit may be exceeded again and again."""
-_NO_REFERENCE = serialize_message(JointReference())
+_NO_REFERENCE = serialize(JointReference())
 """Sent by the trajectory node in lockstep if there is no reference, because the controller waits for a message."""
 
 

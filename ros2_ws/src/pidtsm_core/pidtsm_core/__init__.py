@@ -13,6 +13,8 @@ and N m is N.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from pidtsm_core.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from pidtsm_core.batches import BatchResult, Trajectory, batch
     from pidtsm_core.closed_loop import DivergedError, make_controller, rollout

@@ -83,8 +83,33 @@ _LOOP = (
     ),
 )
 
+VELOCITY_REPORTED = Parameter(
+    "joint_states.velocity",
+    True,
+    "whether joint_states have velocities, which the drives estimate from the measured positions",
+    read_only=True,
+)
+VELOCITY_CUTOFF = Parameter(
+    "joint_states.velocity_cutoff",
+    600.0,
+    "cutoff of the drives' low-pass filter of the differences of the measured positions",
+    "rad/s",
+    minimum=0.0,
+    exclusive=True,
+    read_only=True,
+)
+EFFORT_REPORTED = Parameter(
+    "joint_states.effort",
+    True,
+    "whether joint_states have the efforts that the drives applied before the measurement",
+    read_only=True,
+)
+
 _SIMULATOR = (
     *_LOOP,
+    VELOCITY_REPORTED,
+    VELOCITY_CUTOFF,
+    EFFORT_REPORTED,
     Parameter(
         "clock",
         "realtime",

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 FOLLOWED, HELD, FREED, STOPPED, RAN_AWAY = "followed", "held", "freedrive", "stopped", "ran away"
 """Possible outcomes of a run."""
 
+GROUND_TRUTH = "ground truth"
+"""What `Recording.truth` says of a simulated arm, whose true state is known."""
+
 ASTRAY = np.pi
 """With a larger error, the arm no longer tracks its reference, rad or m."""
 
@@ -112,7 +115,8 @@ def what_happened(metrics: Mapping[str, Any]) -> list[str]:
     Args:
         metrics: as in metrics.json.
     """
-    events = [] if metrics["outcome"] == FOLLOWED else [_outcome(metrics)]
+    events = list(sources(metrics))
+    events += [] if metrics["outcome"] == FOLLOWED else [_outcome(metrics)]
     events += [_fault(fault) for fault in metrics["faults"]]
     for violation in metrics["violations"]:
         limit, time, duration = (violation[key] for key in ("limit", "time", "duration"))
@@ -125,6 +129,19 @@ def what_happened(metrics: Mapping[str, Any]) -> list[str]:
     if lost := [f"{topic} {count}" for topic, count in metrics["lost"].items() if count]:
         events.append(f"incomplete recording, missing messages: {', '.join(lost)}")
     return events
+
+
+def sources(metrics: Mapping[str, Any]) -> Iterator[str]:
+    """What the metrics were computed from, if that is not the ground truth and all topics of a run.
+
+    Args:
+        metrics: as in metrics.json; those of older versions do not say it.
+    """
+    if (truth := metrics.get("truth", GROUND_TRUTH)) != GROUND_TRUTH:
+        yield f"truth: {truth}"
+    if lacking := metrics.get("lacking"):
+        unknown = "; faults, limits and gains are unknown" if "controller/state" in lacking else ""
+        yield f"not in the bag: {', '.join(lacking)}{unknown}"
 
 
 _OUTCOMES = {

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.metrics import metrics, tracking_error
-from pidtsm_core.outcome import happenings, time_at_limits
+from pidtsm_core.outcome import GROUND_TRUTH, happenings, time_at_limits
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import DESCRIPTION
 from pidtsm_core.signals import Signal
@@ -60,6 +60,8 @@ class Recording:
         slides: whether each joint slides; empty: all turn, or it is not known.
         continuous: whether each joint turns without end; empty: none does, or it is not known.
         robot: parameters of the simulated arm, for `find_robot`; empty if the bag does not contain them.
+        truth: what position, velocity and effort are: `GROUND_TRUTH`, or, if the bag has none, what was measured.
+        lacking: topics that the bag does not have; what they would say is 0 above.
         sliding_variable, manifold_variable, adaptive_gain, switching_term: rows of `signals` by name, shape
             (samples, joints) each; `Signal` has their units.
         estimated_position, estimated_velocity, estimated_acceleration: likewise.
@@ -86,6 +88,8 @@ class Recording:
     slides: tuple[bool, ...] = ()
     continuous: tuple[bool, ...] = ()
     robot: Mapping[str, object] = field(default_factory=dict)
+    truth: str = GROUND_TRUTH
+    lacking: tuple[str, ...] = ()
 
     estimated_position = _OfController(Signal.POSITION)
     estimated_velocity = _OfController(Signal.VELOCITY)
@@ -139,6 +143,8 @@ class Recording:
             "samples": self.time.size,
             "joints": list(self.joints),
             "slides": [units == SLIDES for units in self.units],
+            "truth": self.truth,
+            "lacking": list(self.lacking),
             **happenings(self),
             **metrics(self.time, self.error, self.effort, self.saturated, self.event_time),
             **time_at_limits(self),

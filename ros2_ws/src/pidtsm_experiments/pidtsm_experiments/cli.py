@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from pidtsm_core.errors import UsageError
+from pidtsm_core.version import __version__
 from pidtsm_experiments.errors import RunError
 
 _INTERRUPTED = 130
@@ -64,6 +65,7 @@ def _parser(command: str | None) -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", action="version", version=f"pidtsm {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
     for name, text in _COMMANDS.items():
         sub = commands.add_parser(

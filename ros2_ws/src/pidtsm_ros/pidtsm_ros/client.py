@@ -31,6 +31,7 @@ from pidtsm_msgs.msg import ControllerState
 from pidtsm_ros.middleware import set_defaults
 from pidtsm_ros.qos import READER
 from pidtsm_ros.security import SecurityError, prepare_process
+from pidtsm_ros.serialization import ExactPublisher
 from pidtsm_ros.stamps import set_stamp
 from pidtsm_ros.wire import deserialize
 
@@ -137,8 +138,12 @@ class Arm:
     def _connect(self, robot: str, timeout: float) -> None:
         node = self._node
         node.create_subscription(ControllerState, "controller/state", self._on_state, READER, raw=True)
-        self._trajectories = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
-        self._targets = node.create_publisher(JointState, "trajectory/joint_target", QoSProfile(depth=10))
+        self._trajectories = node.create_publisher(
+            JointTrajectory, "joint_trajectory", 10, publisher_class=ExactPublisher
+        )
+        self._targets = node.create_publisher(
+            JointState, "trajectory/joint_target", QoSProfile(depth=10), publisher_class=ExactPublisher
+        )
         self._parameters = node.create_client(GetParameters, "trajectory/get_parameters")
         self._action = self._make_action()
         where = f"in the namespace {node.get_namespace()}"

@@ -23,6 +23,7 @@ from pidtsm_core.node_parameters import PRIORITY
 from pidtsm_core.parameters import ParameterError, Schema, Value, as_float, resolve
 from pidtsm_ros.parameters import declare
 from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, OVERRIDABLE, PUBLISHER, READER, RELIABLE_READER
+from pidtsm_ros.serialization import ExactPublisher
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import deserialize
 
@@ -223,7 +224,9 @@ class ManagedNode(LifecycleNode):
     def advertise(self, message_type: type, topic: str, profile: QoSProfile | None = None) -> Publisher:
         """Create a publisher that exists until the node is cleaned up; `profile` replaces the default for streams."""
         qos = copy(profile or (LOCKSTEP_PUBLISHER if self.lockstep else PUBLISHER))  # Overrides modify the profile.
-        publisher = self.create_publisher(message_type, topic, qos, qos_overriding_options=OVERRIDABLE)
+        publisher = self.create_publisher(
+            message_type, topic, qos, qos_overriding_options=OVERRIDABLE, publisher_class=ExactPublisher
+        )
         self._own_publishers.append(publisher)
         return publisher
 

@@ -1,11 +1,12 @@
 """Fast serialization for topics with one message per sample.
 
 rclpy takes longer to serialize and deserialize a Python message than the rest of a tick takes. But the messages of a
-topic differ only in their stamp and their numbers. Therefore rclpy serializes a message once, and afterwards only the
+topic differ only in their stamp and their numbers. Therefore a message is serialized once, and afterwards only the
 numbers are overwritten in place. rclpy deserializes a received message once, and again only if anything besides its
 stamp and numbers has changed.
 
-Padding counts too: rclpy does not initialise it. Messages whose padding changes are read the slow way, never wrongly.
+Padding counts too: rclpy does not initialise it, other than `pidtsm_ros.serialization`. Messages whose padding changes
+are read the slow way, never wrongly.
 """
 
 import struct
@@ -15,13 +16,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 
 from pidtsm_core.cdr import DOUBLE, ENCODING, LEAD, STAMP, STAMP_BEGIN, STAMP_END, aligned, places_of_numbers
 from pidtsm_core.compiled import njit
 from pidtsm_core.joints import ABSURD, JointOrder, MessageError
 from pidtsm_core.parameters import Array
 from pidtsm_core.timing import NANOSECONDS
+from pidtsm_ros.serialization import serialize, serialize_checked
 
 _STAMPED = ("std_msgs/Header", "builtin_interfaces/Time")
 """Types that begin with a stamp, if they are the first field."""
@@ -41,12 +43,11 @@ def deserialize(data: bytes, message_type: type) -> Any:
 
 def _find_code(message: Any, name: str) -> int:
     """Offset of a uint8 field: the byte that changes with it."""
-    # Uninitialised padding may change like the field once, but not every time.
-    values = (0, 255) * 3
+    values = (0, 255)
     versions = []
     for value in values:
         setattr(message, name, value)
-        versions.append(serialize_message(message))
+        versions.append(serialize(message))
     setattr(message, name, 0)
     places = [place for place, column in enumerate(zip(*versions, strict=True)) if column == values]
     if len(places) != 1:
@@ -84,7 +85,7 @@ class OutgoingMessage:
         """
         for name in arrays:
             setattr(message, name, array("d", bytes(DOUBLE * joints)))
-        data, places = places_of_numbers(message, [*arrays, *scalars], serialize_message)
+        data, places = places_of_numbers(message, [*arrays, *scalars], serialize_checked)
         self._stamped = next(iter(message.get_fields_and_field_types().values())) in _STAMPED
         self._buffer = aligned(len(data))[LEAD : LEAD + len(data)]
         self._buffer[:] = np.frombuffer(data, np.uint8)
@@ -186,7 +187,7 @@ class IncomingMessages:
         self._length = -1  # of the layout seen last; see `_learn`
         numbers = {name: [0.0] * len(joints) for name in fields}
         for _ in range(2):
-            self.read(serialize_message(message_type(name=list(joints), **numbers)), np.zeros_like(self._values))
+            self.read(serialize(message_type(name=list(joints), **numbers)), np.zeros_like(self._values))
 
     def read(self, data: bytes, target: Array) -> None:
         """Copy the fields of a serialized message to `target`, shape (fields, joints), contiguous.
@@ -213,10 +214,12 @@ class IncomingMessages:
     def _learn(self, data: bytes, message: Any) -> None:
         """Store where the numbers of such a message are, so that `_take` can read the next ones."""
         names = [name for name, kind in message.get_fields_and_field_types().items() if kind == "sequence<double>"]
-        marked, places = places_of_numbers(message, names, serialize_message)
-        if len(marked) != len(data) or marked[:ENCODING] != data[:ENCODING]:
-            return  # Serialized differently than by rclpy here: rclpy deserializes every such message.
+        marked, places = places_of_numbers(message, names, serialize)
+        if len(marked) > len(data) or marked[:ENCODING] != data[:ENCODING]:
+            return  # Serialized differently than here: rclpy deserializes every such message.
         buffer, changing = aligned(len(data)), aligned(len(data))
+        # What is behind the message is not part of it: `serialize_message` of rclpy appends arbitrary bytes.
+        changing[LEAD + len(marked) :] = 255
         buffer[LEAD : LEAD + len(data)] = np.frombuffer(data, np.uint8)
         changing[LEAD + ENCODING : LEAD + STAMP_END] = 255
         for name, place in places.items():

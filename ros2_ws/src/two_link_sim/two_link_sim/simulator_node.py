@@ -24,6 +24,7 @@ from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 from two_link_sim import pushes
 from two_link_sim.brake_log import BrakeLog
+from two_link_sim.joint_states import Drives
 from two_link_sim.progress import Commands, Progress, Waiting
 from two_link_sim.pushes import Pushes
 from two_link_sim.touches import Touches
@@ -69,7 +70,7 @@ class SimulatorNode(ManagedNode):
         self._touches = Touches(self, robot.touchable)
 
         joints = len(self._joints_of_arm)
-        self._measured = OutgoingMessage(JointState(name=self._joints_of_arm), ("position", "effort"), joints=joints)
+        self._drives = Drives(values, self._joints_of_arm)
         self._truth = OutgoingMessage(
             JointState(name=self._joints_of_arm), ("position", "velocity", "effort"), joints=joints
         )
@@ -99,6 +100,7 @@ class SimulatorNode(ManagedNode):
     def activate(self) -> None:
         self._robot = SimulatedRobot(self.values, accelerations=False)
         self._effort = np.zeros(self._robot.joints)
+        self._drives.reset()
         self._progress, self._commands = Progress(), Commands()
         self._brakes, self._waiting = BrakeLog(), Waiting()
         self._statistics.reset()
@@ -180,9 +182,8 @@ class SimulatorNode(ManagedNode):
         progress.sent = time.monotonic_ns()
         if progress.awaits_command:
             progress.acquired = acquired
-            self._measured.arrays[0] = measured
-            self._measured.arrays[1] = self._robot.applied
-            self._joint_states.publish(self._measured.to_bytes(self._stamp(acquired)))
+            self._drives.measure(acquired * self._period, measured, self._robot.applied)
+            self._joint_states.publish(self._drives.to_bytes(self._stamp(acquired)))
         if self.lockstep:
             self._clock_topic.publish(self._clock_message.to_bytes(self._stamp(sample)))
         self._statistics.tick(progress.sent, 0.0, progress.compute_time)
@@ -235,6 +236,7 @@ class SimulatorNode(ManagedNode):
     def _start_again(self) -> None:
         """Put a diverged arm back to its start; a run in lockstep ends, as a rollout does."""
         self._robot.reset(self.values)
+        self._drives.reset()
         reason = (
             f"the arm moved too fast to be simulated at rate = {self.values['rate']}, and diverged after "
             f"{seconds(self._progress.sample * self._period):g} s"
@@ -321,6 +323,7 @@ class SimulatorNode(ManagedNode):
         if not self.active:
             return "the simulator is not active"
         self._robot.reset(self.values)
+        self._drives.reset()
         self.get_logger().info("reset: the arm is at its initial position, at rest")
         return ""
 
@@ -340,7 +343,7 @@ class SimulatorNode(ManagedNode):
             # Not for arrays: without a stamp, it is unknown which of the repetitions they belong to.
             if self._stamped and now - self._progress.sent > _REPEAT_AFTER * 1e9:
                 self._progress.sent = now
-                self._joint_states.publish(self._measured.to_bytes(self._stamp(self._progress.acquired)))
+                self._joint_states.publish(self._drives.to_bytes(self._stamp(self._progress.acquired)))
             return
         timeout = as_float(self.values["lockstep.timeout"])
         if now - self._progress.sent <= timeout * 1e9:

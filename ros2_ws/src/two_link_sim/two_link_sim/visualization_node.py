@@ -25,6 +25,7 @@ from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.parameters import declare
 from pidtsm_ros.process import spin_for
 from pidtsm_ros.qos import KEPT
+from pidtsm_ros.serialization import ExactPublisher
 from pidtsm_ros.startup import refuse, start_ros
 from pidtsm_ros.stop import Stop
 from two_link_sim.drawing import GHOST, effort_markers, skeleton, transforms
@@ -50,9 +51,9 @@ class VisualizationNode(Node):
         self._size = reach(self._arm)
         self._newest = {"joint_states": JointState(), "joint_commands": JointState(), "reference": JointReference()}
 
-        descriptions = self.create_publisher(String, "robot_description", KEPT)
-        self._markers = self.create_publisher(MarkerArray, "~/markers", 1)
-        self._tf = self.create_publisher(TFMessage, "tf", 100)
+        descriptions = self.create_publisher(String, "robot_description", KEPT, publisher_class=ExactPublisher)
+        self._markers = self.create_publisher(MarkerArray, "~/markers", 1, publisher_class=ExactPublisher)
+        self._tf = self.create_publisher(TFMessage, "tf", 100, publisher_class=ExactPublisher)
         if self._arm.urdf:
             descriptions.publish(String(data=self._arm.urdf))
         else:

@@ -122,6 +122,11 @@ def _identify(arm: Description, measurements: Sequence[Measurement]) -> Identifi
     expected = expectation(prior, base)
     try:
         found = fit(arm.tree, base, [each.between(0.0, _APART) for each in measured], cutoff, expected)
+    except np.linalg.LinAlgError:
+        raise IdentificationError(
+            "the motion does not suffice: it leaves the parameters or the noise of the torque undetermined; record a "
+            "longer motion of all joints, such as that of ./pidtsm excite"
+        ) from None
     except ValueError as error:
         raise IdentificationError(str(error)) from None
     parameters, distance = consistent_parameters(prior, base, found)

@@ -1,6 +1,7 @@
 """Topics of a bag as arrays, decoded in blocks of messages."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +16,12 @@ from pidtsm_core.recording import Codes, Stamps
 from pidtsm_core.signals import Status
 from pidtsm_experiments.bags.errors import RecordingError, damaged
 from pidtsm_experiments.bags.rejections import rejections
-from pidtsm_experiments.bags.topics import DIAGNOSTICS, REFERENCE, STATE, TRUTH, WantedTopic
+from pidtsm_experiments.bags.topics import DIAGNOSTICS, MEASURED, REFERENCE, STATE, TRUTH, WantedTopic
 
 _FLOAT64 = ((Nodetype.BASE, ("float64", 0)), (Nodetype.SEQUENCE, ((Nodetype.BASE, ("float64", 0)), 0)))
 """Field types float64 and float64[] in the notation of rosbags."""
+_SURPLUS = (4, 8, 12)
+"""Bytes that `rclpy.serialization.serialize_message` appends to a message with empty sequences."""
 _BLOCK = 2048  # messages decoded at once: enough for NumPy, few enough for memory and for mixed layouts
 
 
@@ -29,8 +32,8 @@ class Columns:
     Attributes:
         topic: topic of the messages.
         stamps: ns, shape (messages,).
-        values: shape (fields, messages, joints), order of the topic's fields. The memory of fields that are not kept
-            is never written, so the operating system never allocates it.
+        values: shape (fields, messages, joints), order of the topic's fields; nan where an optional field is empty.
+            The memory of fields that are not kept is never written, so the operating system never allocates it.
         scalars: shape (messages,), or (0,) if the topic has no scalar.
         codes: shape (messages, codes), order of the topic's codes.
         filled: whether each message has joints and values, shape (messages,).
@@ -116,10 +119,13 @@ class BagMessages:
         try:
             return self._reader.deserialize(data, topic.msgtype)
         except Exception as error:  # as in serialized
+            for surplus in _SURPLUS:
+                with suppress(Exception):
+                    return self._reader.deserialize(data[:-surplus], topic.msgtype)
             raise damaged(f"a message of {topic.name} cannot be read", error) from error
 
-    def places(self, message: Any, data: bytes, topic: WantedTopic) -> dict[str, slice]:
-        """Offsets of the numbers of each float64 field in a serialized message; none for empty arrays.
+    def places(self, message: Any, data: bytes, topic: WantedTopic) -> tuple[int, dict[str, slice]]:
+        """Length of a message, and offsets of the numbers of each float64 field in it; none for empty arrays.
 
         Args:
             message: the deserialized message; its numbers are overwritten.
@@ -137,7 +143,7 @@ class BagMessages:
         )
         if marked[:ENCODING] != data[:ENCODING]:
             raise RecordingError(f"{topic.name} is not little-endian CDR")
-        return {name: slice(place, place + DOUBLE * sizes[name]) for name, place in places.items()}
+        return len(marked), {name: slice(place, place + DOUBLE * sizes[name]) for name, place in places.items()}
 
 
 def read_columns(
@@ -155,15 +161,16 @@ def read_columns(
         namespace: namespace of the nodes if the topic names omit it, else empty.
 
     Returns:
-        Joint names of the ground truth; every topic of samples, sorted by stamp, each stamp once; and the number of
-        messages rejected by each node, None if no node reports it.
+        Joint names of the ground truth, or of the joint states if there is none; every topic of samples, sorted by
+        stamp, each stamp once; and the number of messages rejected by each node, None if no node reports it.
 
     Raises:
         RecordingError: messages are damaged, have no values, or have values that are not finite.
     """
     messages = BagMessages(reader)
-    _, first = next(messages.serialized(connections_of[TRUTH]), ("", b""))
-    joints = tuple(messages.parse(first, TRUTH).name)
+    motion = TRUTH if TRUTH in connections_of else MEASURED
+    _, first = next(messages.serialized(connections_of[motion]), ("", b""))
+    joints = tuple(messages.parse(first, motion).name)
     decoders: dict[WantedTopic, _Decoder] = {}
     decoder_of: dict[str, _Decoder] = {}
     for topic, connections in connections_of.items():
@@ -178,26 +185,28 @@ def read_columns(
         else:
             reports.append(messages.parse(data, DIAGNOSTICS))
     columns = {topic: decoder.finish() for topic, decoder in decoders.items()}
-    own = namespace or connections_of[TRUTH][0].topic.removesuffix(TRUTH.name).strip("/")
+    own = namespace or connections_of[motion][0].topic.removesuffix(motion.name).strip("/")
     return joints, columns, rejections(reports, own)
 
 
 def read_topic(
-    reader: AnyReader, topic: WantedTopic, connections: Sequence[Connection]
+    reader: AnyReader, topic: WantedTopic, connections: Sequence[Connection], joints: tuple[str, ...] = ()
 ) -> tuple[tuple[str, ...], Columns]:
-    """The joints of the first message of a topic, and its messages sorted by stamp, each stamp once.
+    """The joints of a topic, and its messages sorted by stamp, each stamp once.
 
     Args:
         reader: reader of the bag.
         topic: the topic, of messages with the field ``name``.
         connections: its connections; they have messages.
+        joints: the joints to read, in this order; empty: those of the first message.
 
     Raises:
         RecordingError: see `read_columns`.
     """
     messages = BagMessages(reader)
-    _, first = next(messages.serialized(connections), ("", b""))
-    joints = tuple(messages.parse(first, topic).name)
+    if not joints:
+        _, first = next(messages.serialized(connections), ("", b""))
+        joints = tuple(messages.parse(first, topic).name)
     decoder = _Decoder(topic, sum(connection.msgcount for connection in connections), joints, None, messages)
     for _, data in messages.serialized(connections):
         decoder.add(data)
@@ -248,7 +257,7 @@ class _Decoder:
         self._block, self._decoded = [], end
 
     def _decode_numbers(self, columns: Columns) -> None:
-        block, fields, joints = self._block, len(self._topic.fields), len(self._joints)
+        block, joints = self._block, len(self._joints)
         lengths = np.array([len(data) for data in block])
         pending = np.arange(len(block))
         while pending.size:
@@ -264,9 +273,9 @@ class _Decoder:
             if not layout.places.size:
                 continue
             numbers = table[alike].take(layout.places, axis=1).view("<f8")
-            values = numbers[:, : fields * joints].reshape(rows.size, fields, joints)
+            values = numbers[:, : len(layout.fields) * joints].reshape(rows.size, len(layout.fields), joints)
             for i in columns.kept:
-                columns.values[i, rows] = values[:, i]
+                columns.values[i, rows] = values[:, layout.fields.index(i)] if i in layout.fields else np.nan
             if self._topic.scalar:
                 columns.scalars[rows] = numbers[:, -1]
         _check_finite(columns)
@@ -277,27 +286,30 @@ class _Decoder:
         fixed[STAMP_BEGIN:STAMP_END] = False
         if topic.may_be_empty and (end := end_of_empty(data, 1 + len(topic.fields))):
             fixed[end:] = False
-            return _Layout(fixed, np.empty(0, dtype=np.intp), ())
+            return _Layout(fixed, (), np.empty(0, dtype=np.intp), ())
         message = self._messages.parse(data, topic)
         names = list(message.name)
         missing = [joint for joint in joints if joint not in names]
         if missing or not joints:
             raise RecordingError(f"{topic.name} lacks {', '.join(missing) or 'joint names'}; it has {names}")
-        for name in topic.fields:
-            size = np.size(getattr(message, name, ()))
-            if size != len(names):
-                raise RecordingError(f"{topic.name} has {size} values of {name} for {len(names)} joints")
-        places = self._messages.places(message, data, topic)
+        sizes = {name: np.size(getattr(message, name, ())) for name in topic.fields}
+        given = tuple(i for i, name in enumerate(topic.fields) if sizes[name] or name not in topic.optional)
+        for name in (topic.fields[i] for i in given):
+            if sizes[name] != len(names):
+                raise RecordingError(f"{topic.name} has {sizes[name]} values of {name} for {len(names)} joints")
+        end, places = self._messages.places(message, data, topic)
+        fixed[end:] = False
         for place in places.values():
             fixed[place] = False
-        starts = [places[name].start + DOUBLE * names.index(joint) for name in topic.fields for joint in joints]
+        starts = [places[topic.fields[i]].start + DOUBLE * names.index(joint) for i in given for joint in joints]
         if topic.scalar:
             if topic.scalar not in places:
                 raise RecordingError(
                     f"{topic.name} has no {topic.scalar}: recorded with another version of pidtsm_msgs"
                 )
             starts.append(places[topic.scalar].start)
-        return _Layout(fixed, np.add.outer(starts, np.arange(DOUBLE)).ravel(), _codes(message, topic, names, joints))
+        bytes_of = np.add.outer(starts, np.arange(DOUBLE)).ravel()
+        return _Layout(fixed, given, bytes_of, _codes(message, topic, names, joints))
 
 
 @dataclass(frozen=True)
@@ -306,12 +318,14 @@ class _Layout:
 
     Attributes:
         fixed: mask of the bytes they share, shape (length,).
+        fields: indices of the topic's fields that have values.
         places: offsets of the bytes of the numbers to read, in the order fields x joints, scalar; empty for messages
             without values.
         codes: codes of the messages, in the order of the topic's codes.
     """
 
     fixed: NDArray[np.bool_]
+    fields: Sequence[int]
     places: NDArray[np.intp]
     codes: Sequence[int]
 
@@ -326,9 +340,10 @@ def _codes(message: Any, topic: WantedTopic, names: Sequence[str], joints: Seque
 
 
 def _check_finite(columns: Columns) -> None:
-    tables = [columns.values[i] for i in columns.kept] + ([columns.scalars[:, None]] if columns.topic.scalar else [])
-    for table in tables:
+    topic = columns.topic
+    tables = [columns.values[i] for i in columns.kept if topic.fields[i] not in topic.optional]
+    for table in tables + ([columns.scalars[:, None]] if topic.scalar else []):
         finite = np.isfinite(table).all(axis=1)
         if not finite.all():
             stamp = columns.stamps[np.argmin(finite)]
-            raise RecordingError(f"{columns.topic.name} has values that are not finite, first at stamp {stamp} ns")
+            raise RecordingError(f"{topic.name} has values that are not finite, first at stamp {stamp} ns")

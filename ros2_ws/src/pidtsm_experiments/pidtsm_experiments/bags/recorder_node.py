@@ -43,8 +43,10 @@ PUSHES = "simulator/push"
 CONTACTS = "simulator/contact/"
 """What precedes the names of the topics with contacts. The simulator creates them before its ground truth, so the
 recorder knows them all when it knows that."""
+TRUTH = "simulator/ground_truth"
 BARRIER = "joint_states"
-"""Subscribed to last, when every other topic has a publisher. The simulator waits for this subscription to start."""
+"""Subscribed to last: the simulator waits for this subscription to start, and until then, every other topic shall have
+a publisher. A real arm waits for nobody, and some of the other topics do not exist; see `RecorderNode.connect`."""
 
 MAX_BAG_SIZE = 1_000_000_000
 """Bytes."""
@@ -56,7 +58,9 @@ _WRENCH = "geometry_msgs/msg/WrenchStamped"
 _BATCH = 0.02  # s
 _STATUS_PERIOD = 0.2  # s between two lines on standard output
 _WARNING_PERIOD = 1.0  # s between two lines about lost messages
-_PATIENCE = 10.0  # s of waiting for publishers before a log line about it
+_ALONE = 2.0
+"""s after which joint states without ground truth are those of a real arm: the simulator creates both together."""
+_PATIENCE = 10.0  # s of waiting for publishers before a log line about it, and recording without them
 _SILENCE = 0.3  # s without a message after which everything is considered received
 _REST = 2.0  # s from the request to stop to the end of the recording, if publishers continue
 _PRIORITY = 20
@@ -108,6 +112,8 @@ class RecorderNode(Node):
     less than ``min_free_space`` is left on the disk, the bag ends. The node continues to receive, so as not to disturb
     a loop that waits for its subscribers.
 
+    Every topic of `TOPICS` is recorded whenever somebody publishes it; that some never do is normal on a real arm.
+
     The node polls its subscriptions without an executor and offers no services.
 
     Parameters, all read at the start: ``output``, the folder of the bag, which must not exist; ``metadata``, a text
@@ -119,6 +125,7 @@ class RecorderNode(Node):
         last: time of the last message, s of the monotonic clock.
         failure: why the bag ended early; empty if it did not.
         connected: whether every topic is subscribed to.
+        without: topics that nobody published when the recording of the joint states began.
     """
 
     def __init__(self) -> None:
@@ -147,6 +154,9 @@ class RecorderNode(Node):
         self._epoch = time.time_ns() - time.monotonic_ns()
         self._writer = BagWriter(output, metadata, size, duration)
         self.connected = False
+        self.without: list[str] = []
+        self._joined = 0.0  # when somebody was first seen to publish the joint states; 0: not yet
+        self._with_contacts = False
         self._topics = {topic: self._record(topic) for topic in TOPICS if topic != BARRIER}
         self._others = [
             self._subscribe(DIAGNOSTICS, DiagnosticArray, RELIABLE_READER),
@@ -173,15 +183,37 @@ class RecorderNode(Node):
 
     @property
     def samples(self) -> int:
-        """Number of ground truth samples received."""
-        return self._topics["simulator/ground_truth"].received
+        """Number of ground truth samples received; without ground truth, that of joint states."""
+        return self._topics[TRUTH].received or (self._topics[BARRIER].received if self.connected else 0)
 
     def connect(self) -> None:
-        """Subscribe to `BARRIER` once all other topics have a publisher."""
-        if not self.connected and not self.missing():
+        """Subscribe to `BARRIER` once all other topics have a publisher, or are not to be expected any more.
+
+        They are not if there are joint states, but after `_ALONE` no ground truth, or after `_PATIENCE` not the others.
+        """
+        truth = self._topics[TRUTH].subscription.get_publisher_count() > 0
+        if truth and not self._with_contacts:
             self._others += self._contacts()
-            self._topics[BARRIER] = self._record(BARRIER)
-            self.connected = True
+            self._with_contacts = True
+        if self.connected:
+            return
+        without = self.missing()
+        if without and not self._stays_alone(truth):
+            return
+        self._topics[BARRIER] = self._record(BARRIER)
+        self.connected, self.without = True, without
+        if without:
+            self.get_logger().info(
+                f"recording without {', '.join(without)}, which nobody publishes; from the first message on, they are "
+                "recorded too"
+            )
+
+    def _stays_alone(self, truth: bool) -> bool:
+        """Whether there have been joint states for so long that no other publisher is to be expected."""
+        now = time.monotonic()
+        if not self._joined and self.count_publishers(self.resolve_topic_name(BARRIER)):
+            self._joined = now
+        return self._joined > 0.0 and now - self._joined > (_PATIENCE if truth else _ALONE)
 
     def _contacts(self) -> list[_RecordedTopic]:
         """Subscribe to the contact forces of the simulated arm."""
@@ -194,6 +226,13 @@ class RecorderNode(Node):
         """Topics without a publisher."""
         subscriptions = [topic.subscription for topic in self._topics.values()]
         return [s.topic_name for s in subscriptions if s.get_publisher_count() == 0]
+
+    def counts(self) -> str:
+        """How many messages each topic has, and which topics have none."""
+        received = {name: self._topics[name].received if name in self._topics else 0 for name in TOPICS}
+        there = _counts({name: count for name, count in received.items() if count})
+        nothing = [name for name, count in received.items() if not count]
+        return "; ".join([*([there] if there else []), *([f"nothing of {', '.join(nothing)}"] if nothing else [])])
 
     def has_publishers(self) -> bool:
         """Whether any of the topics still has a publisher."""
@@ -238,7 +277,7 @@ class RecorderNode(Node):
             with self._writing():
                 self._writer.close()
         log = self.get_logger()
-        log.info(f"received {_counts({name: topic.received for name, topic in self._topics.items()})}")
+        log.info(f"received {self.counts()}")
         if lost := self._lost():
             log.warning(f"lost {_counts(lost)}")
         if self.failure:
@@ -276,9 +315,9 @@ def _counts(counts: dict[str, int]) -> str:
 
 
 def _print_progress(recorder: RecorderNode) -> None:
-    """Print a progress line for the program that started the recorder."""
+    """Print a progress line: for the program that started the recorder, the samples; for people, all topics."""
     with contextlib.suppress(BrokenPipeError):
-        print(f"recorded {recorder.samples}", flush=True)
+        print(f"recorded {recorder.samples} samples: {recorder.counts()}", flush=True)
 
 
 def _record(recorder: RecorderNode, stop: Stop) -> None:
@@ -295,7 +334,7 @@ def _record(recorder: RecorderNode, stop: Stop) -> None:
         now = time.monotonic()
         for task in (flush, *rest):
             task.poll(now)
-        if now >= patience and recorder.missing():
+        if now >= patience and not recorder.connected:
             recorder.get_logger().warning(f"waiting for a publisher of {', '.join(recorder.missing())}")
             patience = now + _PATIENCE
         if not stop.requested or not recorder.has_publishers():

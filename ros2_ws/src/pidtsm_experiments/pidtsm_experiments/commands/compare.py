@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from pidtsm_core.errors import UsageError
+from pidtsm_core.outcome import sources
 from pidtsm_core.units import joint_units
 from pidtsm_experiments.commands.options import CONSOLE, read
 from pidtsm_experiments.commands.table import FACTOR, ONLY_IF_ANY, ROWS
@@ -66,6 +67,9 @@ def execute(options: argparse.Namespace) -> int:
     console = Console()
     for table in (*_metrics_tables(metrics), *_parameter_tables(list(paths), parameters)):
         console.print(table)
+    for name, each in metrics.items():
+        for text in sources(each):
+            console.print(f"{name}: {text}", highlight=False, markup=False)
     CONSOLE.print(f"{options.out}: report.html comparison.json", highlight=False)
     return 0
 

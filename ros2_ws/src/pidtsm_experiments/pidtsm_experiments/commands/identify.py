@@ -73,7 +73,7 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def measurement_of(bag: Path) -> Measurement:
-    """See `read_measurement`.
+    """See `read_measurement`; what was used of the bag is printed on standard error.
 
     Raises:
         UsageError: the bag cannot be used.
@@ -82,9 +82,11 @@ def measurement_of(bag: Path) -> Measurement:
     from pidtsm_experiments.bags.measurements import read_measurement
 
     try:
-        return read_measurement(bag)
+        measurement, source = read_measurement(bag)
     except RecordingError as error:
         raise UsageError(str(error)) from None
+    CONSOLE.print(f"{bag}: truth: {source}", highlight=False, soft_wrap=True)
+    return measurement
 
 
 def _parameter_file(found: Identification, urdf: Path) -> str:

@@ -28,6 +28,7 @@ from pidtsm_experiments.live.parameters import Described
 from pidtsm_experiments.live.stream import Batch, StateStream, by_name
 from pidtsm_ros.process import spin_for
 from pidtsm_ros.qos import READER, RELIABLE_READER
+from pidtsm_ros.serialization import ExactPublisher
 
 _ANSWER_WITHIN = 5.0  # s
 _CONFIGURE_WITHIN = 120.0  # s; the first controller of an arm compiles
@@ -67,8 +68,9 @@ class System:
         self._states = StateStream(self._listener)
         self._heard = time.monotonic()
         self._joint_states: Subscription | None = None
-        self._pushes = self._node.create_publisher(WrenchStamped, "simulator/push", 10)
-        self._trajectories = self._node.create_publisher(JointTrajectory, "joint_trajectory", 10)
+        exact = ExactPublisher
+        self._pushes = self._node.create_publisher(WrenchStamped, "simulator/push", 10, publisher_class=exact)
+        self._trajectories = self._node.create_publisher(JointTrajectory, "joint_trajectory", 10, publisher_class=exact)
         listen = self._node.create_subscription
         listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE_READER)
         listen(ParameterEvent, "/parameter_events", self._on_parameters, RELIABLE_READER)

@@ -8,10 +8,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pidtsm_core.errors import UsageError
+from pidtsm_experiments.runs.origin import write_origin
 
 _FOLDERS = {"bag", "params", "log", "figures", "images"}
 _FILES = {
     "recording.npz",
+    "run.json",
     "metrics.json",
     "score.json",
     "params.yaml",
@@ -38,8 +40,8 @@ _FILES = {
 def result_folder(out: Path) -> Iterator[Path]:
     """Yield an empty working folder; at the end of the block it becomes `out` and replaces earlier results.
 
-    If the block raises an exception, earlier results are kept, and the unfinished ones are moved to ``OUT.failed``,
-    where the logs can be read.
+    It gets a file that says where the results come from, see `write_origin`. If the block raises an exception, earlier
+    results are kept, and the unfinished ones are moved to ``OUT.failed``, where the logs can be read.
 
     Raises:
         UsageError: `out` contains other files, cannot be written, or is used by another process.
@@ -52,6 +54,7 @@ def result_folder(out: Path) -> Iterator[Path]:
         failed = out.with_name(f"{out.name}.failed")
         try:
             yield unfinished
+            write_origin(unfinished)
         except BaseException:
             shutil.rmtree(failed, ignore_errors=True)
             unfinished.rename(failed)

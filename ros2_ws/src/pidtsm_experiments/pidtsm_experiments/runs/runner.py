@@ -334,7 +334,7 @@ def _watch(processes: Processes, progress: Callable[[int], None]) -> None:
         selector.register(recorder.stdout, selectors.EVENT_READ)
         while True:
             if selector.select(timeout=0.1):
-                text = (text + os.read(recorder.stdout.fileno(), 65536))[-200:]
+                text = (text + os.read(recorder.stdout.fileno(), 65536))[-1000:]
                 *_, last = text.decode().rpartition("\n")[0].rsplit("\n", 1)
                 recorded = int(last.split()[1]) if last.startswith("recorded ") else samples
                 if recorded > samples:

@@ -19,7 +19,7 @@ RECORDING = "recording.npz"
 """File in the result folder of a rollout."""
 _BAG, _PARAMETERS, _TEXT = "bag", "params", "text"
 _BAG_FILES = (".mcap", ".db3")
-_TUPLES = ("joints", "slides", "continuous")
+_TUPLES = ("joints", "slides", "continuous", "lacking")
 
 
 def save_recording(recording: Recording, file: Path) -> None:
@@ -40,7 +40,7 @@ def load_recording(file: Path) -> Recording:
         with np.load(file, allow_pickle=False) as content:
             arrays: dict[str, Any] = {name: content[name] for name in content.files if name != _TEXT}
             values: dict[str, Any] = json.loads(str(content[_TEXT]))
-        values.update((name, tuple(values[name])) for name in _TUPLES)
+        values.update((name, tuple(values[name])) for name in _TUPLES if name in values)
         return Recording(**arrays, **values)
     except Exception as error:  # A damaged file causes many kinds of exceptions.
         raise UsageError(f"{file}: not the recording of a rollout: {error}") from None

@@ -23,6 +23,8 @@ KEYS = [
     "samples",
     "joints",
     "slides",
+    "truth",
+    "lacking",
     "outcome",
     "faults",
     "violations",
