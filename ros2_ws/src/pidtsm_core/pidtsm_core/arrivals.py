@@ -133,7 +133,10 @@ class Arrivals:
         # The tolerance comes first since it nearly always holds. The second message defines the period of the source.
         since = stamp - self.last
         if since > 0 and (
-            now is None or since <= self._tolerance or self.period == 0 or stamp - now <= self._leads.largest + self._tolerance
+            now is None
+            or since <= self._tolerance
+            or self.period == 0
+            or stamp - now <= self._leads.largest + self._tolerance
         ):
             return Stamp.NEW
         self._row = self._row.then(stamp, now)
