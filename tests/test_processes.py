@@ -27,6 +27,25 @@ def test_a_signal_ends_a_started_node_cleanly(testbed: Testbed, node: str, numbe
     assert "Traceback" not in process.log.read_text()
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_controller_ends_although_its_arm_is_suspended(testbed: Testbed, number: signal.Signals) -> None:
+    """Another signal meanwhile changes nothing."""
+    simulator = testbed.start("simulator")
+    controller = testbed.start("controller")
+    testbed.start("trajectory")
+    testbed.spin_until(lambda: "active" in controller.log.read_text(), "an active controller")
+    testbed.spin_until(lambda: "command received" in simulator.log.read_text(), "a moving arm")
+    simulator.process.send_signal(signal.SIGSTOP)
+    testbed.spin_until(lambda: "stopped: no joint state" in controller.log.read_text(), "a stop")
+    controller.process.send_signal(number)
+    testbed.spin_until(lambda: "has not received every message" in controller.log.read_text(), "the end begins")
+    controller.process.send_signal(number)
+    assert controller.wait() == 0
+    simulator.process.send_signal(signal.SIGCONT)
+    simulator.interrupt()
+    assert simulator.wait() == 0
+
+
 def takes_signals(process: Process) -> bool:
     """It has replaced Python's handlers; that of SIGINT alone is always there."""
     status = Path(f"/proc/{process.process.pid}/status").read_text()

@@ -108,10 +108,10 @@ class TrajectoryNode(ManagedNode):
             self._goals = self._states = None
         return super().on_cleanup(state)
 
-    def flush(self) -> None:
+    def flush(self, until: float) -> None:
         if self._goals and self.executor:
             spin_for(self.executor, _FAREWELL)
-        super().flush()
+        super().flush(until)
 
     def _offer_action(self) -> None:
         """Serve ~/follow_joint_trajectory, and publish ~/controller_state, if the interfaces are there."""

@@ -1,5 +1,6 @@
 """Base of the nodes: a lifecycle node whose ROS parameters come from a schema of `pidtsm_core`."""
 
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from typing import Any
@@ -28,8 +29,6 @@ from pidtsm_ros.wire import deserialize
 
 _REASONS_LOGGED = 100
 _LONGEST_REASON = 200  # characters; a message can contain many long names
-_FLUSH_TIME = Duration(seconds=2)
-"""Readers acknowledge within 0.1 s (see fastdds.xml) unless they lag behind or were killed."""
 
 
 class _ParameterService(ParameterService):
@@ -309,10 +308,13 @@ class ManagedNode(LifecycleNode):
             self._reasons.add(reason)
             self.get_logger().error(f"rejected {reason}")
 
-    def flush(self) -> None:
-        """Wait until every reader has received everything, but not long, since a reader may have been killed."""
+    def flush(self, until: float) -> None:
+        """Wait until every reader has received everything, but not longer than `until` (s, monotonic clock).
+
+        Readers acknowledge within 0.1 s (see fastdds.xml) unless they lag behind, are suspended or were killed.
+        """
         for publisher in self._own_publishers:
-            if not publisher.wait_for_all_acked(_FLUSH_TIME):
+            if not publisher.wait_for_all_acked(Duration(seconds=max(until - time.monotonic(), 0.0))):
                 self.get_logger().warning(f"a reader of {publisher.topic_name} has not received every message")
                 break
 
