@@ -92,7 +92,7 @@ class ControllerNode(ManagedNode):
         self._state_arrivals, self._reference_arrivals = Arrivals(), Arrivals()
         self._watchdog = Watchdog()
 
-        self._commands = self.advertise(topic.message_type, topic.name)
+        self._commands = self.advertise_alone(topic.message_type, topic.name)
         self._states = self.advertise(ControllerState, "~/state")
         self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
         self._payload = PayloadWatch(self, self._controller) if self.values[PAYLOAD_OBSERVED.name] else None
@@ -101,8 +101,8 @@ class ControllerNode(ManagedNode):
         self.offer_switch("~/freedrive", lambda on: self._request(Request.FREE if on else Request.HOLD))
         self.offer_switch("~/hold", lambda on: self._request(Request.HOLD if on else Request.FOLLOW))
         # Activation needs messages that arrive before it.
-        self.listen(JointState, "joint_states", self._on_joint_state, raw=True, while_inactive=True)
-        self.listen(JointReference, "reference", self._on_reference, raw=True, while_inactive=True)
+        self.listen(JointState, "joint_states", self._on_joint_state, raw=True, while_inactive=True, one_publisher=True)
+        self.listen(JointReference, "reference", self._on_reference, raw=True, while_inactive=True, one_publisher=True)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._diagnostics = None
@@ -131,8 +131,11 @@ class ControllerNode(ManagedNode):
         self._engage_brakes()
 
     def deactivate(self) -> None:
-        """Publish a last, safe torque; not in lockstep, where each joint state has its one command already."""
-        if self._controller.commanded and not self.lockstep:
+        """Publish a last, safe torque; not in lockstep, where each joint state has its one command already.
+
+        And not if another controller commands the arm.
+        """
+        if self._controller.commanded and not self.lockstep and not self.outdone:
             self._controller.leave()
             self._publish_once_more()
 
@@ -223,7 +226,7 @@ class ControllerNode(ManagedNode):
         stamp = self._waiting_stamp
         if self.lockstep and self._answered_stamp != stamp:
             return
-        if self.awaits(self._commands):
+        if self.awaits(self._commands.publisher):
             return
         began = time.perf_counter()
         status = self._controller.step(stamp, self._reference_arrivals.last)
@@ -324,7 +327,7 @@ class ControllerNode(ManagedNode):
             self.get_logger().warning(f"{implausible - before} joint states are implausible (plausibility.velocity)")
         idle, level = "", DiagnosticStatus.WARN
         if not self.active:
-            idle = f"inactive: {self.refusal() or 'ready to be activated'}"
+            idle = f"inactive: {self.rivalry() or self.refusal() or 'ready to be activated'}"
         elif not ticks:
             idle = f"no {'reference' if self._waiting_stamp >= 0 else 'joint state'} for a second"
         elif self._controller.fault:

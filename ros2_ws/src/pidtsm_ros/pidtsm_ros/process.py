@@ -16,6 +16,7 @@ from pidtsm_core.parameters import ParameterError
 from pidtsm_ros.leaving import PATIENCE, leaving_within
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.scheduling import run_at_normal_priority, run_in_real_time
+from pidtsm_ros.sole_topic import CHECK
 from pidtsm_ros.startup import INVALID, refuse, start_ros
 from pidtsm_ros.stop import Stop
 
@@ -96,14 +97,18 @@ def _spin(executor: Executor, nodes: Sequence[ManagedNode], stop: Stop) -> int:
         node.retry_activation = partial(_activate, waiting)
     _settle(nodes)
     polls = [node.poll for node in nodes]
-    patience = time.monotonic() + _PATIENCE
+    patience, look = time.monotonic() + _PATIENCE, 0.0
     while not (stop.requested or any(node.finished for node in nodes)):
         if not _activate(waiting):
             return 1
+        if time.monotonic() > look:
+            look = time.monotonic() + CHECK
+            for node in nodes:
+                node.look_for_rivals()
         if waiting and time.monotonic() > patience:
             patience = math.inf
             for node in waiting:
-                node.get_logger().info(f"not active yet: {node.refusal()}")
+                node.get_logger().info(f"not active yet: {node.rivalry() or node.refusal()}")
         longest = _BETWEEN_ATTEMPTS if waiting else _LONGEST_WAIT
         spin_for(executor, min(longest, *[poll() for poll in polls]))
     return 1 if any(node.failed for node in nodes) else 0
@@ -136,6 +141,12 @@ def _activate(waiting: list[ManagedNode]) -> bool:
     """Activate the nodes that can be activated and remove them from the list; false if one fails."""
     for node in list(waiting):
         if not node.active:  # It may have been activated through its service.
+            if rivalry := node.rivalry():
+                if node.outdone:
+                    # It must not take over by itself later, perhaps because somebody ends the other to stop the arm.
+                    node.get_logger().error(f"not activated: {rivalry}; then call its change_state, or start it again")
+                    waiting.remove(node)
+                continue
             if node.refusal():
                 continue
             if node.trigger_activate() != TransitionCallbackReturn.SUCCESS:

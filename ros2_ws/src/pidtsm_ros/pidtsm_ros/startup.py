@@ -10,7 +10,6 @@ from rclpy.signals import SignalHandlerOptions
 from pidtsm_ros.security import prepare_process
 from pidtsm_ros.stop import Stop
 
-
 INVALID = 2
 """Exit code of a process that cannot start."""
 
