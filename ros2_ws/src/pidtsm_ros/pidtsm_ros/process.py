@@ -108,7 +108,7 @@ def _spin(executor: Executor, nodes: Sequence[ManagedNode], stop: Stop) -> int:
         if waiting and time.monotonic() > patience:
             patience = math.inf
             for node in waiting:
-                node.get_logger().info(f"not active yet: {node.rivalry() or node.refusal()}")
+                node.get_logger().info(f"not active yet: {node.refusal() or node.rivalry()}")
         longest = _BETWEEN_ATTEMPTS if waiting else _LONGEST_WAIT
         spin_for(executor, min(longest, *[poll() for poll in polls]))
     return 1 if any(node.failed for node in nodes) else 0
@@ -141,13 +141,13 @@ def _activate(waiting: list[ManagedNode]) -> bool:
     """Activate the nodes that can be activated and remove them from the list; false if one fails."""
     for node in list(waiting):
         if not node.active:  # It may have been activated through its service.
+            if node.refusal():
+                continue
             if rivalry := node.rivalry():
                 if node.outdone:
                     # It must not take over by itself later, perhaps because somebody ends the other to stop the arm.
-                    node.get_logger().error(f"not activated: {rivalry}; then call its change_state, or start it again")
+                    node.get_logger().error(f"not activated: {rivalry}; then start this node again")
                     waiting.remove(node)
-                continue
-            if node.refusal():
                 continue
             if node.trigger_activate() != TransitionCallbackReturn.SUCCESS:
                 return False

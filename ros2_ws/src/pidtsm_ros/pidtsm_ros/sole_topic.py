@@ -46,6 +46,11 @@ def _example(data: bytes, info: dict[str, Any]) -> None:
 _SIGNATURE = inspect.signature(_example)
 
 
+def known(publishers: Sequence[TopicEndpointInfo]) -> bool:
+    """Whether the names of all nodes have been discovered; this takes a moment longer than their publishers."""
+    return not any("UNKNOWN_" in p.node_name for p in publishers)
+
+
 def named(publishers: Sequence[TopicEndpointInfo]) -> str:
     """Names of the nodes of these publishers."""
     return ", ".join(sorted({f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers}))
@@ -161,7 +166,7 @@ class SoleTopic:
         topic, names = self._topic, named(others)
         self.heard_another |= self._rivalled
         says = f"{names} {'publishes' if self.heard_another else 'has a publisher of'} {topic}, too; {CURE}"
-        if says != self.trouble:
+        if says != self.trouble and known(others):
             self.trouble = says
             if self.heard_another:
                 self._node.get_logger().error(says)
@@ -194,6 +199,6 @@ class SourceWatch:
             return
         infos = self._node.get_publishers_info_by_topic(self._topic)
         says = f"{self._topic} has {len(infos)} publishers, of {named(infos)}; {CURE}"
-        if says != self.trouble:
+        if says != self.trouble and known(infos):
+            self.trouble = says
             self._node.get_logger().warning(says)
-        self.trouble = says
