@@ -14,11 +14,13 @@ from pidtsm_experiments.runs.runner import Process
 from pidtsm_msgs.msg import ControllerState, JointReference
 
 NAMES = ["joint1", "joint2"]
+PATIENCE = "watchdog.state_stop:=1.0"
+"""A machine that stalls for a moment is no rival."""
 
 
 def second(testbed: Testbed, node: str) -> Process:
     """Another process of this node, beside the first, with the name ``second``."""
-    arguments = ["-r", f"{node}:__node:=second"]
+    arguments = ["-r", f"{node}:__node:=second", *(["-p", PATIENCE] if node == "controller" else [])]
     process = runner.Process(node, arguments, testbed.environment, testbed.folder / "second.log")
     testbed.processes.running["second"] = process
     return process
@@ -37,7 +39,8 @@ def follows(testbed: Testbed, states: list[Any]) -> None:
 
 @pytest.mark.parametrize(("node", "topic"), [("controller", "/joint_commands"), ("trajectory", "/reference")])
 def test_a_second_node_of_a_kind_is_named_and_publishes_nothing(testbed: Testbed, node: str, topic: str) -> None:
-    first = {name: testbed.start(name) for name in ("simulator", "trajectory", "controller")}
+    first = {name: testbed.start(name) for name in ("simulator", "trajectory")}
+    first["controller"] = testbed.start("controller", PATIENCE)
     states = testbed.hear(ControllerState, "controller/state")
     follows(testbed, states)
     applied = testbed.hear(JointState, "joint_states", 1000)
@@ -63,7 +66,7 @@ def test_a_second_node_of_a_kind_is_named_and_publishes_nothing(testbed: Testbed
 
 def test_two_controllers_that_start_together_agree_who_commands(testbed: Testbed) -> None:
     """The arm starts last: both become able to command it at the same moment."""
-    both = [testbed.start("controller"), second(testbed, "controller")]
+    both = [testbed.start("controller", PATIENCE), second(testbed, "controller")]
     for process in both:
         says(testbed, process, "not active yet: no joint state received yet")
     states, seconds = testbed.hear(ControllerState, "controller/state"), testbed.hear(ControllerState, "second/state")
@@ -82,7 +85,8 @@ def test_two_controllers_that_start_together_agree_who_commands(testbed: Testbed
     ],
 )
 def test_a_strangers_publisher_is_named_and_not_obeyed(testbed: Testbed, kind: Any, topic: str, witness: str) -> None:
-    nodes = {name: testbed.start(name) for name in ("simulator", "trajectory", "controller")}
+    nodes = {name: testbed.start(name) for name in ("simulator", "trajectory")}
+    nodes["controller"] = testbed.start("controller", PATIENCE)
     states, reports = testbed.hear(ControllerState, "controller/state"), testbed.hear(DiagnosticArray, "/diagnostics")
     follows(testbed, states)
     publisher = testbed.node.create_publisher(kind, topic, 10)

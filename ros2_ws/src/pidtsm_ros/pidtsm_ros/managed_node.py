@@ -25,7 +25,7 @@ from pidtsm_core.one_publisher import OnePublisher
 from pidtsm_core.parameters import ParameterError, Schema, Value, as_float, resolve
 from pidtsm_ros.parameters import declare
 from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, OVERRIDABLE, PUBLISHER, READER, RELIABLE_READER
-from pidtsm_ros.sole_topic import SoleTopic, SourceWatch, with_number
+from pidtsm_ros.sole_topic import SoleTopic, SourceWatch, troubles, with_number
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import deserialize
 
@@ -181,9 +181,7 @@ class ManagedNode(LifecycleNode):
     @property
     def rivals(self) -> tuple[bool, str]:
         """Whether another node is heard on the topic of this one, and who publishes its topics, too."""
-        troubles = [self._sole.trouble] if self._sole else []
-        troubles += [source.trouble for source in self._sources]
-        return bool(self._sole and self._sole.heard_another), "; ".join(filter(None, troubles))
+        return troubles(self._sole, self._sources)
 
     # Lifecycle.
 
@@ -274,9 +272,8 @@ class ManagedNode(LifecycleNode):
         A publisher counts a reader from the moment it keeps samples for that reader.
         """
         if self._awaited:
-            listening = self._sole is not None and self._sole.publisher is publisher and self._sole.listens
-            others = publisher.get_subscription_count() - listening
-            self._awaited = others < as_float(self.values["start.subscribers"])
+            listening = bool(self._sole and self._sole.listens)
+            self._awaited = publisher.get_subscription_count() - listening < as_float(self.values["start.subscribers"])
         return self._awaited
 
     def listen(

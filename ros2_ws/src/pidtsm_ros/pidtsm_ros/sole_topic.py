@@ -130,11 +130,11 @@ class SoleTopic:
             return ""
         self._listen()
         topic, names, now = self._topic, named(others), time.monotonic()
-        if self._heard and now - self._heard < _QUIET:
+        if self._heard and now - self._heard < _QUIET and known(others):
             self.lost = True
             return f"{topic} is published by {names} already; {CURE}"
         before = sum(bytes(info.endpoint_gid) < self._own for info in others)
-        if now - self._since < _QUIET * (1 + before):
+        if now - self._since < _QUIET * (1 + before) or not known(others):
             return f"{names} may publish {topic}: listening first"
         return ""
 
@@ -182,6 +182,12 @@ class SoleTopic:
             self.lost = True
             self._node.get_logger().error(f"deactivated: {names} publishes {topic} and was first; {CURE}")
         return yields
+
+
+def troubles(sole: SoleTopic | None, sources: Sequence[SourceWatch]) -> tuple[bool, str]:
+    """Whether another node is heard on a node's own topic, and who publishes its topics, too."""
+    found = [*([sole.trouble] if sole else []), *(source.trouble for source in sources)]
+    return bool(sole and sole.heard_another), "; ".join(filter(None, found))
 
 
 class SourceWatch:
