@@ -160,8 +160,6 @@ class ManagedNode(LifecycleNode):
         """SCHED_FIFO priority of the loop; 0: normal scheduling, as in lockstep, where nothing can be late."""
         return 0 if self.lockstep else int(as_float(self.values[PRIORITY.name]))
 
-    # Other nodes that publish the same.
-
     @property
     def outdone(self) -> bool:
         """Whether another node publishes what this one should: it must not become active by itself any more."""
@@ -210,8 +208,7 @@ class ManagedNode(LifecycleNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         if self._sole:
             self._sole.destroy()
-            self._sole = None
-        self._sources.clear()
+        self._sole, self._sources = None, []
         for publisher in self._own_publishers:
             self.destroy_publisher(publisher)
         for subscription in self._own_subscriptions:
@@ -300,7 +297,7 @@ class ManagedNode(LifecycleNode):
             while_inactive: also call it for messages that arrive while the node is inactive.
             reliable: lose no message in realtime either; for topics with less than one message per sample.
             depth: maximum number of waiting messages; None: the same as for other topics.
-            one_publisher: reject the messages of a second publisher, see `OnePublisher`.
+            one_publisher: reject messages of a second, see `OnePublisher`.
         """
         one = OnePublisher() if one_publisher else None
 
