@@ -323,14 +323,22 @@ def starve_trajectory(system: System) -> Judged:
 
 
 def stop_controller(system: System) -> None:
-    system.testbed.set("controller", {"watchdog.state_stop": 0.02})
-    system.send("controller", signal.SIGSTOP)
-    system.pass_time(0.5)
-    system.brakes()
-    system.send("controller", signal.SIGCONT)
-    system.state(lambda state: state.fault == ControllerState.STATE_STALE, "the gap is a fault")
-    system.testbed.set("controller", {"watchdog.state_stop": PATIENCE})
-    system.reset()
+    for seconds in (0.5, 5.0):
+        system.follows()
+        system.testbed.set("controller", {"watchdog.state_stop": 0.02})
+        system.send("controller", signal.SIGSTOP)
+        system.pass_time(seconds)
+        system.brakes()
+        system.send("controller", signal.SIGCONT)
+        system.state(lambda state: state.fault == ControllerState.STATE_STALE, "the gap is a fault")
+        count = len(system.watch.heard["controller/state"])
+        system.pass_time(0.5, "controller/state")
+        states = system.watch.messages("controller/state", count)
+        assert {state.mode for state in states} == {STOPPED}, "latched"
+        system.testbed.set("controller", {"watchdog.state_stop": PATIENCE})
+        system.reset()
+    said = system.testbed.processes.running["controller"].log.read_text()[system._logged["controller"] :]
+    assert "clock was set" not in said
 
 
 def hog(system: System) -> None:

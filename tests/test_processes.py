@@ -9,6 +9,7 @@ from lifecycle_msgs.srv import GetState
 from testbed import Testbed
 
 from pidtsm_experiments.runs.runner import Process
+from pidtsm_msgs.msg import ControllerState
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -25,6 +26,25 @@ def test_a_signal_ends_a_started_node_cleanly(testbed: Testbed, node: str, numbe
     process.process.send_signal(number)
     assert process.wait() == 0
     assert "Traceback" not in process.log.read_text()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_controller_ends_although_a_reader_is_suspended(testbed: Testbed, number: signal.Signals) -> None:
+    """A recorder that is suspended acknowledges nothing; another signal meanwhile changes nothing."""
+    testbed.start("simulator")
+    testbed.start("trajectory")
+    recorder = testbed.start("recorder", f"output:={testbed.folder / 'bag'}")
+    controller = testbed.start("controller", "start.subscribers:=2")
+    states = testbed.hear(ControllerState, "controller/state")
+    testbed.spin_until(lambda: states, "an active controller")
+    recorder.process.send_signal(signal.SIGSTOP)
+    count = len(states)
+    testbed.spin_until(lambda: len(states) > count + 10, "messages that the recorder lacks")
+    controller.process.send_signal(number)
+    testbed.spin_until(lambda: "has not received every message" in controller.log.read_text(), "the end begins")
+    controller.process.send_signal(number)
+    assert controller.wait() == 0
+    recorder.process.send_signal(signal.SIGCONT)
 
 
 def takes_signals(process: Process) -> bool:

@@ -13,6 +13,7 @@ from pidtsm_controller.watchdog import CHECK, Watchdog
 from pidtsm_core.arrivals import Arrivals, Stamp
 from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.control import Clock, Controller
+from pidtsm_core.gaps import Continuation, continuation
 from pidtsm_core.joints import MessageError
 from pidtsm_core.node_parameters import PAYLOAD_OBSERVED, controller_node_schema
 from pidtsm_core.parameters import as_float, names
@@ -91,7 +92,7 @@ class ControllerNode(ManagedNode):
         self._state_arrivals, self._reference_arrivals = Arrivals(), Arrivals()
         self._watchdog = Watchdog()
 
-        self._commands = self.advertise(topic.message_type, topic.name)
+        self._commands = self.advertise_alone(topic.message_type, topic.name)
         self._states = self.advertise(ControllerState, "~/state")
         self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
         self._payload = PayloadWatch(self, self._controller) if self.values[PAYLOAD_OBSERVED.name] else None
@@ -100,8 +101,8 @@ class ControllerNode(ManagedNode):
         self.offer_switch("~/freedrive", lambda on: self._request(Request.FREE if on else Request.HOLD))
         self.offer_switch("~/hold", lambda on: self._request(Request.HOLD if on else Request.FOLLOW))
         # Activation needs messages that arrive before it.
-        self.listen(JointState, "joint_states", self._on_joint_state, raw=True, while_inactive=True)
-        self.listen(JointReference, "reference", self._on_reference, raw=True, while_inactive=True)
+        self.listen(JointState, "joint_states", self._on_joint_state, raw=True, while_inactive=True, one_publisher=True)
+        self.listen(JointReference, "reference", self._on_reference, raw=True, while_inactive=True, one_publisher=True)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._diagnostics = None
@@ -130,8 +131,11 @@ class ControllerNode(ManagedNode):
         self._engage_brakes()
 
     def deactivate(self) -> None:
-        """Publish a last, safe torque; not in lockstep, where each joint state has its one command already."""
-        if self._controller.commanded and not self.lockstep:
+        """Publish a last, safe torque; not in lockstep, where each joint state has its one command already.
+
+        And not if another controller commands the arm.
+        """
+        if self._controller.commanded and not self.lockstep and not self.outdone:
             self._controller.leave()
             self._publish_once_more()
 
@@ -155,11 +159,15 @@ class ControllerNode(ManagedNode):
             return CHECK if self._waiting_stamp >= 0 else super().poll()
         silence = self._watchdog.silence()
         if self._controller.commanded and silence > self._controller.state_stop:
-            self._controller.stop(Fault.STATE_STALE, silence)
+            self._stop(silence)
             self._publish_once_more()
-            if self._controller.status != self._status:
-                self._report(self._controller.status)
         return CHECK
+
+    def _stop(self, silence: int) -> None:
+        """Latch the fault of a gap between joint states, `silence` (ns) after the last one."""
+        self._controller.stop(Fault.STATE_STALE, silence)
+        if self._controller.status != self._status:
+            self._report(self._controller.status)
 
     def _now(self) -> int | None:
         """Clock that stamps are compared with, ns; None in lockstep."""
@@ -179,7 +187,7 @@ class ControllerNode(ManagedNode):
 
     def _on_joint_state(self, data: bytes) -> None:
         stamp, now, arrivals = serialized_nanoseconds(data), self._now(), self._state_arrivals
-        judged = arrivals.judge(stamp, now)
+        judged, last = arrivals.judge(stamp, now), arrivals.last
         if judged is Stamp.REPEATED and self.lockstep:
             # In lockstep the simulator repeats a joint state if it received no command for it.
             if self.active and self._waiting_stamp < 0:
@@ -191,11 +199,11 @@ class ControllerNode(ManagedNode):
         arrivals.take(judged, stamp, now)
         self._waiting_stamp = stamp
         if judged is Stamp.RESTARTED:
-            self.get_logger().warning(f"joint_states: {judged.value}; holding position until new references arrive")
-            self._controller.set_clock(stamp, arrivals.elapsed)
-            # References from before the change are invalid.
-            if abs(self._reference_arrivals.last - stamp) > self._controller.state_stop:
-                self._reference_arrivals.forget()
+            self._set_clock(stamp)
+        if self.active and not self.lockstep and self._controller.commanded:
+            longest = self._controller.state_stop
+            if continuation(judged, stamp - last, arrivals.silence, longest) is Continuation.STOP:
+                self._stop(max(arrivals.silence, stamp - last if judged is Stamp.NEW else 0))
         if not self.active:
             self._watchdog.received()
             self.retry_activation()
@@ -203,12 +211,22 @@ class ControllerNode(ManagedNode):
             self._answer()
         self._watchdog.received()
 
+    def _set_clock(self, stamp: int) -> None:
+        """Go on in the new time of the joint states, from `stamp` (ns) on."""
+        self.get_logger().warning(
+            f"joint_states: {Stamp.RESTARTED.value}; holding position until new references arrive"
+        )
+        self._controller.set_clock(stamp, self._state_arrivals.elapsed)
+        # References from before the change are invalid.
+        if abs(self._reference_arrivals.last - stamp) > self._controller.state_stop:
+            self._reference_arrivals.forget()
+
     def _answer(self) -> None:
         """Publish the command for the waiting joint state, once its reference and the subscribers are there."""
         stamp = self._waiting_stamp
         if self.lockstep and self._answered_stamp != stamp:
             return
-        if self.awaits(self._commands):
+        if self.awaits(self._commands.publisher):
             return
         began = time.perf_counter()
         status = self._controller.step(stamp, self._reference_arrivals.last)
@@ -309,7 +327,7 @@ class ControllerNode(ManagedNode):
             self.get_logger().warning(f"{implausible - before} joint states are implausible (plausibility.velocity)")
         idle, level = "", DiagnosticStatus.WARN
         if not self.active:
-            idle = f"inactive: {self.refusal() or 'ready to be activated'}"
+            idle = f"inactive: {self.rivalry() or self.refusal() or 'ready to be activated'}"
         elif not ticks:
             idle = f"no {'reference' if self._waiting_stamp >= 0 else 'joint state'} for a second"
         elif self._controller.fault:

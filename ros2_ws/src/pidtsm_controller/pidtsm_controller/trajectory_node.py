@@ -83,7 +83,7 @@ class TrajectoryNode(ManagedNode):
         self._reference.arrays[3] = self._built_in.config.feedforward
         self._none = OutgoingMessage(JointReference())
 
-        self._references = self.advertise(JointReference, "reference")
+        self._references = self.advertise_alone(JointReference, "reference")
         self._diagnostics = Diagnostics(self)
         self._published = 0
         self.offer("~/begin", self._begin)
@@ -108,10 +108,10 @@ class TrajectoryNode(ManagedNode):
             self._goals = self._states = None
         return super().on_cleanup(state)
 
-    def flush(self) -> None:
+    def flush(self, until: float) -> None:
         if self._goals and self.executor:
             spin_for(self.executor, _FAREWELL)
-        super().flush()
+        super().flush(until)
 
     def _offer_action(self) -> None:
         """Serve ~/follow_joint_trajectory, and publish ~/controller_state, if the interfaces are there."""
@@ -145,7 +145,7 @@ class TrajectoryNode(ManagedNode):
         if self._diagnostics is None or self._listening:
             return super().poll()
         # Subscribe only now, so that a simulator that waits for subscribers also waits for those of the reference.
-        if not self.awaits(self._references):
+        if not self.awaits(self._references.publisher) and not self.rivalry():
             self._listening = True
             self.listen(JointState, "joint_states", self._on_joint_state, raw=True, depth=_WAITING)
         return 0.02

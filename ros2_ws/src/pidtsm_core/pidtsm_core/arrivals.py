@@ -45,6 +45,31 @@ class _Row(NamedTuple):
 _NO_ROW = _Row()
 
 
+class _RecentLeads:
+    """The largest lead of the last one to two seconds, or of at least the last ten messages.
+
+    One late message, or a burst of them, therefore never lowers it. That of a source whose time is slower than the
+    receiver's clock follows it down after two seconds.
+    """
+
+    LASTS, FEWEST = NANOSECONDS, 10
+    """Shortest time (ns) and fewest messages after which older leads are dropped in one go."""
+
+    def __init__(self, lead: int, now: int) -> None:
+        self.largest = lead
+        self._newer = lead  # largest since `_began`; that of the time before is in `largest` as well
+        self._began, self._count = now, 1
+
+    def add(self, lead: int, now: int) -> None:
+        """Add the lead of a message that arrived at `now`."""
+        if now - self._began >= self.LASTS and self._count >= self.FEWEST:
+            self.largest, self._newer = self._newer, lead
+            self._began, self._count = now, 0
+        self._count += 1
+        self._newer = max(self._newer, lead)
+        self.largest = max(self.largest, lead)
+
+
 class Arrivals:
     """Judges the stamps of messages from one source in the order of arrival.
 
@@ -59,6 +84,8 @@ class Arrivals:
         last: stamp of the newest message used, ns; negative: none so far.
         elapsed: time between the last message used before the source's clock was set and the first one after, ns; 0:
             unknown.
+        silence: longest time without any message between the last two messages used, receiver's clock, ns; 0 in
+            lockstep.
         period: nominal time between two messages, ns; 0: not known yet.
         refused: number of messages that were late or ahead.
     """
@@ -67,8 +94,6 @@ class Arrivals:
     """Consecutive messages that confirm a restart."""
     TOLERANCE = NANOSECONDS // 200
     """Largest lead of a stamp, and shortest duration of a restart, ns; or one period if that is longer."""
-    _DRIFT = 2000
-    """Clocks drift apart by less than one part in this number."""
     _STALL = NANOSECONDS // 10
     """If the time between two messages is longer, the receiver was suspended, ns."""
 
@@ -79,12 +104,14 @@ class Arrivals:
     @property
     def lead(self) -> int:
         """Stamp minus arrival time of the messages with the shortest delay, ns."""
-        return self._lead
+        return self._leads.largest
 
     def forget(self) -> None:
         """Treat the next message as the first."""
         self.last = -1
-        self.elapsed = self.period = self._taken = self._lead = 0
+        self.elapsed = self.silence = self.period = self._taken = 0
+        self._heard = self._silence = 0
+        self._leads = _RecentLeads(0, 0)
         self._tolerance = self.TOLERANCE
         self._row = _NO_ROW
 
@@ -96,6 +123,9 @@ class Arrivals:
             now: monotonic clock of the receiver, ns; None in lockstep, where stamps are simulated time. There, no stamp
                 is ahead, and repeated stamps count towards a restart, because the sender repeats unanswered messages.
         """
+        if now is not None:
+            self._silence = max(self._silence, now - self._heard)
+            self._heard = now
         if self.last < 0:
             return Stamp.NEW
         if stamp == self.last:
@@ -103,7 +133,10 @@ class Arrivals:
         # The tolerance comes first since it nearly always holds. The second message defines the period of the source.
         since = stamp - self.last
         if since > 0 and (
-            now is None or since <= self._tolerance or self.period == 0 or stamp - now <= self._lead + self._tolerance
+            now is None
+            or since <= self._tolerance
+            or self.period == 0
+            or stamp - now <= self._leads.largest + self._tolerance
         ):
             return Stamp.NEW
         self._row = self._row.then(stamp, now)
@@ -132,17 +165,16 @@ class Arrivals:
         self._row = _NO_ROW
 
     def _compare_clocks(self, judged: Stamp, stamp: int, now: int, follows: bool) -> None:
-        lead, since = stamp - now, now - self._taken
-        if not follows or lead >= self._lead:
-            self._lead = lead
+        if follows:
+            self._leads.add(stamp - now, now)
         else:
-            # Simulated time may be slower than the receiver's clock, but not if the receiver was suspended.
-            slower = (self._lead - lead) * since // NANOSECONDS if since < self._STALL else 0
-            self._lead = max(lead, self._lead - slower - since // self._DRIFT)
+            self._leads = _RecentLeads(stamp - now, now)
         if judged is Stamp.RESTARTED:
             # The source's time from its first new message on; before that the receiver's, if the source was silent.
             silence = self._row.began - self._taken
             self.elapsed = stamp - self._row.first + (silence if silence > self._STALL else self.period)
+        self.silence = self._silence if self.last >= 0 else 0
+        self._silence = 0
         self._taken = now
 
     def age(self, now: int, system_time: int) -> int:
@@ -153,8 +185,8 @@ class Arrivals:
             system_time: ns. If no message was ever younger than half a second, or one was from the future, the stamps
                 are of another clock; the message with the shortest delay then counts as age 0.
         """
-        youngest = system_time - now - self._lead
-        return system_time - self.last if 0 <= youngest < NANOSECONDS // 2 else self._lead - (self.last - now)
+        youngest = system_time - now - self.lead
+        return system_time - self.last if 0 <= youngest < NANOSECONDS // 2 else self.lead - (self.last - now)
 
     def _is_confirmed(self, lockstep: bool) -> bool:
         if lockstep:

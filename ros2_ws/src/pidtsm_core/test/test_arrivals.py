@@ -1,5 +1,7 @@
 """Decisions about which stamped messages to use."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -133,6 +135,94 @@ def test_messages_that_waited_while_the_receiver_did_not_run_are_used() -> None:
         source.stamp += missing * MS
         assert source.send(took=1000) is Stamp.NEW
     source.go_on(5)
+
+
+STALLS = [n * MS for n in (1, 5, 20, 71, 85, 99, 100, 150, 500, 1000, 2000, 10_000)]
+ALL_RATES = [100, 250, 500, 1000, 2000]
+
+
+def receive(source: Source, sent: list[tuple[int, int]]) -> list[Stamp]:
+    """Judge messages given by when they were sent (source's clock) and when they arrive (receiver's), ns."""
+    judged = []
+    for stamp, now in sent:
+        judged.append(source.arrivals.judge(EPOCH + stamp, now))
+        if judged[-1].usable:
+            source.arrivals.take(judged[-1], EPOCH + stamp, now)
+    return judged
+
+
+def delayed(rate: int, seconds: float, jitter: float, random: np.random.Generator) -> list[tuple[int, int]]:
+    """Messages that arrive up to `jitter` periods after they were sent, in order."""
+    sent = np.arange(round(seconds * rate)) * (SECOND // rate)
+    arrive = np.maximum.accumulate(sent + (random.uniform(0.0, jitter, sent.size) * SECOND / rate).astype(np.int64))
+    return list(zip(sent.tolist(), arrive.tolist(), strict=True))
+
+
+@pytest.mark.parametrize("length", STALLS)
+@pytest.mark.parametrize("rate", ALL_RATES)
+def test_no_message_is_refused_after_a_stall_of_any_length(length: int, rate: int) -> None:
+    for jitter, waited, oldest in itertools.product([0.0, 3.0], [1, 3, 100, 10**6], [True, False]):
+        check_stall(length, rate, jitter, waited, oldest)
+
+
+def check_stall(length: int, rate: int, jitter: float, waited: int, oldest: bool) -> None:
+    """The messages of the stall that are not lost, so many of its oldest or newest, arrive together at its end."""
+    random = np.random.default_rng(rate)
+    began, end = 2 * SECOND, 2 * SECOND + length
+    messages = delayed(rate, 2.0 + length / SECOND + 1.0, jitter, random)
+    before, during, after = (
+        [m for m in messages if m[1] < began],
+        [m for m in messages if began <= m[1] < end],
+        [m for m in messages if m[1] >= end],
+    )
+    kept = during[:waited] if oldest else during[-waited:]
+    late = [(sent, end + 10_000 * n) for n, (sent, _) in enumerate(kept)]
+    after = [(sent, max(now, late[-1][1] if late else 0)) for sent, now in after]
+    source = Source()
+    assert set(receive(source, [*before, *late, *after])) == {Stamp.NEW}
+    # A clock that is set is recognised all the same.
+    sent, now = after[-1]
+    period = SECOND // rate
+    ahead = [(sent + 5 * SECOND + n * period, now + n * period) for n in range(1, 13)]
+    assert receive(source, ahead).index(Stamp.RESTARTED) <= max(4, 5 * MS // period + 1)
+
+
+@pytest.mark.parametrize("rate", ALL_RATES)
+@pytest.mark.parametrize("every", [0.1, 0.7])
+def test_no_message_is_refused_on_a_machine_that_stalls_again_and_again(rate: int, every: float) -> None:
+    """Stalls of 1 ms to nearly all of the time, in which messages wait or are lost."""
+    random = np.random.default_rng(rate)
+    messages, arrivals, free = delayed(rate, 20.0, 0.3, random), [], 0
+    stalls = [
+        (round(start * SECOND), round((start + random.uniform(0.001, 0.9 * every)) * SECOND))
+        for start in np.arange(1.0, 20.0, every)
+    ]
+    for sent, now in messages:
+        stalled = next((end for begin, end in stalls if begin <= now < end), 0)
+        if stalled and random.uniform() < 0.5:
+            continue
+        free = max(free + 1, now, stalled)
+        arrivals.append((sent, free))
+    assert set(receive(Source(), arrivals)) == {Stamp.NEW}
+
+
+@EACH_RATE
+def test_the_longest_silence_between_two_messages_is_known(rate: int) -> None:
+    source = Source(rate)
+    source.go_on()
+    assert source.arrivals.silence == source.period
+    source.send(took=3 * SECOND)
+    assert source.arrivals.silence == 3 * SECOND
+    # Messages that are refused are heard, too.
+    source.stamp -= 3600 * SECOND
+    while source.send() is not Stamp.RESTARTED:
+        pass
+    assert source.arrivals.silence == source.period
+    source.stamp -= 3600 * SECOND
+    source.now += 3 * SECOND
+    while source.send() is not Stamp.RESTARTED:
+        pass
+    assert source.arrivals.silence == 3 * SECOND + source.period
 
 
 @pytest.mark.parametrize("drift", [-1e-4, 1e-4, 9.0], ids=["slow", "fast", "ten times as fast"])

@@ -105,6 +105,12 @@ class Diagnostics:
             level, message = idle_level, idle
         else:
             level, message = judge(readings, self._node.values, scale)
+        heard, rivals = self._node.rivals
+        if rivals:
+            level, message = (
+                max(level, DiagnosticStatus.ERROR if heard else DiagnosticStatus.WARN),
+                f"{rivals}; {message}",
+            )
         status = DiagnosticStatus(
             level=level,
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: loop",

@@ -4,6 +4,7 @@ import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from pidtsm_ros.leaving import leave_within
 from pidtsm_ros.stop import Stop
 
 GROUP = "pidtsm_ros.executables"
@@ -15,4 +16,6 @@ def main() -> None:
     """Run the executable whose name this process was started with."""
     stop = Stop()
     (executable,) = entry_points(group=GROUP, name=Path(sys.argv[0]).name)
-    sys.exit(executable.load()(stop))
+    code = executable.load()(stop)
+    leave_within(code)
+    sys.exit(code)

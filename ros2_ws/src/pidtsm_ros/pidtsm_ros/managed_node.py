@@ -1,5 +1,6 @@
 """Base of the nodes: a lifecycle node whose ROS parameters come from a schema of `pidtsm_core`."""
 
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from typing import Any
@@ -20,17 +21,17 @@ from std_srvs.srv import SetBool, Trigger
 
 from pidtsm_core.joints import MessageError
 from pidtsm_core.node_parameters import PRIORITY
+from pidtsm_core.one_publisher import OnePublisher
 from pidtsm_core.parameters import ParameterError, Schema, Value, as_float, resolve
 from pidtsm_ros.parameters import declare
 from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, OVERRIDABLE, PUBLISHER, READER, RELIABLE_READER
 from pidtsm_ros.serialization import ExactPublisher
+from pidtsm_ros.sole_topic import SoleTopic, SourceWatch, troubles, with_number
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import deserialize
 
 _REASONS_LOGGED = 100
 _LONGEST_REASON = 200  # characters; a message can contain many long names
-_FLUSH_TIME = Duration(seconds=2)
-"""Readers acknowledge within 0.1 s (see fastdds.xml) unless they lag behind or were killed."""
 
 
 class _ParameterService(ParameterService):
@@ -100,6 +101,8 @@ class ManagedNode(LifecycleNode):
         self._own_publishers: list[Publisher] = []
         self._own_subscriptions: list[Subscription] = []
         self._own_services: list[Service] = []
+        self._sole: SoleTopic | None = None
+        self._sources: list[SourceWatch] = []
         self.values = declare(self, schema, joints, stop)
         self._parameter_services = _ParameterService(self)
         self.add_on_set_parameters_callback(self._on_set_parameters)
@@ -158,6 +161,27 @@ class ManagedNode(LifecycleNode):
         """SCHED_FIFO priority of the loop; 0: normal scheduling, as in lockstep, where nothing can be late."""
         return 0 if self.lockstep else int(as_float(self.values[PRIORITY.name]))
 
+    @property
+    def outdone(self) -> bool:
+        """Whether another node publishes what this one should: it must not become active by itself any more."""
+        return self._sole is not None and self._sole.lost
+
+    def rivalry(self) -> str:
+        """Why the node cannot become active because of another that publishes the same; empty if it can."""
+        return self._sole.refusal() if self._sole else ""
+
+    def look_for_rivals(self) -> None:
+        """Name other publishers of the node's topics; give way to one that was first."""
+        for source in self._sources:
+            source.check()
+        if self._sole and self._sole.check():
+            self.trigger_deactivate()
+
+    @property
+    def rivals(self) -> tuple[bool, str]:
+        """Whether another node is heard on the topic of this one, and who publishes its topics, too."""
+        return troubles(self._sole, self._sources)
+
     # Lifecycle.
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -168,7 +192,7 @@ class ManagedNode(LifecycleNode):
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        if refusal := self.refusal():
+        if refusal := self.rivalry() or self.refusal():
             self.get_logger().error(f"not activated: {refusal}")
             return TransitionCallbackReturn.FAILURE
         result = self._transition(self.activate)
@@ -183,6 +207,9 @@ class ManagedNode(LifecycleNode):
         return self._transition(self.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        if self._sole:
+            self._sole.destroy()
+        self._sole, self._sources = None, []
         for publisher in self._own_publishers:
             self.destroy_publisher(publisher)
         for subscription in self._own_subscriptions:
@@ -230,13 +257,23 @@ class ManagedNode(LifecycleNode):
         self._own_publishers.append(publisher)
         return publisher
 
+    def advertise_alone(self, message_type: type, topic: str) -> SoleTopic:
+        """The same for the topic that no other node should publish; a node has one at most."""
+        self._sole = SoleTopic(self, topic, lambda: self.advertise(message_type, topic))
+        return self._sole
+
+    def watch_publishers(self, topic: str) -> None:
+        """Name the publishers of a topic if there are several."""
+        self._sources.append(SourceWatch(self, self.resolve_topic_name(topic)))
+
     def awaits(self, publisher: Publisher) -> bool:
         """Whether the first message must wait: there have never been `start.subscribers` subscribers at the same time.
 
         A publisher counts a reader from the moment it keeps samples for that reader.
         """
         if self._awaited:
-            self._awaited = publisher.get_subscription_count() < as_float(self.values["start.subscribers"])
+            listening = bool(self._sole and self._sole.listens)
+            self._awaited = publisher.get_subscription_count() - listening < as_float(self.values["start.subscribers"])
         return self._awaited
 
     def listen(
@@ -248,6 +285,7 @@ class ManagedNode(LifecycleNode):
         while_inactive: bool = False,
         reliable: bool = False,
         depth: int | None = None,
+        one_publisher: bool = False,
     ) -> Subscription:
         """Create a subscription that exists until the node is cleaned up.
 
@@ -262,22 +300,40 @@ class ManagedNode(LifecycleNode):
             while_inactive: also call it for messages that arrive while the node is inactive.
             reliable: lose no message in realtime either; for topics with less than one message per sample.
             depth: maximum number of waiting messages; None: the same as for other topics.
+            one_publisher: reject messages of a second, see `OnePublisher`.
         """
+        one = OnePublisher() if one_publisher else None
 
-        def checked(data: bytes) -> None:
+        def read(data: bytes, number: int | None = None) -> None:
             if not (self.active or while_inactive):
                 return
+            now = time.monotonic_ns()
             try:
+                if one and number is not None and not one.accepts(number, now, alone):
+                    raise MessageError("another node publishes this, too")
                 callback(data if raw else deserialize(data, message_type))
             except MessageError as error:
                 self.reject(f"{topic}: {error}")
+                return
+            if one and number is not None:
+                one.take(number, now)
+
+        def alone() -> bool:
+            return bool(subscription.get_publisher_count() < 2)
 
         qos = copy(RELIABLE_READER if reliable or self.lockstep else READER)
         qos.depth = depth or qos.depth
         subscription = self.create_subscription(
-            message_type, topic, checked, qos, raw=True, qos_overriding_options=OVERRIDABLE
+            message_type,
+            topic,
+            with_number(read) if one_publisher else read,
+            qos,
+            raw=True,
+            qos_overriding_options=OVERRIDABLE,
         )
         self._own_subscriptions.append(subscription)
+        if one_publisher:
+            self.watch_publishers(topic)
         return subscription
 
     def offer(self, service: str, work: Callable[[], str]) -> None:
@@ -312,10 +368,13 @@ class ManagedNode(LifecycleNode):
             self._reasons.add(reason)
             self.get_logger().error(f"rejected {reason}")
 
-    def flush(self) -> None:
-        """Wait until every reader has received everything, but not long, since a reader may have been killed."""
+    def flush(self, until: float) -> None:
+        """Wait until every reader has received everything, but not longer than `until` (s, monotonic clock).
+
+        Readers acknowledge within 0.1 s (see fastdds.xml) unless they lag behind, are suspended or were killed.
+        """
         for publisher in self._own_publishers:
-            if not publisher.wait_for_all_acked(_FLUSH_TIME):
+            if not publisher.wait_for_all_acked(Duration(seconds=max(until - time.monotonic(), 0.0))):
                 self.get_logger().warning(f"a reader of {publisher.topic_name} has not received every message")
                 break
 

@@ -1,6 +1,7 @@
 """Real-time scheduling of this process."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -22,3 +23,11 @@ def run_in_real_time(priority: int, threads: str = "") -> str:
     except (OSError, AttributeError) as error:
         return f"SCHED_FIFO is not permitted ({error}), expect more missed deadlines; see ulimit -r or CAP_SYS_NICE"
     return ""
+
+
+def run_at_normal_priority() -> None:
+    """Undo `run_in_real_time`, for all threads."""
+    for thread in Path("/proc/self/task").iterdir():
+        with suppress(OSError):  # The thread has ended.
+            if os.sched_getscheduler(int(thread.name)) != os.SCHED_OTHER:
+                os.sched_setscheduler(int(thread.name), os.SCHED_OTHER, os.sched_param(0))

@@ -10,6 +10,9 @@ from rclpy.signals import SignalHandlerOptions
 from pidtsm_ros.security import prepare_process
 from pidtsm_ros.stop import Stop
 
+INVALID = 2
+"""Exit code of a process that cannot start."""
+
 
 def start_ros(stop: Stop, args: Sequence[str] | None = None) -> None:
     """Initialise ROS without its signal handlers.
@@ -29,10 +32,10 @@ def start_ros(stop: Stop, args: Sequence[str] | None = None) -> None:
 
 
 def refuse(error: Exception) -> NoReturn:
-    """End a process that cannot start: print one line on standard error, exit with code 2.
+    """End a process that cannot start: print one line on standard error, exit with code `INVALID`.
 
     Raises:
         SystemExit: always.
     """
     print(f"cannot start: {' '.join(str(error).split())}", file=sys.stderr)
-    sys.exit(2)
+    sys.exit(INVALID)

@@ -81,13 +81,16 @@ class SimulatorNode(ManagedNode):
         self._statistics = LoopStatistics(as_float(values["diagnostics.deadline"]))
 
         self._joint_states = self.advertise(JointState, "joint_states")
+        self.watch_publishers("joint_states")
         self._ground_truth = self.advertise(JointState, "~/ground_truth")
         if self.lockstep:
             self._clock_topic = self.advertise(Clock, "/clock")
         self._input = EFFORT_TOPICS[str(values["input.type"])]
         self._stamped = self._input.message_type is JointState
         on_command = self._on_command if self._stamped else self._on_array
-        self._subscription = self.listen(self._input.message_type, self._input.name, on_command, raw=self._stamped)
+        self._subscription = self.listen(
+            self._input.message_type, self._input.name, on_command, raw=self._stamped, one_publisher=True
+        )
         self._diagnostics = Diagnostics(self)
         self._pushes = Pushes(find_robot(values).base, self._period)
         self.listen(WrenchStamped, pushes.TOPIC, self._pushes.take, reliable=True)
