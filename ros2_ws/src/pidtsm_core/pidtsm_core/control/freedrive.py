@@ -7,6 +7,8 @@ friction models", IEEE Transactions on Automatic Control 47(5), 2002). The ancho
 most, and not out of the range of its joint; beyond, the spring holds the arm back.
 """
 
+import math
+
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.effort import friction, limit_effort
 from pidtsm_core.control.safe import go_gently, learn
@@ -19,8 +21,8 @@ _BANDWIDTH, _OF_RATE = 40.0, 0.1
 """Natural frequency of the springs, rad/s, and its largest value as a multiple of the rate of the joint states."""
 _COMPENSATED = 0.7
 """Share of the friction that is compensated: the arm must not move by itself if its friction is less than modelled."""
-_MOVES = 0.05
-"""rad/s; a joint that is faster slips from the beginning."""
+_RECOIL = 2.0
+_SETTLES = 4.0
 _MARGIN, _LARGEST_MARGIN = 0.05, 0.1
 """Distance of the anchor from a position limit, as a share of the range of the joint; and in rad or m."""
 
@@ -28,95 +30,134 @@ _MARGIN, _LARGEST_MARGIN = 0.05, 0.1
 @part
 def make_free(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
     """Replace the effort for the joint state of `stamp` (ns), dt (s) after the last one, with that of freedrive."""
-    y, hold, clock, motion, efforts = state.signals, state.hold, state.clock, state.motion, state.scratch
-    q, begins = y[Signal.POSITION], clock[Clock.FREED] == 0
-    bandwidth = _BANDWIDTH
-    if clock[Clock.PERIOD] > 0:
-        bandwidth = min(bandwidth, _OF_RATE / seconds(clock[Clock.PERIOD]))
+    y, hold, clock, efforts = state.signals, state.hold, state.clock, state.scratch
+    begins, bandwidth = clock[Clock.FREED] == 0, _bandwidth(state)
     if begins:
-        _begin(config, state, bandwidth)
+        _begin(config, state)
         dt = 0.0
     # The inertia changes slowly: that of one joint at each sample is enough.
-    _pull(config, state, bandwidth, clock[Clock.ANSWERED] % q.size)
-    gravity, pull = efforts[0], efforts[1]
-    for j in range(q.size):
-        pull[j] -= gravity[j]
-        loose = _slip(config, state, j, pull[j] / (bandwidth * bandwidth), pull[j], dt)
-        velocity, fastest = y[Signal.VELOCITY, j], config.free_velocity[j]
-        allowed = min(max(velocity, -fastest), fastest)
-        motion[0, j] = -2.0 * bandwidth * (velocity - loose * allowed)
-        state.added[j] = loose * _COMPENSATED * friction(config, allowed, j)
-        efforts[5, j] = 0.0
-    inverse_dynamics(config.model, q, efforts[5], motion[:1], efforts[3:4])
-    for j in range(q.size):
+    _weigh(config, state, clock[Clock.ANSWERED] % y.shape[1])
+    _pull(config, state, bandwidth)
+    _slip(config, state, bandwidth, dt)
+    _damp(config, state, bandwidth)
+    gravity, pull, damping = efforts[0], efforts[1], efforts[3]
+    for j in range(y.shape[1]):
+        state.added[j] = _compensation(config, state, j, pull[j])
         y[Signal.EQUIVALENT_EFFORT, j] = gravity[j]
-        y[Signal.EFFORT, j] = efforts[3, j] + pull[j] + hold[Hold.LEARNT, j] + state.added[j]
+        y[Signal.EFFORT, j] = gravity[j] + pull[j] + damping[j] + hold[Hold.LEARNT, j] + state.added[j]
     limit_effort(config, state)
     go_gently(config, state, stamp, begins)
 
 
 @inlined
-def _begin(config: ControllerConfig, state: ControllerState, bandwidth: float) -> None:
-    """Tie the arm to anchors behind it, where they slip if it moves.
+def _begin(config: ControllerConfig, state: ControllerState) -> None:
+    """Tie the arm to anchors where it is.
 
     What the law has learnt of a load is added up to the resistance, so that it cannot move the arm if it is wrong.
     """
-    state.clock[Clock.FREED] = 1
+    hold, clock = state.hold, state.clock
+    clock[Clock.FREED] = 1
     learn(config, state)
-    learnt, anchors, stretches = state.hold[Hold.LEARNT], state.hold[Hold.ANCHOR], state.scratch[4]
-    q = state.signals[Signal.POSITION]
-    for j in range(q.size):
-        learnt[j] = min(max(learnt[j], -config.resistance[j]), config.resistance[j])
-        anchors[j] = q[j]
-    for j in range(q.size):
-        _pull(config, state, bandwidth, j)
-        share = min(max(state.signals[Signal.VELOCITY, j] / _MOVES, -1.0), 1.0)
-        state.net[j] = state.scratch[0, j] + share * config.resistance[j]
-    forward_dynamics(config.model, q, state.scratch[5], state.net, stretches)
-    for j in range(q.size):
-        anchors[j] -= stretches[j] / (bandwidth * bandwidth)
-
-
-@part
-def _pull(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> None:
-    """Write the effort that carries the arm, and that with the springs, to ``state.scratch``; weigh a joint."""
-    motion, efforts, q = state.motion, state.scratch, state.signals[Signal.POSITION]
-    for j in range(q.size):
-        motion[0, j] = motion[2, j] = efforts[5, j] = 0.0
-        motion[1, j] = bandwidth * bandwidth * (state.hold[Hold.ANCHOR, j] - q[j])
-    motion[2, joint] = 1.0
-    inverse_dynamics(config.model, q, efforts[5], motion, efforts[:3])
-    state.hold[Hold.INERTIA, joint] = efforts[2, joint] - efforts[0, joint]
+    for j in range(hold.shape[1]):
+        _weigh(config, state, j)
+    for j in range(hold.shape[1]):
+        hold[Hold.ANCHOR, j] = state.signals[Signal.POSITION, j]
+        hold[Hold.SLIP, j] = 0.0
+        most = 0.8 * _resistance(config, state, _bandwidth(state), j)
+        hold[Hold.LEARNT, j] = min(max(hold[Hold.LEARNT, j], -most), most)
 
 
 @inlined
-def _slip(
-    config: ControllerConfig, state: ControllerState, joint: int, weighted: float, pull: float, dt: float
-) -> float:
-    """Move the anchor of a joint over dt (s).
+def _bandwidth(state: ControllerState) -> float:
+    """Natural frequency of the springs, rad/s."""
+    period = state.clock[Clock.PERIOD]
+    return min(_BANDWIDTH, _OF_RATE / seconds(period)) if period > 0 else _BANDWIDTH
 
-    Args:
-        config: configuration, which is read.
-        state: state, which is changed.
-        joint: index of the joint.
-        weighted: `pull` by the square of the bandwidth, kg m^2 rad.
-        pull: effort of the springs on the joint, N m.
-        dt: s.
 
-    Returns:
-        How loose the joint is: from 0, where the damper acts, to 1, where it slips and only its resistance acts.
+@inlined
+def _resistance(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
+    """Effort of the springs on a joint beyond which its anchor slips, N m."""
+    light = _RECOIL * bandwidth * config.free_velocity[joint] * state.hold[Hold.LIGHTEST, joint]
+    return min(config.resistance[joint], light)
+
+
+@part
+def _weigh(config: ControllerConfig, state: ControllerState, joint: int) -> None:
+    """Update the inertias of a joint."""
+    motion, efforts, q = state.motion, state.scratch, state.signals[Signal.POSITION]
+    for j in range(q.size):
+        motion[0, j] = motion[1, j] = efforts[5, j] = 0.0
+    motion[1, joint] = 1.0
+    inverse_dynamics(config.model, q, efforts[5], motion[:2], efforts[:2])
+    state.hold[Hold.INERTIA, joint] = efforts[1, joint] - efforts[0, joint]
+    efforts[0, joint] += 1.0
+    forward_dynamics(config.model, q, efforts[5], efforts[0], efforts[4])
+    state.hold[Hold.LIGHTEST, joint] = 1.0 / efforts[4, joint] if efforts[4, joint] > 0.0 else 0.0
+
+
+@part
+def _pull(config: ControllerConfig, state: ControllerState, bandwidth: float) -> None:
+    """Write the effort that carries the arm, and that of the springs, to the first rows of ``state.scratch``."""
+    motion, efforts, q = state.motion, state.scratch, state.signals[Signal.POSITION]
+    for j in range(q.size):
+        motion[0, j] = efforts[5, j] = 0.0
+        motion[1, j] = bandwidth * bandwidth * (state.hold[Hold.ANCHOR, j] - q[j])
+    inverse_dynamics(config.model, q, efforts[5], motion[:2], efforts[:2])
+    for j in range(q.size):
+        efforts[1, j] -= efforts[0, j]
+
+
+@inlined
+def _slip(config: ControllerConfig, state: ControllerState, bandwidth: float, dt: float) -> None:
+    """Move the anchors over dt (s), one after the other, where the springs need more than the resistance."""
+    hold, pull = state.hold, state.scratch[1]
+    forget = math.exp(-_SETTLES * bandwidth * dt)
+    for j in range(pull.size):
+        resistance, inertia = _resistance(config, state, bandwidth, j), hold[Hold.INERTIA, j]
+        excess = pull[j] - min(max(pull[j], -resistance), resistance)
+        slip, most = 0.0, config.free_velocity[j] * dt
+        if excess != 0.0 and inertia > 0.0:
+            slip = min(max(-excess / (bandwidth * bandwidth * inertia), -most), most)
+            if _leaves_range(config, hold[Hold.ANCHOR, j] + slip, slip, j):
+                slip = 0.0
+        if slip != 0.0:
+            # A change of one spring pulls at all joints.
+            hold[Hold.ANCHOR, j] += slip
+            _pull(config, state, bandwidth)
+        if dt > 0.0:
+            hold[Hold.SLIP, j] += (1.0 - forget) * (slip / dt - hold[Hold.SLIP, j])
+
+
+@inlined
+def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float) -> None:
+    """Write the effort of the dampers to ``state.scratch[3]``; a joint that slips has less, up to none.
+
+    The damping matrix is S H S, where S is diagonal, so it is symmetric and takes energy whatever the velocities are.
     """
-    resistance, velocity = config.resistance[joint], state.signals[Signal.VELOCITY, joint]
-    share = min(max(pull, -resistance), resistance) / pull if pull != 0.0 else 1.0
-    inertia = state.hold[Hold.INERTIA, joint]
-    # A change of one spring pulls at all joints; this share of it always converges (Jacobi's iteration).
-    slip = -(1.0 - share) * weighted / (inertia * config.resistance.size) if inertia > 0.0 else 0.0
-    most = config.free_velocity[joint] * dt
-    slip = min(max(slip, -most), most)
-    if _leaves_range(config, state.hold[Hold.ANCHOR, joint] + slip, slip, joint):
-        return 0.0
-    state.hold[Hold.ANCHOR, joint] += slip
-    return min(abs(pull) / resistance, 1.0) if pull * velocity < 0.0 else 0.0
+    motion, efforts, y = state.motion, state.scratch, state.signals
+    for j in range(y.shape[1]):
+        motion[0, j] = -2.0 * bandwidth * _share(config, state, bandwidth, j) * y[Signal.VELOCITY, j]
+        efforts[5, j] = 0.0
+    inverse_dynamics(config.model, y[Signal.POSITION], efforts[5], motion[:1], efforts[3:4])
+    for j in range(y.shape[1]):
+        efforts[3, j] = (efforts[3, j] - efforts[0, j]) * _share(config, state, bandwidth, j)
+
+
+@inlined
+def _share(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
+    """Square root of the share of the velocity of a joint that is damped."""
+    velocity, pull = state.signals[Signal.VELOCITY, joint], state.scratch[1, joint]
+    if pull * velocity >= 0.0:
+        return 1.0
+    loose = min(abs(pull) / max(_resistance(config, state, bandwidth, joint), abs(pull)*1e-9), 1.0)
+    return math.sqrt(1.0 - loose * min(config.free_velocity[joint] / abs(velocity), 1.0))
+
+
+@inlined
+def _compensation(config: ControllerConfig, state: ControllerState, joint: int, pull: float) -> float:
+    """Effort that compensates a part of the friction of a joint that slips, N m: less than what its spring takes."""
+    effort, most = _COMPENSATED * friction(config, state.hold[Hold.SLIP, joint], joint), _COMPENSATED * abs(pull)
+    return min(max(effort, -most), most) if effort * pull < 0.0 else 0.0
 
 
 @inlined

@@ -53,7 +53,9 @@ class Hold(IntEnum):
     LEARNT = 3  # effort that the law had learnt to add to the model's, N m
     OFFSET = 4  # what is left of the difference between the last command before the stop and the first safe one, N m
     ANCHOR = 5  # where freedrive ties the arm, rad
-    INERTIA = 6  # what a push moves in freedrive, kg m^2
+    INERTIA = 6  # what a push moves in freedrive while the other joints hold still, kg m^2
+    LIGHTEST = 7  # the same while they are loose, kg m^2
+    SLIP = 8  # velocity of the anchor, filtered, rad/s
 
 
 class External(IntEnum):
