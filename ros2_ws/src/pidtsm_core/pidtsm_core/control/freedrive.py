@@ -17,7 +17,7 @@ from pidtsm_core.robots import forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Signal
 from pidtsm_core.timing import seconds
 
-_BANDWIDTH, _OF_RATE = 40.0, 0.1
+_BANDWIDTH, _OF_RATE = 25.0, 0.1
 """Natural frequency of the springs, rad/s, and its largest value as a multiple of the rate of the joint states."""
 _COMPENSATED = 0.7
 """Share of the friction that is compensated: the arm must not move by itself if its friction is less than modelled."""
@@ -109,23 +109,38 @@ def _pull(config: ControllerConfig, state: ControllerState, bandwidth: float) ->
 
 @inlined
 def _slip(config: ControllerConfig, state: ControllerState, bandwidth: float, dt: float) -> None:
-    """Move the anchors over dt (s), one after the other, where the springs need more than the resistance."""
-    hold, pull = state.hold, state.scratch[1]
-    forget = math.exp(-_SETTLES * bandwidth * dt)
-    for j in range(pull.size):
-        resistance, inertia = _resistance(config, state, bandwidth, j), hold[Hold.INERTIA, j]
-        excess = pull[j] - min(max(pull[j], -resistance), resistance)
-        slip, most = 0.0, config.free_velocity[j] * dt
-        if excess != 0.0 and inertia > 0.0:
-            slip = min(max(-excess / (bandwidth * bandwidth * inertia), -most), most)
-            if _leaves_range(config, hold[Hold.ANCHOR, j] + slip, slip, j):
-                slip = 0.0
+    """Move the anchors over dt (s), one after the other, as far as their springs yield."""
+    hold = state.hold
+    passed = -math.expm1(-_SETTLES * bandwidth * dt)
+    for j in range(hold.shape[1]):
+        most = config.free_velocity[j] * dt
+        slip = min(max(_excess(config, state, bandwidth, j), -most), most)
+        if _leaves_range(config, hold[Hold.ANCHOR, j] + slip, slip, j):
+            slip = 0.0
         if slip != 0.0:
-            # A change of one spring pulls at all joints.
             hold[Hold.ANCHOR, j] += slip
-            _pull(config, state, bandwidth)
+            _pull(config, state, bandwidth)  # A change of one spring pulls at all joints.
         if dt > 0.0:
-            hold[Hold.SLIP, j] += (1.0 - forget) * (slip / dt - hold[Hold.SLIP, j])
+            hold[Hold.SLIP, j] += passed * (slip / dt - hold[Hold.SLIP, j])
+
+
+@inlined
+def _excess(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
+    """How far the anchor of a joint has to move, rad."""
+    pull, inertia = state.scratch[1, joint], state.hold[Hold.INERTIA, joint]
+    if inertia <= 0.0:
+        return 0.0
+    stiffness = bandwidth * bandwidth * inertia
+    stretch = (state.hold[Hold.ANCHOR, joint] - state.signals[Signal.POSITION, joint]) * math.copysign(1.0, pull)
+    relaxed = abs(pull) / stiffness
+    least = (abs(pull) - config.resistance[joint]) / stiffness
+    excess = max(least, min(stretch - _longest(config, bandwidth, joint), relaxed), 0.0)
+    return -math.copysign(excess, pull)
+
+
+@inlined
+def _longest(config: ControllerConfig, bandwidth: float, joint: int) -> float:
+    return _RECOIL * config.free_velocity[joint] / bandwidth
 
 
 @inlined
@@ -149,7 +164,8 @@ def _share(config: ControllerConfig, state: ControllerState, bandwidth: float, j
     velocity, pull = state.signals[Signal.VELOCITY, joint], state.scratch[1, joint]
     if pull * velocity >= 0.0:
         return 1.0
-    loose = min(abs(pull) / max(_resistance(config, state, bandwidth, joint), abs(pull)*1e-9), 1.0)
+    stretch = (state.hold[Hold.ANCHOR, joint] - state.signals[Signal.POSITION, joint]) * math.copysign(1.0, pull)
+    loose = min(max(abs(pull) / config.resistance[joint], stretch / _longest(config, bandwidth, joint)), 1.0)
     return math.sqrt(1.0 - loose * min(config.free_velocity[joint] / abs(velocity), 1.0))
 
 
