@@ -11,18 +11,19 @@ import math
 
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.effort import friction, limit_effort
-from pidtsm_core.control.safe import go_gently, learn
+from pidtsm_core.control.safe import learn
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Hold, part
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Signal
 from pidtsm_core.timing import seconds
 
-_BANDWIDTH, _OF_RATE = 25.0, 0.1
+_BANDWIDTH, _OF_RATE = 40.0, 0.08
 """Natural frequency of the springs, rad/s, and its largest value as a multiple of the rate of the joint states."""
 _COMPENSATED = 0.7
 """Share of the friction that is compensated: the arm must not move by itself if its friction is less than modelled."""
 _RECOIL = 2.0
 _SETTLES = 4.0
+_EASES, _CHANGE = 0.1, 0.02
 _MARGIN, _LARGEST_MARGIN = 0.05, 0.1
 """Distance of the anchor from a position limit, as a share of the range of the joint; and in rad or m."""
 
@@ -33,38 +34,60 @@ def make_free(config: ControllerConfig, state: ControllerState, stamp: int, dt: 
     y, hold, clock, efforts = state.signals, state.hold, state.clock, state.scratch
     begins, bandwidth = clock[Clock.FREED] == 0, _bandwidth(state)
     if begins:
-        _begin(config, state)
+        _begin(config, state, stamp)
         dt = 0.0
     # The inertia changes slowly: that of one joint at each sample is enough.
     _weigh(config, state, clock[Clock.ANSWERED] % y.shape[1])
     _pull(config, state, bandwidth)
     _slip(config, state, bandwidth, dt)
-    _damp(config, state, bandwidth)
+    _damp(config, state, bandwidth, _eased(state, stamp))
     gravity, pull, damping = efforts[0], efforts[1], efforts[3]
     for j in range(y.shape[1]):
         state.added[j] = _compensation(config, state, j, pull[j])
         y[Signal.EQUIVALENT_EFFORT, j] = gravity[j]
         y[Signal.EFFORT, j] = gravity[j] + pull[j] + damping[j] + hold[Hold.LEARNT, j] + state.added[j]
     limit_effort(config, state)
-    go_gently(config, state, stamp, begins)
+    _ease(config, state, stamp, begins)
+    limit_effort(config, state)
 
 
 @inlined
-def _begin(config: ControllerConfig, state: ControllerState) -> None:
+def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
     """Tie the arm to anchors where it is.
 
     What the law has learnt of a load is added up to the resistance, so that it cannot move the arm if it is wrong.
     """
     hold, clock = state.hold, state.clock
-    clock[Clock.FREED] = 1
+    clock[Clock.FREED] = stamp + 1
     learn(config, state)
     for j in range(hold.shape[1]):
         _weigh(config, state, j)
     for j in range(hold.shape[1]):
         hold[Hold.ANCHOR, j] = state.signals[Signal.POSITION, j]
         hold[Hold.SLIP, j] = 0.0
-        most = 0.8 * _resistance(config, state, _bandwidth(state), j)
+        most = 0.95 * _resistance(config, state, _bandwidth(state), j)
         hold[Hold.LEARNT, j] = min(max(hold[Hold.LEARNT, j], -most), most)
+
+
+@inlined
+def _eased(state: ControllerState, stamp: int) -> float:
+    """Share of the dampers that acts, from 0 at the beginning, so that an arm that moves is not stopped with a jerk."""
+    since = seconds(stamp + 1 - state.clock[Clock.FREED])
+    return since / _EASES if 0.0 <= since < _EASES else 1.0
+
+
+@inlined
+def _ease(config: ControllerConfig, state: ControllerState, stamp: int, begins: bool) -> None:
+    """Fade from the last command to the effort of freedrive, all joints together."""
+    efforts, offset, largest = state.signals[Signal.EFFORT], state.hold[Hold.OFFSET], 0.0
+    for j in range(efforts.size):
+        if begins:
+            offset[j] = state.sent[j] - efforts[j]
+        largest = max(largest, abs(offset[j]) / config.effort_limit[j])
+    left = max(1.0 - _CHANGE / largest, 0.0) if largest > 0.0 else 0.0
+    for j in range(efforts.size):
+        offset[j] *= left
+        efforts[j] += offset[j]
 
 
 @inlined
@@ -144,14 +167,14 @@ def _longest(config: ControllerConfig, bandwidth: float, joint: int) -> float:
 
 
 @inlined
-def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float) -> None:
+def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float, eased: float) -> None:
     """Write the effort of the dampers to ``state.scratch[3]``; a joint that slips has less, up to none.
 
     The damping matrix is S H S, where S is diagonal, so it is symmetric and takes energy whatever the velocities are.
     """
     motion, efforts, y = state.motion, state.scratch, state.signals
     for j in range(y.shape[1]):
-        motion[0, j] = -2.0 * bandwidth * _share(config, state, bandwidth, j) * y[Signal.VELOCITY, j]
+        motion[0, j] = -2.0 * eased * bandwidth * _share(config, state, bandwidth, j) * y[Signal.VELOCITY, j]
         efforts[5, j] = 0.0
     inverse_dynamics(config.model, y[Signal.POSITION], efforts[5], motion[:1], efforts[3:4])
     for j in range(y.shape[1]):
