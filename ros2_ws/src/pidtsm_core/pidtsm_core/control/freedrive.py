@@ -23,6 +23,8 @@ _COMPENSATED = 0.7
 """Share of the friction that is compensated: the arm must not move by itself if its friction is less than modelled."""
 _RECOIL = 2.0
 _SETTLES = 4.0
+_DAMPING = 2.4
+_MOVES, _TRUSTED = 0.05, 0.8
 _EASES, _CHANGE = 0.1, 0.02
 _MARGIN, _LARGEST_MARGIN = 0.05, 0.1
 """Distance of the anchor from a position limit, as a share of the range of the joint; and in rad or m."""
@@ -65,7 +67,8 @@ def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None
     for j in range(hold.shape[1]):
         hold[Hold.ANCHOR, j] = state.signals[Signal.POSITION, j]
         hold[Hold.SLIP, j] = 0.0
-        most = 0.95 * _resistance(config, state, _bandwidth(state), j)
+        trusted = 1.0 if abs(state.signals[Signal.VELOCITY, j]) < _MOVES else _TRUSTED
+        most = trusted * _resistance(config, state, _bandwidth(state), j)
         hold[Hold.LEARNT, j] = min(max(hold[Hold.LEARNT, j], -most), most)
 
 
@@ -137,7 +140,7 @@ def _slip(config: ControllerConfig, state: ControllerState, bandwidth: float, dt
     passed = -math.expm1(-_SETTLES * bandwidth * dt)
     for j in range(hold.shape[1]):
         most = config.free_velocity[j] * dt
-        slip = min(max(_excess(config, state, bandwidth, j), -most), most)
+        slip = min(max(passed * _excess(config, state, bandwidth, j), -most), most)
         if _leaves_range(config, hold[Hold.ANCHOR, j] + slip, slip, j):
             slip = 0.0
         if slip != 0.0:
@@ -174,7 +177,7 @@ def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float, ea
     """
     motion, efforts, y = state.motion, state.scratch, state.signals
     for j in range(y.shape[1]):
-        motion[0, j] = -2.0 * eased * bandwidth * _share(config, state, bandwidth, j) * y[Signal.VELOCITY, j]
+        motion[0, j] = -_DAMPING * eased * bandwidth * _share(config, state, bandwidth, j) * y[Signal.VELOCITY, j]
         efforts[5, j] = 0.0
     inverse_dynamics(config.model, y[Signal.POSITION], efforts[5], motion[:1], efforts[3:4])
     for j in range(y.shape[1]):
