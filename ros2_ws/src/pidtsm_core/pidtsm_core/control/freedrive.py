@@ -22,7 +22,7 @@ _BANDWIDTH, _OF_RATE = 40.0, 0.08
 _COMPENSATED = 0.7
 """Share of the friction that is compensated: the arm must not move by itself if its friction is less than modelled."""
 _RECOIL = 2.0
-_SETTLES = 4.0
+_SETTLES = 6.0
 _DAMPING = 2.4
 _MOVES, _TRUSTED = 0.05, 0.8
 _EASES, _CHANGE = 0.1, 0.02
