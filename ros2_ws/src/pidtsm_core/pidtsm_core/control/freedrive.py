@@ -25,7 +25,7 @@ _RECOIL = 2.0
 _SETTLES = 6.0
 _DAMPING = 2.4
 _MOVES, _TRUSTED = 0.05, 0.8
-_EASES, _CHANGE = 0.1, 0.02
+_EASES, _CHANGE = 0.05, 0.02
 _MARGIN, _LARGEST_MARGIN = 0.05, 0.1
 """Distance of the anchor from a position limit, as a share of the range of the joint; and in rad or m."""
 
@@ -55,21 +55,35 @@ def make_free(config: ControllerConfig, state: ControllerState, stamp: int, dt: 
 
 @inlined
 def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
-    """Tie the arm to anchors where it is.
+    """Tie the arm to anchors where it is, and limit what the law has learnt of a load.
 
-    What the law has learnt of a load is added up to the resistance, so that it cannot move the arm if it is wrong.
+    It may be wrong, so it is no more than what the springs hold back: on its joint, and on every joint that it moves.
     """
-    hold, clock = state.hold, state.clock
-    clock[Clock.FREED] = stamp + 1
+    hold, y, efforts, bandwidth = state.hold, state.signals, state.scratch, _bandwidth(state)
+    state.clock[Clock.FREED] = stamp + 1
     learn(config, state)
     for j in range(hold.shape[1]):
         _weigh(config, state, j)
-    for j in range(hold.shape[1]):
-        hold[Hold.ANCHOR, j] = state.signals[Signal.POSITION, j]
+        hold[Hold.ANCHOR, j] = y[Signal.POSITION, j]
         hold[Hold.SLIP, j] = 0.0
-        trusted = 1.0 if abs(state.signals[Signal.VELOCITY, j]) < _MOVES else _TRUSTED
-        most = trusted * _resistance(config, state, _bandwidth(state), j)
+    _pull(config, state, bandwidth)
+    for j in range(hold.shape[1]):
+        most = _trust(state, j) * _held(config, state, bandwidth, j)
         hold[Hold.LEARNT, j] = min(max(hold[Hold.LEARNT, j], -most), most)
+        state.net[j] = efforts[0, j] + hold[Hold.LEARNT, j]
+    forward_dynamics(config.model, y[Signal.POSITION], efforts[5], state.net, efforts[4])
+    share = 1.0
+    for j in range(hold.shape[1]):
+        most = _trust(state, j) * bandwidth * bandwidth * _longest(config, bandwidth, j)
+        share = min(share, most / abs(efforts[4, j])) if efforts[4, j] != 0.0 else share
+    for j in range(hold.shape[1]):
+        hold[Hold.LEARNT, j] *= share
+
+
+@inlined
+def _trust(state: ControllerState, joint: int) -> float:
+    """Share of the resistance of a joint up to which something learnt is believed."""
+    return 1.0 if abs(state.signals[Signal.VELOCITY, joint]) < _MOVES else _TRUSTED
 
 
 @inlined
@@ -101,9 +115,9 @@ def _bandwidth(state: ControllerState) -> float:
 
 
 @inlined
-def _resistance(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
-    """Effort of the springs on a joint beyond which its anchor slips, N m."""
-    light = _RECOIL * bandwidth * config.free_velocity[joint] * state.hold[Hold.LIGHTEST, joint]
+def _held(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
+    """Effort on a joint alone that its spring holds at least, N m."""
+    light = bandwidth * bandwidth * _longest(config, bandwidth, joint) * state.hold[Hold.LIGHTEST, joint]
     return min(config.resistance[joint], light)
 
 
