@@ -1,33 +1,70 @@
 """Freedrive: the arm carries itself, and a person moves it by hand.
 
-A spring and a damper tie each joint to an anchor. Where the spring needs more effort than ``freedrive.resistance``, the
-anchor slips along, like dry friction: the arm stays where it is left, even if the model is wrong, and nothing but a
-push sets it in motion (the elasto-plastic model of Dupont, Hayward, Armstrong and Altpeter, "Single state elastoplastic
-friction models", IEEE Transactions on Automatic Control 47(5), 2002). The anchor moves at ``freedrive.velocity`` at
-most, and not out of the range of its joint; beyond, the spring holds the arm back.
+A spring ties each joint to an anchor, and a damper to the ground. Where a spring yields, its anchor slips along, like
+dry friction: the arm stays where it is left, even if the model is wrong, and nothing but a push sets it in motion (the
+elasto-plastic model of Dupont, Hayward, Armstrong and Altpeter, "Single state elastoplastic friction models", IEEE
+Transactions on Automatic Control 47(5), 2002).
+
+With z the distances of the anchors from the joints, H the inertia matrix, w the bandwidth and S = diag(s_j), the effort
+beyond gravity is f + d with f = w^2 H z and d = -2.4 w S H S q'. Why it gives the arm no energy:
+
+* The springs store w^2 z' H z / 2. An anchor slips only in the direction in which its spring pulls it, so slipping takes
+  f_j times its velocity from this energy, never adds to it, however the joints are coupled.
+* S H S is symmetric and positive, so q' d <= 0 for any velocities and any s_j. A joint that slips has a small s_j. (A
+  matrix H S would let a fast heavy joint drive a light one.)
+* Friction is compensated only while an anchor slips, and only by a share of the effort with which its spring brakes.
+
+That is exact in continuous time, but for the change of H over the length of a spring. Sampling, delay and quantisation
+cost energy, which a real mass-spring system needs damping for: a sampled spring-damper K, B at period T is passive only
+if the joint has the damping b > K T / 2 + |B| itself (Colgate and Schenkel, "Passivity of a class of sampled-data
+systems", Journal of Robotic Systems 14(1), 1997), and a resolution of D costs up to K D / 2 of Coulomb friction
+(Diolaiti, Niemeyer, Barbagli and Salisbury, "Stability of haptic rendering", IEEE Transactions on Robotics 22(2),
+2006). An arm without friction has neither. But its inertia is known, and is what f and d are weighted with, so by the
+model each mode obeys z'' + 2.4 w z' + w^2 z = 0, however light it is, and a total delay of 0.4 / w turns its phase by
+less than its margin. Hence `_OF_RATE`. If no link is lighter than the model by more than a factor, neither is a mode.
+
+Light joints yield by the length of their springs (`_longest`): the resistance of ``freedrive.resistance`` would hurl
+them, and stretch the spring over radians.
 """
 
 import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.effort import friction, limit_effort
 from pidtsm_core.control.safe import learn
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Hold, part
+from pidtsm_core.parameters import Array
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Signal
 from pidtsm_core.timing import seconds
 
 _BANDWIDTH, _OF_RATE = 40.0, 0.08
-"""Natural frequency of the springs, rad/s, and its largest value as a multiple of the rate of the joint states."""
+"""Natural frequency w of the springs, rad/s, and its largest value as a multiple of the rate of the joint states."""
+_DAMPING = 2.4
+"""Twice the damping ratio."""
+_RECOIL = 2.0
+"""Length at which a spring yields, as a multiple of freedrive.velocity / w: let go, it recoils at 0.7 times that."""
+_SETTLES = 6.0
+"""Rate at which an anchor slips to where its spring does not yield, as a multiple of w; it damps without any delay."""
+_MOVES, _TRUSTED = 0.05, 0.9
+"""What was learnt while a joint was faster (rad/s) may be wrong, and counts up to this share of the resistance."""
 _COMPENSATED = 0.7
 """Share of the friction that is compensated: the arm must not move by itself if its friction is less than modelled."""
-_RECOIL = 2.0
-_SETTLES = 6.0
-_DAMPING = 2.4
-_MOVES, _TRUSTED = 0.05, 0.8
-_EASES, _CHANGE = 0.05, 0.02
 _MARGIN, _LARGEST_MARGIN = 0.05, 0.1
 """Distance of the anchor from a position limit, as a share of the range of the joint; and in rad or m."""
+_EASES = 0.05
+"""s; time in which the dampers begin to act."""
+_CHANGE = 0.02
+"""Largest change from one command to the next, as a share of the effort limit, where freedrive begins."""
+_CARRIED = 0.95
+"""Largest share of the effort limit that the weight of the arm may take."""
+_WRONG = 0.125
+"""Error of the model, as a share of gravity, with which the springs must hold the arm."""
+_NEAR = 0.5
+"""rad or m; distance of the positions that are examined beside the present one."""
 
 
 @part
@@ -74,7 +111,7 @@ def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None
     forward_dynamics(config.model, y[Signal.POSITION], efforts[5], state.net, efforts[4])
     share = 1.0
     for j in range(hold.shape[1]):
-        most = _trust(state, j) * bandwidth * bandwidth * _longest(config, bandwidth, j)
+        most = bandwidth * bandwidth * _longest(config, bandwidth, j)
         share = min(share, most / abs(efforts[4, j])) if efforts[4, j] != 0.0 else share
     for j in range(hold.shape[1]):
         hold[Hold.LEARNT, j] *= share
@@ -149,7 +186,7 @@ def _pull(config: ControllerConfig, state: ControllerState, bandwidth: float) ->
 
 @inlined
 def _slip(config: ControllerConfig, state: ControllerState, bandwidth: float, dt: float) -> None:
-    """Move the anchors over dt (s), one after the other, as far as their springs yield."""
+    """Move the anchors over dt (s), one after the other, as far as their springs yield, and not too fast."""
     hold = state.hold
     passed = -math.expm1(-_SETTLES * bandwidth * dt)
     for j in range(hold.shape[1]):
@@ -165,29 +202,38 @@ def _slip(config: ControllerConfig, state: ControllerState, bandwidth: float, dt
 
 
 @inlined
+def _stretch(state: ControllerState, joint: int) -> float:
+    """Length of a spring, rad; negative if other springs make it pull away from its anchor."""
+    stretch = state.hold[Hold.ANCHOR, joint] - state.signals[Signal.POSITION, joint]
+    return math.copysign(1.0, state.scratch[1, joint]) * stretch
+
+
+@inlined
 def _excess(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
-    """How far the anchor of a joint has to move, rad."""
+    """How far the anchor of a joint has to move until its spring yields no more, rad.
+
+    It moves at most until the spring pulls no more: farther, it would add energy.
+    """
     pull, inertia = state.scratch[1, joint], state.hold[Hold.INERTIA, joint]
-    if inertia <= 0.0:
+    if not inertia > 0.0:
         return 0.0
     stiffness = bandwidth * bandwidth * inertia
-    stretch = (state.hold[Hold.ANCHOR, joint] - state.signals[Signal.POSITION, joint]) * math.copysign(1.0, pull)
-    relaxed = abs(pull) / stiffness
-    least = (abs(pull) - config.resistance[joint]) / stiffness
-    excess = max(least, min(stretch - _longest(config, bandwidth, joint), relaxed), 0.0)
-    return -math.copysign(excess, pull)
+    of_effort = (abs(pull) - config.resistance[joint]) / stiffness
+    of_length = min(_stretch(state, joint) - _longest(config, bandwidth, joint), abs(pull) / stiffness)
+    return -math.copysign(max(of_effort, of_length, 0.0), pull)
 
 
 @inlined
 def _longest(config: ControllerConfig, bandwidth: float, joint: int) -> float:
+    """Length at which the spring of a joint yields, rad."""
     return _RECOIL * config.free_velocity[joint] / bandwidth
 
 
 @inlined
 def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float, eased: float) -> None:
-    """Write the effort of the dampers to ``state.scratch[3]``; a joint that slips has less, up to none.
+    """Write the effort of the dampers to ``state.scratch[3]``; a joint that slips has less.
 
-    The damping matrix is S H S, where S is diagonal, so it is symmetric and takes energy whatever the velocities are.
+    `eased` is the share of the dampers that acts.
     """
     motion, efforts, y = state.motion, state.scratch, state.signals
     for j in range(y.shape[1]):
@@ -200,13 +246,15 @@ def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float, ea
 
 @inlined
 def _share(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
-    """Square root of the share of the velocity of a joint that is damped."""
+    """s_j of the dampers: its square is the share of the velocity of a joint that is damped, 0 to 1.
+
+    A joint that yields to a push is damped only beyond ``freedrive.velocity``.
+    """
     velocity, pull = state.signals[Signal.VELOCITY, joint], state.scratch[1, joint]
     if pull * velocity >= 0.0:
         return 1.0
-    stretch = (state.hold[Hold.ANCHOR, joint] - state.signals[Signal.POSITION, joint]) * math.copysign(1.0, pull)
-    loose = min(max(abs(pull) / config.resistance[joint], stretch / _longest(config, bandwidth, joint)), 1.0)
-    return math.sqrt(1.0 - loose * min(config.free_velocity[joint] / abs(velocity), 1.0))
+    loose = max(abs(pull) / config.resistance[joint], _stretch(state, joint) / _longest(config, bandwidth, joint))
+    return math.sqrt(1.0 - min(loose, 1.0) * min(config.free_velocity[joint] / abs(velocity), 1.0))
 
 
 @inlined
@@ -234,3 +282,47 @@ def hand_over(state: ControllerState) -> None:
         state.handed[j] = state.handed_before[j] = beyond
         efforts[j] = state.sent[j]
     state.clock[Clock.FREED] = 0
+
+
+def refusal(config: ControllerConfig, state: ControllerState, joints: Sequence[str]) -> str:
+    """Why freedrive could not hold the arm where it is now; empty if it can.
+
+    Args:
+        config: configuration of a law that uses the model.
+        state: state; the measured position and the period of the joint states are read.
+        joints: names of the joints.
+    """
+    weight, still = np.zeros((1, state.measured.size)), np.zeros(state.measured.size)
+    inverse_dynamics(config.model, state.measured, still, still[np.newaxis], weight)
+    for joint, effort, limit in zip(joints, np.abs(weight[0]), config.effort_limit, strict=True):
+        if not effort <= _CARRIED * limit:
+            return (
+                f"{joint} needs {100.0 * effort / limit:.0f} % of limits.effort to carry the weight of the arm, which "
+                f"is more than {100.0 * _CARRIED:.0f} %; move the arm to where it weighs less, or raise limits.effort"
+            )
+    needed, falls = np.zeros_like(still), np.zeros_like(still)
+    for q in _postures(state.measured):
+        forward_dynamics(config.model, q, still, still, falls)
+        needed = np.maximum(
+            needed, np.nan_to_num(_WRONG * np.abs(falls) / (_RECOIL * config.free_velocity), nan=np.inf)
+        )
+    joint, cure = joints[int(needed.argmax())], "if the model lacks the inertia of its rotor, set robot.armature"
+    if needed.max() > _BANDWIDTH:
+        return f"{joint} is too light for freedrive, by the model; {cure}"
+    if needed.max() > _bandwidth(state):
+        rate, least = 1.0 / seconds(state.clock[Clock.PERIOD]), needed.max() / _OF_RATE
+        return (
+            f"{joint} is so light, by the model, that freedrive needs {least:.0f} joint states per second, and there "
+            f"are {rate:.0f}; {cure}"
+        )
+    return ""
+
+
+def _postures(q: Array) -> Iterator[Array]:
+    """The position q, shape (joints,), rad, and those in which one joint is elsewhere."""
+    yield q
+    for j in range(q.size):
+        for offset in (-_NEAR, _NEAR):
+            other = q.copy()
+            other[j] += offset
+            yield other

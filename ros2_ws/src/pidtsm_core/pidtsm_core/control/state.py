@@ -40,7 +40,7 @@ class Clock(IntEnum):
     SILENT_SINCE = 19  # when joint states were found missing, in the time of the stamps, plus 1; 0: they arrive
     BRAKES = 20  # 1: the brakes should be engaged
     REQUEST = 21  # see `Request`
-    FREED = 22  # 1: freedrive has begun, see freedrive.py
+    FREED = 22  # stamp at which freedrive began, plus 1; 0: it has not
     GENTLE = 23  # 1: the next approach keeps within freedrive.velocity, because the arm may be far from its reference
 
 
