@@ -8,8 +8,8 @@ Transactions on Automatic Control 47(5), 2002).
 With z the distances of the anchors from the joints, H the inertia matrix, w the bandwidth and S = diag(s_j), the effort
 beyond gravity is f + d with f = w^2 H z and d = -2.4 w S H S q'. Why it gives the arm no energy:
 
-* The springs store w^2 z' H z / 2. An anchor slips only in the direction in which its spring pulls it, so slipping takes
-  f_j times its velocity from this energy, never adds to it, however the joints are coupled.
+* The springs store w^2 z' H z / 2. An anchor slips only in the direction in which its spring pulls it, so slipping
+  takes f_j times its velocity from this energy, never adds to it, however the joints are coupled.
 * S H S is symmetric and positive, so q' d <= 0 for any velocities and any s_j. A joint that slips has a small s_j. (A
   matrix H S would let a fast heavy joint drive a light one.)
 * Friction is compensated only while an anchor slips, and only by a share of the effort with which its spring brakes.
@@ -55,7 +55,7 @@ _COMPENSATED = 0.7
 """Share of the friction that is compensated: the arm must not move by itself if its friction is less than modelled."""
 _MARGIN, _LARGEST_MARGIN = 0.05, 0.1
 """Distance of the anchor from a position limit, as a share of the range of the joint; and in rad or m."""
-_EASES = 0.05
+_EASES = 0.08
 """s; time in which the dampers begin to act."""
 _CHANGE = 0.02
 """Largest change from one command to the next, as a share of the effort limit, where freedrive begins."""
@@ -86,7 +86,7 @@ def make_free(config: ControllerConfig, state: ControllerState, stamp: int, dt: 
         y[Signal.EQUIVALENT_EFFORT, j] = gravity[j]
         y[Signal.EFFORT, j] = gravity[j] + pull[j] + damping[j] + hold[Hold.LEARNT, j] + state.added[j]
     limit_effort(config, state)
-    _ease(config, state, stamp, begins)
+    _ease(config, state, begins)
     limit_effort(config, state)
 
 
@@ -131,7 +131,7 @@ def _eased(state: ControllerState, stamp: int) -> float:
 
 
 @inlined
-def _ease(config: ControllerConfig, state: ControllerState, stamp: int, begins: bool) -> None:
+def _ease(config: ControllerConfig, state: ControllerState, begins: bool) -> None:
     """Fade from the last command to the effort of freedrive, all joints together."""
     efforts, offset, largest = state.signals[Signal.EFFORT], state.hold[Hold.OFFSET], 0.0
     for j in range(efforts.size):
@@ -259,8 +259,12 @@ def _share(config: ControllerConfig, state: ControllerState, bandwidth: float, j
 
 @inlined
 def _compensation(config: ControllerConfig, state: ControllerState, joint: int, pull: float) -> float:
-    """Effort that compensates a part of the friction of a joint that slips, N m: less than what its spring takes."""
-    effort, most = _COMPENSATED * friction(config, state.hold[Hold.SLIP, joint], joint), _COMPENSATED * abs(pull)
+    """Effort that compensates a part of the friction of a joint that slips, N m.
+
+    It is less than what is left of the pull of the spring beside what was learnt, so that both together drive nothing.
+    """
+    effort = _COMPENSATED * friction(config, state.hold[Hold.SLIP, joint], joint)
+    most = _COMPENSATED * max(abs(pull) - abs(state.hold[Hold.LEARNT, joint]), 0.0)
     return min(max(effort, -most), most) if effort * pull < 0.0 else 0.0
 
 
