@@ -242,9 +242,7 @@ def freed_light(rotor: float, hardware: str, push: float = 0.0) -> Recording:
         **HARDWARE[hardware],
     }
     controller = {"rehearsal.freedrive": FREE, "robot.armature": rotor}
-    return rollout(
-        None, None, "practical", arm.description, duration=HELD, controller=controller, simulator=simulator
-    )
+    return rollout(None, None, "practical", arm.description, duration=HELD, controller=controller, simulator=simulator)
 
 
 @pytest.mark.parametrize("rotor", LIGHT)
