@@ -7,6 +7,7 @@ import numpy as np
 
 from pidtsm_core.compilation import first_compilation
 from pidtsm_core.control.parameters import CONTACT, FREEDRIVE, FRICTION, REJECTION
+from pidtsm_core.control.freedrive import refusal as cannot_be_free
 from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
 from pidtsm_core.control.state import Clock, floats_size, integers_size, part, unpack
@@ -247,6 +248,8 @@ class Controller:
             return "there is a fault; call ~/reset_fault"
         if wanted == Request.FREE and not self.config.uses_model:
             return "the law has no model of the arm, which would have to carry it"
+        if wanted == Request.FREE and (reason := cannot_be_free(self.config, self.state, self._names)):
+            return reason
         request(self.state, int(wanted))
         return ""
 

@@ -1,122 +1,271 @@
 """Freedrive: the arm carries itself, and a person moves it by hand.
 
-A spring and a damper tie each joint to an anchor. Where the spring needs more effort than ``freedrive.resistance``, the
-anchor slips along, like dry friction: the arm stays where it is left, even if the model is wrong, and nothing but a
-push sets it in motion (the elasto-plastic model of Dupont, Hayward, Armstrong and Altpeter, "Single state elastoplastic
-friction models", IEEE Transactions on Automatic Control 47(5), 2002). The anchor moves at ``freedrive.velocity`` at
-most, and not out of the range of its joint; beyond, the spring holds the arm back.
+A spring ties each joint to an anchor, and a damper to the ground. Where a spring yields, its anchor slips along, like
+dry friction: the arm stays where it is left, even if the model is wrong, and nothing but a push sets it in motion (the
+elasto-plastic model of Dupont, Hayward, Armstrong and Altpeter, "Single state elastoplastic friction models", IEEE
+Transactions on Automatic Control 47(5), 2002).
+
+With z the distances of the anchors from the joints, H the inertia matrix, w the bandwidth and S = diag(s_j), the effort
+beyond gravity is f + d with f = w^2 H z and d = -2.4 w S H S q'. Why it gives the arm no energy:
+
+* The springs store w^2 z' H z / 2. An anchor slips only in the direction in which its spring pulls it, so slipping
+  takes f_j times its velocity from this energy, never adds to it, however the joints are coupled.
+* S H S is symmetric and positive, so q' d <= 0 for any velocities and any s_j. A joint that slips has a small s_j. (A
+  matrix H S would let a fast heavy joint drive a light one.)
+* Friction is compensated only while an anchor slips, and only by a share of the effort with which its spring brakes.
+
+That is exact in continuous time, but for the change of H over the length of a spring. Sampling, delay and quantisation
+cost energy, which a real mass-spring system needs damping for: a sampled spring-damper K, B at period T is passive only
+if the joint has the damping b > K T / 2 + |B| itself (Colgate and Schenkel, "Passivity of a class of sampled-data
+systems", Journal of Robotic Systems 14(1), 1997), and a resolution of D costs up to K D / 2 of Coulomb friction
+(Diolaiti, Niemeyer, Barbagli and Salisbury, "Stability of haptic rendering", IEEE Transactions on Robotics 22(2),
+2006). An arm without friction has neither. But its inertia is known, and is what f and d are weighted with, so by the
+model each mode obeys z'' + 2.4 w z' + w^2 z = 0, however light it is, and a total delay of 0.4 / w turns its phase by
+less than its margin. Hence `_OF_RATE`. If no link is lighter than the model by more than a factor, neither is a mode.
+
+Light joints yield by the length of their springs (`_longest`): the resistance of ``freedrive.resistance`` would hurl
+them, and stretch the spring over radians.
 """
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.effort import friction, limit_effort
-from pidtsm_core.control.safe import go_gently, learn
+from pidtsm_core.control.safe import learn
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Hold, part
+from pidtsm_core.parameters import Array
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Signal
 from pidtsm_core.timing import seconds
 
-_BANDWIDTH, _OF_RATE = 40.0, 0.1
-"""Natural frequency of the springs, rad/s, and its largest value as a multiple of the rate of the joint states."""
+_BANDWIDTH, _OF_RATE = 40.0, 0.08
+"""Natural frequency w of the springs, rad/s, and its largest value as a multiple of the rate of the joint states."""
+_DAMPING = 2.4
+"""Twice the damping ratio."""
+_RECOIL = 2.0
+"""Length at which a spring yields, as a multiple of freedrive.velocity / w: let go, it recoils at 0.7 times that."""
+_SETTLES = 6.0
+"""Rate at which an anchor slips to where its spring does not yield, as a multiple of w; it damps without any delay."""
+_MOVES, _TRUSTED = 0.05, 0.9
+"""What was learnt while a joint was faster (rad/s) may be wrong, and counts up to this share of the resistance."""
 _COMPENSATED = 0.7
 """Share of the friction that is compensated: the arm must not move by itself if its friction is less than modelled."""
-_MOVES = 0.05
-"""rad/s; a joint that is faster slips from the beginning."""
 _MARGIN, _LARGEST_MARGIN = 0.05, 0.1
 """Distance of the anchor from a position limit, as a share of the range of the joint; and in rad or m."""
+_EASES = 0.08
+"""s; time in which the dampers begin to act."""
+_CHANGE = 0.02
+"""Largest change from one command to the next, as a share of the effort limit, where freedrive begins."""
+_CARRIED = 0.95
+"""Largest share of the effort limit that the weight of the arm may take."""
+_WRONG = 0.125
+"""Error of the model, as a share of gravity, with which the springs must hold the arm."""
+_NEAR = 0.5
+"""rad or m; distance of the positions that are examined beside the present one."""
 
 
 @part
 def make_free(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
     """Replace the effort for the joint state of `stamp` (ns), dt (s) after the last one, with that of freedrive."""
-    y, hold, clock, motion, efforts = state.signals, state.hold, state.clock, state.motion, state.scratch
-    q, begins = y[Signal.POSITION], clock[Clock.FREED] == 0
-    bandwidth = _BANDWIDTH
-    if clock[Clock.PERIOD] > 0:
-        bandwidth = min(bandwidth, _OF_RATE / seconds(clock[Clock.PERIOD]))
+    y, hold, clock, efforts = state.signals, state.hold, state.clock, state.scratch
+    begins, bandwidth = clock[Clock.FREED] == 0, _bandwidth(state)
     if begins:
-        _begin(config, state, bandwidth)
+        _begin(config, state, stamp)
         dt = 0.0
     # The inertia changes slowly: that of one joint at each sample is enough.
-    _pull(config, state, bandwidth, clock[Clock.ANSWERED] % q.size)
-    gravity, pull = efforts[0], efforts[1]
-    for j in range(q.size):
-        pull[j] -= gravity[j]
-        loose = _slip(config, state, j, pull[j] / (bandwidth * bandwidth), pull[j], dt)
-        velocity, fastest = y[Signal.VELOCITY, j], config.free_velocity[j]
-        allowed = min(max(velocity, -fastest), fastest)
-        motion[0, j] = -2.0 * bandwidth * (velocity - loose * allowed)
-        state.added[j] = loose * _COMPENSATED * friction(config, allowed, j)
-        efforts[5, j] = 0.0
-    inverse_dynamics(config.model, q, efforts[5], motion[:1], efforts[3:4])
-    for j in range(q.size):
+    _weigh(config, state, clock[Clock.ANSWERED] % y.shape[1])
+    _pull(config, state, bandwidth)
+    _slip(config, state, bandwidth, dt)
+    _damp(config, state, bandwidth, _eased(state, stamp))
+    gravity, pull, damping = efforts[0], efforts[1], efforts[3]
+    for j in range(y.shape[1]):
+        state.added[j] = _compensation(config, state, j, pull[j])
         y[Signal.EQUIVALENT_EFFORT, j] = gravity[j]
-        y[Signal.EFFORT, j] = efforts[3, j] + pull[j] + hold[Hold.LEARNT, j] + state.added[j]
+        y[Signal.EFFORT, j] = gravity[j] + pull[j] + damping[j] + hold[Hold.LEARNT, j] + state.added[j]
     limit_effort(config, state)
-    go_gently(config, state, stamp, begins)
+    _ease(config, state, begins)
+    limit_effort(config, state)
 
 
 @inlined
-def _begin(config: ControllerConfig, state: ControllerState, bandwidth: float) -> None:
-    """Tie the arm to anchors behind it, where they slip if it moves.
+def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
+    """Tie the arm to anchors where it is, and limit what the law has learnt of a load.
 
-    What the law has learnt of a load is added up to the resistance, so that it cannot move the arm if it is wrong.
+    It may be wrong, so it is no more than what the springs hold back: on its joint, and on every joint that it moves.
     """
-    state.clock[Clock.FREED] = 1
+    hold, y, efforts, bandwidth = state.hold, state.signals, state.scratch, _bandwidth(state)
+    state.clock[Clock.FREED] = stamp + 1
     learn(config, state)
-    learnt, anchors, stretches = state.hold[Hold.LEARNT], state.hold[Hold.ANCHOR], state.scratch[4]
-    q = state.signals[Signal.POSITION]
-    for j in range(q.size):
-        learnt[j] = min(max(learnt[j], -config.resistance[j]), config.resistance[j])
-        anchors[j] = q[j]
-    for j in range(q.size):
-        _pull(config, state, bandwidth, j)
-        share = min(max(state.signals[Signal.VELOCITY, j] / _MOVES, -1.0), 1.0)
-        state.net[j] = state.scratch[0, j] + share * config.resistance[j]
-    forward_dynamics(config.model, q, state.scratch[5], state.net, stretches)
-    for j in range(q.size):
-        anchors[j] -= stretches[j] / (bandwidth * bandwidth)
+    for j in range(hold.shape[1]):
+        _weigh(config, state, j)
+        hold[Hold.ANCHOR, j] = y[Signal.POSITION, j]
+        hold[Hold.SLIP, j] = 0.0
+    _pull(config, state, bandwidth)
+    for j in range(hold.shape[1]):
+        most = _trust(state, j) * _held(config, state, bandwidth, j)
+        hold[Hold.LEARNT, j] = min(max(hold[Hold.LEARNT, j], -most), most)
+        state.net[j] = efforts[0, j] + hold[Hold.LEARNT, j]
+    forward_dynamics(config.model, y[Signal.POSITION], efforts[5], state.net, efforts[4])
+    share = 1.0
+    for j in range(hold.shape[1]):
+        most = bandwidth * bandwidth * _longest(config, bandwidth, j)
+        share = min(share, most / abs(efforts[4, j])) if efforts[4, j] != 0.0 else share
+    for j in range(hold.shape[1]):
+        hold[Hold.LEARNT, j] *= share
+
+
+@inlined
+def _trust(state: ControllerState, joint: int) -> float:
+    """Share of the resistance of a joint up to which something learnt is believed."""
+    return 1.0 if abs(state.signals[Signal.VELOCITY, joint]) < _MOVES else _TRUSTED
+
+
+@inlined
+def _eased(state: ControllerState, stamp: int) -> float:
+    """Share of the dampers that acts, from 0 at the beginning, so that an arm that moves is not stopped with a jerk."""
+    since = seconds(stamp + 1 - state.clock[Clock.FREED])
+    return since / _EASES if 0.0 <= since < _EASES else 1.0
+
+
+@inlined
+def _ease(config: ControllerConfig, state: ControllerState, begins: bool) -> None:
+    """Fade from the last command to the effort of freedrive, all joints together."""
+    efforts, offset, largest = state.signals[Signal.EFFORT], state.hold[Hold.OFFSET], 0.0
+    for j in range(efforts.size):
+        if begins:
+            offset[j] = state.sent[j] - efforts[j]
+        largest = max(largest, abs(offset[j]) / config.effort_limit[j])
+    left = max(1.0 - _CHANGE / largest, 0.0) if largest > 0.0 else 0.0
+    for j in range(efforts.size):
+        offset[j] *= left
+        efforts[j] += offset[j]
+
+
+@inlined
+def _bandwidth(state: ControllerState) -> float:
+    """Natural frequency of the springs, rad/s."""
+    period = state.clock[Clock.PERIOD]
+    return min(_BANDWIDTH, _OF_RATE / seconds(period)) if period > 0 else _BANDWIDTH
+
+
+@inlined
+def _held(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
+    """Effort on a joint alone that its spring holds at least, N m."""
+    light = bandwidth * bandwidth * _longest(config, bandwidth, joint) * state.hold[Hold.LIGHTEST, joint]
+    return min(config.resistance[joint], light)
 
 
 @part
-def _pull(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> None:
-    """Write the effort that carries the arm, and that with the springs, to ``state.scratch``; weigh a joint."""
+def _weigh(config: ControllerConfig, state: ControllerState, joint: int) -> None:
+    """Update the inertias of a joint."""
     motion, efforts, q = state.motion, state.scratch, state.signals[Signal.POSITION]
     for j in range(q.size):
-        motion[0, j] = motion[2, j] = efforts[5, j] = 0.0
+        motion[0, j] = motion[1, j] = efforts[5, j] = 0.0
+    motion[1, joint] = 1.0
+    inverse_dynamics(config.model, q, efforts[5], motion[:2], efforts[:2])
+    state.hold[Hold.INERTIA, joint] = efforts[1, joint] - efforts[0, joint]
+    efforts[0, joint] += 1.0
+    forward_dynamics(config.model, q, efforts[5], efforts[0], efforts[4])
+    state.hold[Hold.LIGHTEST, joint] = 1.0 / efforts[4, joint] if efforts[4, joint] > 0.0 else 0.0
+
+
+@part
+def _pull(config: ControllerConfig, state: ControllerState, bandwidth: float) -> None:
+    """Write the effort that carries the arm, and that of the springs, to the first rows of ``state.scratch``."""
+    motion, efforts, q = state.motion, state.scratch, state.signals[Signal.POSITION]
+    for j in range(q.size):
+        motion[0, j] = efforts[5, j] = 0.0
         motion[1, j] = bandwidth * bandwidth * (state.hold[Hold.ANCHOR, j] - q[j])
-    motion[2, joint] = 1.0
-    inverse_dynamics(config.model, q, efforts[5], motion, efforts[:3])
-    state.hold[Hold.INERTIA, joint] = efforts[2, joint] - efforts[0, joint]
+    inverse_dynamics(config.model, q, efforts[5], motion[:2], efforts[:2])
+    for j in range(q.size):
+        efforts[1, j] -= efforts[0, j]
 
 
 @inlined
-def _slip(
-    config: ControllerConfig, state: ControllerState, joint: int, weighted: float, pull: float, dt: float
-) -> float:
-    """Move the anchor of a joint over dt (s).
+def _slip(config: ControllerConfig, state: ControllerState, bandwidth: float, dt: float) -> None:
+    """Move the anchors over dt (s), one after the other, as far as their springs yield, and not too fast."""
+    hold = state.hold
+    passed = -math.expm1(-_SETTLES * bandwidth * dt)
+    for j in range(hold.shape[1]):
+        most = config.free_velocity[j] * dt
+        slip = min(max(passed * _excess(config, state, bandwidth, j), -most), most)
+        if _leaves_range(config, hold[Hold.ANCHOR, j] + slip, slip, j):
+            slip = 0.0
+        if slip != 0.0:
+            hold[Hold.ANCHOR, j] += slip
+            _pull(config, state, bandwidth)  # A change of one spring pulls at all joints.
+        if dt > 0.0:
+            hold[Hold.SLIP, j] += passed * (slip / dt - hold[Hold.SLIP, j])
 
-    Args:
-        config: configuration, which is read.
-        state: state, which is changed.
-        joint: index of the joint.
-        weighted: `pull` by the square of the bandwidth, kg m^2 rad.
-        pull: effort of the springs on the joint, N m.
-        dt: s.
 
-    Returns:
-        How loose the joint is: from 0, where the damper acts, to 1, where it slips and only its resistance acts.
+@inlined
+def _stretch(state: ControllerState, joint: int) -> float:
+    """Length of a spring, rad; negative if other springs make it pull away from its anchor."""
+    stretch = state.hold[Hold.ANCHOR, joint] - state.signals[Signal.POSITION, joint]
+    return math.copysign(1.0, state.scratch[1, joint]) * stretch
+
+
+@inlined
+def _excess(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
+    """How far the anchor of a joint has to move until its spring yields no more, rad.
+
+    It moves at most until the spring pulls no more: farther, it would add energy.
     """
-    resistance, velocity = config.resistance[joint], state.signals[Signal.VELOCITY, joint]
-    share = min(max(pull, -resistance), resistance) / pull if pull != 0.0 else 1.0
-    inertia = state.hold[Hold.INERTIA, joint]
-    # A change of one spring pulls at all joints; this share of it always converges (Jacobi's iteration).
-    slip = -(1.0 - share) * weighted / (inertia * config.resistance.size) if inertia > 0.0 else 0.0
-    most = config.free_velocity[joint] * dt
-    slip = min(max(slip, -most), most)
-    if _leaves_range(config, state.hold[Hold.ANCHOR, joint] + slip, slip, joint):
+    pull, inertia = state.scratch[1, joint], state.hold[Hold.INERTIA, joint]
+    if not inertia > 0.0:
         return 0.0
-    state.hold[Hold.ANCHOR, joint] += slip
-    return min(abs(pull) / resistance, 1.0) if pull * velocity < 0.0 else 0.0
+    stiffness = bandwidth * bandwidth * inertia
+    of_effort = (abs(pull) - config.resistance[joint]) / stiffness
+    of_length = min(_stretch(state, joint) - _longest(config, bandwidth, joint), abs(pull) / stiffness)
+    return -math.copysign(max(of_effort, of_length, 0.0), pull)
+
+
+@inlined
+def _longest(config: ControllerConfig, bandwidth: float, joint: int) -> float:
+    """Length at which the spring of a joint yields, rad."""
+    return _RECOIL * config.free_velocity[joint] / bandwidth
+
+
+@inlined
+def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float, eased: float) -> None:
+    """Write the effort of the dampers to ``state.scratch[3]``; a joint that slips has less.
+
+    `eased` is the share of the dampers that acts.
+    """
+    motion, efforts, y = state.motion, state.scratch, state.signals
+    for j in range(y.shape[1]):
+        motion[0, j] = -_DAMPING * eased * bandwidth * _share(config, state, bandwidth, j) * y[Signal.VELOCITY, j]
+        efforts[5, j] = 0.0
+    inverse_dynamics(config.model, y[Signal.POSITION], efforts[5], motion[:1], efforts[3:4])
+    for j in range(y.shape[1]):
+        efforts[3, j] = (efforts[3, j] - efforts[0, j]) * _share(config, state, bandwidth, j)
+
+
+@inlined
+def _share(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
+    """s_j of the dampers: its square is the share of the velocity of a joint that is damped, 0 to 1.
+
+    A joint that yields to a push is damped only beyond ``freedrive.velocity``.
+    """
+    velocity, pull = state.signals[Signal.VELOCITY, joint], state.scratch[1, joint]
+    if pull * velocity >= 0.0:
+        return 1.0
+    loose = max(abs(pull) / config.resistance[joint], _stretch(state, joint) / _longest(config, bandwidth, joint))
+    return math.sqrt(1.0 - min(loose, 1.0) * min(config.free_velocity[joint] / abs(velocity), 1.0))
+
+
+@inlined
+def _compensation(config: ControllerConfig, state: ControllerState, joint: int, pull: float) -> float:
+    """Effort that compensates a part of the friction of a joint that slips, N m.
+
+    It is less than what is left of the pull of the spring beside what was learnt, so that both together drive nothing.
+    """
+    effort = _COMPENSATED * friction(config, state.hold[Hold.SLIP, joint], joint)
+    most = _COMPENSATED * max(abs(pull) - abs(state.hold[Hold.LEARNT, joint]), 0.0)
+    return min(max(effort, -most), most) if effort * pull < 0.0 else 0.0
 
 
 @inlined
@@ -137,3 +286,47 @@ def hand_over(state: ControllerState) -> None:
         state.handed[j] = state.handed_before[j] = beyond
         efforts[j] = state.sent[j]
     state.clock[Clock.FREED] = 0
+
+
+def refusal(config: ControllerConfig, state: ControllerState, joints: Sequence[str]) -> str:
+    """Why freedrive could not hold the arm where it is now; empty if it can.
+
+    Args:
+        config: configuration of a law that uses the model.
+        state: state; the measured position and the period of the joint states are read.
+        joints: names of the joints.
+    """
+    weight, still = np.zeros((1, state.measured.size)), np.zeros(state.measured.size)
+    inverse_dynamics(config.model, state.measured, still, still[np.newaxis], weight)
+    for joint, effort, limit in zip(joints, np.abs(weight[0]), config.effort_limit, strict=True):
+        if not effort <= _CARRIED * limit:
+            return (
+                f"{joint} needs {100.0 * effort / limit:.0f} % of limits.effort to carry the weight of the arm, which "
+                f"is more than {100.0 * _CARRIED:.0f} %; move the arm to where it weighs less, or raise limits.effort"
+            )
+    needed, falls = np.zeros_like(still), np.zeros_like(still)
+    for q in _postures(state.measured):
+        forward_dynamics(config.model, q, still, still, falls)
+        needed = np.maximum(
+            needed, np.nan_to_num(_WRONG * np.abs(falls) / (_RECOIL * config.free_velocity), nan=np.inf)
+        )
+    joint, cure = joints[int(needed.argmax())], "if the model lacks the inertia of its rotor, set robot.armature"
+    if needed.max() > _BANDWIDTH:
+        return f"{joint} is too light for freedrive, by the model; {cure}"
+    if needed.max() > _bandwidth(state):
+        rate, least = 1.0 / seconds(state.clock[Clock.PERIOD]), needed.max() / _OF_RATE
+        return (
+            f"{joint} is so light, by the model, that freedrive needs {least:.0f} joint states per second, and there "
+            f"are {rate:.0f}; {cure}"
+        )
+    return ""
+
+
+def _postures(q: Array) -> Iterator[Array]:
+    """The position q, shape (joints,), rad, and those in which one joint is elsewhere."""
+    yield q
+    for j in range(q.size):
+        for offset in (-_NEAR, _NEAR):
+            other = q.copy()
+            other[j] += offset
+            yield other

@@ -40,15 +40,15 @@ class Clock(IntEnum):
     SILENT_SINCE = 19  # when joint states were found missing, in the time of the stamps, plus 1; 0: they arrive
     BRAKES = 20  # 1: the brakes should be engaged
     REQUEST = 21  # see `Request`
-    FREED = 22  # 1: freedrive has begun, see freedrive.py
+    FREED = 22  # stamp at which freedrive began, plus 1; 0: it has not
     GENTLE = 23  # 1: the next approach keeps within freedrive.velocity, because the arm may be far from its reference
     NOTED = 24  # time of the newest row of the history, in the time of the stamps
     NOTES = 25  # number of rows written to the history
     HANDOVER = 26  # what a change of the controller does to the effort, see `Handover`
     DEGRADED_SINCE = 27  # since when the stopped arm has not obeyed, plus 1; 0: it does, see supervision.py
     RESTED = 28  # number of times that a stopped arm was held again after it had left its place
-    SLEWING = 30  # 1: the safe effort of the last step was limited by its largest change
     UNLIMITED = 29  # 1: the rate limit is suspended, because it would prevent the stop
+    SLEWING = 30  # 1: the safe effort of the last step was limited by its largest change
 
 
 class Handover(IntEnum):
@@ -75,19 +75,21 @@ class Hold(IntEnum):
     POSITION = 2  # as measured last, rad
     LEARNT = 3  # effort that the law had learnt to add to the model's, N m
     OFFSET = 4  # what is left of the difference between the last command before the stop and the first safe one, N m
-    ANCHOR = 5  # where freedrive ties the arm, rad
-    INERTIA = 6  # what a push moves in freedrive, kg m^2
-    SLOWEST = 7  # least speed since the controller has only damped the arm, rad/s
-    DISTRUSTED = 8  # 1: the measurements of the joint are not used, see trust.py
-    BLIND = 9  # time since it has been distrusted, s
-    STEADY = 10  # time for which its measurements have not jumped, s
-    STEADY_FROM = 11  # its measured position then, rad
-    BEFORE = 12  # its velocity when the arm was stopped, rad/s
-    SEEN = 13  # last measured position, rad
-    SIGN = 14  # 1, -1: its motion is measured with this sign, its position not at all; 0: its position is measured
-    SHIFT = 15  # its position is SIGN times the measured one, plus this, rad
-    TREND = 16  # velocity beside the desired one, filtered more, rad/s
-    REVERSED = 17  # how often SIGN was changed
+    ANCHOR = 5  # where freedrive, or the damping of a stopped arm, ties the arm, rad
+    INERTIA = 6  # what a push moves in freedrive while the other joints hold still, kg m^2
+    LIGHTEST = 7  # the same while they are loose, kg m^2
+    SLIP = 8  # velocity of the anchor, filtered, rad/s
+    SLOWEST = 9  # least speed since the controller has only damped the arm, rad/s
+    DISTRUSTED = 10  # 1: the measurements of the joint are not used, see trust.py
+    BLIND = 11  # time since it has been distrusted, s
+    STEADY = 12  # time for which its measurements have not jumped, s
+    STEADY_FROM = 13  # its measured position then, rad
+    BEFORE = 14  # its velocity when the arm was stopped, rad/s
+    SEEN = 15  # last measured position, rad
+    SIGN = 16  # 1, -1: its motion is measured with this sign, its position not at all; 0: its position is measured
+    SHIFT = 17  # its position is SIGN times the measured one, plus this, rad
+    TREND = 18  # velocity beside the desired one, filtered more, rad/s
+    REVERSED = 19  # how often SIGN was changed
 
 
 class Still(IntEnum):

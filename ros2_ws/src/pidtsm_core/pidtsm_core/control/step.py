@@ -246,6 +246,8 @@ def set_clock(state: ControllerState, stamp: int) -> None:
     later = stamp - clock[Clock.LAST]
     clock[Clock.LAST] += later
     clock[Clock.SENT] += later
+    if clock[Clock.FREED]:
+        clock[Clock.FREED] += later
     if clock[Clock.DEGRADED_SINCE]:
         clock[Clock.DEGRADED_SINCE] += later
     shift_history(state, later)

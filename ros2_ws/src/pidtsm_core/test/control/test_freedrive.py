@@ -8,6 +8,7 @@ from testarms import ARMS, PANDA, TWO_LINK, Arm, dotted
 
 from pidtsm_core.closed_loop import rollout
 from pidtsm_core.control import Clock, Controller
+from pidtsm_core.control.freedrive import refusal
 from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot
@@ -196,3 +197,121 @@ def test_a_law_without_a_model_refuses_freedrive_but_holds(arm: Arm) -> None:
     assert still.step(1) == Mode.FOLLOWING
     assert still.controller.request(Request.HOLD) == ""
     assert still.step(1) == Mode.HOLDING
+
+
+def light_arm(rotor: float) -> Arm:
+    """An arm whose last joint moves a ten thousandth of what the first one moves, as URDFs without rotors have it."""
+    masses, inertias = (8.0, 4.0, 0.3, 0.1), (0.3, 0.1, 3e-4, 5e-5)
+    links = "".join(
+        f'<link name="l{j}"><inertial><origin xyz="{0.4 * m / 8.0} 0 0.01"/><mass value="{m}"/>'
+        f'<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        for j, (m, i) in enumerate(zip(masses, inertias, strict=True))
+    )
+    axes, efforts = ("0 1 0", "0 1 0", "0 1 0", "1 0 0"), (300.0, 150.0, 54.0, 54.0)
+    joints = "".join(
+        f'<joint name="j{j}" type="revolute"><parent link="{"base" if j == 0 else f"l{j - 1}"}"/><child link="l{j}"/>'
+        f'<origin xyz="{0.4 * (j in (1, 2))} 0 0.05"/><axis xyz="{axis}"/>'
+        f'<limit lower="-3" upper="3" effort="{effort}" velocity="2"/></joint>'
+        for j, (axis, effort) in enumerate(zip(axes, efforts, strict=True))
+    )
+    return Arm(f'<robot name="light{rotor}"><link name="base"/>{links}{joints}</robot>', (0.1, 0.3, -0.2, 0.1))
+
+
+LIGHT = {rotor: light_arm(rotor) for rotor in (0.0, 0.02)}
+HARDWARE: dict[str, dict[str, Any]] = {
+    "ideal": {},
+    "14 bit, late": SENSORS,
+    "12 bit": {"encoder.bits": 12},
+    "noise": {"noise.std": 1e-4},
+    "lag": {"encoder.bits": 14, "delay.samples": 1, "actuator.lag": 0.005},
+    "250 Hz": {"rate": 250, **SENSORS},
+    "2 kHz": {"rate": 2000, "encoder.bits": 14},
+}
+
+
+def freed_light(rotor: float, hardware: str, push: float = 0.0) -> Recording:
+    """A rollout of `light_arm` with freedrive, with a push that accelerates every joint with `push` (rad/s^2)."""
+    arm = LIGHT[rotor]
+    acceleration = arm.alternating(push)
+    effort = arm.effort(arm.start, ddq=acceleration) - arm.effort(arm.start) + rotor * acceleration
+    simulator = {
+        "robot.armature": rotor,
+        "push.effort": effort.tolist(),
+        "push.time": PUSHED,
+        "push.duration": RELEASED - PUSHED,
+        **HARDWARE[hardware],
+    }
+    controller = {"rehearsal.freedrive": FREE, "robot.armature": rotor}
+    return rollout(None, None, "practical", arm.description, duration=HELD, controller=controller, simulator=simulator)
+
+
+@pytest.mark.parametrize("rotor", LIGHT)
+@pytest.mark.parametrize("hardware", HARDWARE)
+def test_light_joints_do_not_run_away(rotor: float, hardware: str) -> None:
+    """Joints that the resistance would accelerate with 10,000 rad/s^2; nobody touches the arm, which moved before."""
+    run = freed_light(rotor, hardware)
+    free, last = at(run, FREE, HELD), at(run, HELD - 1.0, HELD)
+    assert (run.status[free, Status.MODE] == Mode.FREEDRIVE).all()
+    assert np.abs(run.velocity[free]).max() < 0.5 * VELOCITY
+    assert np.ptp(run.position[last], axis=0).max() < 1e-2
+
+
+@pytest.mark.parametrize("rotor", LIGHT)
+@pytest.mark.parametrize("hardware", ["ideal", "14 bit, late", "lag"])
+def test_a_push_moves_light_joints_within_their_limits(rotor: float, hardware: str) -> None:
+    run = freed_light(rotor, hardware, push=20.0)
+    pushed, after, last = at(run, PUSHED, RELEASED), at(run, RELEASED + 0.1, HELD), at(run, HELD - 1.0, HELD)
+    assert not run.status[:, Status.FAULT].any()
+    assert np.abs(run.position[pushed] - run.position[pushed.start]).max() > 0.05
+    assert np.abs(run.velocity).max() < 2.0
+    energy = np.array(
+        [
+            0.5 * v @ (LIGHT[rotor].effort(q, ddq=v) - LIGHT[rotor].effort(q) + rotor * v)
+            for q, v in zip(run.position[after], run.velocity[after], strict=True)
+        ]
+    )
+    assert (energy - np.minimum.accumulate(energy)).max() < 0.01  # J
+    assert np.ptp(run.position[last], axis=0).max() < 5e-3
+
+
+@pytest.mark.parametrize("robot", ["xarm7", "z1"])
+def test_friction_that_is_not_there_does_not_drive_the_arm(robot: str) -> None:
+    """The description has friction, which is compensated; the arm has none."""
+    simulator = {**SENSORS, "friction.coulomb": 0.0, "friction.viscous": 0.0}
+    run = rollout(
+        None, None, "practical", robot, duration=4.0, controller={"rehearsal.freedrive": 1.0}, simulator=simulator
+    )
+    last = at(run, 3.0, 4.0)
+    assert (run.status[last, Status.MODE] == Mode.FREEDRIVE).all()
+    assert np.ptp(run.position[last], axis=0).max() < 1e-2
+
+
+@EACH_ARM
+def test_it_begins_without_a_step_of_the_torque(arm: Arm) -> None:
+    """The arm moves when it begins; the torque that stops it grows over many commands."""
+    run = freed(arm, "ideal", push=0.0)
+    begins = at(run, FREE - 2e-3, FREE + 0.1)
+    assert (np.abs(np.diff(run.effort[begins], axis=0)).max(axis=0) / arm.limits).max() < 0.08
+
+
+def refused(arm: Arm, period: int = MS, **changes: object) -> str:
+    controller = arm.controller(**changes)
+    controller.position[:] = arm.start
+    controller.state.clock[Clock.PERIOD] = period
+    return refusal(controller.config, controller.state, arm.names)
+
+
+def test_it_accepts_every_arm_at_its_rate(arm: Arm) -> None:
+    assert refused(arm) == ""
+    assert refused(arm, period=10 * MS) == ""
+
+
+def test_it_refuses_an_arm_that_it_cannot_hold() -> None:
+    light = LIGHT[0.0]
+    assert refused(light) == ""
+    assert "j3 is so light" in refused(light, period=20 * MS) or "j2 is so light" in refused(light, period=20 * MS)
+    assert "robot.armature" in refused(light, period=20 * MS)
+    assert refused(LIGHT[0.02], period=20 * MS, robot__armature=0.02) == ""
+    assert "too light" in refused(light, freedrive__velocity=0.02)
+    weak = light.limits * [0.05, 1.0, 1.0, 1.0]
+    assert "j0 needs" in refused(light, limits__effort=weak.tolist())
