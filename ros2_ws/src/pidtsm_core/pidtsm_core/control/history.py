@@ -22,6 +22,7 @@ def note(state: ControllerState, stamp: int) -> None:
     row = clock[Clock.NOTES] % HISTORY
     for j in range(state.measured.size):
         state.history[row, j] = state.measured[j]
+        state.history_efforts[row, j] = state.sent[j]
     state.history_stamps[row] = stamp
     clock[Clock.NOTED] = stamp
     clock[Clock.NOTES] += 1
@@ -67,6 +68,20 @@ def noted_acceleration(state: ControllerState, stamp: int, joint: int) -> float:
     mean = 0.5 * seconds(newest - state.history_stamps[_row(state, max(_recent_notes(state, stamp, RECENT) - 1, 0))])
     mean_of_all = 0.5 * seconds(newest - state.history_stamps[_row(state, max(_recent_notes(state, stamp, HISTORY) - 1, 0))])
     return (recent - all_) / (mean_of_all - mean) if mean_of_all > mean else 0.0
+
+
+@part
+def noted_effort(state: ControllerState, stamp: int, joint: int) -> float:
+    """Median of the noted efforts on a joint, N m: no single command decides."""
+    count = _recent_notes(state, stamp, HISTORY)
+    for i in range(count):
+        effort, below = state.history_efforts[_row(state, i), joint], 0
+        for k in range(count):
+            other = state.history_efforts[_row(state, k), joint]
+            below += int(other < effort or (other == effort and k < i))
+        if below == count // 2:
+            return effort
+    return state.sent[joint]
 
 
 @inlined

@@ -9,9 +9,10 @@ obey, supervision.py gives up holding.
 import math
 
 from pidtsm_core.compiled import inlined
+from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.desired import come_to_rest, learnt_acceleration, write_desired
 from pidtsm_core.control.effort import added_gravity, carry, limit_effort
-from pidtsm_core.control.history import HISTORY, RECENT, noted_acceleration, noted_motion
+from pidtsm_core.control.history import HISTORY, RECENT, noted_acceleration, noted_effort, noted_motion
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, External, Held, Hold, Still, part
 from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
 from pidtsm_core.control.trust import is_doubtful, reverse, used_position
@@ -291,9 +292,9 @@ def _present_motion(
 def _doubt_what_was_learnt(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
     """Of what the law has learnt, believe what the motion of the arm confirms: its output may be part of the fault.
 
-    The median of it, of the effort that acts on the arm from outside, and of that when the arm was last near its
-    reference: a wound-up law and a collision deceive one of them each. Without the latter two, of what the law has
-    learnt, what the noted motion shows, and nothing. If efforts have had no effect, those count that
+    The median of it, of the effort that acts on the arm from outside (see contact.py), and of what the noted efforts
+    were beyond those that the noted motion needs. In contact, which is no load to carry, what acted from outside when
+    the arm was last near its reference takes the place of the latter. If efforts have had no effect, those count that
     were applied before.
     """
     if state.status[Status.FAULT] == Fault.NO_EFFECT:
@@ -303,23 +304,28 @@ def _doubt_what_was_learnt(config: ControllerConfig, state: ControllerState, sta
                 state.hold[Hold.LEARNT, j] = state.still[Still.EFFORT, j] - state.signals[Signal.EFFORT, j]
         return
     external, learnt = state.external, state.hold[Hold.LEARNT]
-    if not config.feels:
-        _find_load(config, state, stamp)
+    _find_load(config, state, stamp)
+    touches = state.status[Status.FAULT] == Fault.EXTERNAL_EFFORT_LIMIT or in_contact(config, state)
     for j in range(state.measured.size):
-        if config.feels:
+        noted = state.scratch[2, j]
+        if not config.feels:
+            learnt[j] = _middle(learnt[j], noted, 0.0)
+        elif touches:
             learnt[j] = _middle(learnt[j], -external[External.TWICE, j], -external[External.USUAL, j])
         else:
-            learnt[j] = _middle(learnt[j], state.net[j] - state.scratch[2, j], 0.0)
+            learnt[j] = _middle(learnt[j], -external[External.TWICE, j], noted)
 
 
 @part
 def _find_load(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
-    """Write the effort that the noted motion needs, by the model, to ``state.scratch[2]``, N m."""
+    """Write what was applied beyond what the noted motion needs, by the model, to ``state.scratch[2]``, N m."""
     motion, velocities = state.motion, state.scratch[0]
     for j in range(state.measured.size):
         _, velocities[j] = noted_motion(state, stamp, j, RECENT)
         motion[0, j] = noted_acceleration(state, stamp, j)
     inverse_dynamics(config.model, state.measured, velocities, motion[:1], state.scratch[2:3])
+    for j in range(state.measured.size):
+        state.scratch[2, j] = noted_effort(state, stamp, j) - state.scratch[2, j]
 
 
 @part

@@ -200,6 +200,7 @@ class ControllerState(NamedTuple):
     hold: Array  # of the safe effort that holds the arm, see `Hold`, shape (len(Hold), joints)
     still: Array  # of joints whose measurements do not change, see `Still`, shape (len(Still), joints)
     history: Array  # positions as measured, a ring, see history.py, shape (HISTORY, joints), rad
+    history_efforts: Array  # commanded before these measurements, likewise, N m
     handover: Array  # what is left of the difference that a change of the controller made, shape (joints,), N m
     external: Array  # effort that acts on the arm from outside, see `External`, shape (len(External), joints)
     rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
@@ -223,7 +224,8 @@ _EXTERNAL = 37
 _HOLD = _EXTERNAL + len(External) + 1
 _STILL = _HOLD + len(Hold)
 _HISTORY = _STILL + len(Still)
-_HANDOVER = _HISTORY + HISTORY
+_HISTORY_EFFORTS = _HISTORY + HISTORY
+_HANDOVER = _HISTORY_EFFORTS + HISTORY
 _CONFIG, _MOTION, _SCRATCH = 14, _HANDOVER + 1, 13
 _ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
 
@@ -343,7 +345,8 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
         rejected=motion[_HOLD - 1],
         hold=motion[_HOLD:_STILL],
         still=motion[_STILL:_HISTORY],
-        history=motion[_HISTORY:_HANDOVER],
+        history=motion[_HISTORY:_HISTORY_EFFORTS],
+        history_efforts=motion[_HISTORY_EFFORTS:_HANDOVER],
         handover=motion[_HANDOVER],
         truth=scratch[:2],
         torque=scratch[2],
