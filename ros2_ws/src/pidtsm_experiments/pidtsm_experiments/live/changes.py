@@ -12,6 +12,9 @@ from pidtsm_experiments.live.parameters import shown
 LARGE = 3.0
 """A change by more than this factor, in either direction, is large."""
 
+_TOLD = 3
+"""Values of a step that are told."""
+
 
 def is_large(before: Any, after: Any) -> bool:
     """Whether a change needs a confirmation on a real arm.
@@ -70,8 +73,10 @@ class Step:
     by: str = ""
 
     def __str__(self) -> str:
-        names = {**self.before, **self.after}
-        text = "; ".join(told(name, self.before.get(name), self.after.get(name)) for name in names)
+        # A choice, such as of the law, comes before the parameters that come and go with it.
+        names = sorted({**self.before, **self.after}, key=lambda name: not name.endswith(".name"))
+        text = "; ".join(told(name, self.before.get(name), self.after.get(name)) for name in names[:_TOLD])
+        text += f"; and {len(names) - _TOLD} more" if len(names) > _TOLD else ""
         return f"{self.node} {text}" + (f" ({self.by})" if self.by else "")
 
 

@@ -31,6 +31,7 @@ from pidtsm_ros.process import spin_for
 from pidtsm_ros.qos import READER, RELIABLE_READER
 
 _ANSWER_WITHIN = 5.0  # s
+_SILENT_WITHIN = 2.0  # s; the same for a node that is silent already
 _CONFIGURE_WITHIN = 120.0  # s; the first controller of an arm compiles
 _THERE_WITHIN = 2.0  # s; discovery of a service that exists
 _AGAIN = 1.0
@@ -212,6 +213,7 @@ class System:
         node = name.partition("/")[0]
         if self.lives.condition(node) is Condition.DEAD:
             self.require(node)
+        within = min(within, _SILENT_WITHIN) if self.lives.trouble(node) else within
         if name not in self._clients:
             self._clients[name] = self._node.create_client(kind, name)
         client, end = self._clients[name], time.monotonic() + _THERE_WITHIN

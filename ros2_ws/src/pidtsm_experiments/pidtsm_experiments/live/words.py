@@ -80,7 +80,7 @@ def _silent(heard: Heard) -> Sentence:
     text = (
         f"No state of the controller since {heard.since}" if heard.newest is not None else "No state of the controller"
     )
-    if heard.report:
+    if heard.report not in ("", _FINE):
         return Sentence(f'{text}: it runs, and reports "{heard.report}"{_because(heard.missing)}', RED)
     if heard.alive:
         return Sentence(f"{text}{_because(heard.missing)}", RED)
