@@ -11,12 +11,15 @@ from typing import NamedTuple
 
 import pytest
 from ament_index_python.packages import get_package_prefix
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from liveclient import LiveClient, live_client
 from livepage import LiveSystem, free_port, live_process, parameter, until
 from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import JointState
 from testbed import Testbed, open_testbed
 
+from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.node_parameters import NODE_SCHEMAS
 from pidtsm_experiments.bags.reader import read_recording
@@ -162,7 +165,7 @@ def test_another_law_is_used_after_a_new_start(live: Live) -> None:
     assert parameter(live.system, "law.name") == "computed_torque"
     live.client.press("Undo")
     until(lambda: "undone: controller law.name" in live.text('id="events"'), lambda: live.text('id="events"'))
-    assert parameter(live.system, "law.name") == "article"
+    assert parameter(live.system, "law.name") == LAW_NAME.default
     assert parameter(live.system, "law.k1") == (3.5, 2.5)
 
 
@@ -258,21 +261,25 @@ def test_the_page_of_a_real_arm_breaks_nothing_and_asks_before_it_moves(real: Re
 
 
 def test_a_real_arm_changes_by_more_than_the_factor_only_after_a_question(real: Real) -> None:
-    real.client.enter("k1", "9.0")
-    real.client.submit("law")
-    until(lambda: "law.k1: 3 → 9" in real.text('id="changes"'), "a change by the factor itself, without a question")
-    real.client.enter("k1", "30.0")
-    real.client.submit("law")
-    assert "law.k1: 9 → 30" in until(real.questions, "a question")[0]
-    assert real.k1() == 9.0
+    real.testbed.set("controller", {"law.k1": 2.0})
+    until(lambda: real.client.find("k1")["value"] == "2", "what somebody else has changed, in its field")
+    until(lambda: "law.k1: 3 → 2 (by another program)" in real.text('id="changes"'), "the same in the history")
+
+    def enter(value: str) -> None:
+        real.client.enter("k1", value)
+        real.client.submit("law")
+
+    enter("6.0")
+    until(lambda: "law.k1: 2 → 6" in real.text('id="changes"'), lambda: f"no question: {real.questions()}")
+    enter("30.0")
+    assert "law.k1: 6 → 30" in until(real.questions, "a question")[0]
+    assert real.k1() == 6.0
     real.client.press("Change it")
-    until(lambda: "law.k1: 9 → 30" in real.text('id="changes"'), "the change")
+    until(lambda: "law.k1: 6 → 30" in real.text('id="changes"'), "the change")
     assert real.k1() == 30.0
     real.client.press("Undo")
-    until(lambda: real.client.find("k1")["value"] == "9", "the value before, without a question")
-    assert real.k1() == 9.0
-    real.testbed.set("controller", {"law.k1": 4.0})
-    until(lambda: "law.k1: 9 → 4 (by another program)" in real.text('id="changes"'), "what somebody else has changed")
+    until(lambda: real.client.find("k1")["value"] == "6", "the value before, without a question")
+    assert real.k1() == 6.0
 
 
 def test_a_silent_arm_and_a_silent_controller_are_named_with_what_starts_them(real: Real) -> None:
@@ -286,7 +293,12 @@ def test_a_silent_arm_and_a_silent_controller_are_named_with_what_starts_them(re
     assert "REAL ARM" in real.text('id="status"')
     assert "not seen" not in real.text('id="status"')
     until(lambda: "stranger  silent since" in real.text('id="nodes"'), lambda: real.text('id="nodes"'))
+    configure = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
+    assert real.testbed.call(ChangeState, "controller/change_state", configure).success
+    until(lambda: "controller  alive" in real.text('id="nodes"'), lambda: real.text('id="nodes"'))
     real.testbed.processes.running["controller"].process.kill()
     real.client.press("Deactivate")
     until(lambda: "controller did not answer" in real.text('id="events"'), lambda: real.text('id="events"'))
     assert "deactivated" not in real.text('id="events"')
+    until(lambda: "ros2 run pidtsm_controller controller" in real.text('id="nodes"'), lambda: real.text('id="nodes"'))
+    assert "controller  silent since" in real.text('id="nodes"')

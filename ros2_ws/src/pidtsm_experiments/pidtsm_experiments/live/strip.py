@@ -67,7 +67,7 @@ class Strip:
 
     def _line(self, node: str, life: Life, now: float) -> str:
         sentence, text = life.sentence(now), life.sentence(now).text
-        if life.condition(now) in _LOST and node not in self._buttons:
+        if (life.condition(now) in _LOST or not life.present) and node not in self._buttons:
             text += f"; {how_to_start(node, EXECUTABLES, self._desk.system.namespace)}"
         return _line(sentence.color, node, text)
 
