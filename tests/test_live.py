@@ -161,7 +161,7 @@ def test_another_law_is_used_after_a_new_start(live: Live) -> None:
     law = next(e["uuid"] for e in dropdowns if e["props"]["label"] == "law")
     live.client.send({"type": "GuiUpdateMessage", "uuid": law, "updates": {"value": "computed_torque"}})
     live.client.submit("law")
-    until(lambda: "controller started again" in live.text('id="events"'), "the new start")
+    until(lambda: "→ computed_torque" in live.text('id="changes"'), "the new start")
     assert parameter(live.system, "law.name") == "computed_torque"
     live.client.press("Undo")
     until(lambda: "undone: controller law.name" in live.text('id="events"'), lambda: live.text('id="events"'))

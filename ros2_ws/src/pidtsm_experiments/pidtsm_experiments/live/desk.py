@@ -29,6 +29,7 @@ class Desk:
         scenario: name of the experiment, for reports.
         loop: of the thread of the page; everything that touches ROS or a process runs in it.
         changes: of parameters, so far.
+        changing: held while parameters change, so what is undone is what was done last.
     """
 
     server: ViserServer
@@ -38,6 +39,7 @@ class Desk:
     scenario: str
     loop: asyncio.AbstractEventLoop
     changes: Changes = field(default_factory=Changes)
+    changing: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     def run(self, action: Coroutine[Any, Any, None]) -> None:
         """Run an action in the thread of the page; if it is refused, every browser shows why."""

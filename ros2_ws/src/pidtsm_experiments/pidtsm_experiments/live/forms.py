@@ -114,7 +114,16 @@ class NodeForms:
         self._desk.ask(client, question, "Change it", confirmed)
         return True
 
-    async def apply(self, changes: Mapping[str, Any], recorded: bool = True) -> None:
+    async def apply(self, changes: Mapping[str, Any]) -> None:
+        """`put`, after what else is being changed.
+
+        Raises:
+            RefusedError: see `put`.
+        """
+        async with self._desk.changing:
+            await self.put(changes)
+
+    async def put(self, changes: Mapping[str, Any], recorded: bool = True) -> None:
         """Set parameters of the running node, or start it again with them.
 
         Args:

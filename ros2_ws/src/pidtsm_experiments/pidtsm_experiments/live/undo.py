@@ -1,6 +1,5 @@
 """The history of changes on the page, and the buttons that undo them."""
 
-import asyncio
 from collections.abc import Mapping
 from html import escape
 from typing import Any
@@ -25,7 +24,6 @@ class Undo:
     def __init__(self, desk: Desk, forms: Mapping[str, NodeForms]) -> None:
         """Add it to the current container; it is hidden until there is a change. `forms`: by node."""
         self._desk, self._forms, gui = desk, forms, desk.server.gui
-        self._one_at_a_time = asyncio.Lock()
         self._folder = gui.add_folder("Changes", visible=False)
         with self._folder:
             desk.button("Undo", lambda: self._undo(1), "set the values from before the last change; again: one more")
@@ -55,14 +53,14 @@ class Undo:
 
     async def _undo(self, count: int) -> None:
         """Undo the last steps, node by node."""
-        async with self._one_at_a_time:
+        async with self._desk.changing:
             changes = self._desk.changes
             steps = changes.steps[len(changes.steps) - count :] if count else []
             if not steps:
                 raise RefusedError("there is nothing to undo")
             for node, values in changes.back(count).items():
                 if values:
-                    await self._forms[node].apply(values, recorded=False)
+                    await self._forms[node].put(values, recorded=False)
                 undone = [step for step in steps if step.node == node]
                 changes.remove(undone)
                 self._desk.system.note(f"undone: {'; '.join(str(step) for step in reversed(undone))}")
