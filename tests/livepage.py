@@ -106,9 +106,15 @@ class LivePage:
         self.page.wait(f"(() => {{ {_SHARED} {script} }})()")
 
     def press(self, label: str) -> None:
-        """Press a button, or open a tab."""
-        self._mark(f"const [b] = visible('button, [role=tab]', {json.dumps(label)}); return b ? mark(b) : false;")
-        self.page.click(MARKED)
+        """Press a button, or open a tab; a tab moves while lines appear above it, so the mouse may miss it."""
+        closed = f"document.querySelector('{MARKED}').getAttribute('aria-selected') === 'false'"
+
+        def pressed() -> bool:
+            self._mark(f"const [b] = visible('button, [role=tab]', {json.dumps(label)}); return b ? mark(b) : false;")
+            self.page.click(MARKED)
+            return not self.page.evaluate(closed)
+
+        until(pressed, f"{label} is pressed")
 
     def field(self, label: str) -> None:
         """Mark the field with this label."""
