@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import psutil
 import pytest
 import rclpy
 from devtools import Page
@@ -57,11 +58,17 @@ def free_port() -> int:
 
 
 class LiveSystem(NamedTuple):
-    """A running ``./pidtsm live``."""
+    """A running ``./pidtsm live``; `process`: its number."""
 
     address: str
     folder: Path
     domain: int
+    process: int
+
+    def kill(self, node: str) -> None:
+        """End the process of a node at once; the page is not told."""
+        children = psutil.Process(self.process).children()
+        next(child for child in children if any(word.endswith(f"/{node}") for word in child.cmdline())).kill()
 
 
 def parameter(system: LiveSystem, name: str) -> Any:
@@ -99,9 +106,15 @@ class LivePage:
         self.page.wait(f"(() => {{ {_SHARED} {script} }})()")
 
     def press(self, label: str) -> None:
-        """Press a button, or open a tab."""
-        self._mark(f"const [b] = visible('button, [role=tab]', {json.dumps(label)}); return b ? mark(b) : false;")
-        self.page.click(MARKED)
+        """Press a button, or open a tab; a tab moves while lines appear above it, so the mouse may miss it."""
+        closed = f"document.querySelector('{MARKED}').getAttribute('aria-selected') === 'false'"
+
+        def pressed() -> bool:
+            self._mark(f"const [b] = visible('button, [role=tab]', {json.dumps(label)}); return b ? mark(b) : false;")
+            self.page.click(MARKED)
+            return not self.page.evaluate(closed)
+
+        until(pressed, f"{label} is pressed")
 
     def field(self, label: str) -> None:
         """Mark the field with this label."""
@@ -169,7 +182,7 @@ def live_process(folder: Path, *options: str) -> Iterator[LiveSystem]:
         found = until(address, "the address of the page")
         domain = re.search(r"ROS_DOMAIN_ID=(\d+)", log.read_text())
         assert domain
-        yield LiveSystem(found[1], folder, int(domain[1]))
+        yield LiveSystem(found[1], folder, int(domain[1]), process.pid)
     finally:
         process.send_signal(signal.SIGINT)
         code = process.wait(DEADLINE)

@@ -7,13 +7,19 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from ament_index_python.packages import get_package_prefix
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from liveclient import LiveClient, live_client
 from livepage import LiveSystem, free_port, live_process, parameter, until
-from testbed import Testbed
+from rcl_interfaces.srv import GetParameters
+from sensor_msgs.msg import JointState
+from testbed import Testbed, open_testbed
 
+from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.node_parameters import NODE_SCHEMAS
 from pidtsm_experiments.bags.reader import read_recording
@@ -65,6 +71,54 @@ def test_two_browsers_show_the_same_and_closing_one_changes_nothing(live: Live) 
     assert parameter(live.system, "law.kd") == 0.6
 
 
+def test_changes_are_undone_one_by_one_and_all_together(live: Live) -> None:
+
+    def change(value: str) -> None:
+        live.client.enter("kd", value)
+        live.client.submit("law")
+        until(lambda: f"→ {value}" in live.text('id="changes"'), "the change in the history")
+
+    for value in ("0.7", "0.8", "0.9"):
+        change(value)
+    live.client.press("Undo")
+    until(lambda: live.client.find("kd")["value"] == "0.8", "the value before, in its field")
+    assert parameter(live.system, "law.kd") == 0.8
+    start = live.text('id="changes"').rpartition("law.kd: ")[2].partition(" ")[0]
+    live.client.press("All back to the start")
+    until(lambda: live.client.find("kd")["value"] == start, "the value from the start")
+    assert parameter(live.system, "law.kd") == float(start)
+    until(lambda: "→" not in live.text('id="changes"'), "an empty history")
+
+
+def test_a_dead_simulator_is_named_and_the_arm_stays_simulated(live: Live) -> None:
+    live.system.kill("simulator")
+    until(lambda: "simulator was killed by signal 9 at" in live.status, lambda: live.status)
+    until(lambda: "0 commands per second · no data since" in live.status, lambda: live.status)
+    assert "simulator  dead: was killed by signal 9" in live.text('id="nodes"')
+    assert "SIMULATED" in live.status
+    live.client.press("Activate")
+    answer = "answers that it is active; nothing was changed. But simulator was killed by signal 9"
+    until(lambda: answer in live.text('id="events"'), lambda: live.text('id="events"'))
+    live.client.press("Start simulator again")
+    until(lambda: "simulator  alive" in live.text('id="nodes"'), lambda: live.text('id="nodes"'))
+    until(lambda: "Stopped: no joint state" in live.status, lambda: live.status)
+    live.client.press("Reset the fault")
+    live.follows()
+    assert "no data" not in live.status
+
+
+def test_a_dead_trajectory_node_is_named_and_started_again(live: Live) -> None:
+    live.system.kill("trajectory")
+    until(lambda: "trajectory  dead: was killed by signal 9" in live.text('id="nodes"'), "its end")
+    live.client.press("Go")
+    until(lambda: "refused: trajectory was killed" in live.text('id="events"'), lambda: live.text('id="events"'))
+    live.client.press("Start trajectory again")
+    live.follows()
+    until(lambda: "trajectory  alive" in live.text('id="nodes"'), lambda: live.text('id="nodes"'))
+    live.client.press("Start trajectory again")
+    until(lambda: "trajectory runs; only a node that has ended" in live.text('id="events"'), "a refusal")
+
+
 def test_a_frozen_controller_goes_on(live: Live) -> None:
     live.client.press("Freeze the controller")
     until(lambda: "No state of the controller" in live.status, "its silence")
@@ -107,8 +161,12 @@ def test_another_law_is_used_after_a_new_start(live: Live) -> None:
     law = next(e["uuid"] for e in dropdowns if e["props"]["label"] == "law")
     live.client.send({"type": "GuiUpdateMessage", "uuid": law, "updates": {"value": "computed_torque"}})
     live.client.submit("law")
-    until(lambda: "controller started again" in live.text('id="events"'), "the new start")
+    until(lambda: "→ computed_torque" in live.text('id="changes"'), "the new start")
     assert parameter(live.system, "law.name") == "computed_torque"
+    live.client.press("Undo")
+    until(lambda: "undone: controller law.name" in live.text('id="events"'), lambda: live.text('id="events"'))
+    assert parameter(live.system, "law.name") == LAW_NAME.default
+    assert parameter(live.system, "law.k1") == (3.5, 2.5)
 
 
 def test_random_events_leave_the_system_running(live: Live) -> None:
@@ -144,29 +202,103 @@ def test_random_events_leave_the_system_running(live: Live) -> None:
             schema.check(parameter(live.system, schema.name), 2)
 
 
-def test_the_page_of_a_real_arm_breaks_nothing_and_asks_before_it_moves(testbed: Testbed, tmp_path: Path) -> None:
-    """Real is what has no simulator; here, the arm is missing altogether."""
-    testbed.start("controller", "autostart:=false")
+class Real(NamedTuple):
+    """The page of a system without a simulator, that somebody else has started."""
+
+    testbed: Testbed
+    client: LiveClient
+
+    def text(self, word: str) -> str:
+        """The text of the element that contains a word."""
+        return re.sub("<[^>]+>", " ", self.client.shown(word))
+
+    def k1(self) -> float:
+        """The gain of the running controller."""
+        request = GetParameters.Request(names=["law.k1"])
+        found = self.testbed.call(GetParameters, "controller/get_parameters", request)
+        return float(found.values[0].double_value)
+
+    def questions(self) -> list[str]:
+        """The texts of the open dialogs."""
+        markdown = [e for e in tuple(self.client.elements.values()) if e["type"] == "GuiMarkdownMessage"]
+        return [str(e["props"]["_markdown"]) for e in markdown if "out of its reach" in str(e["props"]["_markdown"])]
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Real]:
+    """Real is what has no simulator; here, the arm is missing altogether at first."""
+    folder = tmp_path_factory.mktemp("real")
     program = Path(get_package_prefix("pidtsm_experiments"), "lib", "pidtsm_experiments", "live")
-    port = free_port()
-    with (tmp_path / "live.log").open("w") as log:
+    with open_testbed(folder) as testbed, (folder / "live.log").open("w") as log:
+        testbed.start("controller", "autostart:=false")
+        port = free_port()
         process = subprocess.Popen(
             [sys.executable, program, "--port", str(port)],
-            cwd=tmp_path,
+            cwd=folder,
             env=testbed.environment,
             stdout=log,
             stderr=log,
         )
-    try:
-        until(lambda: "live page" in (tmp_path / "live.log").read_text(), "the page")
-        with live_client(f"http://127.0.0.1:{port}") as client:
-            until(lambda: "REAL" in client.shown('id="status"'), "the page says so")
-            until(lambda: any(e["props"].get("label") == "Activate" for e in client.elements.values()), "its buttons")
-            labels = {e["props"].get("label") for e in client.elements.values()}
-            assert labels.isdisjoint({"Push", "Pick up", "Kill the controller", "Freeze the controller", "bits", "law"})
-            client.press("Activate")
-            until(lambda: any(e["props"].get("label") == "Cancel" for e in client.elements.values()), "a question")
-            assert "activated" not in client.shown('id="events"')
-    finally:
-        process.terminate()
-        assert process.wait(60.0) == 0, (tmp_path / "live.log").read_text()
+        try:
+            until(lambda: "live page" in (folder / "live.log").read_text(), "the page")
+            with live_client(f"http://127.0.0.1:{port}") as client:
+                yield Real(testbed, client)
+        finally:
+            process.terminate()
+            assert process.wait(60.0) == 0, (folder / "live.log").read_text()
+
+
+def test_the_page_of_a_real_arm_breaks_nothing_and_asks_before_it_moves(real: Real) -> None:
+    until(lambda: "REAL" in real.client.shown('id="status"'), "the page says so")
+    until(lambda: any(e["props"].get("label") == "Activate" for e in real.client.elements.values()), "its buttons")
+    labels = {e["props"].get("label") for e in real.client.elements.values()}
+    assert labels.isdisjoint({"Push", "Pick up", "Kill the controller", "Freeze the controller", "bits", "law"})
+    real.client.press("Activate")
+    until(real.questions, "a question")
+    assert "activated" not in real.client.shown('id="events"')
+    real.client.press("Cancel")
+    until(lambda: not real.questions(), "the end of the question")
+
+
+def test_a_real_arm_changes_by_more_than_the_factor_only_after_a_question(real: Real) -> None:
+    real.testbed.set("controller", {"law.k1": 2.0})
+    until(lambda: real.client.find("k1")["value"] == "2", "what somebody else has changed, in its field")
+    until(lambda: "law.k1: 3 → 2 (by another program)" in real.text('id="changes"'), "the same in the history")
+
+    def enter(value: str) -> None:
+        real.client.enter("k1", value)
+        real.client.submit("law")
+
+    enter("6.0")
+    until(lambda: "law.k1: 2 → 6" in real.text('id="changes"'), lambda: f"no question: {real.questions()}")
+    enter("30.0")
+    assert "law.k1: 6 → 30" in until(real.questions, "a question")[0]
+    assert real.k1() == 6.0
+    real.client.press("Change it")
+    until(lambda: "law.k1: 6 → 30" in real.text('id="changes"'), "the change")
+    assert real.k1() == 30.0
+    real.client.press("Undo")
+    until(lambda: real.client.find("k1")["value"] == "6", "the value before, without a question")
+    assert real.k1() == 6.0
+
+
+def test_a_silent_arm_and_a_silent_controller_are_named_with_what_starts_them(real: Real) -> None:
+    arm = real.testbed.node.create_publisher(JointState, "joint_states", 10)
+
+    def heard() -> bool:
+        arm.publish(JointState(name=["joint1", "joint2"], position=[0.0, 0.0]))
+        return "stranger  alive" in real.text('id="nodes"')
+
+    until(heard, lambda: real.text('id="nodes"'))
+    assert "REAL ARM" in real.text('id="status"')
+    assert "not seen" not in real.text('id="status"')
+    until(lambda: "stranger  silent since" in real.text('id="nodes"'), lambda: real.text('id="nodes"'))
+    configure = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
+    assert real.testbed.call(ChangeState, "controller/change_state", configure).success
+    until(lambda: "controller  alive" in real.text('id="nodes"'), lambda: real.text('id="nodes"'))
+    real.testbed.processes.running["controller"].process.kill()
+    real.client.press("Deactivate")
+    until(lambda: "controller did not answer" in real.text('id="events"'), lambda: real.text('id="events"'))
+    assert "deactivated" not in real.text('id="events"')
+    until(lambda: "ros2 run pidtsm_controller controller" in real.text('id="nodes"'), lambda: real.text('id="nodes"'))
+    assert "controller  silent since" in real.text('id="nodes"')

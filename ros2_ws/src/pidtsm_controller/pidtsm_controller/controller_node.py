@@ -140,6 +140,8 @@ class ControllerNode(ManagedNode):
             self._publish_once_more()
 
     def parameters_changed(self) -> None:
+        if self._diagnostics is None:  # Not configured: `configure` will read them.
+            return
         self._controller.set_parameters(self.values)
         if self._payload is not None:
             self._payload.parameters_changed()

@@ -2,9 +2,9 @@
 
 from collections.abc import Awaitable, Callable, Coroutine, Iterable, Mapping, Sequence
 from html import escape
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
-from viser import GuiApi, GuiCheckboxHandle, GuiDropdownHandle, GuiHtmlHandle, GuiTextHandle
+from viser import ClientHandle, GuiApi, GuiCheckboxHandle, GuiDropdownHandle, GuiEvent, GuiHtmlHandle, GuiTextHandle
 
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.live.parameters import Described, shown, written
@@ -13,8 +13,18 @@ from pidtsm_experiments.live.words import GREEN, RED
 Widget: TypeAlias = GuiTextHandle | GuiCheckboxHandle | GuiDropdownHandle[str]
 Apply: TypeAlias = Callable[[Mapping[str, Any]], Awaitable[None]]
 """Gives a node new values by name, or raises RefusedError."""
+Agree: TypeAlias = Callable[[ClientHandle | None, Mapping[str, Any], Callable[[], Coroutine[Any, Any, None]]], bool]
+"""Asks a browser whether a node may get new values, and then calls back; false: there is nothing to ask."""
 Run: TypeAlias = Callable[[Coroutine[Any, Any, None]], None]
 """Runs something in the thread of the page, and shows why it was refused, if it was."""
+
+
+class Acts(NamedTuple):
+    """What a form does with values."""
+
+    apply: Apply
+    agree: Agree
+    run: Run
 
 
 class Message:
@@ -33,14 +43,7 @@ class Form:
     """The parameters of one group; changed values take effect together, when the form is submitted."""
 
     def __init__(
-        self,
-        gui: GuiApi,
-        title: str,
-        parameters: Sequence[Described],
-        apply: Apply,
-        run: Run,
-        message: Message,
-        expanded: bool,
+        self, gui: GuiApi, title: str, parameters: Sequence[Described], acts: Acts, message: Message, expanded: bool
     ) -> None:
         """Add the form to the current container.
 
@@ -48,18 +51,25 @@ class Form:
             gui: of the page.
             title: shown above.
             parameters: what it contains.
-            apply: called with the changed values.
-            run: runs it.
+            acts: what is done with changed values.
             message: where the result is shown.
             expanded: whether it is open at the start.
         """
-        self._apply, self._message = apply, message
+        self._acts, self._message = acts, message
         self._known = {parameter.name: shown(parameter.value) for parameter in parameters}
         with gui.add_form(title, expand_by_default=expanded) as form:
             self._widgets = {parameter.name: _widget(gui, parameter) for parameter in parameters}
             submit = gui.add_button("Apply")
-        submit.on_click(lambda _event: form.submit())
-        form.on_submit(lambda _event: run(self._submit()))
+
+        @submit.on_click
+        def _(event: GuiEvent[Any]) -> None:
+            self._acts.run(self._submit(event.client))
+            form.submit()  # Tells the browsers that nothing is left to apply; names no browser.
+
+        @form.on_submit
+        def _(event: GuiEvent[Any]) -> None:
+            if event.client is not None:
+                self._acts.run(self._submit(event.client))
 
     def show(self, values: Mapping[str, Any]) -> None:
         """Show new values of the node."""
@@ -74,7 +84,7 @@ class Form:
         if widget.value != value:
             setattr(widget, "value", value)  # noqa: B010  viser's types do not know that it can be set.
 
-    async def _submit(self) -> None:
+    async def _submit(self, client: ClientHandle | None) -> None:
         changed = {
             name: str(widget.value) for name, widget in self._widgets.items() if str(widget.value) != self._known[name]
         }
@@ -82,11 +92,21 @@ class Form:
             self._message.show("nothing has been changed", good=True)
             return
         try:
-            await self._apply({name: _value(self._widgets[name], text) for name, text in changed.items()})
+            values = {name: _value(self._widgets[name], text) for name, text in changed.items()}
         except RefusedError as error:
             self._message.show(str(error), good=False)
             raise
-        self._known.update(changed)
+        if self._acts.agree(client, values, lambda: self._apply(changed, values)):
+            self._message.show("not set yet: the change is large, and the arm is real", good=False)
+        else:
+            await self._apply(changed, values)
+
+    async def _apply(self, changed: Mapping[str, str], values: Mapping[str, Any]) -> None:
+        try:
+            await self._acts.apply(values)
+        except RefusedError as error:
+            self._message.show(str(error), good=False)
+            raise
         self._message.show(f"set {', '.join(f'{name} = {text}' for name, text in changed.items())}", good=True)
 
 

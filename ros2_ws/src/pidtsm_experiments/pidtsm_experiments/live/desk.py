@@ -3,12 +3,13 @@
 import asyncio
 import traceback
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from viser import GuiEvent, ViserServer
+from viser import ClientHandle, GuiButtonHandle, GuiEvent, ViserServer
 
+from pidtsm_experiments.live.changes import Changes
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.live.nodes import Nodes
 from pidtsm_experiments.live.system import System
@@ -27,6 +28,8 @@ class Desk:
         folder: for what the page writes.
         scenario: name of the experiment, for reports.
         loop: of the thread of the page; everything that touches ROS or a process runs in it.
+        changes: of parameters, so far.
+        changing: held while parameters change, so what is undone is what was done last.
     """
 
     server: ViserServer
@@ -35,6 +38,8 @@ class Desk:
     folder: Path
     scenario: str
     loop: asyncio.AbstractEventLoop
+    changes: Changes = field(default_factory=Changes)
+    changing: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     def run(self, action: Coroutine[Any, Any, None]) -> None:
         """Run an action in the thread of the page; if it is refused, every browser shows why."""
@@ -57,7 +62,7 @@ class Desk:
 
     def button(
         self, label: str, action: Callable[[], Coroutine[Any, Any, None]], hint: str, moves: bool = False, **looks: Any
-    ) -> None:
+    ) -> GuiButtonHandle:
         """Add a button.
 
         Args:
@@ -71,17 +76,28 @@ class Desk:
 
         @button.on_click
         def _(event: GuiEvent[Any]) -> None:
-            if moves and not self.system.simulated and event.client is not None:
-                self._confirm(event, label, action)
+            if moves and not self.system.simulated:
+                question = f"**{label}** may set it in motion. Is everybody out of its reach?"
+                self.ask(event.client, question, label, action)
             else:
                 self.run(action())
 
-    def _confirm(self, event: GuiEvent[Any], label: str, action: Callable[[], Coroutine[Any, Any, None]]) -> None:
-        """Show the question in the browser where the button was pressed."""
-        assert event.client is not None
-        gui = event.client.gui
+        return button
+
+    def ask(
+        self, client: ClientHandle | None, question: str, label: str, action: Callable[[], Coroutine[Any, Any, None]]
+    ) -> None:
+        """Do something to a real arm, once it is confirmed.
+
+        Args:
+            client: the browser where it was wanted, which shows the question; None: it is not known, and all do.
+            question: as Markdown.
+            label: of the button that confirms.
+            action: what is to be done.
+        """
+        gui = self.server.gui if client is None else client.gui
         with gui.add_modal("This is a real arm") as modal:
-            gui.add_markdown(f"**{label}** may set it in motion. Is everybody out of its reach?")
+            gui.add_markdown(question)
             yes = gui.add_button(label, color="red")
             no = gui.add_button("Cancel")
 

@@ -1,14 +1,19 @@
 """The parameters of one node on the page: a form for each group."""
 
-from collections.abc import Mapping, Sequence
+import asyncio
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from typing import Any
 
-from viser import GuiTabHandle
+from viser import ClientHandle, GuiTabHandle
 
-from pidtsm_experiments.live.controls import Form, Message, groups
+from pidtsm_experiments.live.changes import LARGE, is_large, told
+from pidtsm_experiments.live.controls import Acts, Form, Message, groups
 from pidtsm_experiments.live.desk import Desk
 from pidtsm_experiments.live.errors import RefusedError
+from pidtsm_experiments.live.lives import how_to_start
+from pidtsm_experiments.live.nodes import Nodes
 from pidtsm_experiments.live.parameters import Described
+from pidtsm_experiments.runs.runner import EXECUTABLES
 
 SHOWN = {
     "controller": (
@@ -60,6 +65,7 @@ class NodeForms:
             self._folder = desk.server.gui.add_folder(None)
         self._forms: list[Form] = []
         self._fixed: set[str] = set()
+        self._building = asyncio.Lock()
 
     async def build(self) -> None:
         """Read the parameters of the node, and make the forms anew.
@@ -67,42 +73,113 @@ class NodeForms:
         Raises:
             RefusedError: see `System.described`.
         """
-        described = await self._desk.system.described(self._node)
-        self.values = {each.name: each.value for each in described}
-        self._fixed = {each.name for each in described if each.descriptor.read_only}
-        by_group, gui, place = groups(self._settable(described)), self._desk.server.gui, self._folder.order
-        self._folder.remove()
-        with self._tab:
-            self._folder = gui.add_folder(None, order=place)
-        with self._folder:
-            self._forms = [
-                Form(gui, group, by_group[group], self._apply, self._desk.run, self._message, group in _OPEN)
-                for group in SHOWN[self._node]
-                if group in by_group
-            ]
+        async with self._building:
+            described = await self._desk.system.described(self._node)
+            self.values = {each.name: each.value for each in described}
+            self._fixed = {each.name for each in described if each.descriptor.read_only}
+            by_group, gui, place = groups(self._settable(described)), self._desk.server.gui, self._folder.order
+            self._folder.remove()
+            with self._tab:
+                self._folder = gui.add_folder(None, order=place)
+            acts = Acts(self.apply, self._agree, self._desk.run)
+            with self._folder:
+                self._forms = [
+                    Form(gui, group, by_group[group], acts, self._message, group in _OPEN)
+                    for group in SHOWN[self._node]
+                    if group in by_group
+                ]
 
     def _settable(self, described: Sequence[Described]) -> list[Described]:
         """Those that the page can set, choices first."""
         able = [each for each in described if self._desk.nodes is not None or not each.descriptor.read_only]
         return sorted(able, key=lambda each: (not each.name.endswith(".name"), each.name in self._fixed))
 
-    async def _apply(self, changes: Mapping[str, Any]) -> None:
-        """Set parameters of the running node, or start it again with them."""
-        if self._fixed.isdisjoint(changes):
-            await self._desk.system.set(self._node, changes)
-        elif self._desk.nodes is not None:
-            await self.restart(changes)
+    def _agree(
+        self, client: ClientHandle | None, values: Mapping[str, Any], go_on: Callable[[], Coroutine[Any, Any, None]]
+    ) -> bool:
+        """Ask before a large change of a real arm; false: there is nothing to ask."""
+        known = self.values
+        large = [name for name, value in values.items() if is_large(known.get(name), value)]
+        if not large or self._desk.system.simulated:
+            return False
+        before = {name: known.get(name) for name in values}
 
-    async def restart(self, changes: Mapping[str, Any] | None = None) -> None:
+        async def confirmed() -> None:
+            if before != {name: self.values.get(name) for name in values}:
+                raise RefusedError(f"{', '.join(values)}: changed in the meantime; look, and apply it again")
+            await go_on()
+
+        lines = "\n".join(f"* {told(name, before[name], values[name])}" for name in large)
+        question = f"A change by more than a factor of {LARGE:g}:\n\n{lines}\n\nIs everybody out of its reach?"
+        self._desk.ask(client, question, "Change it", confirmed)
+        return True
+
+    async def apply(self, changes: Mapping[str, Any]) -> None:
+        """`put`, after what else is being changed.
+
+        Raises:
+            RefusedError: see `put`.
+        """
+        async with self._desk.changing:
+            await self.put(changes)
+
+    async def put(self, changes: Mapping[str, Any], recorded: bool = True) -> None:
+        """Set parameters of the running node, or start it again with them.
+
+        Args:
+            changes: values by name.
+            recorded: whether they become a step of the history.
+
+        Raises:
+            RefusedError: the node refuses them, or does not answer; nothing is changed.
+        """
+        if not self._fixed.isdisjoint(changes):
+            await self.restart(changes, recorded)
+            return
+        before = {name: self.values[name] for name in changes if name in self.values}
+        # Known beforehand: the event that tells of it must not look like a change by somebody else.
+        self.values.update(changes)
+        try:
+            await self._desk.system.set(self._node, changes)
+        except RefusedError:
+            self.values.update(before)
+            raise
+        self._shows(changes)
+        if recorded:
+            self._desk.changes.record(self._node, before, changes)
+
+    async def restart(self, changes: Mapping[str, Any] | None = None, recorded: bool = True) -> None:
         """Start the node again with changed parameters, and read them.
 
         Raises:
             RefusedError: see `Nodes.restart`; or the node does not come back.
         """
-        nodes = self._desk.nodes
-        if nodes is None:
-            raise RefusedError(f"{self._node} was not started by this page")
+        nodes = self._owned
+        begun = list(nodes.parameters) if self._node == "simulator" else [self._node]
         await nodes.restart(self._node, changes)
+        await self._back(begun, recorded)
+
+    async def start_again(self) -> None:
+        """Start the node again as it was, after it has ended; the others go on.
+
+        Raises:
+            RefusedError: it runs, was not started by this page, or does not come back.
+        """
+        await self._owned.start_again(self._node)
+        await self._back([self._node], recorded=False)
+
+    @property
+    def _owned(self) -> Nodes:
+        if self._desk.nodes is None:
+            how = how_to_start(self._node, EXECUTABLES, self._desk.system.namespace)
+            raise RefusedError(f"{self._node} was not started by this page: {how}")
+        return self._desk.nodes
+
+    async def _back(self, begun: Sequence[str], recorded: bool) -> None:
+        """Wait until the node answers, and read its parameters; `begun`: the nodes that were started."""
+        nodes, before = self._owned, self.values
+        for node in begun:
+            self._desk.system.lives.begin(node)
         while True:
             try:
                 await self.build()
@@ -112,12 +189,31 @@ class NodeForms:
                     raise RefusedError(
                         f"{self._node} {ended}; its last lines:\n{nodes.last_words(self._node)}"
                     ) from None
-        self._desk.system.note(f"{self._node} started again")
+        if recorded:
+            self._desk.changes.record(self._node, before, self.values)
+        self._desk.system.note(f"{', '.join(begun)} started again")
 
     def follow(self, changes: Mapping[str, Any]) -> None:
-        """Show what somebody has changed; a new start of the node by the page uses it."""
+        """Show what the node says that has changed; a new start of the node by the page uses it."""
+        known = {name: self.values[name] for name in changes if name in self.values}
+        self._desk.changes.record(self._node, known, {name: changes[name] for name in known}, "by another program")
+        self._shows(changes)
+        if self._desk.nodes is not None:
+            self._desk.nodes.remember(self._node, changes)
+
+    def _shows(self, changes: Mapping[str, Any]) -> None:
         self.values.update(changes)
         for form in self._forms:
             form.show(changes)
-        if self._desk.nodes is not None:
-            self._desk.nodes.remember(self._node, changes)
+
+    async def read_again(self) -> None:
+        """Read the parameters of a node that has come back: it may have been started with others.
+
+        Raises:
+            RefusedError: see `System.described`.
+        """
+        before = self.values
+        await self.build()
+        if self._desk.nodes is None:
+            before, after = ({n: v for n, v in each.items() if n not in self._fixed} for each in (before, self.values))
+            self._desk.changes.record(self._node, before, after, "after a new start by another program")

@@ -19,7 +19,7 @@ class Recorded:
     def __init__(self, desk: Desk, recording: Recording, values: Callable[[], Mapping[str, Mapping[str, Any]]]) -> None:
         """Add the controls to the current container; `values`: returns the parameters of the nodes, by node."""
         self._desk, self._recording, self._values = desk, recording, values
-        desk.button("Record", self._start, "record every topic to a new bag", color="red")
+        desk.button("Record", self.start, "record every topic to a new bag", color="red")
         desk.button("End the recording", self._stop, "close the bag")
         self._path = desk.server.gui.add_html("")
 
@@ -32,7 +32,12 @@ class Recorded:
                 f'<div id="bag" style="padding:0.5em 0.75em;overflow-wrap:anywhere">{what}: {bag}</div>'
             )
 
-    async def _start(self) -> None:
+    async def start(self) -> None:
+        """Begin a new bag.
+
+        Raises:
+            RefusedError: see `Recording.start`.
+        """
         bag = self._recording.start(self._desk.scenario, self._values())
         self._desk.system.note(f"recording to {bag}")
 

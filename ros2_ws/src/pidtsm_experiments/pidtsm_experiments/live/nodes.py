@@ -76,15 +76,19 @@ class Nodes:
         return process is not None and process.process.poll() is None
 
     def ended(self, node: str) -> str:
-        """How the process of a node has ended; empty: it runs."""
+        """How the process of a node has ended; empty: it runs, or is being replaced."""
         process = self._processes.running.get(node)
-        code = 0 if process is None else process.process.poll()
+        code = None if process is None else process.process.poll()
         return "" if code is None else how_ended(code)
 
     def last_words(self, node: str) -> str:
         """The last lines that a node has logged."""
         process = self._processes.running.get(node)
         return process.tail() if process else ""
+
+    def suspended(self, node: str) -> bool:
+        """Whether the page has suspended the process of a node."""
+        return node in self._frozen
 
     def kill(self, node: str) -> None:
         """End a process at once, as a crash does.
@@ -117,6 +121,18 @@ class Nodes:
         if not self.runs(node):
             raise RefusedError(f"{node} does not run")
         return self._processes.running[node].process
+
+    async def start_again(self, node: str) -> None:
+        """Start a node that has ended, with the same arguments; the others go on.
+
+        Raises:
+            RefusedError: it runs.
+        """
+        async with self._restarting:
+            if self.runs(node):
+                raise RefusedError(f"{node} runs; only a node that has ended can be started again")
+            await self._end(node)
+            self._start(node)
 
     async def restart(self, node: str, changes: Mapping[str, Any] | None = None) -> None:
         """Start a node again with changed parameters, after it has been deactivated and has ended, if it runs.

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from pidtsm_core.parameters import ParameterError
+from pidtsm_core.parameters import Array, ParameterError
 from pidtsm_core.robots import Description, description_schema, find_description, find_robot
 from pidtsm_core.signals import Signal
 from pidtsm_core.units import joint_units
@@ -16,11 +16,15 @@ from pidtsm_experiments.live.disturb import Breaking, Carrying, Pushing
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.live.forms import NodeForms
 from pidtsm_experiments.live.keep import Recorded, Saved
+from pidtsm_experiments.live.lives import Condition
 from pidtsm_experiments.live.motion import Moving
 from pidtsm_experiments.live.recording import Recording
 from pidtsm_experiments.live.scene import ArmScene
 from pidtsm_experiments.live.stream import Batch
+from pidtsm_experiments.live.strip import Strip
+from pidtsm_experiments.live.undo import Undo
 from pidtsm_experiments.live.watch import Status, Watching
+from pidtsm_experiments.live.words import OLD
 from pidtsm_ros.stop import Stop
 
 _PERIOD = 0.05
@@ -41,14 +45,18 @@ class Page:
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_CONTROLS)
-        self._status = Status(desk)
         self._forms: dict[str, NodeForms] = {}
+        self._status = Status(desk)
+        self._strip = Strip(desk, recording, self._start_again)
+        self._undo = Undo(desk, self._forms)
+        self._lost: set[str] = set()
         self._scene: ArmScene | None = None
         self._watching: Watching | None = None
         self._recorded: Recorded | None = None
         self._joints: list[str] = []
         self._name = ""
         self._newest: Any = None
+        self._position: Array | None = None
 
     async def run(self, stop: Stop) -> None:
         """Show the system until a stop is requested."""
@@ -62,8 +70,8 @@ class Page:
                     building.result()
                 if self._watching is not None:
                     self._show(picture, self._watching)
-                elif picture % _TELL_EVERY == 0:
-                    self._status.show(None, "")
+                if picture % _TELL_EVERY == 0:
+                    self._tell()
                 await asyncio.sleep(_PERIOD)
         finally:
             building.cancel()
@@ -127,10 +135,20 @@ class Page:
 
     # Actions.
 
+    async def _start_again(self, node: str) -> None:
+        if node in self._forms:
+            await self._forms[node].start_again()
+        elif self._recorded is not None and node == "recorder":
+            await self._recorded.start()
+        elif self._desk.nodes is not None and node in self._desk.nodes.parameters:
+            await self._desk.nodes.start_again(node)
+            self._desk.system.lives.begin(node)
+            self._desk.system.note(f"{node} started again")
+
     async def _activate(self) -> None:
         nodes = self._desk.nodes
         if nodes is not None and not nodes.runs("controller"):
-            await self._forms["controller"].restart()
+            await self._forms["controller"].start_again()
         else:
             await self._desk.system.activate("controller")
             self._desk.system.note("controller activated")
@@ -151,31 +169,51 @@ class Page:
             self._newest = batch.newest
             if list(batch.newest.name) == self._joints:
                 watching.add(batch)
-        changes, self._desk.system.changed = self._desk.system.changed, {}
-        for node, forms in self._forms.items():
-            if node in changes:
-                forms.follow(changes[node])
+        changed, self._desk.system.changed = self._desk.system.changed, []
+        for node, values in changed:
+            if node in self._forms:
+                self._forms[node].follow(values)
         self._move(batch)
         if picture % _DRAW_EVERY == 0:
             watching.draw()
         if picture % _TELL_EVERY == 0:
-            self._status.show(self._newest, self._name)
             watching.show()
-        if picture % _TELL_EVERY == 0 and self._recorded is not None:
+
+    def _tell(self) -> None:
+        """Update the texts."""
+        self._strip.look()
+        self._read_returned()
+        self._status.show(self._newest, self._name)
+        self._strip.show()
+        self._undo.show()
+        if self._recorded is not None:
             self._recorded.show()
+
+    def _read_returned(self) -> None:
+        """A node that was away and is back may have other parameters."""
+        lives = self._desk.system.lives
+        for node, forms in self._forms.items():
+            if lives.condition(node) is Condition.SILENT:
+                self._lost.add(node)
+            elif node in self._lost and lives.condition(node) is Condition.ALIVE:
+                self._lost.discard(node)
+                self._desk.system.note(f"{node} is heard again")
+                self._desk.run(forms.read_again())
 
     def _move(self, batch: Batch | None) -> None:
         """Show the arm: as the controller sees it, or as it is measured while the controller is silent."""
-        if self._scene is None:
-            return
+        reference, effort = None, np.full(len(self._joints), np.nan)  # Unknown while nothing tells of them.
         if batch is not None:
             last = batch.values[-1]
-            position = last[Signal.POSITION]
-            self._scene.show(position, position - last[Signal.POSITION_ERROR], last[Signal.EFFORT])
-        elif self._desk.system.silence > 1.0:
+            self._position = last[Signal.POSITION]
+            reference, effort = self._position - last[Signal.POSITION_ERROR], last[Signal.EFFORT]
+        elif self._desk.system.silence > OLD:
             measured = self._desk.system.position(self._joints)
-            if measured is not None:
-                self._scene.show(measured, None, np.full(len(self._joints), np.nan))
+            self._position = self._position if measured is None else measured
+        else:
+            return
+        if self._scene is not None and self._position is not None:
+            self._scene.show(self._position, reference, effort)
 
 
 async def _until_answered(request: Callable[[], Awaitable[_Answer]]) -> _Answer:

@@ -38,11 +38,14 @@ class Plots:
         series = [uplot.Series(label="s"), *(_curve(joint, color(i)) for i, joint in enumerate(joints))]
         self._plots = [_plot(gui, len(joints), series, title.format(**units), (-SPAN, 0.0)) for title in SHOWN.values()]
 
-    def show(self, curves: Curves) -> None:
-        """Draw the curves; their signals are those of `SHOWN`."""
+    def show(self, curves: Curves, silence: float = 0.0) -> None:
+        """Draw the curves; their signals are those of `SHOWN`. They go on to the left when nothing follows.
+
+        `silence`: time since the last point, s.
+        """
         if not curves.time.size:
             return
-        time = curves.time - curves.time[-1]
+        time = curves.time - curves.time[-1] - silence
         for i, (signal, plot) in enumerate(zip(SHOWN, self._plots, strict=True)):
             scale = _MILLI if signal in _SCALED else 1.0
             plot.data = (time, *np.ascontiguousarray(scale * curves.values[:, i].T))

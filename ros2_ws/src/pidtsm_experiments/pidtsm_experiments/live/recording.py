@@ -13,7 +13,7 @@ from pidtsm_core.parameter_files import ros_parameters
 from pidtsm_core.parameters import Value
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.live.errors import RefusedError
-from pidtsm_experiments.runs.runner import Process, Processes, robot_metadata
+from pidtsm_experiments.runs.runner import Process, Processes, how_ended, robot_metadata
 
 
 class Recording:
@@ -54,6 +54,13 @@ class Recording:
         """Whether a recorder runs."""
         process = self._processes.running.get("recorder")
         return process is not None and process.process.poll() is None
+
+    @property
+    def ended(self) -> str:
+        """How the recorder has ended by itself; empty: it runs, or was not asked to record."""
+        process = self._processes.running.get("recorder")
+        code = None if process is None else process.process.poll()
+        return "" if code is None else how_ended(code)
 
     def start(self, scenario: str, values: Mapping[str, Mapping[str, Value]]) -> Path:
         """Begin a bag; returns its folder.

@@ -24,6 +24,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_core.parameters import Array
 from pidtsm_experiments.live.errors import RefusedError
+from pidtsm_experiments.live.lives import REPORTS_WITHIN, SAMPLES_WITHIN, Condition, Lives, Source, time_of_day
 from pidtsm_experiments.live.parameters import Described
 from pidtsm_experiments.live.stream import Batch, StateStream, by_name
 from pidtsm_ros.process import spin_for
@@ -31,6 +32,7 @@ from pidtsm_ros.qos import READER, RELIABLE_READER
 from pidtsm_ros.serialization import ExactPublisher
 
 _ANSWER_WITHIN = 5.0  # s
+_SILENT_WITHIN = 2.0  # s; the same for a node that is silent already
 _CONFIGURE_WITHIN = 120.0  # s; the first controller of an arm compiles
 _THERE_WITHIN = 2.0  # s; discovery of a service that exists
 _AGAIN = 1.0
@@ -43,6 +45,8 @@ _EVENTS = 8
 PUSH_EVERY = 0.05
 """Time between two messages of a push, s; each acts for 0.1 s."""
 _ABOVE_INFO = 20
+NODE_NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"
+"""Stands for the name of a node whose topics are discovered before it is."""
 
 
 class System:
@@ -50,8 +54,9 @@ class System:
 
     Attributes:
         events: what the nodes warned of, and what the page did, the newest first: time of day and text.
-        reports: by node, what it last reported on /diagnostics.
-        changed: by node, the parameters that have changed since the page last looked.
+        lives: what is known of each node.
+        source: where the joint states come from.
+        changed: the parameters that have changed since the page last looked: node and values of each change.
     """
 
     def __init__(self, namespace: str | None = None) -> None:
@@ -62,8 +67,10 @@ class System:
         self._executor.add_node(self._node)
         self.namespace = self._node.get_namespace()
         self.events: deque[tuple[str, str]] = deque(maxlen=_EVENTS)
-        self.reports: dict[str, str] = {}
-        self.changed: dict[str, dict[str, Any]] = {}
+        self.lives, self.source = Lives(), Source(self.namespace)
+        self.lives.of("controller")
+        self._reports: dict[str, str] = {}
+        self.changed: list[tuple[str, dict[str, Any]]] = []
         self._clients: dict[str, Client] = {}
         self._states = StateStream(self._listener)
         self._heard = time.monotonic()
@@ -93,8 +100,31 @@ class System:
 
     @property
     def simulated(self) -> bool:
-        """Whether the namespace has a simulator."""
-        return self.has("simulator")
+        """Whether the arm is simulated, see `Source`."""
+        return self.source.simulated
+
+    def look(self) -> None:
+        """See who is in the graph."""
+        found = self._node.get_node_names_and_namespaces()
+        here = {name for name, space in found if space == self.namespace}
+        sources = self._node.get_publishers_info_by_topic("joint_states")
+        named = [f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in sources if i.node_name != NODE_NAME_UNKNOWN]
+        self.source.see("simulator" in here, named)
+        for node in ("trajectory", "simulator"):
+            if node in here:
+                self.lives.of(node)
+        if self.source.driver:
+            self.lives.of(self.source.driver)
+        self.lives.see(here | {f"{space.rstrip('/')}/{name}" for name, space in found})
+
+    def require(self, node: str) -> None:
+        """Refuse what needs a node that is known to be away.
+
+        Raises:
+            RefusedError: it is dead or silent.
+        """
+        if trouble := self.lives.trouble(node):
+            raise RefusedError(trouble)
 
     def has(self, node: str) -> bool:
         """Whether the namespace has a node of this name."""
@@ -107,12 +137,19 @@ class System:
         """Time since the last state of the controller, s."""
         return time.monotonic() - self._heard
 
+    @property
+    def since(self) -> str:
+        """Time of day of the last state of the controller."""
+        return time_of_day(self._heard)
+
     def states(self) -> Batch | None:
         """The states of the controller since the last call."""
         batch = self._states.take()
         if batch is not None:
             self._heard = time.monotonic()
-            self.reports.pop("controller", None)  # It is active: what it reported before no longer holds.
+            self._reports.pop("controller", None)  # It is active: what it reported before no longer holds.
+            self.lives.hear("controller", SAMPLES_WITHIN)
+            self._hear_source()  # Each state answers a joint state.
             self._ignore_joint_states()
         return batch
 
@@ -125,8 +162,14 @@ class System:
         newest = None
         while (taken := self._joint_states.handle.take_message(JointState, False)) is not None:
             newest = taken[0]
+        if newest is not None:
+            self._hear_source()
         found = None if newest is None else by_name(newest.name, newest.position, joints)
         return found if found is not None and np.isfinite(found).all() else None
+
+    def _hear_source(self) -> None:
+        if self.source.node:
+            self.lives.hear(self.source.node, SAMPLES_WITHIN)
 
     def _ignore_joint_states(self) -> None:
         """The controller runs: publishing the joint states to one more reader would delay its commands."""
@@ -136,6 +179,10 @@ class System:
 
     # Reports.
 
+    def report(self, node: str) -> str:
+        """What a node has reported on /diagnostics lately; empty: nothing."""
+        return self._reports.get(node, "") if self.lives.condition(node) is Condition.ALIVE else ""
+
     def _own(self, full_name: str) -> str | None:
         """The name of a node of the namespace; None: the node is another."""
         space, _, name = f"/{full_name.lstrip('/')}".rpartition("/")
@@ -144,7 +191,8 @@ class System:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if name := self._own(status.name.partition(":")[0]):
-                self.reports[name] = status.message
+                self._reports[name] = status.message
+                self.lives.hear(name, REPORTS_WITHIN)
 
     def _on_log(self, message: Log) -> None:
         name = self._own(message.name.replace(".", "/"))
@@ -154,7 +202,7 @@ class System:
     def _on_parameters(self, message: ParameterEvent) -> None:
         if name := self._own(message.node):
             values = {p.name: _plain(p.value) for p in message.changed_parameters}
-            self.changed.setdefault(name, {}).update(values)
+            self.changed.append((name, values))
 
     # Services.
 
@@ -164,12 +212,17 @@ class System:
         Raises:
             RefusedError: there is no such service, or no answer in time.
         """
+        node = name.partition("/")[0]
+        if self.lives.condition(node) is Condition.DEAD:
+            self.require(node)
+        within = min(within, _SILENT_WITHIN) if self.lives.trouble(node) else within
         if name not in self._clients:
             self._clients[name] = self._node.create_client(kind, name)
         client, end = self._clients[name], time.monotonic() + _THERE_WITHIN
         while not client.service_is_ready():
             if time.monotonic() > end:
-                raise RefusedError(f"no {name}: {name.partition('/')[0]} does not run, or is not configured")
+                known = self.lives.trouble(node) or f"{node} does not run, or is not configured"
+                raise RefusedError(f"no {name}: {known}")
             await asyncio.sleep(_POLL)
         futures, asked = [client.call_async(request)], time.monotonic()
         end = asked + within
@@ -177,7 +230,8 @@ class System:
             if time.monotonic() > end:
                 for future in futures:
                     client.remove_pending_request(future)
-                raise RefusedError(f"{name} did not answer within {within:g} s")
+                known = self.lives.trouble(node)
+                raise RefusedError(f"{node} did not answer {name} within {within:g} s{known and f': {known}'}")
             if kind in _REPEATABLE and time.monotonic() > asked + _AGAIN:
                 futures.append(client.call_async(request))
                 asked = time.monotonic()
@@ -229,11 +283,12 @@ class System:
         """Configure a node if it is not, and activate it.
 
         Raises:
-            RefusedError: it cannot become active, or see `call`.
+            RefusedError: it cannot become active, or is active already, or see `call`.
         """
         state = (await self.call(GetState, f"{node}/get_state", GetState.Request())).current_state.id
         if state == State.PRIMARY_STATE_ACTIVE:
-            raise RefusedError(f"{node} is active already")
+            lost = self.lives.trouble(self.source.node)
+            raise RefusedError(f"{node} answers that it is active; nothing was changed{lost and f'. But {lost}'}")
         if state == State.PRIMARY_STATE_UNCONFIGURED:
             await self._change(node, Transition.TRANSITION_CONFIGURE, "configured")
         await self._change(node, Transition.TRANSITION_ACTIVATE, "activated")
@@ -256,13 +311,19 @@ class System:
             raise RefusedError(f"{node} cannot be {done} now{self._reason(node)}")
 
     def _reason(self, node: str) -> str:
-        """What the node last reported, as the end of a sentence."""
-        return f" ({self.reports[node]})" if node in self.reports else ""
+        """What the node reports, and what is known of the source of its joint states, as the end of a sentence."""
+        report, lost = self.report(node), self.lives.trouble(self.source.node)
+        return (f" ({report})" if report else "") + (f". {lost}" if lost else "")
 
     # Topics.
 
     async def push(self, force: Sequence[float], torque: Sequence[float], duration: float) -> None:
-        """Push the tool of the simulated arm: force (N) and torque (N m) in the axes of the base, for `duration` s."""
+        """Push the tool of the simulated arm: force (N) and torque (N m) in the axes of the base, for `duration` s.
+
+        Raises:
+            RefusedError: the simulator is known to be away.
+        """
+        self.require("simulator")
         message = WrenchStamped()
         message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = force
         message.wrench.torque.x, message.wrench.torque.y, message.wrench.torque.z = torque
@@ -272,7 +333,12 @@ class System:
             await asyncio.sleep(PUSH_EVERY)
 
     def move(self, joints: Sequence[str], target: Sequence[float], duration: float) -> None:
-        """Command a motion from the present reference to `target` (rad or m), at rest there after `duration` s."""
+        """Command a motion from the present reference to `target` (rad or m), at rest there after `duration` s.
+
+        Raises:
+            RefusedError: the trajectory node is known to be away.
+        """
+        self.require("trajectory")
         still = [0.0] * len(joints)
         point = JointTrajectoryPoint(positions=list(target), velocities=still, accelerations=still)
         point.time_from_start.sec, rest = divmod(round(duration * 1e9), 10**9)
@@ -280,7 +346,12 @@ class System:
         self._trajectories.publish(JointTrajectory(joint_names=list(joints), points=[point]))
 
     def rest(self) -> None:
-        """Bring the reference to rest."""
+        """Bring the reference to rest.
+
+        Raises:
+            RefusedError: the trajectory node is known to be away.
+        """
+        self.require("trajectory")
         self._trajectories.publish(JointTrajectory())
 
 

@@ -11,10 +11,11 @@ from pidtsm_core.signals import Signal
 from pidtsm_core.units import JointUnits, either
 from pidtsm_experiments.live.desk import Desk
 from pidtsm_experiments.live.history import History, Measurement
+from pidtsm_experiments.live.lives import Condition
 from pidtsm_experiments.live.motion import Moving
 from pidtsm_experiments.live.plots import SHOWN, Comparison, Plots, color
 from pidtsm_experiments.live.stream import Batch
-from pidtsm_experiments.live.words import AMBER, GREEN, badge, loop, mode
+from pidtsm_experiments.live.words import AMBER, GREEN, OLD, Heard, badge, loop, mode
 from pidtsm_msgs.msg import ControllerState
 
 _PANEL = 430  # pixels
@@ -30,14 +31,23 @@ class Status:
 
     def show(self, newest: ControllerState | None, name: str) -> None:
         """Show the state; `newest`: last state of the controller, or None; `name`: of the arm."""
-        system = self._desk.system
-        ended = self._desk.nodes.ended("controller") if self._desk.nodes is not None else ""
-        sentence = mode(newest, system.silence, system.reports.get("controller", ""), ended)
-        kind = badge("SIMULATED", GREEN) if system.simulated else badge("REAL ARM", AMBER)
+        system, nodes = self._desk.system, self._desk.nodes
+        heard = Heard(
+            newest,
+            system.silence,
+            system.since,
+            system.report("controller"),
+            system.lives.condition("controller") is Condition.ALIVE,
+            nodes.ended("controller") if nodes is not None else "",
+            system.lives.trouble(system.source.node),
+        )
+        sentence = mode(heard)
+        real = "REAL ARM" if system.source.driver else "REAL ARM, not seen yet"
+        kind = badge("SIMULATED", GREEN) if system.simulated else badge(real, AMBER)
         self._html.content = (
             f'<div id="status" style="padding:0.5em 0.75em;line-height:1.6">{kind} <b>{escape(name)}</b><br>'
             f'<span style="color:{sentence.color};font-weight:600">{escape(sentence.text)}</span><br>'
-            f'<span style="font-size:0.8em;opacity:0.75">{loop(newest)}</span></div>'
+            f'<span style="font-size:0.8em;opacity:0.75">{loop(heard)}</span></div>'
         )
 
 
@@ -82,7 +92,8 @@ class Watching:
     def draw(self) -> None:
         """Draw the curves."""
         if not self._paused.value:
-            self._plots.show(self._history.curves())
+            silence = self._desk.system.silence
+            self._plots.show(self._history.curves(), silence if silence > OLD else 0.0)
             if self._joint.value in self._joints:
                 joint = self._joints.index(self._joint.value)
                 self._comparison.show(self._kept.error(), self._measured.error(), joint)

@@ -8,8 +8,12 @@ from pidtsm_core.signals import Mode
 from pidtsm_msgs.msg import ControllerState
 
 GREEN, AMBER, RED, GREY = "#2f9e44", "#e8890c", "#d6336c", "#868e96"
+_FINE = "running"
+"""What a node reports whose loop ran in the last second."""
 LATE = 0.5
 """s without a state of the controller, which then does not run, or is not active."""
+OLD = 1.0
+"""s without a state of the controller, after which its figures no longer hold."""
 
 
 @dataclass(frozen=True)
@@ -25,19 +29,36 @@ class Sentence:
     color: str
 
 
-def mode(newest: ControllerState | None, silence: float, report: str, ended: str) -> Sentence:
-    """What the controller does, and why it has stopped if it has.
+@dataclass(frozen=True)
+class Heard:
+    """What is known of the controller and of the source of its joint states.
 
-    Args:
-        newest: its last state; None: none has arrived.
+    Attributes:
+        newest: last state of the controller; None: none has arrived.
         silence: time since then, s.
-        report: what it last reported on /diagnostics.
+        since: time of day of the last state.
+        report: what the controller has reported on /diagnostics since then; empty: nothing.
+        alive: whether the controller was heard lately.
         ended: how its process has ended; empty: it runs, or is not known.
+        missing: why there are no joint states; empty: not known.
     """
-    if ended:
-        return Sentence(f"The controller {ended}", RED)
-    if newest is None or silence > LATE:
-        return _silent(newest, silence, report)
+
+    newest: ControllerState | None
+    silence: float = 0.0
+    since: str = ""
+    report: str = ""
+    alive: bool = False
+    ended: str = ""
+    missing: str = ""
+
+
+def mode(heard: Heard) -> Sentence:
+    """What the controller does, and why it has stopped if it has."""
+    newest = heard.newest
+    if heard.ended:
+        return Sentence(f"The controller {heard.ended}", RED)
+    if newest is None or heard.silence > LATE:
+        return _silent(heard)
     if newest.fault:
         try:
             reason = cause(newest.fault, newest.fault_joint, newest.name)
@@ -51,18 +72,32 @@ def mode(newest: ControllerState | None, silence: float, report: str, ended: str
     return Sentence(f"In mode {newest.mode}", AMBER)
 
 
-def _silent(newest: ControllerState | None, silence: float, report: str) -> Sentence:
-    if report.startswith("inactive"):
-        return Sentence(f"The controller is {report}", AMBER)
-    if newest is None:
+def _silent(heard: Heard) -> Sentence:
+    if heard.report.startswith("inactive"):
+        return Sentence(f"The controller is {heard.report}{_because(heard.missing)}", AMBER)
+    if heard.newest is None and not heard.missing:
         return Sentence("Waiting for the controller", GREY)
-    return Sentence(f"No state of the controller for {silence:.1f} s: it does not run, or is not active", RED)
+    text = (
+        f"No state of the controller since {heard.since}" if heard.newest is not None else "No state of the controller"
+    )
+    if heard.report not in ("", _FINE):
+        return Sentence(f'{text}: it runs, and reports "{heard.report}"{_because(heard.missing)}', RED)
+    if heard.alive:
+        return Sentence(f"{text}{_because(heard.missing)}", RED)
+    return Sentence(f"{text}: it does not run, or does not answer", RED)
 
 
-def loop(newest: ControllerState | None) -> str:
-    """Rate, age and missed deadlines."""
+def _because(missing: str) -> str:
+    return f"; {missing}" if missing else ""
+
+
+def loop(heard: Heard) -> str:
+    """Rate, age and missed deadlines as they are now."""
+    newest = heard.newest
     if newest is None:
         return ""
+    if heard.silence > OLD:
+        return f"0 commands per second · no data since {heard.since}"
     return (
         f"{newest.rate:.0f} commands per second · age of the last joint state {newest.state_age * 1e3:.2f} ms · "
         f"{newest.missed_deadlines:.0f} missed deadlines"
