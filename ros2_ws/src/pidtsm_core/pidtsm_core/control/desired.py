@@ -9,7 +9,7 @@ Along the way, the effort that is fed forward fades to that of the reference, or
 import math
 
 from pidtsm_core.compiled import inlined
-from pidtsm_core.control.effort import write_net_effort
+from pidtsm_core.control.effort import time_of_change, write_net_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, part
 from pidtsm_core.control.turns import turn_reference
 from pidtsm_core.laws import command
@@ -335,6 +335,7 @@ def _excess(config: ControllerConfig, state: ControllerState, duration: float, u
     """
     motion, efforts = state.desired, state.accelerations
     step, excess = until / _MOMENTS, 0.0
+    slowest = time_of_change(state)
     for k in range(_MOMENTS + 1):
         t = k * step
         for j in range(motion.shape[1]):
@@ -347,9 +348,11 @@ def _excess(config: ControllerConfig, state: ControllerState, duration: float, u
         for j in range(motion.shape[1]):
             efforts[0, j] += _fed(state, j, t / duration)
             excess = max(excess, abs(efforts[0, j]) / (_SHARE_OF_EFFORT * config.effort_limit[j]) if k else 0.0)
-            if k and config.effort_rate[j] > 0.0 and state.clock[Clock.UNLIMITED] == 0:
-                rate = abs(efforts[0, j] - efforts[1, j]) / step
+            rate = abs(efforts[0, j] - efforts[1, j]) / step if k else 0.0
+            if config.effort_rate[j] > 0.0 and state.clock[Clock.UNLIMITED] == 0:
                 excess = max(excess, rate / (_SHARE_OF_RATE * config.effort_rate[j]))
+            if state.status[Status.FAULT] != 0:
+                excess = max(excess, rate * slowest / config.effort_limit[j])
     return excess
 
 

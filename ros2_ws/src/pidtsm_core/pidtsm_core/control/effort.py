@@ -3,15 +3,26 @@
 import math
 
 from pidtsm_core.compiled import inlined
-from pidtsm_core.control.state import ControllerConfig, ControllerState, part
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, part
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Limited, Signal
+from pidtsm_core.timing import seconds
 
 _REVERSAL = 0.01
 """rad/s; below this velocity, the compensated Coulomb friction goes to zero."""
 # As floats, like the signals.
 _AT_LIMIT, _AT_RATE = float(Limited.EFFORT), float(Limited.RATE)
+
+
+LARGEST_CHANGE = 0.08
+"""Largest change of the safe effort from one command to the next, as a share of the effort limit."""
+
+
+@inlined
+def time_of_change(state: ControllerState) -> float:
+    """Time in which the safe effort can change by the effort limit, s; 0: not known yet."""
+    return seconds(state.clock[Clock.PERIOD]) / LARGEST_CHANGE
 
 
 @part

@@ -11,12 +11,12 @@ import math
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.desired import come_to_rest, learnt_acceleration, write_desired
-from pidtsm_core.control.effort import added_gravity, carry, limit_effort
+from pidtsm_core.control.effort import LARGEST_CHANGE, added_gravity, carry, limit_effort, time_of_change
 from pidtsm_core.control.history import HISTORY, RECENT, noted_acceleration, noted_effort, noted_motion
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, External, Held, Hold, Still, part
 from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
 from pidtsm_core.control.trust import is_doubtful, reverse, used_position
-from pidtsm_core.robots import inverse_dynamics
+from pidtsm_core.robots import forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Fault, Signal, Status, Stop
 from pidtsm_core.timing import seconds
 
@@ -26,13 +26,13 @@ _QUICKEST, _SLOWEST = 0.02, 0.125
 """s; time in which a difference as large as the effort limit fades, so that a stop causes no jolt."""
 _FADES_OVER = 0.015
 """rad; way of the arm in this time: an arm that moves fast needs the safe effort sooner."""
-_LARGEST_CHANGE = 0.08
-"""Largest change from one command to the next, as a share of the effort limit."""
 _LONGEST_CHANGE = 0.01
 """s; longest time between two commands that counts for this."""
 _LARGEST_SHARE = 0.5
 """Largest share of the effort limit that is accepted as learnt by the law."""
 _AT_REST = 0.02  # rad/s
+_LONG_CHANGE = 0.04
+"""s; an effort that needs longer to change by its limit cannot follow a way that begins without acceleration."""
 _OF_RATE = 0.05
 """Largest bandwidth of the hold as a multiple of the rate of the joint states: effort that is late, and that may change
 by a share with each command, cannot hold faster."""
@@ -198,12 +198,24 @@ def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> 
         state.desired[0, j] = position
         state.desired[1, j] = velocity
         state.desired[2, j] = 0.0
+    if time_of_change(state) > _LONG_CHANGE:
+        _continue_acceleration(config, state)
     state.hold_pace[0] = min(max(_FADES_OVER / max(fastest, 1e-9), _QUICKEST), _SLOWEST)
     _plan_stop(config, state, stamp, fastest)
     _weigh(config, state)
     _choose_bandwidth(config, state)
     state.clock[Clock.HELD] = Held.HERE
     state.status[Status.STOP_STAGE] = Stop.HOLD
+
+
+@inlined
+def _continue_acceleration(config: ControllerConfig, state: ControllerState) -> None:
+    """Begin the way to rest with the acceleration that the last command causes, because it cannot change at once."""
+    for j in range(state.sent.size):
+        state.net[j] = state.sent[j] - state.hold[Hold.LEARNT, j]
+        state.scratch[0, j] = state.desired[0, j]
+        state.scratch[1, j] = state.desired[1, j]
+    forward_dynamics(config.model, state.scratch[0], state.scratch[1], state.net, state.desired[2])
 
 
 @inlined
@@ -306,8 +318,9 @@ def _doubt_what_was_learnt(config: ControllerConfig, state: ControllerState, sta
     external, learnt = state.external, state.hold[Hold.LEARNT]
     _find_load(config, state, stamp)
     touches = state.status[Status.FAULT] == Fault.EXTERNAL_EFFORT_LIMIT or in_contact(config, state)
+    enough = state.clock[Clock.NOTES] >= RECENT
     for j in range(state.measured.size):
-        noted = state.scratch[2, j]
+        noted = state.scratch[2, j] if enough else 0.0
         if not config.feels:
             learnt[j] = _middle(learnt[j], noted, 0.0)
         elif touches:
@@ -416,7 +429,7 @@ def go_gently(config: ControllerConfig, state: ControllerState, now: int, begins
         change = _fading_rate(config, state, j) * since
         offset[j] -= min(max(offset[j], -change), change)
         limit, last = config.effort_limit[j], state.sent[j]
-        low, high = max(last - _LARGEST_CHANGE * limit, -limit), min(last + _LARGEST_CHANGE * limit, limit)
+        low, high = max(last - LARGEST_CHANGE * limit, -limit), min(last + LARGEST_CHANGE * limit, limit)
         wanted = efforts[j] + offset[j]
         efforts[j] = min(max(wanted, low), high)
         state.clock[Clock.SLEWING] |= int(efforts[j] != wanted)
