@@ -19,10 +19,15 @@ LARGEST_CHANGE = 0.08
 """Largest change of the safe effort from one command to the next, as a share of the effort limit."""
 
 
+_KNOWN = 10
+"""Number of samples after which their nominal period is known."""
+
+
 @inlined
 def time_of_change(state: ControllerState) -> float:
     """Time in which the safe effort can change by the effort limit, s; 0: not known yet."""
-    return seconds(state.clock[Clock.PERIOD]) / LARGEST_CHANGE
+    known = state.clock[Clock.ANSWERED] > _KNOWN
+    return seconds(state.clock[Clock.PERIOD]) / LARGEST_CHANGE if known else 0.0
 
 
 @part

@@ -5,7 +5,6 @@ and fades, slowly enough for the law to take over.
 """
 
 from pidtsm_core.compiled import inlined
-from pidtsm_core.control.effort import limit_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Handover, part
 from pidtsm_core.control.tick import demand_again
 from pidtsm_core.signals import Signal
@@ -42,14 +41,12 @@ def begin_handover(config: ControllerConfig, state: ControllerState, dt: float) 
 
 
 @part
-def hand_over_effort(config: ControllerConfig, state: ControllerState, dt: float) -> None:
-    """Add to the law's effort what is left of the difference, dt (s) after the last command."""
-    efforts, difference, fades = state.signals[Signal.EFFORT], state.handover, False
-    for j in range(efforts.size):
+def fade_handover(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Let what is added to the law's effort fade over dt (s)."""
+    difference, fades = state.handover, False
+    for j in range(difference.size):
         change = min(abs(difference[j]) * min(dt / _FADES_IN, 1.0), _LARGEST_CHANGE * config.effort_limit[j])
         difference[j] -= min(max(difference[j], -change), change)
         fades = fades or abs(difference[j]) > _NOTHING * config.effort_limit[j]
-        efforts[j] += difference[j]
     if not fades:
         state.clock[Clock.HANDOVER] = Handover.NONE
-    limit_effort(config, state)

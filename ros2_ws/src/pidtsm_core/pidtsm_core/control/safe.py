@@ -33,9 +33,9 @@ _LARGEST_SHARE = 0.5
 _AT_REST = 0.02  # rad/s
 _LONG_CHANGE = 0.04
 """s; an effort that needs longer to change by its limit cannot follow a way that begins without acceleration."""
-_OF_RATE = 0.05
-"""Largest bandwidth of the hold as a multiple of the rate of the joint states: effort that is late, and that may change
-by a share with each command, cannot hold faster."""
+_OF_CHANGE = 1.0
+"""Largest bandwidth of the hold relative to the inverse of the time in which its effort can change by its limit, which
+grows with the time between commands."""
 _SHARE_OF_LIMIT, _AWAY = 0.5, 0.05
 """Largest share of the effort limit that the spring of the hold needs for a distance of the joint, rad: a hold whose
 effort is at its limits swings."""
@@ -221,9 +221,9 @@ def _continue_acceleration(config: ControllerConfig, state: ControllerState) -> 
 @inlined
 def _choose_bandwidth(config: ControllerConfig, state: ControllerState) -> None:
     """Choose the bandwidth of the hold: that of the configuration, or what rate and torque limits of the arm allow."""
-    bandwidth, period = config.stop_bandwidth, seconds(state.clock[Clock.PERIOD])
-    if period > 0.0:
-        bandwidth = min(bandwidth, _OF_RATE / period)
+    bandwidth, slowest = config.stop_bandwidth, time_of_change(state)
+    if slowest > 0.0:
+        bandwidth = min(bandwidth, _OF_CHANGE / slowest)
     for j in range(state.measured.size):
         stiffness = _SHARE_OF_LIMIT * config.effort_limit[j] / _AWAY
         if state.inertia[j, j] > 0.0:

@@ -6,7 +6,7 @@ from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_
 from pidtsm_core.control.effect import distrust_idle, watch_effect
 from pidtsm_core.control.effort import carry, limit_rate, rate_delay, write_command
 from pidtsm_core.control.freedrive import hand_over, make_free
-from pidtsm_core.control.handover import begin_handover, expect_handover, hand_over_effort
+from pidtsm_core.control.handover import begin_handover, expect_handover, fade_handover
 from pidtsm_core.control.history import note, shift_history
 from pidtsm_core.control.plausibility import doubt
 from pidtsm_core.control.safe import keep_what_holds, leave, make_safe, make_safe_blindly
@@ -78,13 +78,13 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         note(state, stamp)
     if clock[Clock.HANDOVER] == Handover.PENDING:
         begin_handover(config, state, dt)
+    elif clock[Clock.HANDOVER] == Handover.FADING:
+        fade_handover(config, state, dt)
     choose(config, state, stamp, reference_stamp)
 
     tick(config, state, dt)
     if clock[Clock.FREED] != 0 and state.status[Status.MODE] != Mode.FREEDRIVE:
         hand_over(state)
-    if clock[Clock.HANDOVER] == Handover.FADING:
-        hand_over_effort(config, state, dt)
     # A limit that was removed is no longer exceeded.
     state.status[Status.VIOLATIONS] = 0
     if config.watches:
@@ -205,6 +205,7 @@ def begin_afresh(state: ControllerState) -> None:
     state.status[Status.VIOLATIONS] = 0
     hold_elsewhere(state)
     clock[Clock.ANSWERED] = 0
+    clock[Clock.HANDOVER] = Handover.NONE
     clock[Clock.FREED] = 0
     for j in range(state.doubted.size):
         state.doubted[j] = state.rejected[j] = 0.0

@@ -3,7 +3,7 @@
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.contact import in_contact, sense_contact
 from pidtsm_core.control.effort import friction, limit_effort, write_net_effort
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, part
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Handover, part
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
 from pidtsm_core.parameters import Array
@@ -125,6 +125,8 @@ def _actuate(config: ControllerConfig, state: ControllerState, dt: float, senses
             efforts[0, j], efforts[1, j] = motion[0, j], motion[1, j]
         y[Signal.EQUIVALENT_EFFORT, j] = efforts[0, j] + added
         y[Signal.EFFORT, j] = efforts[1, j] + added + state.handed[j]
+        if state.clock[Clock.HANDOVER] == Handover.FADING:
+            y[Signal.EFFORT, j] += state.handover[j]
 
 
 @inlined
