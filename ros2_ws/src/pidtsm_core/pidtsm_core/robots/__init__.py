@@ -8,9 +8,11 @@ from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, pref
 from pidtsm_core.robots.address import forward_at, inverse_at
 from pidtsm_core.robots.base import Dynamics, Model, Robot, Tool
 from pidtsm_core.robots.description import Description, read_description
+from pidtsm_core.robots.differences import spread_of_differences
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.payload import check_payload, payload_of, payload_parameters
 from pidtsm_core.robots.source import ARMS, read_source
+from pidtsm_core.robots.tree import effort_spread as tree_effort_spread
 from pidtsm_core.robots.tree_robot import TreeRobot, tree_robot
 from pidtsm_core.robots.two_link import TWO_LINK
 
@@ -29,6 +31,7 @@ __all__ = [
     "Tool",
     "TreeRobot",
     "description_schema",
+    "effort_spread",
     "find_description",
     "find_robot",
     "forward_dynamics",
@@ -198,6 +201,7 @@ def payload_schema(settings: Mapping[str, object], description: str) -> tuple[Pa
 
 _inverse = dispatch(kind.inverse_dynamics for kind in _CLOSED_FORMS)
 _forward = dispatch(kind.forward_dynamics for kind in _CLOSED_FORMS)
+_spread = dispatch(kind.effort_spread or spread_of_differences(kind.inverse_dynamics) for kind in _CLOSED_FORMS)
 
 
 @njit
@@ -216,3 +220,12 @@ def forward_dynamics(model: Model, q: Array, dq: Array, effort: Array, ddq: Arra
         forward_at(model.forward, q, dq, effort, model.parameters, ddq)
     else:
         _forward(model.kind, q, dq, effort, model.parameters, ddq)
+
+
+@njit
+def effort_spread(model: Model, q: Array, dq: Array, ddq: Array, box: Array, spread: Array) -> None:
+    """How far the efforts (N m) are from those of q, q', q'' within a box: see `Dynamics.effort_spread`."""
+    if model.kind == _BY_ADDRESS:
+        tree_effort_spread(q, dq, ddq, box, model.parameters, spread)
+    else:
+        _spread(model.kind, q, dq, ddq, box, model.parameters, spread)

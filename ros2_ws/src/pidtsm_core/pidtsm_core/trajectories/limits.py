@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pidtsm_core.margins import PLANNED_SHARE
 from pidtsm_core.parameters import Array, Parameter, ParameterError, joint_array
 from pidtsm_core.robots import DESCRIPTION, LOCKED, Model, Robot, find_robot, inverse_dynamics, make_model
 from pidtsm_core.units import TURNS, JointUnits
@@ -39,7 +40,8 @@ PARAMETERS = (
     Parameter(
         "limits.velocity",
         0.0,
-        f"largest velocity of a trajectory{_OF_DESCRIPTION}",
+        "velocity beyond which the controller stops; a trajectory may use "
+        f"{100.0 * PLANNED_SHARE:g} % of it{_OF_DESCRIPTION}",
         "rad/s",
         minimum=0.0,
         per_joint=True,
@@ -97,7 +99,7 @@ class MotionLimits:
     Attributes:
         joints: names of the joints, in the order of all arrays.
         lower, upper: position, rad or m.
-        velocity: rad/s or m/s.
+        velocity: rad/s or m/s, beyond which the controller stops; see `planned_velocity`.
         acceleration: of stops and of motions planned by `timing`, rad/s^2 or m/s^2; finite.
         jerk: likewise, rad/s^3 or m/s^3; finite.
         effort: N m or N.
@@ -120,6 +122,11 @@ class MotionLimits:
     model: Model | None
     places: NDArray[np.int_]
     units: tuple[JointUnits, ...]
+
+    @property
+    def planned_velocity(self) -> Array:
+        """Largest velocity of a motion, see `margins`, shape (joints,), rad/s or m/s."""
+        return PLANNED_SHARE * self.velocity
 
 
 def limits_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:

@@ -70,7 +70,7 @@ def _on_a_line(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     given = InputParameter(len(limits.joints))
     given.synchronization = Synchronization.Phase
     given.current_position, given.target_position = waypoints[0].tolist(), waypoints[-1].tolist()
-    given.max_velocity = np.minimum(limits.velocity, _FASTEST).tolist()
+    given.max_velocity = np.minimum(limits.planned_velocity, _FASTEST).tolist()
     given.max_acceleration, given.max_jerk = limits.acceleration.tolist(), limits.jerk.tolist()
     return fastest(given)
 
@@ -93,7 +93,7 @@ def _on_a_spline(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     slopes, jerks = (np.abs(path(grid, order)) for order in (1, 3))
     jerks[1:] = np.maximum(jerks[1:], jerks[:-1])  # It jumps at way points.
     with np.errstate(divide="ignore"):
-        by_velocity = (np.minimum(limits.velocity, _FASTEST) / slopes) ** 2
+        by_velocity = (np.minimum(limits.planned_velocity, _FASTEST) / slopes) ** 2
         by_jerk = (limits.jerk / jerks) ** (2.0 / 3.0)
     highest = np.minimum(by_velocity, by_jerk).min(axis=1)
     path_speed(grid, path(grid, 1), path(grid, 2), highest, limits.acceleration, squared)
@@ -152,7 +152,7 @@ def _excess(motion: PiecewiseMotion, limits: MotionLimits) -> Array:
     """
     powers, durations = motion.coefficients, np.diff(motion.times)
     result = np.zeros(len(durations))
-    for order, limit in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
+    for order, limit in enumerate((limits.planned_velocity, limits.acceleration, limits.jerk), start=1):
         powers = powers[..., 1:] * np.arange(1, powers.shape[-1])
         bound = np.abs(powers @ _bernstein(powers.shape[-1]).T).max(axis=-1) / durations**order
         result = np.maximum(result, (bound / limit[:, None]).max(axis=0) ** (1.0 / order))
