@@ -50,7 +50,9 @@ def check(motion: PiecewiseMotion, limits: MotionLimits) -> None:
         worst = np.zeros(4)
         _check_derivative(motion.parameters, order, bounds[order].copy(), scratch, worst)
         if worst[0] > 0.0:
-            allowed = (limits.lower, limits.upper) if order == 0 else (limits.planned_velocity, limits.given_acceleration)
+            allowed = (
+                (limits.lower, limits.upper) if order == 0 else (limits.planned_velocity, limits.given_acceleration)
+            )
             raise TrajectoryError(_excess(limits, quantity, worst, allowed[order - 1] if order else allowed))
     if (effort := excessive_effort(motion, limits)) is not None:
         raise TrajectoryError(_excess(limits, "effort", effort, limits.effort))

@@ -19,6 +19,8 @@ from pidtsm_core.robots import Model, effort_spread, inverse_dynamics
 
 TOLERANCE = 0.01
 """An effort may exceed its limit by up to this share between the samples."""
+_EXACT = 1e-5
+"""Largest error of the excess that is reported, as a share of the limit."""
 STEP_TIME = 0.2
 """Time in which the effort limit must allow a step of the velocity, s."""
 _DEPTH = 48
@@ -78,9 +80,9 @@ def _measure(model: Model, states: Array, limit: Array, places: NDArray[np.int_]
         if excess > worst[0]:
             worst[0], worst[1], worst[2], worst[3] = excess, places[i], efforts[0, i], time
     for i in range(q.size):
-        most = limit[places[i]]
+        most = limit[places[i]] * (1.0 + (TOLERANCE if worst[0] == 0.0 else _EXACT))
         # Written so that numbers that are not finite count as too large.
-        if not abs(efforts[0, i]) + spread[0, i] <= most + TOLERANCE * most + worst[0]:
+        if not abs(efforts[0, i]) + spread[0, i] <= most + worst[0]:
             return True
     return False
 

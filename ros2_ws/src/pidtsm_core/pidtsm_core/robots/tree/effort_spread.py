@@ -84,11 +84,13 @@ def _load(p: Array, y: Array, i: int) -> None:
 
 
 @subroutine
-def effort_spread(_q: Array, dq: Array, _ddq: Array, box: Array, p: Array, spread: Array) -> None:
+def effort_spread(q: Array, dq: Array, ddq: Array, box: Array, p: Array, spread: Array) -> None:  # noqa: ARG001
     """Largest changes of the efforts, shape (joints,), N m or N, within a box.
 
     Args:
-        _q, dq, _ddq: q, q', q'' in the middle of the box, shape (joints,) each, rad, rad/s, rad/s^2 or m, m/s, m/s^2.
+        q: in the middle of the box, shape (joints,), rad or m; not used, as `p` has what follows from it.
+        dq: q' there, likewise, rad/s or m/s.
+        ddq: q'' there, likewise; not used either.
         box: largest changes of q, q' and q'', shape (3, joints), rad, rad/s, rad/s^2 or m, m/s, m/s^2.
         p: the tree, shape (size(joints),), whose scratch is that of `inverse_dynamics` in the middle of the box.
         spread: result in the first row, shape (3, joints).
