@@ -97,9 +97,14 @@ def find_robot(settings: Mapping[str, object]) -> Robot:
     joints, locked = settings.get("joints"), str(settings.get(LOCKED.name, ""))
     chosen = tuple(str(joint) for joint in joints) if isinstance(joints, (list, tuple)) else None
     try:
-        return tree_robot(*read_source(source), chosen, _positions(locked))
+        name, text = read_source(source)
     except DescriptionError as error:
         raise ParameterError(f"{DESCRIPTION.name}: {error}", DESCRIPTION.name) from None
+    file = "" if "<" in source else f"{source}: "
+    try:
+        return tree_robot(name, text, chosen, _positions(locked))
+    except DescriptionError as error:
+        raise ParameterError(f"{DESCRIPTION.name}: {file}{error}", DESCRIPTION.name) from None
 
 
 def find_description(settings: Mapping[str, object]) -> Description:
