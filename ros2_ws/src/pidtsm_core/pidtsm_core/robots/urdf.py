@@ -104,11 +104,14 @@ def _end(joint: Element, kind: str) -> str:
 
 
 def _number(text: str, what: str) -> float:
+    number = math.nan
     with suppress(ValueError):
-        if math.isfinite(number := float(text)):
-            return number
-        raise DescriptionError(f"{what}: {text!r} is not finite; every number must be")
-    raise DescriptionError(f"{what}: {text!r} is not a number")
+        number = float(text)
+    if math.isnan(number):
+        raise DescriptionError(f"{what}: {text!r} is not a number")
+    if math.isinf(number):
+        raise DescriptionError(f"{what}: {text!r} is not finite; where there is no limit, leave it out")
+    return number
 
 
 def joint_limits(root: Element) -> dict[str, dict[str, float]]:
@@ -121,8 +124,7 @@ def joint_limits(root: Element) -> dict[str, dict[str, float]]:
     for joint in root.findall("joint"):
         name, limit = joint.attrib["name"], joint.find("limit")
         if limit is not None:
-            of = f"joint {name}: {{}} of its limit"
-            found[name] = {key: _number(value, of.format(key)) for key, value in limit.attrib.items()}
+            found[name] = {key: _number(value, f"joint {name}: {key}") for key, value in limit.attrib.items()}
     return found
 
 

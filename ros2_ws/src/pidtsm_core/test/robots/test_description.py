@@ -83,6 +83,36 @@ BROKEN = {
         "joint shoulder: a revolute joint needs a limit",
     ),
     "a limit in words": (urdf(ARM.replace('effort="30"', 'effort="much"')), "joint shoulder: effort: 'much'"),
+    "a range without room": (
+        urdf(ARM.replace('lower="-2" upper="1"', 'lower="1" upper="1"')),
+        "joint shoulder: lower of its limit, 1, is not below upper, 1; swap",
+    ),
+    "a range the wrong way round": (
+        urdf(ARM.replace('lower="-2" upper="1"', 'lower="1" upper="-2"')),
+        "joint shoulder: lower of its limit, 1, is not below upper, -2; swap",
+    ),
+    "a range above zero only": (
+        urdf(ARM.replace('lower="-2" upper="1"', 'lower="1"')),
+        "joint shoulder: lower of its limit, 1, is not below upper, 0",
+    ),
+    **{
+        f"{value} as {what}": (urdf(ARM.replace(good, good.replace(number, value))), f"{where}.*{value}.* is not ")
+        for value in ("nan", "inf")
+        for what, good, number, where in (
+            ("effort", 'effort="30"', "30", "joint shoulder: effort"),
+            ("lower", 'lower="-2"', "-2", "joint shoulder: lower"),
+            ("mass", '<mass value="2.0"', "2.0", "link upper: mass"),
+            ("inertia", 'ixx="0.02"', "0.02", "link upper: ixx of its inertia"),
+            ("centre of mass", '<origin xyz="0.1 0 0"/><mass', "0.1", "link upper: its inertial: xyz of its origin"),
+            ("rotation", 'rpy="0.1 0.2 0.3"', "0.2", "joint shoulder: rpy of its origin"),
+            ("axis", 'axis xyz="0 0 1"', "1", "joint shoulder: xyz of its axis"),
+        )
+    },
+    "an axis without direction": (urdf(ARM.replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"')), "joint shoulder: its axis"),
+    "two numbers for an origin": (
+        urdf(ARM.replace('rpy="0.1 0.2 0.3"', 'rpy="0.1 0.2"')),
+        "joint shoulder: rpy of its origin is '0.1 0.2'; it needs three numbers",
+    ),
     "no movable joint": (urdf(BASE), "no chain of movable joints|cannot be read"),
     "two links of one name": (urdf(ARM + link("upper")), "two links are called upper"),
     "two joints of one name": (
