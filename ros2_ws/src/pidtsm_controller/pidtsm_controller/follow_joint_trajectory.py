@@ -1,6 +1,5 @@
 """The action FollowJointTrajectory of the trajectory node, as MoveIt and rqt send it."""
 
-import os
 import time
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,6 +13,7 @@ from rclpy.action.server import ServerGoalHandle
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from pidtsm_controller.goal_planning import GoalError, Plan, Splice, plan_goal
+from pidtsm_controller.planning_thread import planning_thread
 from pidtsm_core.parameters import Array, as_float
 from pidtsm_core.timing import NANOSECONDS, seconds
 from pidtsm_core.trajectories.feed_forward import FeedForward, fade
@@ -111,7 +111,7 @@ class GoalServer:
         """Args: node: the trajectory node, while it is configured; limits: of the arm."""
         self._node, self._limits = node, limits
         self._log = node.get_logger()
-        self._reader = ThreadPoolExecutor(1, "reader", _lower_priority)
+        self._reader = planning_thread("reader")
         self._server = _Server(
             self._reader,
             node,
@@ -123,7 +123,7 @@ class GoalServer:
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             result_timeout=_KEPT,
         )
-        self._planner = ThreadPoolExecutor(1, "planner", _lower_priority)
+        self._planner = planning_thread("planner")
         self._queue: deque[_Goal] = deque()
         self._planning: tuple[_Goal, Splice, Future[Plan]] | None = None
         self._waiting: tuple[_Goal, FeedForward] | None = None
@@ -347,8 +347,3 @@ def _point(rows: Array) -> JointTrajectoryPoint:
     """Positions, velocities and, if given, accelerations."""
     fields = ("positions", "velocities", "accelerations")
     return JointTrajectoryPoint(**dict(zip(fields, rows.tolist(), strict=False)))
-
-
-def _lower_priority() -> None:
-    """Planning must not keep the loop from the processor; a thread inherits the priority of its creator."""
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
