@@ -40,30 +40,10 @@ _SAME = 1e-9
 
 
 class _Server(ActionServer):
-    """Takes the result of a goal when it is known, and reads goals in a thread.
+    """Takes the result of a goal when it is known.
 
-    rclpy would run a coroutine for each goal, and the events executor resumes pending ones without a pause. It would
-    also read goals in the loop, for a quarter of a second if one has 10,000 points.
+    rclpy would run a coroutine for each goal, and the events executor resumes pending ones without a pause.
     """
-
-    def __init__(self, reader: ThreadPoolExecutor, node: ManagedNode, *arguments: Any, **options: Any) -> None:
-        """Args: reader: has one thread; node, arguments, options: see `ActionServer`."""
-        self._reader = reader
-        super().__init__(node, *arguments, **options)
-
-    def take_data(self) -> Any:
-        """Take what has arrived; a goal is taken in the thread, and processed in the loop when it has been read."""
-        if self._is_goal_request_ready:
-            self._is_goal_request_ready = False
-            self._reader.submit(self._read_goal)
-        return super().take_data()
-
-    def _read_goal(self) -> None:
-        # Without the lock of the base class: the loop would wait for it. Nothing else uses this service.
-        taken = self._handle.take_goal_request(self._action_type.Impl.SendGoalService.Request)
-        executor = self._node.executor
-        if all(taken) and executor is not None:
-            executor.create_task(self._execute_goal_request, taken)
 
     @property
     def kept(self) -> int:
@@ -111,9 +91,7 @@ class GoalServer:
         """Args: node: the trajectory node, while it is configured; limits: of the arm."""
         self._node, self._limits = node, limits
         self._log = node.get_logger()
-        self._reader = planning_thread("reader")
         self._server = _Server(
-            self._reader,
             node,
             FollowJointTrajectory,
             "~/follow_joint_trajectory",
@@ -212,7 +190,6 @@ class GoalServer:
     def destroy(self) -> None:
         """Remove the action."""
         self._planner.shutdown(cancel_futures=True)
-        self._reader.shutdown(cancel_futures=True)
         self._server.destroy()
 
     # Goals.

@@ -1,25 +1,26 @@
 """Trajectories of many points on ``joint_trajectory``, which are read and planned outside the loop."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from trajectory_msgs.msg import JointTrajectory
+from rclpy.serialization import serialize_message
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_controller.planning_thread import planning_thread
-from pidtsm_controller.trajectory_points import places, read_points
+from pidtsm_controller.trajectory_points import check_extent, places, read_points
 from pidtsm_core.cdr import serialized_nanoseconds
-from pidtsm_core.joints import MessageError
+from pidtsm_core.joints import ABSURD, MessageError
 from pidtsm_core.parameters import Array, as_float
 from pidtsm_core.timing import seconds
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import MotionLimits
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 from pidtsm_core.trajectories.splice import MotionUnderWay, plan_from
+from pidtsm_core.trajectory_cdr import read_serialized
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.stamps import nanoseconds
 from pidtsm_ros.wire import deserialize
 
 LARGE = 16_384
@@ -60,6 +61,9 @@ class LargeTrajectories:
         self._planner: ThreadPoolExecutor = planning_thread("reader of trajectories")
         self._waiting: tuple[bytes, int] | None = None  # message, and the time for planning, ns
         self._job: _Job | None = None
+        # Compile before the loop.
+        point = JointTrajectoryPoint(positions=[0.0] * len(limits.joints))
+        read_serialized(serialize_message(JointTrajectory(joint_names=limits.joints, points=[point])))
 
     def receive(self, data: bytes) -> None:
         """Plan a serialized trajectory from the next joint state on; it replaces those before it."""
@@ -111,12 +115,20 @@ class LargeTrajectories:
         self._job = _Job(data, lead, begin, present, self._planner.submit(self._read_and_plan, data, begin, present))
 
     def _read_and_plan(self, data: bytes, begin: int, present: Array) -> _Plan:
-        message = deserialize(data, JointTrajectory)
-        columns = places(message.joint_names, self._limits.joints, partial=False)
-        times, given = read_points(message)
+        given_names, times, given = _read(data)
+        columns = places(given_names, self._limits.joints, partial=False)
         points = np.empty_like(given)
         points[:, :, columns] = given
-        start = nanoseconds(message.header.stamp) or begin
+        start = serialized_nanoseconds(data) or begin
         tolerance = as_float(self._node.values["start_tolerance"])
         motion = plan_from(present, seconds(begin - start), (times, points), tolerance, self._limits)
         return _Plan(start, motion, len(times))
+
+
+def _read(data: bytes) -> tuple[Sequence[str], Array, Array]:
+    """Names of the joints, and times and states as `read_points` returns them."""
+    if (read := read_serialized(data)) is not None and (np.abs(read.states) < ABSURD).all():
+        check_extent(len(read.times), float(read.times.max()))
+        return read.names, read.times, read.states
+    message = deserialize(data, JointTrajectory)
+    return message.joint_names, *read_points(message)
