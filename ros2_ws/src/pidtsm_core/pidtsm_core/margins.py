@@ -4,6 +4,8 @@ PLANNED_SHARE = 0.95
 """Share of ``limits.velocity`` that a planned or accepted motion may use: goals, trajectories, streams, `retime`.
 
 Beyond the whole limit the controller stops. Between both is room for what the estimate of the velocity adds to the
-motion: noise of the encoders and the law's transients, together at most 1 % of the limit with 12 to 14 bits, as the
-page on trajectories shows.
+motion, noise of the encoders and transients of the law: at most 1 % of the limit, see docs/trajectories.md.
 """
+
+PLANNED_EFFORT = 0.9
+"""Share of ``limits.effort``, after friction, that a motion planned here may need; the rest is for the law."""

@@ -117,7 +117,9 @@ def test_a_run_that_strays_by_more_than_a_share_of_the_range_has_not_followed(
     error = share * SHARE_OF_RANGE * 2.0 * np.pi
     values = off(run, joint, error, slice(700, 701)).metrics()
     assert values["outcome"] == outcome
-    expected = f"strayed: joint{joint + 1} was {error:.3g} rad from its reference at 0.7 s, 15 % of its range; a run with"
+    expected = (
+        f"strayed: joint{joint + 1} was {error:.3g} rad from its reference at 0.7 s, 15 % of its range; a run with"
+    )
     assert why_not_followed(values).startswith(expected if outcome == "strayed" else "")
     assert what_happened(values) == ([why_not_followed(values)] if outcome == "strayed" else [])
 
@@ -137,7 +139,12 @@ def test_the_range_is_that_of_the_description(run: Recording) -> None:
         position[500:, joint] = share * SHARE_OF_RANGE * (high - low)
         wider = {name: np.zeros((len(run.time), *shape)) for name, shape in WIDER.items()}
         values = recording(
-            run, **wider, position=position, joints=robot.joints, slides=robot.slides, robot={"robot.description": "scara"}
+            run,
+            **wider,
+            position=position,
+            joints=robot.joints,
+            slides=robot.slides,
+            robot={"robot.description": "scara"},
         ).metrics()
         assert values["outcome"] == outcome
 

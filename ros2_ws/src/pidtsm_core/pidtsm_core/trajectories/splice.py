@@ -121,9 +121,7 @@ class MotionUnderWay:
         begin = max(now, start)
         self._advance(now)
         given = times, points
-        motion = plan_from(
-            self.state_at(begin), seconds(begin - start), given, tolerance, self._limits, interpolation
-        )
+        motion = plan_from(self.state_at(begin), seconds(begin - start), given, tolerance, self._limits, interpolation)
         self.replace(motion, start, begin)
 
     def cancel(self, now: int) -> None:

@@ -1,6 +1,7 @@
 """Fast motions through way points that have no times."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from ruckig import InputParameter, Synchronization
@@ -39,7 +40,8 @@ def retime(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     """A fast motion from rest at the first way point to rest at the last one, within all limits.
 
     With two way points it is the fastest motion on the straight line between them. With more it passes through all of
-    them on a spline and without stopping. If it needs too much effort, it is slowed down as a whole.
+    them on a spline and without stopping. If it needs more than `MotionLimits.planned_effort`, it is slowed down as a
+    whole.
 
     Args:
         waypoints: shape (n, joints), rad or m.
@@ -57,12 +59,22 @@ def retime(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     moves = np.abs(np.diff(waypoints, axis=0)).max(axis=1) > _SAME
     waypoints = waypoints[np.concatenate([[True], moves])]
     motion = _on_a_line(waypoints, limits) if len(waypoints) <= 2 else _on_a_spline(waypoints, limits)
+    slowest = motion.stretched(_STEP**_SLOWEST)
+    # Where gravity alone needs more, no slower motion would help.
+    spares = excessive_effort(slowest, _spare(slowest, limits)) is None
     for _ in range(_SLOWEST):
-        if excessive_effort(motion, limits) is None:
+        if excessive_effort(motion, _spare(motion, limits) if spares else limits) is None:
             break
         motion = motion.stretched(_STEP)
     check(motion, limits)
     return motion
+
+
+def _spare(motion: PiecewiseMotion, limits: MotionLimits) -> MotionLimits:
+    """Limits of the effort that leave the rest for friction and for the law."""
+    powers = motion.coefficients[..., 1:] * np.arange(1, motion.coefficients.shape[-1])
+    fastest = np.abs(powers @ _bernstein(powers.shape[-1]).T).max(axis=-1) / np.diff(motion.times)
+    return replace(limits, effort=limits.planned_effort(fastest.max(axis=-1)))
 
 
 def _on_a_line(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:

@@ -108,7 +108,10 @@ BROKEN = {
             ("axis", 'axis xyz="0 0 1"', "1", "joint shoulder: xyz of its axis"),
         )
     },
-    "an axis without direction": (urdf(ARM.replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"')), "joint shoulder: its axis"),
+    "an axis without direction": (
+        urdf(ARM.replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"')),
+        "joint shoulder: its axis",
+    ),
     "two numbers for an origin": (
         urdf(ARM.replace('rpy="0.1 0.2 0.3"', 'rpy="0.1 0.2"')),
         "joint shoulder: rpy of its origin is '0.1 0.2'; it needs three numbers",
