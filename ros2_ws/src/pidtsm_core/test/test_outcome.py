@@ -23,7 +23,7 @@ def recording(run: Recording, *statuses: tuple[slice, tuple[int, ...]], **change
     """Two seconds at 1 kHz in which the controller has these statuses."""
     status = np.zeros((len(run.time), len(Status)), dtype=np.uint8)
     for where, codes in statuses:
-        status[where] = codes
+        status[where, : len(codes)] = codes
     return replace(run, status=status, **changed)
 
 

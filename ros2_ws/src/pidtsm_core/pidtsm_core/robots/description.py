@@ -12,6 +12,7 @@ from pidtsm_core.parameters import Array
 from pidtsm_core.robots.compiler import compile_spec, parse
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.tree.layout import GRAVITY, Column, rotation, rows, set_inertia, size
+from pidtsm_core.robots.urdf import check_ranges
 
 _SLIDE, _HINGE = 2, 3  # mjtJoint
 _ON_JOINT, _FIXED, _NO_BIAS = 0, 0, 0  # mjtTrn, mjtGain, mjtBias
@@ -195,24 +196,11 @@ def _check_joints(compiled: _Model, chosen: Sequence[str], locked: Mapping[str, 
     for name, value in locked.items():
         if not math.isfinite(value):
             raise DescriptionError(f"joint {name} cannot be locked at {value}")
-    _check_ranges(compiled, chosen)
+    given = {name: dict(zip(("lower", "upper"), m.jnt_range[i], strict=True)) for i, name in enumerate(names)}
+    # Without a range, an MJCF has zeros.
+    ranges = {name: each for name, each in given.items() if any(each.values())}
+    check_ranges(compiled.limits if compiled.is_urdf else ranges, chosen)
     _check_couplings(compiled, chosen)
-
-
-def _check_ranges(compiled: _Model, chosen: Sequence[str]) -> None:
-    """Check that every chosen joint with limits has room between them; those of a URDF are zero unless given."""
-    m = compiled.model
-    for name in chosen:
-        limit, i = compiled.limits.get(name, {}), compiled.names.index(name)
-        if compiled.is_urdf and not ({"lower", "upper"} & limit.keys()):
-            continue  # A continuous joint; any other one without limits is taken as such.
-        low, high = (limit.get("lower", 0.0), limit.get("upper", 0.0)) if compiled.is_urdf else m.jnt_range[i]
-        if (compiled.is_urdf or m.jnt_limited[i]) and not low < high:
-            where = "lower of its limit" if compiled.is_urdf else "its range: the smallest position"
-            raise DescriptionError(
-                f"joint {name}: {where}, {low:g}, is not below {'upper' if compiled.is_urdf else 'the largest'}, "
-                f"{high:g}; swap them, widen them, or make the joint fixed"
-            )
 
 
 def _check_couplings(compiled: _Model, chosen: Sequence[str]) -> None:

@@ -1,6 +1,7 @@
 """URDF before MuJoCo's compiler reads it: what the compiler reports without a name, or does not read at all."""
 
 import math
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
@@ -126,6 +127,28 @@ def joint_limits(root: Element) -> dict[str, dict[str, float]]:
         if limit is not None:
             found[name] = {key: _number(value, f"joint {name}: {key}") for key, value in limit.attrib.items()}
     return found
+
+
+def check_ranges(limits: Mapping[str, Mapping[str, float]], joints: Iterable[str]) -> None:
+    """Check that joints have room between their limits, of which one that is missing is zero.
+
+    Joints that do not move need none, and a joint without both moves without limits.
+
+    Args:
+        limits: see `joint_limits`.
+        joints: those that move.
+
+    Raises:
+        DescriptionError: with the joint and both numbers.
+    """
+    for name in joints:
+        limit = limits.get(name, {})
+        low, high = limit.get("lower", 0.0), limit.get("upper", 0.0)
+        if {"lower", "upper"} & limit.keys() and not low < high:
+            raise DescriptionError(
+                f"joint {name}: lower of its limit, {low:g}, is not below upper, {high:g}; swap them, widen them, or "
+                "make the joint fixed"
+            )
 
 
 def rotor_inertias(root: Element) -> dict[str, float]:

@@ -273,3 +273,19 @@ def test_model_errors_and_payloads_change_the_tree() -> None:
     np.testing.assert_array_equal(robot.pack_model(values, factors={"mass": 1.0, "inertia": 1.0, "length": 1.0}), exact)
     loaded = rows(robot.with_payload(exact, Payload(3.0)))
     assert loaded[:, Column.MASS].tolist() == pytest.approx([2.0, 5.0])
+
+
+def test_a_range_of_an_mjcf_without_room_is_refused_by_name() -> None:
+    body = (
+        '<body name="a"><joint name="swing" range="1 {}"/><inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/></body>'
+    )
+    arm = "<mujoco><compiler autolimits='true'/><worldbody>{}</worldbody></mujoco>"
+    assert read_description(arm.format(body.format(2))).joints == ("swing",)
+    for upper in ("1", "0.5", "nan"):
+        with pytest.raises(DescriptionError, match=r"joint swing: lower of its limit, 1, is not below upper, |swing"):
+            read_description(arm.format(body.format(upper)))
+
+
+def test_a_joint_that_does_not_move_needs_no_room() -> None:
+    finger = link("finger") + joint("grip", "lower", "finger", "prismatic").replace('lower="-2" upper="1"', 'lower="0"')
+    assert read_description(urdf(ARM + finger), ("shoulder", "elbow")).locked == {"grip": 0.0}
