@@ -13,7 +13,9 @@ def spread_of_differences(
 ) -> Callable[[Array, Array, Array, Array, Array, Array], None]:
     """A function as `Dynamics.effort_spread`: twice the sum of the changes from the middle of the box to its faces.
 
-    All its arrays have the shape (joints,) or (3, joints). That is an estimate, as no bound follows from the efforts alone. It is exact where they change linearly, as they
+    All its arrays have the shape (joints,) or (3, joints).
+
+    That is an estimate, as no bound follows from the efforts alone. It is exact where they change linearly, as they
     nearly do in a small box, and then twice what is needed.
     """
 
