@@ -34,6 +34,8 @@ _MOST_KEPT = 200
 """Goals that are kept at once. Each change of a goal publishes the status of all, so more would hold up the loop."""
 _MOST_WAITING = 32
 """Goals that wait to be planned; one more ends the oldest of them."""
+_ENDED_AT_ONCE = 4
+"""Waiting goals that end at one joint state when they are cancelled: a client keeps ten results, and loses others."""
 _OUTRUN = "replaced by a newer goal before it was planned"
 _SAME = 1e-9
 """States are the same up to rounding, rad, rad/s, rad/s^2."""
@@ -119,10 +121,11 @@ class GoalServer:
         self.now, self._motion = now, motion
         if self.trouble and self._goals():
             self._give_up(self.trouble)
-        for goal in [goal for goal in self._queue if goal.cancel_requested]:
+        for goal in [goal for goal in self._queue if goal.cancel_requested][:_ENDED_AT_ONCE]:
             self._end(goal, Code.SUCCESSFUL, "cancelled before its start")
-        if self._planning is None and self._queue:
-            self._plan(self._queue.popleft())
+        if self._planning is None and (following := next((g for g in self._queue if not g.cancel_requested), None)):
+            self._queue.remove(following)
+            self._plan(following)
         if self._planning and (self._node.lockstep or self._planning[2].done()):
             self._install()
         self._heard = time.monotonic()
