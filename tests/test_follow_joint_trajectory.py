@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointComponentTolerance, JointTolerance
@@ -34,6 +35,8 @@ REST = [0.0, 0.0]
 SETTINGS = {"joints": NAMES, "robot.description": TURNTABLE, "reference.name": "sines"}
 LIMITS: MotionLimits = motion_limits(resolve(trajectory_node_schema, SETTINGS, 2))
 NAN = math.nan
+STORM = 300
+"""Number of goals; once, 10,000 were tried."""
 CANCELS = 4
 """Number of random moments; once, 50 were tried."""
 
@@ -492,3 +495,36 @@ def test_a_node_that_is_deactivated_ends_its_goals_and_takes_new_ones_when_it_is
     rig.step()
     rig.rest()
     assert rig.finish(to([0.1, 0.1])).outcome == SUCCESS
+
+
+def test_a_storm_of_goals_neither_starves_the_reference_nor_outlives_its_cancel(rig: Rig) -> None:
+    """Every joint state is answered meanwhile, every goal that is accepted ends, and nothing moves after the cancel."""
+    rig.rest([0.0, 0.0])
+    under_way: list[Any] = []
+    results: list[Any] = []
+    rejected = 0
+    answered, asked = len(rig.references), 0
+    for number in range(STORM):
+        if number == 20:  # Now the arm moves.
+            before = len(rig.references)
+            rig.follow(seconds=0.2)
+            asked += len(rig.references) - before
+        under_way.append(rig.client.send_goal_async(to([0.2 * math.sin(number), 0.1], 1.0 + number % 3)))
+        if len(under_way) == 5:  # DDS keeps ten requests.
+            rig.testbed.spin_until(lambda: all(future.done() for future in under_way), "responses")
+            accepted = [future.result() for future in under_way if future.result().accepted]
+            rejected += len(under_way) - len(accepted)
+            results += [handle.get_result_async() for handle in accepted]
+            under_way.clear()
+            rig.step()
+            asked += 1
+    assert len(rig.references) - answered == asked, "one reference for each joint state"
+    rig.testbed.call(CancelGoal, "trajectory/follow_joint_trajectory/_action/cancel_goal", CancelGoal.Request())
+    rig.until(lambda: all(result.done() for result in results))
+    statuses = {result.result().status for result in results}
+    assert statuses <= {GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_SUCCEEDED}
+    rig.until(lambda: not rig.reference[1:].any())
+    held = rig.reference[0].copy()
+    rig.follow(seconds=0.5)
+    np.testing.assert_array_equal(rig.reference[0], held)
+    assert rejected == 0 or "goals are rejected: 200 have come within 10 s" in rig.process.log.read_text()

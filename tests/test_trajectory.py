@@ -140,3 +140,46 @@ def test_nothing_is_begun_before_there_is_a_joint_state(rig: Rig) -> None:
     response = rig.testbed.call(Trigger, "trajectory/begin", Trigger.Request())
     assert not response.success
     assert "no joint state" in response.message
+
+
+def test_large_trajectories_are_planned_outside_the_loop_and_the_newest_counts(rig: Rig) -> None:
+    """Each joint state is answered meanwhile; the motion begins without a step, from a reference that moves."""
+    path = [rig.at(1.0)]
+    assert path[0][1:].any(), "the built-in motion moves"
+    log, samples = rig.process.log, 0
+    for last in (0.1, 0.2, 0.3):
+        rig.trajectories.publish(sampled(last))
+    replaced = "a trajectory is replaced by a newer trajectory before it was planned"
+    rig.testbed.spin_until(lambda: replaced in log.read_text(), "the newer trajectories")
+    while "following a trajectory of 5000 points, 20 s" not in log.read_text():
+        samples += 1
+        assert samples < 1000
+        path.append(rig.at(1.0 + 1e-3 * samples))
+    begin = 1.0 + 1e-3 * samples
+    path += [rig.at(begin + 1e-3 * k) for k in range(1, 100)]
+    assert np.abs(np.diff([state[0] for state in path], n=2, axis=0)).max() < 5e-6, "the reference has no corner"
+    np.testing.assert_allclose(rig.at(begin + 25.0)[0], [0.3, 0.0], atol=1e-9)
+
+
+def test_what_is_wrong_with_a_large_trajectory_is_logged(rig: Rig) -> None:
+    rig.at(1.0)
+    broken = sampled(0.1)
+    broken.points[4000].positions[1] = NAN
+    rig.trajectories.publish(broken)
+    samples = 0
+    while "positions of point 4001 is not finite: joint2" not in rig.process.log.read_text():
+        samples += 1
+        assert samples < 1000
+        rig.at(1.0 + 1e-3 * samples)
+
+
+def sampled(last: float) -> JointTrajectory:
+    """5,000 points of a quintic of 20 s to this position of the first joint, from rest."""
+    points = []
+    for k in range(1, 5001):
+        x = k / 5000
+        q = last * x**3 * (10.0 - x * (15.0 - 6.0 * x))
+        dq = last * x**2 * (30.0 - x * (60.0 - 30.0 * x)) / 20.0
+        ddq = last * x * (60.0 - x * (180.0 - 120.0 * x)) / 400.0
+        points.append(point(20.0 * x, [q, 0.0], [dq, 0.0], [ddq, 0.0]))
+    return trajectory(*points, start=3.0)

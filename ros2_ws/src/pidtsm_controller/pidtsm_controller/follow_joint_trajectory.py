@@ -1,19 +1,19 @@
 """The action FollowJointTrajectory of the trajectory node, as MoveIt and rqt send it."""
 
-import os
 import time
 from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from control_msgs.action import FollowJointTrajectory
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from pidtsm_controller.goal_planning import GoalError, Plan, Splice, plan_goal
+from pidtsm_controller.planning_thread import planning_thread
 from pidtsm_core.parameters import Array, as_float
 from pidtsm_core.timing import NANOSECONDS, seconds
 from pidtsm_core.trajectories.feed_forward import FeedForward, fade
@@ -28,6 +28,15 @@ _PATIENCE = {False: 1.0, True: 5.0}
 _FIRST_LEAD = 20_000_000
 """Time for planning while the reference moves, ns; doubled until planning is fast enough."""
 _LONGEST_LEAD = 2_000_000_000
+_KEPT = 10
+"""Time for which the result of a goal is kept, s."""
+_MOST_KEPT = 200
+"""Goals that are kept at once. Each change of a goal publishes the status of all, so more would hold up the loop."""
+_MOST_WAITING = 32
+"""Goals that wait to be planned; one more ends the oldest of them."""
+_ENDED_AT_ONCE = 4
+"""Waiting goals that end at one joint state when they are cancelled: a client keeps ten results, and loses others."""
+_OUTRUN = "replaced by a newer goal before it was planned"
 _SAME = 1e-9
 """States are the same up to rounding, rad, rad/s, rad/s^2."""
 
@@ -37,6 +46,11 @@ class _Server(ActionServer):
 
     rclpy would run a coroutine for each goal, and the events executor resumes pending ones without a pause.
     """
+
+    @property
+    def kept(self) -> int:
+        """Number of goals that the server knows, with those that have ended within `_KEPT`."""
+        return len(self._goal_handles)
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
         """The loop of the node executes goals."""
@@ -84,16 +98,19 @@ class GoalServer:
             FollowJointTrajectory,
             "~/follow_joint_trajectory",
             execute_callback=lambda _: None,
+            goal_callback=self._admit,
             handle_accepted_callback=self._accept,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
+            result_timeout=_KEPT,
         )
-        self._planner = ThreadPoolExecutor(1, "planner", _lower_priority)
+        self._planner = planning_thread("planner")
         self._queue: deque[_Goal] = deque()
         self._planning: tuple[_Goal, Splice, Future[Plan]] | None = None
         self._waiting: tuple[_Goal, FeedForward] | None = None
         self._running: _Goal | None = None
         self._efforts, self._efforts_start = fade(0.0, np.zeros(len(limits.joints))), 0
         self._heard = time.monotonic()
+        self._flooded = False
         self.now = -1
         self.trouble = ""
 
@@ -104,8 +121,11 @@ class GoalServer:
         self.now, self._motion = now, motion
         if self.trouble and self._goals():
             self._give_up(self.trouble)
-        if self._planning is None and self._queue:
-            self._plan(self._queue.popleft())
+        for goal in [goal for goal in self._queue if goal.cancel_requested][:_ENDED_AT_ONCE]:
+            self._end(goal, Code.SUCCESSFUL, "cancelled before its start")
+        if self._planning is None and (following := next((g for g in self._queue if not g.cancel_requested), None)):
+            self._queue.remove(following)
+            self._plan(following)
         if self._planning and (self._node.lockstep or self._planning[2].done()):
             self._install()
         self._heard = time.monotonic()
@@ -177,6 +197,19 @@ class GoalServer:
 
     # Goals.
 
+    def _admit(self, _request: Any) -> GoalResponse:
+        """Reject a goal only while there are too many, as a rejected one cannot carry the reason."""
+        if self._server.kept < _MOST_KEPT:
+            self._flooded = False
+            return GoalResponse.ACCEPT
+        if not self._flooded:
+            self._flooded = True
+            self._log.error(
+                f"goals are rejected: {_MOST_KEPT} have come within {_KEPT} s, and more would delay the reference; "
+                "send them more slowly"
+            )
+        return GoalResponse.REJECT
+
     def _accept(self, handle: ServerGoalHandle) -> None:
         handle.execute()
         goal = _Goal(handle)
@@ -189,6 +222,8 @@ class GoalServer:
             self._end(goal, Code.INVALID_GOAL, reason)
         else:
             self._queue.append(goal)
+            if len(self._queue) > _MOST_WAITING:
+                self._end(self._queue[0], Code.INVALID_GOAL, _OUTRUN)
 
     def _goals(self) -> list[_Goal]:
         """All that have not ended."""
@@ -292,8 +327,3 @@ def _point(rows: Array) -> JointTrajectoryPoint:
     """Positions, velocities and, if given, accelerations."""
     fields = ("positions", "velocities", "accelerations")
     return JointTrajectoryPoint(**dict(zip(fields, rows.tolist(), strict=False)))
-
-
-def _lower_priority() -> None:
-    """Planning must not keep the loop from the processor; a thread inherits the priority of its creator."""
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

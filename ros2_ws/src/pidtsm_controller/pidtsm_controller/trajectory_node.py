@@ -11,6 +11,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from pidtsm_controller.controller_watch import ControllerWatch
+from pidtsm_controller.large_trajectories import LARGE, LargeTrajectories
 from pidtsm_controller.streams import Streams
 from pidtsm_controller.trajectory_points import places, read_points
 from pidtsm_core.arrivals import Arrivals, Stamp
@@ -31,7 +32,7 @@ from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run_nodes, spin_for
 from pidtsm_ros.stamps import nanoseconds
 from pidtsm_ros.stop import Stop
-from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
+from pidtsm_ros.wire import IncomingMessages, OutgoingMessage, deserialize
 
 if TYPE_CHECKING:
     from pidtsm_controller.follow_joint_trajectory import GoalServer
@@ -90,7 +91,8 @@ class TrajectoryNode(ManagedNode):
         self._offer_action()
         self._streams = Streams(self, self._limits, self._replace_goals)
         self._listening = False
-        self.listen(JointTrajectory, "joint_trajectory", self._on_trajectory, reliable=True)
+        self._large = LargeTrajectories(self, self._limits, self.lockstep)
+        self.listen(JointTrajectory, "joint_trajectory", self._receive_trajectory, raw=True, reliable=True)
 
     def activate(self) -> None:
         self._arrivals = Arrivals()
@@ -98,10 +100,13 @@ class TrajectoryNode(ManagedNode):
         self._streams.forget()
 
     def deactivate(self) -> None:
+        self._large.forget("nothing, as the node was deactivated,")
         if self._goals:
             self._goals.end_all("the node was deactivated", -1)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        if self._diagnostics is not None:
+            self._large.destroy()
         self._diagnostics = None
         if self._goals:
             self._goals.destroy()
@@ -166,6 +171,7 @@ class TrajectoryNode(ManagedNode):
         if self._began < 0:
             self._began = stamp
             self._motion = MotionUnderWay(self._built_in, stamp, self._limits)
+        self._large.advance(stamp, self._motion, self._large_takes_over)
         self._streams.advance(stamp, self._motion, bool(self._goals and self._goals.busy))
         if self._goals:
             self._goals.trouble = self._watch.trouble
@@ -197,6 +203,7 @@ class TrajectoryNode(ManagedNode):
         The new time `stamp` (ns) corresponds to the old time `before` (ns).
         """
         self._streams.forget()
+        self._large.forget("a stop, as the clock was set,")
         self._motion.move(stamp - before)
         self._motion.evaluate(stamp, self._desired)
         if np.abs(self._desired[0] - position).max() <= as_float(self.values["start_tolerance"]):
@@ -222,6 +229,12 @@ class TrajectoryNode(ManagedNode):
         self.get_logger().info("starting the built-in motion")
         return ""
 
+    def _receive_trajectory(self, data: bytes) -> None:
+        if len(data) >= LARGE and self._arrivals.last >= 0:
+            self._large.receive(data)
+        else:
+            self._on_trajectory(deserialize(data, JointTrajectory))
+
     def _on_trajectory(self, message: JointTrajectory) -> None:
         last = self._arrivals.last
         if last < 0:
@@ -245,7 +258,12 @@ class TrajectoryNode(ManagedNode):
         self._replace_goals("a trajectory on joint_trajectory")
         self.get_logger().info(f"following a trajectory of {len(times)} points, {times[-1]:g} s")
 
+    def _large_takes_over(self) -> None:
+        self._streams.give_way()
+        self._replace_goals("a trajectory on joint_trajectory")
+
     def _replace_goals(self, by: str) -> None:
+        self._large.forget(by)
         if self._goals:
             self._goals.end_all(f"replaced by {by}", self._arrivals.last)
 

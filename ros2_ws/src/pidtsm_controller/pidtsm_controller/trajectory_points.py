@@ -46,16 +46,26 @@ def read_points(message: JointTrajectory) -> tuple[Array, Array]:
             length, or a value is not finite or is absurd.
     """
     points = message.points
-    if len(points) > MOST:
-        raise MessageError(f"{len(points)} points are too many: at most {MOST} are allowed")
+    check_extent(len(points), 0.0)
     fields = _fields(points[0])
     for i, point in enumerate(points):
         if _fields(point) != fields:
             raise MessageError(f"point {i + 1} has {', '.join(_fields(point))}; the first has {', '.join(fields)}")
     times = np.array([seconds(nanoseconds(point.time_from_start)) for point in points])
-    if times.max() > LONGEST:
-        raise MessageError(f"time_from_start reaches {times.max():g} s; at most {LONGEST:g} s are allowed")
+    check_extent(len(points), float(times.max()))
     return times, np.stack([_values(message, field) for field in fields], axis=1)
+
+
+def check_extent(count: int, duration: float) -> None:
+    """Check the number of points, and their largest time (s).
+
+    Raises:
+        MessageError: there are too many points, or they take too long.
+    """
+    if count > MOST:
+        raise MessageError(f"{count} points are too many: at most {MOST} are allowed")
+    if duration > LONGEST:
+        raise MessageError(f"time_from_start reaches {duration:g} s; at most {LONGEST:g} s are allowed")
 
 
 def read_efforts(message: JointTrajectory) -> Array | None:

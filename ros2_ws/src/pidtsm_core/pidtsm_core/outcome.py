@@ -1,19 +1,22 @@
 """Events of a run, as numbers and as text: faults, violations, time spent holding, stopped or at a limit."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.control.report import LIMITS, cause
+from pidtsm_core.parameters import ParameterError
+from pidtsm_core.robots import find_robot
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 from pidtsm_core.units import either, joint_units
 
 if TYPE_CHECKING:
     from pidtsm_core.recording import Recording
 
-FOLLOWED, HELD, FREED, STOPPED, RAN_AWAY = "followed", "held", "freedrive", "stopped", "ran away"
+FOLLOWED, STRAYED, HELD, FREED, STOPPED, RAN_AWAY = "followed", "strayed", "held", "freedrive", "stopped", "ran away"
 """Possible outcomes of a run."""
 
 GROUND_TRUTH = "ground truth"
@@ -22,17 +25,53 @@ GROUND_TRUTH = "ground truth"
 ASTRAY = np.pi
 """With a larger error, the arm no longer tracks its reference, rad or m."""
 
+SHARE_OF_RANGE = 0.15
+"""A run in which an error exceeds this share of the joint's range, at most of a turn, is not `FOLLOWED`."""
+
 OF_TRACKING = ("rmse", "eci", "steady_state_error")
 """Metrics that are meaningless if the arm ran away."""
 
 
 def outcome(recording: "Recording") -> str:
-    """Outcome of a run: ran away if the error ever exceeded `ASTRAY`, else according to the final mode."""
+    """Outcome of a run: ran away if the error ever exceeded `ASTRAY`, else according to the final mode.
+
+    A run that follows at the end has strayed if an error ever exceeded `SHARE_OF_RANGE`, after it had once been less:
+    an arm may begin far from its reference.
+    """
     if np.abs(recording.error).max() > ASTRAY:
         return RAN_AWAY
     if _stopped(recording)[-1]:
         return STOPPED
-    return {Mode.HOLDING: HELD, Mode.FREEDRIVE: FREED}.get(Mode(recording.status[-1, Status.MODE]), FOLLOWED)
+    follows = STRAYED if _strayed(recording) else FOLLOWED
+    return {Mode.HOLDING: HELD, Mode.FREEDRIVE: FREED}.get(Mode(recording.status[-1, Status.MODE]), follows)
+
+
+def _strayed(recording: "Recording") -> dict[str, Any] | None:
+    """The largest error beyond `SHARE_OF_RANGE`: joint, time, error and its share of the range; None: there is none."""
+    share = np.abs(recording.error) / _ranges(recording)
+    share[~np.logical_or.accumulate(share <= SHARE_OF_RANGE)] = 0.0
+    sample, joint = (int(i) for i in np.unravel_index(np.argmax(share), share.shape))
+    if share[sample, joint] <= SHARE_OF_RANGE:
+        return None
+    return {
+        "joint": recording.joints[joint],
+        "time": float(recording.time[sample]),
+        "error": float(abs(recording.error[sample, joint])),
+        "share": float(share[sample, joint]),
+        "unit": recording.units[joint].position,
+    }
+
+
+def _ranges(recording: "Recording") -> NDArray[np.float64]:
+    """Range of each joint, at most a turn, shape (joints,), rad or m; infinite where a joint slides without limits."""
+    slides = np.array(recording.slides or (False,) * len(recording.joints))
+    ranges = np.where(slides, np.inf, 2.0 * np.pi)
+    with suppress(ParameterError):  # The description may be gone.
+        robot = find_robot(recording.robot) if recording.robot else None
+        if robot and robot.position_limits and set(robot.joints) == set(recording.joints):
+            widths = dict(zip(robot.joints, np.diff(robot.position_limits)[:, 0], strict=True))
+            ranges = np.minimum(ranges, [widths[joint] for joint in recording.joints])
+    return ranges
 
 
 def happenings(recording: "Recording") -> dict[str, Any]:
@@ -41,7 +80,8 @@ def happenings(recording: "Recording") -> dict[str, Any]:
     stopped = _stopped(recording)
     mode = recording.status[:, Status.MODE]
     return {
-        "outcome": outcome(recording),
+        "outcome": (result := outcome(recording)),
+        "strayed": _strayed(recording) if result == STRAYED else None,
         "faults": list(_faults(recording)),
         "violations": list(_violations(recording, lasts)),
         "time_holding": _sum(lasts, ~stopped & (mode == Mode.HOLDING)),
@@ -167,6 +207,13 @@ def why_not_followed(metrics: Mapping[str, Any]) -> str:
 
 
 def _outcome(metrics: Mapping[str, Any]) -> str:
+    if metrics["outcome"] == STRAYED:
+        far = metrics["strayed"]
+        return (
+            f"strayed: {far['joint']} was {far['error']:.3g} {far['unit']} from its reference at {far['time']:.4g} s, "
+            f"{100.0 * far['share']:.0f} % of its range; a run with more than {100.0 * SHARE_OF_RANGE:g} % has not "
+            "followed"
+        )
     units = joint_units(metrics["slides"], len(metrics["joints"]))
     return _OUTCOMES[metrics["outcome"]].format(unit=either(unit.position for unit in units))
 

@@ -8,11 +8,14 @@ import pytest
 
 from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import Experiment
-from pidtsm_core.outcome import what_happened, why_not_followed
+from pidtsm_core.outcome import SHARE_OF_RANGE, what_happened, why_not_followed
 from pidtsm_core.recording import Recording
+from pidtsm_core.robots import find_robot
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status, Violation
 
 STOPPED = (Mode.STOPPED, Fault.TRACKING_LIMIT, 2, Violation.TRACKING)
+WIDER = {"velocity": (4,), "effort": (4,), "reference": (3, 4), "signals": (len(Signal), 4)}
+"""Shapes of the arrays of an arm with four joints, by sample."""
 HOLDING = (Mode.HOLDING, 0, 0, 0)
 
 
@@ -20,7 +23,7 @@ def recording(run: Recording, *statuses: tuple[slice, tuple[int, ...]], **change
     """Two seconds at 1 kHz in which the controller has these statuses."""
     status = np.zeros((len(run.time), len(Status)), dtype=np.uint8)
     for where, codes in statuses:
-        status[where] = codes
+        status[where, : len(codes)] = codes
     return replace(run, status=status, **changed)
 
 
@@ -96,6 +99,54 @@ def test_violations_are_reported_with_their_time(run: Recording) -> None:
     ]
     assert "a joint was beyond limits.velocity for 0.06 s, first at 0.1 s" in what_happened(values)
     assert values["outcome"] == "followed"
+
+
+def off(run: Recording, joint: int, error: float, samples: slice) -> Recording:
+    """The run with an error of one joint."""
+    position = run.reference[:, 0].copy()
+    position[samples, joint] += error
+    return recording(run, position=position)
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+@pytest.mark.parametrize(("share", "outcome"), [(0.99, "followed"), (1.01, "strayed")])
+def test_a_run_that_strays_by_more_than_a_share_of_the_range_has_not_followed(
+    run: Recording, joint: int, share: float, outcome: str
+) -> None:
+    """Without limits, the range is a turn."""
+    error = share * SHARE_OF_RANGE * 2.0 * np.pi
+    values = off(run, joint, error, slice(700, 701)).metrics()
+    assert values["outcome"] == outcome
+    expected = (
+        f"strayed: joint{joint + 1} was {error:.3g} rad from its reference at 0.7 s, 15 % of its range; a run with"
+    )
+    assert why_not_followed(values).startswith(expected if outcome == "strayed" else "")
+    assert what_happened(values) == ([why_not_followed(values)] if outcome == "strayed" else [])
+
+
+def test_an_arm_may_begin_far_from_its_reference(run: Recording) -> None:
+    assert off(run, 0, 1.5, slice(0, 300)).metrics()["outcome"] == "followed"
+
+
+def test_the_range_is_that_of_the_description(run: Recording) -> None:
+    """Of a joint that slides."""
+    robot = find_robot({"robot.description": "scara"})
+    joint = robot.slides.index(True)
+    low, high = robot.position_limits[joint]
+    begin = run.reference[:, 0, :1] * np.zeros(4)
+    for share, outcome in ((0.99, "followed"), (1.01, "strayed")):
+        position = begin.copy()
+        position[500:, joint] = share * SHARE_OF_RANGE * (high - low)
+        wider = {name: np.zeros((len(run.time), *shape)) for name, shape in WIDER.items()}
+        values = recording(
+            run,
+            **wider,
+            position=position,
+            joints=robot.joints,
+            slides=robot.slides,
+            robot={"robot.description": "scara"},
+        ).metrics()
+        assert values["outcome"] == outcome
 
 
 def test_an_error_beyond_half_a_turn_always_counts_as_running_away(run: Recording) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from pidtsm_core.compiled import njit
+from pidtsm_core.effort_differences import spread_of_differences
 from pidtsm_core.family import Family, dispatch
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, prefixed
 from pidtsm_core.robots.address import forward_at, inverse_at
@@ -11,6 +12,7 @@ from pidtsm_core.robots.description import Description, read_description
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.payload import check_payload, payload_of, payload_parameters
 from pidtsm_core.robots.source import ARMS, read_source
+from pidtsm_core.robots.tree import effort_spread as tree_effort_spread
 from pidtsm_core.robots.tree_robot import TreeRobot, tree_robot
 from pidtsm_core.robots.two_link import TWO_LINK
 
@@ -29,6 +31,7 @@ __all__ = [
     "Tool",
     "TreeRobot",
     "description_schema",
+    "effort_spread",
     "find_description",
     "find_robot",
     "forward_dynamics",
@@ -94,9 +97,14 @@ def find_robot(settings: Mapping[str, object]) -> Robot:
     joints, locked = settings.get("joints"), str(settings.get(LOCKED.name, ""))
     chosen = tuple(str(joint) for joint in joints) if isinstance(joints, (list, tuple)) else None
     try:
-        return tree_robot(*read_source(source), chosen, _positions(locked))
+        name, text = read_source(source)
     except DescriptionError as error:
         raise ParameterError(f"{DESCRIPTION.name}: {error}", DESCRIPTION.name) from None
+    file = "" if "<" in source else f"{source}: "
+    try:
+        return tree_robot(name, text, chosen, _positions(locked))
+    except DescriptionError as error:
+        raise ParameterError(f"{DESCRIPTION.name}: {file}{error}", DESCRIPTION.name) from None
 
 
 def find_description(settings: Mapping[str, object]) -> Description:
@@ -198,6 +206,7 @@ def payload_schema(settings: Mapping[str, object], description: str) -> tuple[Pa
 
 _inverse = dispatch(kind.inverse_dynamics for kind in _CLOSED_FORMS)
 _forward = dispatch(kind.forward_dynamics for kind in _CLOSED_FORMS)
+_spread = dispatch(kind.effort_spread or spread_of_differences(kind.inverse_dynamics) for kind in _CLOSED_FORMS)
 
 
 @njit
@@ -216,3 +225,12 @@ def forward_dynamics(model: Model, q: Array, dq: Array, effort: Array, ddq: Arra
         forward_at(model.forward, q, dq, effort, model.parameters, ddq)
     else:
         _forward(model.kind, q, dq, effort, model.parameters, ddq)
+
+
+@njit
+def effort_spread(model: Model, q: Array, dq: Array, ddq: Array, box: Array, spread: Array) -> None:
+    """How far the efforts (N m) are from those of q, q', q'' within a box: see `Dynamics.effort_spread`."""
+    if model.kind == _BY_ADDRESS:
+        tree_effort_spread(q, dq, ddq, box, model.parameters, spread)
+    else:
+        _spread(model.kind, q, dq, ddq, box, model.parameters, spread)

@@ -12,6 +12,7 @@ from pidtsm_core.parameters import Array
 from pidtsm_core.robots.compiler import compile_spec, parse
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.tree.layout import GRAVITY, Column, rotation, rows, set_inertia, size
+from pidtsm_core.robots.urdf import check_ranges
 
 _SLIDE, _HINGE = 2, 3  # mjtJoint
 _ON_JOINT, _FIXED, _NO_BIAS = 0, 0, 0  # mjtTrn, mjtGain, mjtBias
@@ -195,6 +196,10 @@ def _check_joints(compiled: _Model, chosen: Sequence[str], locked: Mapping[str, 
     for name, value in locked.items():
         if not math.isfinite(value):
             raise DescriptionError(f"joint {name} cannot be locked at {value}")
+    given = {name: dict(zip(("lower", "upper"), m.jnt_range[i], strict=True)) for i, name in enumerate(names)}
+    # Without a range, an MJCF has zeros.
+    ranges = {name: each for name, each in given.items() if any(each.values())}
+    check_ranges(compiled.limits if compiled.is_urdf else ranges, chosen)
     _check_couplings(compiled, chosen)
 
 

@@ -41,7 +41,7 @@ def _addresses() -> tuple[int, int]:
 _KEPT: list[Any] = []
 """The compiled functions, which must exist as long as their addresses are used."""
 
-TREE = Dynamics(tree.inverse_dynamics, tree.forward_dynamics, tree.energy, _addresses)
+TREE = Dynamics(tree.inverse_dynamics, tree.forward_dynamics, tree.energy, _addresses, tree.effort_spread)
 
 _ARMATURE = "armature"
 

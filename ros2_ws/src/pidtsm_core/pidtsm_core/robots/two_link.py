@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.parameters import Array, Parameter
 from pidtsm_core.robots.base import Dynamics, Robot, Tool
 from pidtsm_core.robots.payload import Payload
@@ -62,6 +62,33 @@ def forward_dynamics(q: Array, dq: Array, effort: Array, p: Array, ddq: Array) -
     determinant = h11 * h22 - h12 * h12
     ddq[0] = (h22 * net1 - h12 * net2) / determinant
     ddq[1] = (h11 * net2 - h12 * net1) / determinant
+
+
+@inlined
+def _of_product(a: float, da: float, b: float, db: float) -> float:
+    """Largest change of a product."""
+    return abs(a) * db + abs(b) * da + da * db
+
+
+@njit
+def effort_spread(q: Array, dq: Array, ddq: Array, box: Array, p: Array, spread: Array) -> None:
+    """See `Dynamics.effort_spread`. Sine and cosine change by no more than their angle."""
+    m1, m2, r1, r2, g = p[0], p[1], p[2], p[3], p[6]
+    h11, h12, h22, _, _ = _terms(q, dq, p)
+    p2, sine = m2 * r1 * r2, math.sin(q[1])
+    turn = p2 * box[0, 1]
+    if p[7] == _LAGRANGE:
+        a, da, b, db, c = 2.0 * dq[0] + dq[1], 2.0 * box[1, 0] + box[1, 1], dq[1], box[1, 1], 0
+    else:
+        a, da, b, db, c = dq[0] + 2.0 * dq[1], box[1, 0] + 2.0 * box[1, 1], dq[0], box[1, 0], 1
+    coriolis1 = _of_product(p2 * sine, turn, a * b, _of_product(a, da, b, db))
+    coriolis2 = _of_product(p2 * sine, turn, dq[c] * dq[c], _of_product(dq[c], box[1, c], dq[c], box[1, c]))
+    gravity2 = abs(m2 * r2 * g) * (box[0, 0] + box[0, 1])
+    gravity1 = abs((m1 + m2) * r1 * g) * box[0, 0] + gravity2
+    coupled1 = _of_product(h12, turn, ddq[1], box[2, 1])
+    coupled2 = _of_product(h12, turn, ddq[0], box[2, 0])
+    spread[0, 0] = _of_product(h11, 2.0 * turn, ddq[0], box[2, 0]) + coupled1 + coriolis1 + gravity1
+    spread[0, 1] = _of_product(h22, 0.0, ddq[1], box[2, 1]) + coupled2 + coriolis2 + gravity2
 
 
 @njit
@@ -127,7 +154,7 @@ TWO_LINK = Robot(
     effort_limit=(100.0, 50.0),  # Remark 8
     initial_position=(0.0, -0.1),
     quantities={"mass": ("m1", "m2"), "inertia": ("j1", "j2"), "length": ("r1", "r2")},
-    dynamics=Dynamics(inverse_dynamics, forward_dynamics, energy),
+    dynamics=Dynamics(inverse_dynamics, forward_dynamics, energy, effort_spread=effort_spread),
     load=load,
     disturbance="article",
     tool=tool,

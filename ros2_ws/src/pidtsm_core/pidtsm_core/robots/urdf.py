@@ -1,6 +1,7 @@
 """URDF before MuJoCo's compiler reads it: what the compiler reports without a name, or does not read at all."""
 
 import math
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
@@ -15,13 +16,15 @@ _COMPILER = {
     "balanceinertia": "false",  # an impossible inertia is an error
 }
 _MESHES = (".stl", ".obj")
+_VECTORS = {"origin": ("xyz", "rpy"), "axis": ("xyz",)}
+_INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def check_urdf(root: Element) -> None:
-    """Check names, types, the tree and masses.
+    """Check names, types, the tree, and that numbers of joints and masses are finite.
 
     Raises:
-        DescriptionError: with the link or joint.
+        DescriptionError: with the link or joint, and the element.
     """
     for kind in ("link", "joint"):
         names = [element.get("name") for element in root.findall(kind)]
@@ -34,10 +37,29 @@ def check_urdf(root: Element) -> None:
         _check_joint(joint)
     _check_tree(root)
     for link in root.findall("link"):
-        if (mass := link.find("inertial/mass")) is not None:
-            name = link.get("name")
-            if not 0.0 <= _number(mass.get("value", ""), f"link {name}: mass") < math.inf:
-                raise DescriptionError(f"link {name}: its mass is {mass.get('value')} kg")
+        if (inertial := link.find("inertial")) is not None:
+            _check_inertial(inertial, f"link {link.get('name')}")
+
+
+def _check_inertial(inertial: Element, of: str) -> None:
+    """Check the numbers of a mass; `of` is the link."""
+    if (mass := inertial.find("mass")) is not None and not _number(mass.get("value", ""), f"{of}: mass") >= 0.0:
+        raise DescriptionError(f"{of}: its mass is {mass.get('value')} kg")
+    _check_vectors(inertial, f"{of}: its inertial")
+    if (inertia := inertial.find("inertia")) is not None:
+        for name in _INERTIAS:
+            _number(inertia.get(name, "0"), f"{of}: {name} of its inertia")
+
+
+def _check_vectors(element: Element, of: str) -> None:
+    """Check that origin and axis of an element have three finite numbers each; `of` is the joint or link."""
+    for child, names in _VECTORS.items():
+        found = element.find(child)
+        for name in names if found is not None else ():
+            if found is not None and (text := found.get(name)) is not None:
+                numbers = [_number(word, f"{of}: {name} of its {child}, {text!r}") for word in text.split()]
+                if len(numbers) != len("xyz"):
+                    raise DescriptionError(f"{of}: {name} of its {child} is {text!r}; it needs three numbers")
 
 
 def _check_joint(joint: Element) -> None:
@@ -46,6 +68,10 @@ def _check_joint(joint: Element) -> None:
         raise DescriptionError(f"joint {name}: its type is {kind}, not {', '.join(_TYPES[:-1])} or {_TYPES[-1]}")
     if kind == "revolute" and joint.find("limit") is None:
         raise DescriptionError(f"joint {name}: a revolute joint needs a limit; one without limits is continuous")
+    _check_vectors(joint, f"joint {name}")
+    axis = joint.find("axis")
+    if kind != "fixed" and axis is not None and not any(float(x) for x in axis.get("xyz", "1 0 0").split()):
+        raise DescriptionError(f"joint {name}: its axis is {axis.get('xyz')!r}; it needs a direction, such as 0 0 1")
 
 
 def _check_tree(root: Element) -> None:
@@ -79,17 +105,21 @@ def _end(joint: Element, kind: str) -> str:
 
 
 def _number(text: str, what: str) -> float:
+    number = math.nan
     with suppress(ValueError):
-        if not math.isnan(number := float(text)):
-            return number
-    raise DescriptionError(f"{what}: {text!r} is not a number")
+        number = float(text)
+    if math.isnan(number):
+        raise DescriptionError(f"{what}: {text!r} is not a number")
+    if math.isinf(number):
+        raise DescriptionError(f"{what}: {text!r} is not finite; where there is no limit, leave it out")
+    return number
 
 
 def joint_limits(root: Element) -> dict[str, dict[str, float]]:
     """Attributes of the element ``limit``, by joint.
 
     Raises:
-        DescriptionError: one is not a number.
+        DescriptionError: one is not a finite number.
     """
     found = {}
     for joint in root.findall("joint"):
@@ -97,6 +127,28 @@ def joint_limits(root: Element) -> dict[str, dict[str, float]]:
         if limit is not None:
             found[name] = {key: _number(value, f"joint {name}: {key}") for key, value in limit.attrib.items()}
     return found
+
+
+def check_ranges(limits: Mapping[str, Mapping[str, float]], joints: Iterable[str]) -> None:
+    """Check that joints have room between their limits, of which one that is missing is zero.
+
+    Joints that do not move need none, and a joint without both moves without limits.
+
+    Args:
+        limits: see `joint_limits`.
+        joints: those that move.
+
+    Raises:
+        DescriptionError: with the joint and both numbers.
+    """
+    for name in joints:
+        limit = limits.get(name, {})
+        low, high = limit.get("lower", 0.0), limit.get("upper", 0.0)
+        if {"lower", "upper"} & limit.keys() and not low < high:
+            raise DescriptionError(
+                f"joint {name}: lower of its limit, {low:g}, is not below upper, {high:g}; swap them, widen them, or "
+                "make the joint fixed"
+            )
 
 
 def rotor_inertias(root: Element) -> dict[str, float]:

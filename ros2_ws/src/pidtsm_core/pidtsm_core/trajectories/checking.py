@@ -4,33 +4,32 @@ import math
 from contextlib import suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pidtsm_core.compiled import subroutine
+from pidtsm_core.margins import PLANNED_SHARE
 from pidtsm_core.parameters import Array
-from pidtsm_core.polynomials import add_quintic
-from pidtsm_core.robots import Model, inverse_dynamics
+from pidtsm_core.trajectories.effort_bound import largest_excess
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.extrema import DEPTH, maximum
 from pidtsm_core.trajectories.limits import MotionLimits
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 
 _BETWEEN_POINTS = 1.05
-"""Velocities and accelerations may exceed their limits by this factor, because what a planner keeps at its points
-overshoots between them."""
+"""Accelerations may exceed their limits by this factor, because what a planner keeps at its points overshoots between
+them. Velocities may not, because the controller stops beyond their limit."""
 _OUTSIDE = 1e-6
 """A position outside by less does not matter, rad or m."""
-_RATE = 250.0
-"""Samples of the effort, 1/s."""
+_ROUNDING = 1.0 + 1e-9
 _QUANTITIES = ("position", "velocity", "acceleration")
 
 
 def check(motion: PiecewiseMotion, limits: MotionLimits) -> None:
     """Check that a motion keeps the limits of position, velocity, given acceleration and effort.
 
-    Extrema of position, velocity and acceleration are exact; efforts are those of 250 samples a second and of both ends
-    of every segment. Where the motion is outside a position limit at its begin, it may only come closer. Velocities and
-    accelerations may exceed their limits by 5 %. The work is done by compiled code without the GIL.
+    Extrema of position, velocity and acceleration are exact. No effort exceeds its limit by more than 1 %, at any
+    moment (see `effort_bound`). Where the motion is outside a position limit at its begin, it may only come closer.
+    Velocities must keep `MotionLimits.planned_velocity`; accelerations may exceed their limits by 5 %. The work is done
+    by compiled code without the GIL.
 
     Args:
         motion: the motion.
@@ -42,7 +41,7 @@ def check(motion: PiecewiseMotion, limits: MotionLimits) -> None:
     bounds = np.array(
         [
             [limits.lower - _OUTSIDE, limits.upper + _OUTSIDE],
-            [-_BETWEEN_POINTS * limits.velocity, _BETWEEN_POINTS * limits.velocity],
+            [-_ROUNDING * limits.planned_velocity, _ROUNDING * limits.planned_velocity],
             [-_BETWEEN_POINTS * limits.given_acceleration, _BETWEEN_POINTS * limits.given_acceleration],
         ]
     )
@@ -51,7 +50,9 @@ def check(motion: PiecewiseMotion, limits: MotionLimits) -> None:
         worst = np.zeros(4)
         _check_derivative(motion.parameters, order, bounds[order].copy(), scratch, worst)
         if worst[0] > 0.0:
-            allowed = (limits.lower, limits.upper) if order == 0 else (limits.velocity, limits.given_acceleration)
+            allowed = (
+                (limits.lower, limits.upper) if order == 0 else (limits.planned_velocity, limits.given_acceleration)
+            )
             raise TrajectoryError(_excess(limits, quantity, worst, allowed[order - 1] if order else allowed))
     if (effort := excessive_effort(motion, limits)) is not None:
         raise TrajectoryError(_excess(limits, "effort", effort, limits.effort))
@@ -63,9 +64,8 @@ def excessive_effort(motion: PiecewiseMotion, limits: MotionLimits) -> Array | N
         return None
     # A copy, because the model has scratch space of its own, and several threads may check.
     model = limits.model._replace(parameters=limits.model.parameters.copy())
-    joints, worst = len(limits.joints), np.zeros(4)
-    states, efforts = np.empty((6, joints)), np.empty((1, joints))
-    _check_effort(motion.parameters, model, limits.places, limits.effort, states, efforts, worst)
+    worst, states, intervals = np.zeros(4), np.empty((10, len(limits.joints))), np.empty((50, 2))
+    largest_excess(motion.parameters, model, limits.places, limits.effort, states, intervals, worst)
     return worst if worst[0] > 0.0 else None
 
 
@@ -91,6 +91,8 @@ def _excess(limits: MotionLimits, quantity: str, worst: Array, allowed: Array | 
         range_ = f"{allowed[0][joint]:.6g} to {allowed[1][joint]:.6g}"
     else:
         range_ = f"at most {allowed[joint]:.6g}"
+    if quantity == "velocity":
+        range_ += f" ({100.0 * PLANNED_SHARE:g} % of limits.velocity, beyond which the controller stops)"
     word = "torque" if name == "N m" else "force" if quantity == "effort" else quantity
     return f"{limits.joints[joint]}: the {word} would be {value:.6g} {name} at {worst[3]:.3f} s; {range_} is allowed"
 
@@ -134,33 +136,3 @@ def _check_derivative(p: Array, order: int, bounds: Array, scratch: Array, worst
                 if value - bound > worst[0] and place >= 0.0:
                     worst[0], worst[1], worst[2] = value - bound, j, sign * value
                     worst[3] = start + place * duration
-
-
-@subroutine
-def _check_effort(
-    p: Array, model: Model, places: NDArray[np.int_], limit: Array, states: Array, efforts: Array, worst: Array
-) -> None:
-    """Write the largest excess of the effort to `worst`, as `_check_derivative` does.
-
-    `states`, shape (6, joints), and `efforts`, shape (1, joints), are scratch.
-    """
-    joints, n = p.shape[0], (p.shape[1] - 1) // 7
-    q, dq, ddq, state = states[0], states[1], states[2:3], states[3:6]
-    for k in range(n):
-        start, duration = p[0, k], p[0, k + 1] - p[0, k]
-        first = n + 1 + 6 * k
-        count = max(1, math.ceil(duration * _RATE))
-        for sample in range(count + 1):
-            share = sample / count
-            for i in range(3):
-                for j in range(joints):
-                    state[i, j] = 0.0
-            add_quintic(p[:, first : first + 6].T, duration, share * duration, state)
-            for i in range(joints):
-                q[i], dq[i], ddq[0, i] = state[0, places[i]], state[1, places[i]], state[2, places[i]]
-            inverse_dynamics(model, q, dq, ddq, efforts)
-            for i in range(joints):
-                excess = abs(efforts[0, i]) - limit[places[i]]
-                if excess > worst[0]:
-                    worst[0], worst[1], worst[2] = excess, places[i], efforts[0, i]
-                    worst[3] = start + share * duration

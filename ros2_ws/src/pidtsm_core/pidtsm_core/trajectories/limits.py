@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pidtsm_core.margins import PLANNED_EFFORT, PLANNED_SHARE
 from pidtsm_core.parameters import Array, Parameter, ParameterError, joint_array
 from pidtsm_core.robots import DESCRIPTION, LOCKED, Model, Robot, find_robot, inverse_dynamics, make_model
 from pidtsm_core.units import TURNS, JointUnits
@@ -39,7 +40,8 @@ PARAMETERS = (
     Parameter(
         "limits.velocity",
         0.0,
-        f"largest velocity of a trajectory{_OF_DESCRIPTION}",
+        "velocity beyond which the controller stops; a trajectory may use "
+        f"{100.0 * PLANNED_SHARE:g} % of it{_OF_DESCRIPTION}",
         "rad/s",
         minimum=0.0,
         per_joint=True,
@@ -97,7 +99,7 @@ class MotionLimits:
     Attributes:
         joints: names of the joints, in the order of all arrays.
         lower, upper: position, rad or m.
-        velocity: rad/s or m/s.
+        velocity: rad/s or m/s, beyond which the controller stops; see `planned_velocity`.
         acceleration: of stops and of motions planned by `timing`, rad/s^2 or m/s^2; finite.
         jerk: likewise, rad/s^3 or m/s^3; finite.
         effort: N m or N.
@@ -106,6 +108,7 @@ class MotionLimits:
         model: of the arm, with which `checking` computes efforts; None: efforts are not checked.
         places: index in `joints` of each joint of the model.
         units: of each joint.
+        friction: Coulomb and viscous friction, shape (2, joints), N m and N m s/rad, or N and N s/m; None: none.
     """
 
     joints: tuple[str, ...]
@@ -120,6 +123,21 @@ class MotionLimits:
     model: Model | None
     places: NDArray[np.int_]
     units: tuple[JointUnits, ...]
+    friction: Array | None = None
+
+    def planned_effort(self, velocity: Array) -> Array:
+        """Largest effort of a motion that is planned here, without friction, see `margins`, shape (joints,), N m or N.
+
+        Args:
+            velocity: largest one of each joint, shape (joints,), rad/s or m/s.
+        """
+        coulomb, viscous = np.zeros((2, velocity.size)) if self.friction is None else self.friction
+        return PLANNED_EFFORT * np.maximum(self.effort - coulomb - viscous * velocity, 0.0)
+
+    @property
+    def planned_velocity(self) -> Array:
+        """Largest velocity of a motion, see `margins`, shape (joints,), rad/s or m/s."""
+        return PLANNED_SHARE * self.velocity
 
 
 def limits_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
@@ -181,7 +199,17 @@ def motion_limits(settings: Mapping[str, object]) -> MotionLimits:
         model=model,
         places=places,
         units=_units(robot, places, count),
+        friction=_friction(robot, places, count),
     )
+
+
+def _friction(robot: Robot | None, places: NDArray[np.int_], count: int) -> Array:
+    """Coulomb and viscous friction of the description, shape (2, joints)."""
+    found = np.zeros((2, count))
+    for row, described in zip(found, (robot.friction, robot.damping) if robot else (), strict=False):
+        if described:
+            row[places] = described
+    return found
 
 
 def _robot(settings: Mapping[str, object]) -> Robot:

@@ -10,7 +10,7 @@ from pidtsm_core.trajectories.checking import check
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.interpolation import Interpolation, plan
 from pidtsm_core.trajectories.limits import MotionLimits
-from pidtsm_core.trajectories.motion import Approach, Motion
+from pidtsm_core.trajectories.motion import Approach, Motion, PiecewiseMotion
 from pidtsm_core.trajectories.stopping import stop
 
 _TURN = 2.0 * math.pi
@@ -28,6 +28,33 @@ def unwind(points: Array, present: Array, limits: MotionLimits) -> Array:
     unwound = points.copy()
     unwound[:, 0] += _TURN * turns
     return unwound
+
+
+def plan_from(
+    present: Array,
+    elapsed: float,
+    given: tuple[Array, Array],
+    tolerance: float,
+    limits: MotionLimits,
+    interpolation: Interpolation = "linear",
+) -> PiecewiseMotion:
+    """Plan the rest of a trajectory, see `plan`, within limits; it may take long.
+
+    Args:
+        present: q, q', q'' where it takes over, shape (3, joints).
+        elapsed: time since the start of the trajectory then, s.
+        given: times and points, see `plan`.
+        tolerance: see `plan`.
+        limits: of the arm.
+        interpolation: see `plan`.
+
+    Raises:
+        TrajectoryError: see `plan` and `check`.
+    """
+    times, points = given
+    motion = plan(times, unwind(points, present[0], limits), elapsed, present, tolerance, interpolation)
+    check(motion, limits)
+    return motion
 
 
 class MotionUnderWay:
@@ -93,10 +120,8 @@ class MotionUnderWay:
         """
         begin = max(now, start)
         self._advance(now)
-        present = self.state_at(begin)
-        points = unwind(points, present[0], self._limits)
-        motion = plan(times, points, seconds(begin - start), present, tolerance, interpolation)
-        check(motion, self._limits)
+        given = times, points
+        motion = plan_from(self.state_at(begin), seconds(begin - start), given, tolerance, self._limits, interpolation)
         self.replace(motion, start, begin)
 
     def cancel(self, now: int) -> None:

@@ -81,7 +81,7 @@ class StreamFilter:
         # Ticks are even steps, so positions are limited with a margin.
         margin = np.minimum(_MARGIN * limits.jerk * _TICK**3, 0.25 * (limits.upper - limits.lower))
         lower, upper = limits.lower + margin, limits.upper - margin
-        self._bounds = np.array([lower, upper, limits.velocity, limits.acceleration, limits.jerk])
+        self._bounds = np.array([lower, upper, limits.planned_velocity, limits.acceleration, limits.jerk])
         joints = len(limits.joints)
         self._state, self._target = np.zeros((3, joints)), np.zeros((3, joints))
         self._arrivals, self._regular = Arrivals(), RegularTimes()
@@ -215,7 +215,7 @@ class StreamFilter:
 
     def _append(self, time: float, now: float, position: Array, velocity: Array | None) -> None:
         """Add a knot to the curve, and adapt the delay."""
-        bound = self._limits.velocity
+        bound = self._limits.planned_velocity
         if self._empty:
             if not self._delay_known:
                 self._delay = self._wanted_delay = now - time

@@ -1,6 +1,7 @@
 """Fast motions through way points that have no times."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from ruckig import InputParameter, Synchronization
@@ -39,7 +40,8 @@ def retime(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     """A fast motion from rest at the first way point to rest at the last one, within all limits.
 
     With two way points it is the fastest motion on the straight line between them. With more it passes through all of
-    them on a spline and without stopping. If it needs too much effort, it is slowed down as a whole.
+    them on a spline and without stopping. If it needs more than `MotionLimits.planned_effort`, it is slowed down as a
+    whole.
 
     Args:
         waypoints: shape (n, joints), rad or m.
@@ -57,12 +59,22 @@ def retime(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     moves = np.abs(np.diff(waypoints, axis=0)).max(axis=1) > _SAME
     waypoints = waypoints[np.concatenate([[True], moves])]
     motion = _on_a_line(waypoints, limits) if len(waypoints) <= 2 else _on_a_spline(waypoints, limits)
+    slowest = motion.stretched(_STEP**_SLOWEST)
+    # Where gravity alone needs more, no slower motion would help.
+    spares = excessive_effort(slowest, _spare(slowest, limits)) is None
     for _ in range(_SLOWEST):
-        if excessive_effort(motion, limits) is None:
+        if excessive_effort(motion, _spare(motion, limits) if spares else limits) is None:
             break
         motion = motion.stretched(_STEP)
     check(motion, limits)
     return motion
+
+
+def _spare(motion: PiecewiseMotion, limits: MotionLimits) -> MotionLimits:
+    """Limits of the effort that leave the rest for friction and for the law."""
+    powers = motion.coefficients[..., 1:] * np.arange(1, motion.coefficients.shape[-1])
+    fastest = np.abs(powers @ _bernstein(powers.shape[-1]).T).max(axis=-1) / np.diff(motion.times)
+    return replace(limits, effort=limits.planned_effort(fastest.max(axis=-1)))
 
 
 def _on_a_line(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
@@ -70,7 +82,7 @@ def _on_a_line(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     given = InputParameter(len(limits.joints))
     given.synchronization = Synchronization.Phase
     given.current_position, given.target_position = waypoints[0].tolist(), waypoints[-1].tolist()
-    given.max_velocity = np.minimum(limits.velocity, _FASTEST).tolist()
+    given.max_velocity = np.minimum(limits.planned_velocity, _FASTEST).tolist()
     given.max_acceleration, given.max_jerk = limits.acceleration.tolist(), limits.jerk.tolist()
     return fastest(given)
 
@@ -93,7 +105,7 @@ def _on_a_spline(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     slopes, jerks = (np.abs(path(grid, order)) for order in (1, 3))
     jerks[1:] = np.maximum(jerks[1:], jerks[:-1])  # It jumps at way points.
     with np.errstate(divide="ignore"):
-        by_velocity = (np.minimum(limits.velocity, _FASTEST) / slopes) ** 2
+        by_velocity = (np.minimum(limits.planned_velocity, _FASTEST) / slopes) ** 2
         by_jerk = (limits.jerk / jerks) ** (2.0 / 3.0)
     highest = np.minimum(by_velocity, by_jerk).min(axis=1)
     path_speed(grid, path(grid, 1), path(grid, 2), highest, limits.acceleration, squared)
@@ -152,7 +164,7 @@ def _excess(motion: PiecewiseMotion, limits: MotionLimits) -> Array:
     """
     powers, durations = motion.coefficients, np.diff(motion.times)
     result = np.zeros(len(durations))
-    for order, limit in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
+    for order, limit in enumerate((limits.planned_velocity, limits.acceleration, limits.jerk), start=1):
         powers = powers[..., 1:] * np.arange(1, powers.shape[-1])
         bound = np.abs(powers @ _bernstein(powers.shape[-1]).T).max(axis=-1) / durations**order
         result = np.maximum(result, (bound / limit[:, None]).max(axis=0) ** (1.0 / order))

@@ -83,6 +83,39 @@ BROKEN = {
         "joint shoulder: a revolute joint needs a limit",
     ),
     "a limit in words": (urdf(ARM.replace('effort="30"', 'effort="much"')), "joint shoulder: effort: 'much'"),
+    "a range without room": (
+        urdf(ARM.replace('lower="-2" upper="1"', 'lower="1" upper="1"')),
+        "joint shoulder: lower of its limit, 1, is not below upper, 1; swap",
+    ),
+    "a range the wrong way round": (
+        urdf(ARM.replace('lower="-2" upper="1"', 'lower="1" upper="-2"')),
+        "joint shoulder: lower of its limit, 1, is not below upper, -2; swap",
+    ),
+    "a range above zero only": (
+        urdf(ARM.replace('lower="-2" upper="1"', 'lower="1"')),
+        "joint shoulder: lower of its limit, 1, is not below upper, 0",
+    ),
+    **{
+        f"{value} as {what}": (urdf(ARM.replace(good, good.replace(number, value))), f"{where}.*{value}.* is not ")
+        for value in ("nan", "inf")
+        for what, good, number, where in (
+            ("effort", 'effort="30"', "30", "joint shoulder: effort"),
+            ("lower", 'lower="-2"', "-2", "joint shoulder: lower"),
+            ("mass", '<mass value="2.0"', "2.0", "link upper: mass"),
+            ("inertia", 'ixx="0.02"', "0.02", "link upper: ixx of its inertia"),
+            ("centre of mass", '<origin xyz="0.1 0 0"/><mass', "0.1", "link upper: its inertial: xyz of its origin"),
+            ("rotation", 'rpy="0.1 0.2 0.3"', "0.2", "joint shoulder: rpy of its origin"),
+            ("axis", 'axis xyz="0 0 1"', "1", "joint shoulder: xyz of its axis"),
+        )
+    },
+    "an axis without direction": (
+        urdf(ARM.replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"')),
+        "joint shoulder: its axis",
+    ),
+    "two numbers for an origin": (
+        urdf(ARM.replace('rpy="0.1 0.2 0.3"', 'rpy="0.1 0.2"')),
+        "joint shoulder: rpy of its origin is '0.1 0.2'; it needs three numbers",
+    ),
     "no movable joint": (urdf(BASE), "no chain of movable joints|cannot be read"),
     "two links of one name": (urdf(ARM + link("upper")), "two links are called upper"),
     "two joints of one name": (
@@ -240,3 +273,19 @@ def test_model_errors_and_payloads_change_the_tree() -> None:
     np.testing.assert_array_equal(robot.pack_model(values, factors={"mass": 1.0, "inertia": 1.0, "length": 1.0}), exact)
     loaded = rows(robot.with_payload(exact, Payload(3.0)))
     assert loaded[:, Column.MASS].tolist() == pytest.approx([2.0, 5.0])
+
+
+def test_a_range_of_an_mjcf_without_room_is_refused_by_name() -> None:
+    body = (
+        '<body name="a"><joint name="swing" range="1 {}"/><inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/></body>'
+    )
+    arm = "<mujoco><compiler autolimits='true'/><worldbody>{}</worldbody></mujoco>"
+    assert read_description(arm.format(body.format(2))).joints == ("swing",)
+    for upper in ("1", "0.5", "nan"):
+        with pytest.raises(DescriptionError, match=r"joint swing: lower of its limit, 1, is not below upper, |swing"):
+            read_description(arm.format(body.format(upper)))
+
+
+def test_a_joint_that_does_not_move_needs_no_room() -> None:
+    finger = link("finger") + joint("grip", "lower", "finger", "prismatic").replace('lower="-2" upper="1"', 'lower="0"')
+    assert read_description(urdf(ARM + finger), ("shoulder", "elbow")).locked == {"grip": 0.0}

@@ -5,8 +5,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pidtsm_core.effort_differences import spread_of_differences
 from pidtsm_core.parameters import Array, resolve
-from pidtsm_core.robots import NAMES, Robot, find_robot, forward_dynamics, inverse_dynamics, make_model, robot_schema
+from pidtsm_core.robots import (
+    NAMES,
+    Robot,
+    effort_spread,
+    find_robot,
+    forward_dynamics,
+    inverse_dynamics,
+    make_model,
+    robot_schema,
+)
 from pidtsm_core.robots.payload import Payload
 from pidtsm_core.simulation.plant import Plant, plant_schema
 
@@ -179,3 +189,25 @@ def test_a_payload_adds_inertia_and_weight(robot: Robot, seed: int, mass: float,
 def test_the_defaults_fit_the_joints(robot: Robot) -> None:
     assert len(robot.effort_limit) == len(robot.initial_position) == len(set(robot.joints))
     assert min(robot.effort_limit) > 0.0
+
+
+@pytest.mark.parametrize("bounded", [True, False], ids=["bound", "differences"])
+@EACH
+@PROPERTY
+@given(seed=SEEDS)
+def test_efforts_in_a_box_differ_by_no_more_than_their_spread(robot: Robot, bounded: bool, seed: int) -> None:
+    """The estimate for a closed form that gives no bound only holds for small boxes."""
+    random, (q, dq, ddq) = np.random.default_rng(seed), random_state(robot, seed)
+    for form in forms(robot):
+        p = model(robot, form)
+        made, n = make_model(robot, p), q.size
+        scale = random.choice([1e-6, 1e-3, *([1e-2, 0.3] if bounded else [])])
+        box, spread = scale * random.uniform(0.0, 1.0, (3, n)) * np.array([[1.0], [2.0], [20.0]]), np.zeros((3, n))
+        middle = torque(robot, q, dq, ddq, p)
+        if bounded:
+            effort_spread(made, q, dq, ddq, box, spread)
+        else:
+            spread_of_differences(robot.dynamics.inverse_dynamics)(q, dq, ddq, box, p, spread)
+        sides = random.choice([-1.0, 1.0, 0.3], (30, 3, n))
+        changes = [np.abs(torque(robot, q + d[0], dq + d[1], ddq + d[2], p) - middle) for d in sides * box]
+        assert (np.max(changes, axis=0) <= spread[0] + 1e-9 * (1.0 + np.abs(middle))).all()

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from testarms import CRANE, PANDA, Arm
 
+from pidtsm_core.margins import PLANNED_SHARE
 from pidtsm_core.parameters import Array
 from pidtsm_core.trajectories.checking import check
 from pidtsm_core.trajectories.errors import TrajectoryError
@@ -41,7 +42,7 @@ def test_a_slow_motion_is_accepted_and_a_fast_one_is_not(arm: Arm, limits: Motio
     ("settings", "reason"),
     [
         ({"limits.min_position": -1.0, "limits.max_position": 0.9}, "position would be 1 m at 5.000 s; -1 to 0.9 is"),
-        ({"limits.velocity": 0.3}, r"velocity would be 0.328125 m/s at 3.000 s; at most 0.3 is"),
+        ({"limits.velocity": 0.3}, r"velocity would be 0.328125 m/s at 3.000 s; at most 0.285 \(95 % of .+\) is"),
         ({"limits.acceleration": 0.2}, r"acceleration would be -?0.252591 m/s\^2 at (1.845|4.155) s; at most 0.2 is"),
         ({"limits.effort": 118.0}, r"force would be 120.+ N at 1.8\d+ s; at most 118 is"),
     ],
@@ -70,7 +71,7 @@ def test_extrema_are_exact(seed: int, count: int, fields: int) -> None:
     for factor in (0.999, 1.001):
         low, high = (factor * value for value in (-largest[1, 0] - 1e-4, largest[0, 0] + 1e-4))
         positions = motion_limits({**names[0], "limits.min_position": low, "limits.max_position": high})
-        speed = factor * largest[:, 1].max(axis=0) / 1.05
+        speed = factor * largest[:, 1].max(axis=0) / PLANNED_SHARE
         velocities = motion_limits({**names[0], "limits.velocity": speed})
         for limits, quantity in ((positions, "position"), (velocities, "velocity")):
             if factor > 1.0:

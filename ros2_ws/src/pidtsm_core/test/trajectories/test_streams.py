@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pidtsm_core.margins import PLANNED_SHARE
 from pidtsm_core.parameters import Array
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import MotionLimits, motion_limits
@@ -101,7 +102,7 @@ def check_limits(motions: Array, limits: MotionLimits) -> None:
     q, dq, ddq = motions.transpose(1, 0, 2)
     assert (q >= limits.lower).all()
     assert (q <= limits.upper).all()
-    assert (np.abs(dq) <= limits.velocity).all()
+    assert (np.abs(dq) <= limits.planned_velocity).all()
     assert (np.abs(ddq) <= limits.acceleration + 1e-9).all()
     steps = 1e-3 * limits.jerk + 1e-9
     assert (np.abs(np.diff(ddq, axis=0)) <= steps).all()
@@ -199,7 +200,7 @@ def test_a_stream_that_begins_elsewhere_is_approached_within_the_limits() -> Non
     sent = messages(lambda t: 1.4 + 0.0 * t, 30.0, 4.0, np.random.default_rng(4))
     motions = follow(sent, limits, 4.0, start=-0.9)
     check_limits(motions, limits)
-    assert np.abs(motions[:, 1]).max() == pytest.approx(0.8, rel=1e-2)
+    assert np.abs(motions[:, 1]).max() == pytest.approx(PLANNED_SHARE * 0.8, rel=1e-2)
     assert motions[-1, 0, 0] == pytest.approx(1.4, abs=1e-6)
 
 

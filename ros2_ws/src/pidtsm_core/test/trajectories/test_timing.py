@@ -42,7 +42,7 @@ def test_it_passes_through_all_points_within_all_limits_and_rests_at_both_ends(
     times, states = sampled(motion)
     np.testing.assert_allclose(states[0], [points[0], *np.zeros((2, points.shape[1]))], atol=1e-9)
     np.testing.assert_allclose(states[-1], [points[-1], *np.zeros((2, points.shape[1]))], atol=1e-9)
-    for velocity, bound in ((states[:, 1], limits.velocity), (states[:, 2], limits.acceleration)):
+    for velocity, bound in ((states[:, 1], limits.planned_velocity), (states[:, 2], limits.acceleration)):
         assert (np.abs(velocity) <= bound * (1.0 + 1e-9) + 1e-9).all()
     assert (np.abs(np.diff(states[:, 2], axis=0)) <= limits.jerk * (times[1] - times[0]) * (1.0 + 1e-6) + 1e-9).all()
     check(motion, limits)
@@ -77,7 +77,7 @@ def test_any_way_points_and_limits_are_kept(seed: int, joints: int, count: int, 
     times = np.linspace(0.0, motion.end, len(states))
     for t, state in zip(times, states, strict=True):
         motion.evaluate(float(t), state)
-    assert (np.abs(states[:, 1]) <= limits.velocity * (1.0 + 1e-9) + 1e-9).all()
+    assert (np.abs(states[:, 1]) <= limits.planned_velocity * (1.0 + 1e-9) + 1e-9).all()
     assert (np.abs(states[:, 2]) <= acceleration * (1.0 + 1e-9) + 1e-9).all()
     steps = np.abs(np.diff(states[:, 2], axis=0))
     assert (steps <= limits.jerk * times[1] * (1.0 + 1e-6) + 1e-9).all()
@@ -94,7 +94,7 @@ def test_two_points_are_joined_by_a_straight_line_on_which_a_limit_is_always_rea
     np.testing.assert_allclose(share, share[:, :1] + np.zeros(arm.joints), atol=1e-9)
     jerk = np.diff(states[:, 2], axis=0) / np.diff(times)[:, None]
     reached = np.maximum(
-        np.abs(states[:-1, 1:] / np.array([limits.velocity, limits.acceleration])).max(axis=(1, 2)),
+        np.abs(states[:-1, 1:] / np.array([limits.planned_velocity, limits.acceleration])).max(axis=(1, 2)),
         np.abs(jerk / limits.jerk).max(axis=1),
     )
     moving = times[:-1] < motion.end

@@ -26,6 +26,7 @@ KEYS = [
     "truth",
     "lacking",
     "outcome",
+    "strayed",
     "faults",
     "violations",
     "time_holding",
