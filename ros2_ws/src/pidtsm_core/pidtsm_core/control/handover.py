@@ -4,6 +4,8 @@ What the law demanded for the last sample before and after the change differs. T
 and fades, slowly enough for the law to take over.
 """
 
+import math
+
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Handover, part
 from pidtsm_core.control.tick import demand_again
@@ -35,7 +37,8 @@ def begin_handover(config: ControllerConfig, state: ControllerState, dt: float) 
     """
     demand_again(config, state, dt)
     for j in range(state.sent.size):
-        state.handover[j] = state.sent[j] - state.signals[Signal.EFFORT, j]
+        difference = state.sent[j] - state.signals[Signal.EFFORT, j]
+        state.handover[j] = difference if math.isfinite(difference) else 0.0
         state.signals[Signal.EFFORT, j] = state.sent[j]  # The estimator needs what was applied.
     state.clock[Clock.HANDOVER] = Handover.FADING
 

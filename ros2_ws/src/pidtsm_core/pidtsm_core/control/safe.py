@@ -264,7 +264,8 @@ def keep_what_holds(config: ControllerConfig, state: ControllerState) -> None:
     learn(config, state)
     for j in range(held.size):
         learnt = state.hold[Hold.LEARNT, j]
-        if abs(scratch[5, j] - learnt) > abs(scratch[5, j]):
+        absurd = abs(learnt) >= _LARGEST_SHARE * config.effort_limit[j]
+        if absurd or abs(scratch[5, j] - learnt) > abs(scratch[5, j]):
             for slot in range(state.law.shape[1]):
                 state.law[j, slot] = 0.0
 

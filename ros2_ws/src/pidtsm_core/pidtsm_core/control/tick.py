@@ -89,7 +89,7 @@ def _add(config: ControllerConfig, state: ControllerState, desired: Array) -> No
 
 @part
 def demand_again(config: ControllerConfig, state: ControllerState, dt: float) -> None:
-    """Write what the law, which has changed, would have demanded at the last sample, to ``state.signals``.
+    """Write what the law, which has changed, would have demanded at the last sample without a limit, to the signals.
 
     Args:
         config: configuration, which is read.
@@ -99,7 +99,6 @@ def demand_again(config: ControllerConfig, state: ControllerState, dt: float) ->
     _command(config, state, state.desired, dt)
     _add(config, state, state.desired)
     _actuate(config, state, dt, False)
-    limit_effort(config, state)
 
 
 @inlined
