@@ -69,7 +69,7 @@ class Fault(IntEnum):
 
 
 class Stop(IntEnum):
-    """How a controller that has stopped keeps the arm safe, from the stage with the most trust to that with the least."""
+    """How a controller that has stopped keeps the arm safe: the first stage trusts most, the last one least."""
 
     NONE = 0  # not stopped, or as ``stop.effort`` says if that is not ``hold``
     HOLD = 1  # holds the arm where it stopped

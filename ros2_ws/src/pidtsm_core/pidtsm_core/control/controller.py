@@ -6,22 +6,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pidtsm_core.compilation import first_compilation
-from pidtsm_core.control.parameters import CONTACT, FREEDRIVE, FRICTION, REJECTION
 from pidtsm_core.control.freedrive import refusal as cannot_be_free
 from pidtsm_core.control.handover import expect_handover
+from pidtsm_core.control.modes import begin_afresh, request, reset_fault, set_clock
+from pidtsm_core.control.parameters import CONTACT, FREEDRIVE, FRICTION, REJECTION
 from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
 from pidtsm_core.control.state import Clock, floats_size, integers_size, part, unpack
-from pidtsm_core.control.step import (
-    begin_afresh,
-    leave_now,
-    request,
-    reset_fault,
-    respond,
-    set_clock,
-    stop_after,
-    stop_now,
-    tick_now,
-)
+from pidtsm_core.control.step import leave_now, respond, stop_after, stop_now, tick_now
 from pidtsm_core.control.turns import distance
 from pidtsm_core.estimators import ESTIMATORS, estimator_index
 from pidtsm_core.laws import LAWS, law_integers

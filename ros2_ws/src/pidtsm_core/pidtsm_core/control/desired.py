@@ -133,7 +133,7 @@ def begin_at(state: ControllerState, position: Array) -> None:
 
 @part
 def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int, duration: float) -> None:
-    """Bring the desired motion to rest, in `duration` (s) or longer, with no step of position, velocity or acceleration.
+    """Bring the desired motion to rest in `duration` (s) or longer, with no step of position, velocity or acceleration.
 
     The end position is that of a quartic with the same other conditions, so the motion need not turn back or speed up.
     """

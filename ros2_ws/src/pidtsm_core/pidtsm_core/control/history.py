@@ -64,10 +64,8 @@ def noted_acceleration(state: ControllerState, stamp: int, joint: int) -> float:
     """Acceleration of a joint by its notes at `stamp` (ns), rad/s^2: how the newest differ in velocity from all."""
     _, recent = noted_motion(state, stamp, joint, RECENT)
     _, all_ = noted_motion(state, stamp, joint, HISTORY)
-    newest = state.history_stamps[_row(state, 0)]
-    mean = 0.5 * seconds(newest - state.history_stamps[_row(state, max(_recent_notes(state, stamp, RECENT) - 1, 0))])
-    mean_of_all = 0.5 * seconds(newest - state.history_stamps[_row(state, max(_recent_notes(state, stamp, HISTORY) - 1, 0))])
-    return (recent - all_) / (mean_of_all - mean) if mean_of_all > mean else 0.0
+    apart = _span(state, _recent_notes(state, stamp, HISTORY)) - _span(state, _recent_notes(state, stamp, RECENT))
+    return 2.0 * (recent - all_) / apart if apart > 0.0 else 0.0
 
 
 @part
@@ -89,10 +87,16 @@ def _recent_notes(state: ControllerState, stamp: int, most: int) -> int:
     """Number of the newest notes that are recent at `stamp` (ns), `most` at most."""
     clock, count = state.clock, 0
     oldest = max(_OLDEST, _OLDEST_OF_PERIODS * clock[Clock.PERIOD])
-    most = min(most, min(clock[Clock.NOTES], HISTORY))
+    most = min(most, clock[Clock.NOTES], HISTORY)
     while count < most and stamp - state.history_stamps[_row(state, count)] <= oldest:
         count += 1
     return count
+
+
+@inlined
+def _span(state: ControllerState, count: int) -> float:
+    """Time between the first and the last of the newest notes, s."""
+    return seconds(state.history_stamps[_row(state, 0)] - state.history_stamps[_row(state, max(count - 1, 0))])
 
 
 @inlined

@@ -82,7 +82,8 @@ def changes(
         clock: integers of the controller, shape (len(Clock),), order of `Clock`, times in ns.
         joints: names of the joints.
     """
-    return list(_changes([Mode.HOLDING, 0, 0, 0, 0] if before is None else before, after, clock, joints, before is None))
+    start = [Mode.HOLDING, *[0] * (len(Status) - 1)]
+    return list(_changes(start if before is None else before, after, clock, joints, before is None))
 
 
 def _changes(
@@ -124,7 +125,7 @@ def _stages(before: int, after: int) -> Iterator[Change]:
     if after == Stop.DAMPING:
         yield Change("warning", "the stopped arm has left its place: it is damped instead of held")
     elif after == Stop.GRAVITY:
-        yield Change("error", "a joint becomes faster although it is damped: the arm is only carried, with weak damping")
+        yield Change("error", "a joint gets faster although it is damped: the arm is only carried, with weak damping")
     elif after == Stop.HOLD and before in (Stop.DAMPING, Stop.GRAVITY):
         yield Change("info", "the stopped arm is held where it is now")
 

@@ -9,44 +9,23 @@ obey, supervision.py gives up holding.
 import math
 
 from pidtsm_core.compiled import inlined
-from pidtsm_core.control.contact import in_contact
-from pidtsm_core.control.desired import come_to_rest, learnt_acceleration, write_desired
-from pidtsm_core.control.effort import LARGEST_CHANGE, added_gravity, carry, limit_effort, time_of_change
-from pidtsm_core.control.history import HISTORY, RECENT, noted_acceleration, noted_effort, noted_motion
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, External, Held, Hold, Still, part
+from pidtsm_core.control.desired import write_desired
+from pidtsm_core.control.effort import LARGEST_CHANGE, added_gravity, carry, limit_effort
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold, part
+from pidtsm_core.control.stopping import DETOUR, SLOWEST, begin_hold, learn
 from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
-from pidtsm_core.control.trust import is_doubtful, reverse, used_position
-from pidtsm_core.robots import forward_dynamics, inverse_dynamics
-from pidtsm_core.signals import Fault, Signal, Status, Stop
+from pidtsm_core.control.trust import reverse, used_position
+from pidtsm_core.robots import inverse_dynamics
+from pidtsm_core.signals import Signal, Status, Stop
 from pidtsm_core.timing import seconds
 
 _CUTOFF = 10.0
 """Cutoff of the velocity filter, as a multiple of the bandwidth of the position control."""
-_QUICKEST, _SLOWEST = 0.02, 0.125
-"""s; time in which a difference as large as the effort limit fades, so that a stop causes no jolt."""
-_FADES_OVER = 0.015
-"""rad; way of the arm in this time: an arm that moves fast needs the safe effort sooner."""
 _LONGEST_CHANGE = 0.01
 """s; longest time between two commands that counts for this."""
-_LARGEST_SHARE = 0.5
-"""Largest share of the effort limit that is accepted as learnt by the law."""
 _AT_REST = 0.02  # rad/s
-_LONG_CHANGE = 0.04
-"""s; an effort that needs longer to change by its limit cannot follow a way that begins without acceleration."""
-_OF_CHANGE = 1.0
-"""Largest bandwidth of the hold relative to the inverse of the time in which its effort can change by its limit, which
-grows with the time between commands."""
-_SHARE_OF_LIMIT, _AWAY = 0.5, 0.05
-"""Largest share of the effort limit that the spring of the hold needs for a distance of the joint, rad: a hold whose
-effort is at its limits swings."""
-_WAY_TO_REST, _SHORTEST_REST, _LONGEST_REST = 0.03, 0.02, 0.1
-"""rad; way to rest that is short enough for the most gentle stop; s, s; times to rest that are tried first."""
-_DETOUR = 0.02
-"""rad; if a rate limit makes the way to rest longer by more, it is suspended."""
 _SHARE_OF_RATE = 0.5
 """Share of a rate limit in which the difference fades."""
-_LARGEST_VELOCITY = 1.5
-"""Largest velocity at which a stop may begin, as a multiple of the velocity limit: more is a wrong measurement."""
 
 
 @part
@@ -55,7 +34,7 @@ def make_safe(config: ControllerConfig, state: ControllerState, stamp: int, dt: 
     _add_nothing(state)
     if config.holds:
         _hold(config, state, stamp, dt)
-        supervise(config, state, stamp)
+        supervise(state, stamp)
     else:
         _damp(config, state)
     if config.brakes:
@@ -162,201 +141,6 @@ def _damp(config: ControllerConfig, state: ControllerState) -> None:
 
 
 @inlined
-def learn(config: ControllerConfig, state: ControllerState) -> None:
-    """Store what the law has learnt: the effort that it adds to that of the model without any error."""
-    y, scratch = state.signals, state.scratch
-    for j in range(scratch.shape[1]):
-        learnt = learnt_acceleration(config, state, j)
-        state.accelerations[0, j] = 0.0
-        state.accelerations[1, j] = learnt
-        scratch[0, j] = 0.0
-        # The output of a law without model is an effort.
-        state.hold[Hold.LEARNT, j] = learnt
-        state.hold[Hold.INTEGRAL, j] = 0.0
-    inverse_dynamics(config.model, y[Signal.POSITION], scratch[0], state.accelerations, scratch[1:3])
-    for j in range(scratch.shape[1]):
-        effort = scratch[2, j] if config.uses_model else state.hold[Hold.LEARNT, j]
-        learnt, most = effort - scratch[1, j], _LARGEST_SHARE * config.effort_limit[j]
-        state.hold[Hold.LEARNT, j] = min(max(learnt, -most), most) if math.isfinite(learnt) else 0.0
-
-
-@part
-def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
-    """Start a desired motion from the present motion of the arm to rest, and weigh the arm."""
-    clock = state.clock
-    if clock[Clock.HELD] == Held.NOT:
-        learn(config, state)
-        _doubt_what_was_learnt(config, state, stamp)
-    fastest = 0.0
-    for j in range(state.measured.size):
-        position, velocity = _present_motion(config, state, stamp, j)
-        fastest = max(fastest, abs(velocity))
-        if clock[Clock.HELD] == Held.NOT:
-            state.hold[Hold.BEFORE, j] = velocity
-        state.hold[Hold.VELOCITY, j] = velocity
-        state.hold[Hold.POSITION, j] = position
-        state.desired[0, j] = position
-        state.desired[1, j] = velocity
-        state.desired[2, j] = 0.0
-    if time_of_change(state) > _LONG_CHANGE:
-        _continue_acceleration(config, state)
-    state.hold_pace[0] = min(max(_FADES_OVER / max(fastest, 1e-9), _QUICKEST), _SLOWEST)
-    _plan_stop(config, state, stamp, fastest)
-    _weigh(config, state)
-    _choose_bandwidth(config, state)
-    state.clock[Clock.HELD] = Held.HERE
-    state.status[Status.STOP_STAGE] = Stop.HOLD
-
-
-@inlined
-def _continue_acceleration(config: ControllerConfig, state: ControllerState) -> None:
-    """Begin the way to rest with the acceleration that the last command causes, because it cannot change at once."""
-    for j in range(state.sent.size):
-        state.net[j] = state.sent[j] - state.hold[Hold.LEARNT, j]
-        state.scratch[0, j] = state.desired[0, j]
-        state.scratch[1, j] = state.desired[1, j]
-    forward_dynamics(config.model, state.scratch[0], state.scratch[1], state.net, state.desired[2])
-
-
-@inlined
-def _choose_bandwidth(config: ControllerConfig, state: ControllerState) -> None:
-    """Choose the bandwidth of the hold: that of the configuration, or what rate and torque limits of the arm allow."""
-    bandwidth, slowest = config.stop_bandwidth, time_of_change(state)
-    if slowest > 0.0:
-        bandwidth = min(bandwidth, _OF_CHANGE / slowest)
-    for j in range(state.measured.size):
-        stiffness = _SHARE_OF_LIMIT * config.effort_limit[j] / _AWAY
-        if state.inertia[j, j] > 0.0:
-            bandwidth = min(bandwidth, math.sqrt(stiffness / (3.0 * state.inertia[j, j])))
-    state.hold_bandwidth[0] = bandwidth
-
-
-@part
-def _plan_stop(config: ControllerConfig, state: ControllerState, stamp: int, fastest: float) -> None:
-    """Plan the way to rest for an arm of which the fastest joint has this speed (rad/s).
-
-    It keeps the rate limit if the arm then goes only little farther; otherwise the limit is suspended.
-    """
-    clock, shortest = state.clock, min(max(2.0 * _WAY_TO_REST / max(fastest, 1e-9), _SHORTEST_REST), _LONGEST_REST)
-    suspended = clock[Clock.UNLIMITED]
-    clock[Clock.UNLIMITED] = 1
-    come_to_rest(config, state, stamp, shortest)
-    if config.rate_limited and suspended == 0:
-        unlimited = state.way_duration[0]
-        clock[Clock.UNLIMITED] = 0
-        come_to_rest(config, state, stamp, shortest)
-        if 0.5 * fastest * (state.way_duration[0] - unlimited) > _DETOUR:
-            clock[Clock.UNLIMITED] = 1
-            come_to_rest(config, state, stamp, shortest)
-
-
-@part
-def keep_what_holds(config: ControllerConfig, state: ControllerState) -> None:
-    """Let the law start with what holds the arm: with what it has learnt if that is nearer to it than nothing.
-
-    Its state is part of some faults, such as an error that has wound up an integral.
-    """
-    w, scratch, held = state.hold_bandwidth[0], state.scratch, state.scratch[5]
-    for j in range(held.size):
-        held[j] = state.hold[Hold.LEARNT, j]
-        for k in range(held.size):
-            held[j] -= w * w * w * state.inertia[j, k] * state.hold[Hold.INTEGRAL, k]
-    learn(config, state)
-    for j in range(held.size):
-        learnt = state.hold[Hold.LEARNT, j]
-        absurd = abs(learnt) >= _LARGEST_SHARE * config.effort_limit[j]
-        if absurd or abs(scratch[5, j] - learnt) > abs(scratch[5, j]):
-            for slot in range(state.law.shape[1]):
-                state.law[j, slot] = 0.0
-
-
-@inlined
-def _middle(a: float, b: float, c: float) -> float:
-    """The median of three numbers: one of them may be arbitrarily wrong."""
-    return max(min(a, b), min(max(a, b), c))
-
-
-@part
-def _present_motion(
-    config: ControllerConfig, state: ControllerState, stamp: int, joint: int
-) -> tuple[float, float]:
-    """Position (rad) and velocity (rad/s) of a joint at `stamp` (ns), of which no single measurement decides.
-
-    The velocity is the median of the estimated one, of that of the last measurements, and of that of more of them. If
-    the joint is not trusted, its estimates are not, either; once it is held, what the hold uses counts.
-    """
-    y, hold = state.signals, state.hold
-    if is_doubtful(state, joint) and state.clock[Clock.HELD] != Held.NOT:
-        return hold[Hold.POSITION, joint], hold[Hold.VELOCITY, joint]
-    recent, velocity = noted_motion(state, stamp, joint, RECENT)
-    _, before = noted_motion(state, stamp, joint, HISTORY)
-    if is_doubtful(state, joint):
-        velocity = before
-    else:
-        recent = _middle(state.measured[joint], recent, y[Signal.POSITION, joint])
-        velocity = _middle(y[Signal.VELOCITY, joint], velocity, before)
-    most = config.plausible_velocity[joint] if config.plausible_velocity[joint] > 0.0 else math.inf
-    if config.velocity_limit[joint] > 0.0:
-        most = min(most, _LARGEST_VELOCITY * config.velocity_limit[joint])
-    return recent, min(max(velocity, -most), most)
-
-
-@inlined
-def _doubt_what_was_learnt(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
-    """Of what the law has learnt, believe what the motion of the arm confirms: its output may be part of the fault.
-
-    The median of it, of the effort that acts on the arm from outside (see contact.py), and of what the noted efforts
-    were beyond those that the noted motion needs. In contact, which is no load to carry, what acted from outside when
-    the arm was last near its reference takes the place of the latter. If efforts have had no effect, those count that
-    were applied before.
-    """
-    if state.status[Status.FAULT] == Fault.NO_EFFECT:
-        carry(config, state, state.measured)
-        for j in range(state.measured.size):
-            if state.hold[Hold.DISTRUSTED, j] != 0.0:
-                state.hold[Hold.LEARNT, j] = state.still[Still.EFFORT, j] - state.signals[Signal.EFFORT, j]
-        return
-    external, learnt = state.external, state.hold[Hold.LEARNT]
-    _find_load(config, state, stamp)
-    touches = state.status[Status.FAULT] == Fault.EXTERNAL_EFFORT_LIMIT or in_contact(config, state)
-    enough = state.clock[Clock.NOTES] >= RECENT
-    for j in range(state.measured.size):
-        noted = state.scratch[2, j] if enough else 0.0
-        if not config.feels:
-            learnt[j] = _middle(learnt[j], noted, 0.0)
-        elif touches:
-            learnt[j] = _middle(learnt[j], -external[External.TWICE, j], -external[External.USUAL, j])
-        else:
-            learnt[j] = _middle(learnt[j], -external[External.TWICE, j], noted)
-
-
-@part
-def _find_load(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
-    """Write what was applied beyond what the noted motion needs, by the model, to ``state.scratch[2]``, N m."""
-    motion, velocities = state.motion, state.scratch[0]
-    for j in range(state.measured.size):
-        _, velocities[j] = noted_motion(state, stamp, j, RECENT)
-        motion[0, j] = noted_acceleration(state, stamp, j)
-    inverse_dynamics(config.model, state.measured, velocities, motion[:1], state.scratch[2:3])
-    for j in range(state.measured.size):
-        state.scratch[2, j] = noted_effort(state, stamp, j) - state.scratch[2, j]
-
-
-@part
-def _weigh(config: ControllerConfig, state: ControllerState) -> None:
-    """Write the inertia of the model where the arm is to ``state.inertia``."""
-    joints = state.measured.size
-    still, efforts = state.accelerations, state.scratch[1:3]
-    for k in range(joints):
-        for j in range(joints):
-            still[0, j] = still[1, j] = state.scratch[0, j] = 0.0
-        still[1, k] = 1.0
-        inverse_dynamics(config.model, state.hold[Hold.POSITION], state.scratch[0], still, efforts)
-        for j in range(joints):
-            state.inertia[j, k] = efforts[1, j] - efforts[0, j]
-
-
-@inlined
 def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
     """Tie the arm to its way to rest by spring, damper and integral, all poles at the bandwidth."""
     y, hold = state.signals, state.hold
@@ -399,7 +183,7 @@ def _filter_motion(config: ControllerConfig, state: ControllerState, dt: float) 
             hold[Hold.VELOCITY, j] += passed * ((q - hold[Hold.POSITION, j]) / dt - hold[Hold.VELOCITY, j])
         if blind or dt > 0.0:
             hold[Hold.POSITION, j] = q
-    reverse(config, state, dt)
+    reverse(state, dt)
 
 
 @inlined
@@ -439,7 +223,7 @@ def go_gently(config: ControllerConfig, state: ControllerState, now: int, begins
 @inlined
 def _fading_rate(config: ControllerConfig, state: ControllerState, joint: int) -> float:
     """Rate at which the difference of a joint fades, N m/s."""
-    rate = config.effort_limit[joint] / (state.hold_pace[0] if state.hold_pace[0] > 0.0 else _SLOWEST)
+    rate = config.effort_limit[joint] / (state.hold_pace[0] if state.hold_pace[0] > 0.0 else SLOWEST)
     limited = state.status[Status.FAULT] != 0 and config.effort_rate[joint] > 0.0 and state.clock[Clock.UNLIMITED] == 0
     return min(rate, _SHARE_OF_RATE * config.effort_rate[joint]) if limited else rate
 
@@ -454,9 +238,10 @@ def _judge_rate_limit(config: ControllerConfig, state: ControllerState) -> None:
     if config.rate_limited and config.holds and state.status[Status.FAULT] != 0:
         w = state.hold_bandwidth[0]
         for j in range(state.sent.size):
-            off, mass, rate = abs(state.hold[Hold.OFFSET, j]), state.inertia[j, j], _SHARE_OF_RATE * config.effort_rate[j]
-            if rate > 0.0 and min(off * off * off / (6.0 * rate * rate), off / (3.0 * w * w)) > _DETOUR * mass:
-                state.clock[Clock.UNLIMITED] = 1
+            off, rate = abs(state.hold[Hold.OFFSET, j]), _SHARE_OF_RATE * config.effort_rate[j]
+            if rate > 0.0:
+                impulse = min(off * off * off / (6.0 * rate * rate), off / (3.0 * w * w))
+                state.clock[Clock.UNLIMITED] |= int(impulse > DETOUR * state.inertia[j, j])
 
 
 @inlined

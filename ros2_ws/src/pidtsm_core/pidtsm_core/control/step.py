@@ -6,22 +6,21 @@ from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_
 from pidtsm_core.control.effect import distrust_idle, watch_effect
 from pidtsm_core.control.effort import carry, limit_rate, rate_delay, write_command
 from pidtsm_core.control.freedrive import hand_over, make_free
-from pidtsm_core.control.handover import begin_handover, expect_handover, fade_handover
-from pidtsm_core.control.history import note, shift_history
+from pidtsm_core.control.handover import begin_handover, fade_handover
+from pidtsm_core.control.history import note
+from pidtsm_core.control.modes import hold_elsewhere, request, reset_fault, stop
 from pidtsm_core.control.plausibility import doubt
-from pidtsm_core.control.safe import keep_what_holds, leave, make_safe, make_safe_blindly
+from pidtsm_core.control.safe import leave, make_safe, make_safe_blindly
 from pidtsm_core.control.state import (
     Clock,
     ControllerConfig,
     ControllerState,
     External,
     Handover,
-    Held,
     part,
     unpack,
 )
 from pidtsm_core.control.tick import tick
-from pidtsm_core.control.trust import is_doubtful, trust
 from pidtsm_core.control.turns import distance, unwind_measurement
 from pidtsm_core.laws import Integers
 from pidtsm_core.parameters import Array
@@ -50,32 +49,19 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         stamp: stamp of the joint state, ns, later than the last one.
         reference_stamp: stamp of the reference in ``state.reference``, ns; negative: there is none.
     """
-    clock, y = state.clock, state.signals
+    clock = state.clock
     if config.rehearses:
         _rehearse(config, state, stamp, reference_stamp)
     first = clock[Clock.ANSWERED] == 0
     period = 0 if first else stamp - clock[Clock.LAST]
     dt = seconds(period)
-    implausible = clock[Clock.IMPLAUSIBLE]
     clock[Clock.GAP] = period
     clock[Clock.SILENT_SINCE] = 0
-    if not first:
-        if config.turns:
-            unwind_measurement(config, state)
-        _watch_gaps(config, state, period)
-        if config.doubts:
-            _doubt(config, state, dt)
-        idle = watch_effect(config, state)
-        if idle:
-            _distrust_idle(config, state, idle)
-    else:
-        begin_at(state, state.measured)
-        if config.rate_limited and clock[Clock.COMMANDED] == 0:
-            carry(config, state, state.measured)
-            for j in range(state.sent.size):
-                state.sent[j] = y[Signal.EFFORT, j]
-    if clock[Clock.IMPLAUSIBLE] == implausible:
+    if first:
+        _begin(config, state)
         note(state, stamp)
+    else:
+        _receive(config, state, stamp, period)
     if clock[Clock.HANDOVER] == Handover.PENDING:
         begin_handover(config, state, dt)
     elif clock[Clock.HANDOVER] == Handover.FADING:
@@ -102,6 +88,32 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
     clock[Clock.SENT] = stamp
     clock[Clock.ANSWERED] += 1
     clock[Clock.COMMANDED] = 1
+
+
+@part
+def _begin(config: ControllerConfig, state: ControllerState) -> None:
+    """Begin at rest where the arm is; a rate limit starts from the effort that carries it."""
+    begin_at(state, state.measured)
+    if config.rate_limited and state.clock[Clock.COMMANDED] == 0:
+        carry(config, state, state.measured)
+        for j in range(state.sent.size):
+            state.sent[j] = state.signals[Signal.EFFORT, j]
+
+
+@inlined
+def _receive(config: ControllerConfig, state: ControllerState, stamp: int, period: int) -> None:
+    """Judge the joint state of `stamp` (ns), `period` (ns) after the last one, and note it if it is plausible."""
+    implausible = state.clock[Clock.IMPLAUSIBLE]
+    if config.turns:
+        unwind_measurement(config, state)
+    _watch_gaps(config, state, period)
+    if config.doubts:
+        _doubt(config, state, seconds(period))
+    idle = watch_effect(config, state)
+    if idle:
+        _distrust_idle(config, state, idle)
+    if state.clock[Clock.IMPLAUSIBLE] == implausible:
+        note(state, stamp)
 
 
 @inlined
@@ -156,107 +168,6 @@ def _count(state: ControllerState) -> None:
     if limited:
         state.clock[Clock.AT_EFFORT_LIMIT] += limited & Limited.EFFORT != 0
         state.clock[Clock.AT_RATE_LIMIT] += limited & Limited.RATE != 0
-
-
-@part
-def stop(state: ControllerState, fault: int, joint: int) -> None:
-    """Latch a fault, unless there is one already; `joint` is the joint that caused it, counted from 1; 0: none."""
-    status = state.status
-    if status[Status.FAULT] == 0:
-        status[Status.FAULT] = fault
-        status[Status.FAULT_JOINT] = joint
-        if status[Status.MODE] == Mode.FOLLOWING:
-            begin_at(state, state.desired[0])
-        status[Status.MODE] = Mode.STOPPED
-        state.clock[Clock.BEHIND_SINCE] = 0
-        state.clock[Clock.HANDOVER] = Handover.NONE
-        if state.clock[Clock.REQUEST] == Request.FREE:
-            request(state, Request.HOLD)
-
-
-@part
-def request(state: ControllerState, wanted: int) -> None:
-    """Follow, hold or be free from the next step on, see `Request`."""
-    clock = state.clock
-    if wanted == Request.FOLLOW and clock[Clock.REQUEST] != Request.FOLLOW:
-        clock[Clock.GENTLE] = 1
-    clock[Clock.REQUEST] = wanted
-
-
-@inlined
-def hold_elsewhere(state: ControllerState) -> None:
-    """Because a stopped arm that is held may have moved, hold it at its new position."""
-    if state.clock[Clock.HELD] != Held.NOT:
-        state.clock[Clock.HELD] = Held.ELSEWHERE
-
-
-@part
-def begin_afresh(state: ControllerState) -> None:
-    """Forget the motion so far and start from where the arm is. A fault stays, and so does the effort."""
-    y, clock = state.signals, state.clock
-    for i in range(y.shape[0]):
-        for j in range(y.shape[1]):
-            if i != Signal.EFFORT:
-                y[i, j] = 0.0
-    for table in (state.estimator, state.law):
-        for j in range(table.shape[0]):
-            for slot in range(table.shape[1]):
-                table[j, slot] = 0.0
-    state.status[Status.VIOLATIONS] = 0
-    hold_elsewhere(state)
-    clock[Clock.ANSWERED] = 0
-    clock[Clock.HANDOVER] = Handover.NONE
-    clock[Clock.FREED] = 0
-    for j in range(state.doubted.size):
-        state.doubted[j] = state.rejected[j] = 0.0
-        for i in range(state.external.shape[0]):
-            state.external[i, j] = 0.0
-    clock[Clock.BEHIND_SINCE] = clock[Clock.NOTES] = 0
-    for i in range(state.still.shape[0]):
-        for j in range(state.doubted.size):
-            state.still[i, j] = 0.0
-
-
-@part
-def reset_fault(config: ControllerConfig, state: ControllerState) -> None:
-    """Reset the fault, so that the controller can follow again.
-
-    An arm that was held stays where it is, under the effort that holds it, until the law has taken over.
-    """
-    clock, status = state.clock, state.status
-    resumes = clock[Clock.HELD] == Held.HERE and config.holds and clock[Clock.COMMANDED] != 0
-    for j in range(state.measured.size):
-        resumes = resumes and not is_doubtful(state, j)
-        trust(state, j)
-    if resumes:
-        keep_what_holds(config, state)
-        expect_handover(state)
-        clock[Clock.GENTLE] = 1
-    else:
-        begin_afresh(state)
-    status[Status.FAULT] = status[Status.FAULT_JOINT] = status[Status.STOP_STAGE] = 0
-    clock[Clock.HELD] = Held.NOT
-    clock[Clock.BRAKES] = clock[Clock.UNLIMITED] = clock[Clock.RESTED] = 0
-    state.hold_pace[0] = 0.0
-
-
-@part
-def set_clock(state: ControllerState, stamp: int) -> None:
-    """Continue as if the last joint state had arrived at `stamp` (ns), because the clock of the stamps was set."""
-    clock = state.clock
-    later = stamp - clock[Clock.LAST]
-    clock[Clock.LAST] += later
-    clock[Clock.SENT] += later
-    if clock[Clock.FREED]:
-        clock[Clock.FREED] += later
-    if clock[Clock.DEGRADED_SINCE]:
-        clock[Clock.DEGRADED_SINCE] += later
-    shift_history(state, later)
-    clock[Clock.WAY_BEGAN] += later
-    if clock[Clock.BEGAN]:
-        clock[Clock.BEGAN] += later
-    if clock[Clock.BEHIND_SINCE]:
-        clock[Clock.BEHIND_SINCE] += later
 
 
 @part

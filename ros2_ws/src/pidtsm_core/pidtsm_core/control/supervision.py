@@ -34,11 +34,11 @@ def gives_up(state: ControllerState) -> bool:
 
 
 @inlined
-def supervise(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
+def supervise(state: ControllerState, stamp: int) -> None:
     """Choose the stage for the next joint state after that of `stamp` (ns)."""
     stage = state.status[Status.STOP_STAGE]
     if stage == Stop.HOLD:
-        if _leaves(config, state):
+        if _leaves(state):
             _enter(state, Stop.DAMPING, stamp)
     elif stage == Stop.DAMPING and _accelerates(state):
         _enter(state, Stop.GRAVITY, stamp)
@@ -60,7 +60,7 @@ def _enter(state: ControllerState, stage: int, stamp: int) -> None:
 
 
 @inlined
-def _leaves(config: ControllerConfig, state: ControllerState) -> bool:
+def _leaves(state: ControllerState) -> bool:
     """Whether a joint is far from its desired position, and still departs from it quickly."""
     leaves = False
     for j in range(state.measured.size):

@@ -90,7 +90,7 @@ def _follow_jump(config: ControllerConfig, state: ControllerState, joint: int, d
 
 
 @inlined
-def reverse(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+def reverse(state: ControllerState, dt: float) -> None:
     """Change the sign of a measured motion that the hold drives away, dt (s) after the last sample."""
     hold = state.hold
     for j in range(state.measured.size):

@@ -1,0 +1,111 @@
+"""What the controller does: follow, hold, be free or stop; and how it begins afresh or goes on."""
+
+from pidtsm_core.compiled import inlined
+from pidtsm_core.control.desired import begin_at
+from pidtsm_core.control.handover import expect_handover
+from pidtsm_core.control.history import shift_history
+from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Handover, Held, part
+from pidtsm_core.control.stopping import keep_what_holds
+from pidtsm_core.control.trust import is_doubtful, trust
+from pidtsm_core.signals import Mode, Request, Signal, Status
+
+
+@part
+def stop(state: ControllerState, fault: int, joint: int) -> None:
+    """Latch a fault, unless there is one already; `joint` is the joint that caused it, counted from 1; 0: none."""
+    status = state.status
+    if status[Status.FAULT] == 0:
+        status[Status.FAULT] = fault
+        status[Status.FAULT_JOINT] = joint
+        if status[Status.MODE] == Mode.FOLLOWING:
+            begin_at(state, state.desired[0])
+        status[Status.MODE] = Mode.STOPPED
+        state.clock[Clock.BEHIND_SINCE] = 0
+        state.clock[Clock.HANDOVER] = Handover.NONE
+        if state.clock[Clock.REQUEST] == Request.FREE:
+            request(state, Request.HOLD)
+
+
+@part
+def request(state: ControllerState, wanted: int) -> None:
+    """Follow, hold or be free from the next step on, see `Request`."""
+    clock = state.clock
+    if wanted == Request.FOLLOW and clock[Clock.REQUEST] != Request.FOLLOW:
+        clock[Clock.GENTLE] = 1
+    clock[Clock.REQUEST] = wanted
+
+
+@inlined
+def hold_elsewhere(state: ControllerState) -> None:
+    """Because a stopped arm that is held may have moved, hold it at its new position."""
+    if state.clock[Clock.HELD] != Held.NOT:
+        state.clock[Clock.HELD] = Held.ELSEWHERE
+
+
+@part
+def begin_afresh(state: ControllerState) -> None:
+    """Forget the motion so far and start from where the arm is. A fault stays, and so does the effort."""
+    y, clock = state.signals, state.clock
+    for i in range(y.shape[0]):
+        for j in range(y.shape[1]):
+            if i != Signal.EFFORT:
+                y[i, j] = 0.0
+    for table in (state.estimator, state.law):
+        for j in range(table.shape[0]):
+            for slot in range(table.shape[1]):
+                table[j, slot] = 0.0
+    state.status[Status.VIOLATIONS] = 0
+    hold_elsewhere(state)
+    clock[Clock.ANSWERED] = 0
+    clock[Clock.HANDOVER] = Handover.NONE
+    clock[Clock.FREED] = 0
+    for j in range(state.doubted.size):
+        state.doubted[j] = state.rejected[j] = 0.0
+        for i in range(state.external.shape[0]):
+            state.external[i, j] = 0.0
+    clock[Clock.BEHIND_SINCE] = clock[Clock.NOTES] = 0
+    for i in range(state.still.shape[0]):
+        for j in range(state.doubted.size):
+            state.still[i, j] = 0.0
+
+
+@part
+def reset_fault(config: ControllerConfig, state: ControllerState) -> None:
+    """Reset the fault, so that the controller can follow again.
+
+    An arm that was held stays where it is, under the effort that holds it, until the law has taken over.
+    """
+    clock, status = state.clock, state.status
+    resumes = clock[Clock.HELD] == Held.HERE and config.holds and clock[Clock.COMMANDED] != 0
+    for j in range(state.measured.size):
+        resumes = resumes and not is_doubtful(state, j)
+        trust(state, j)
+    if resumes:
+        keep_what_holds(config, state)
+        expect_handover(state)
+        clock[Clock.GENTLE] = 1
+    else:
+        begin_afresh(state)
+    status[Status.FAULT] = status[Status.FAULT_JOINT] = status[Status.STOP_STAGE] = 0
+    clock[Clock.HELD] = Held.NOT
+    clock[Clock.BRAKES] = clock[Clock.UNLIMITED] = clock[Clock.RESTED] = 0
+    state.hold_pace[0] = 0.0
+
+
+@part
+def set_clock(state: ControllerState, stamp: int) -> None:
+    """Continue as if the last joint state had arrived at `stamp` (ns), because the clock of the stamps was set."""
+    clock = state.clock
+    later = stamp - clock[Clock.LAST]
+    clock[Clock.LAST] += later
+    clock[Clock.SENT] += later
+    if clock[Clock.FREED]:
+        clock[Clock.FREED] += later
+    if clock[Clock.DEGRADED_SINCE]:
+        clock[Clock.DEGRADED_SINCE] += later
+    shift_history(state, later)
+    clock[Clock.WAY_BEGAN] += later
+    if clock[Clock.BEGAN]:
+        clock[Clock.BEGAN] += later
+    if clock[Clock.BEHIND_SINCE]:
+        clock[Clock.BEHIND_SINCE] += later
