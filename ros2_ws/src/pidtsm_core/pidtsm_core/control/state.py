@@ -182,6 +182,7 @@ class ControllerState(NamedTuple):
     braking: Array  # coefficients of its first part, likewise
     braking_duration: Array  # shape (1,), s; 0: there is no such part
     hold_pace: Array  # shape (1,), s in which an effort fades at the begin of a stop, see safe.py
+    hold_energy: Array  # shape (1,), J, the least kinetic energy since the controller has only damped the arm
     hold_bandwidth: Array  # shape (1,), rad/s, that of the configuration or as much as the rate of the samples allows
     estimator: Array  # shape (joints, SLOTS)
     law: Array  # shape (joints, STATE_SLOTS)
@@ -218,7 +219,7 @@ HISTORY = 16
 _CONFIG_INTEGERS = 30  # lengths, and the integers of `ControllerConfig` except the law's
 _FEEDS_BACK = 14
 _CLOCK, _STATUS = len(Clock), len(Status)
-_SCALARS = 9
+_SCALARS = 10
 # Rows of the table at the end of the floats, one number per joint: configuration, state, signals, scratch.
 _EXTERNAL = 37
 _HOLD = _EXTERNAL + len(External) + 1
@@ -327,6 +328,7 @@ def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
         braking_duration=floats[6:7],
         hold_pace=floats[7:8],
         hold_bandwidth=floats[8:9],
+        hold_energy=floats[9:10],
         estimator=floats[c:d].reshape((joints, SLOTS)),
         law=floats[d:e].reshape((joints, STATE_SLOTS)),
         inertia=floats[e : e + joints * joints].reshape((joints, joints)),

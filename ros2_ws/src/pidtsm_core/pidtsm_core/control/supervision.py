@@ -19,6 +19,8 @@ _RATE, _WEAK = 2.0, 0.25
 """Damping, relative to stop.bandwidth; weak damping, relative to damping."""
 _GROWN, _GROWN_BY = 2.0, 0.5
 """Factor, and rad/s, by which a joint has become faster if it is not damped by its damping."""
+_GROWN_ENERGY = 1.1
+"""Factor by which the kinetic energy has grown then; if it has not, other joints have made the joint faster."""
 _SLOW = 0.05
 """rad/s; an arm that is slower is held again."""
 _PATIENCE = NANOSECONDS // 2
@@ -54,6 +56,7 @@ def _enter(state: ControllerState, stage: int, stamp: int) -> None:
     """Enter a stage at `stamp` (ns)."""
     state.status[Status.STOP_STAGE] = stage
     state.clock[Clock.DEGRADED_SINCE] = stamp + 1
+    state.hold_energy[0] = _kinetic_energy(state)
     for j in range(state.measured.size):
         state.hold[Hold.SLOWEST, j] = abs(state.hold[Hold.VELOCITY, j])
         state.hold[Hold.ANCHOR, j] = state.hold[Hold.POSITION, j]
@@ -81,13 +84,25 @@ def _fastest(state: ControllerState) -> float:
 
 @inlined
 def _accelerates(state: ControllerState) -> bool:
-    """Whether a joint has become faster since the arm has been damped."""
-    grown = False
+    """Whether a joint has become faster since the arm has been damped, and not by what others have lost."""
+    grown, energy = False, _kinetic_energy(state)
     for j in range(state.measured.size):
         speed, slowest = abs(state.hold[Hold.VELOCITY, j]), state.hold[Hold.SLOWEST, j]
         state.hold[Hold.SLOWEST, j] = min(speed, slowest)
         grown = grown or speed > _GROWN * slowest + _GROWN_BY
+    grown = grown and energy > _GROWN_ENERGY * state.hold_energy[0]
+    state.hold_energy[0] = min(state.hold_energy[0], energy)
     return grown
+
+
+@inlined
+def _kinetic_energy(state: ControllerState) -> float:
+    """Kinetic energy with the inertia of the model where the arm was stopped, J."""
+    energy = 0.0
+    for j in range(state.measured.size):
+        for k in range(state.measured.size):
+            energy += 0.5 * state.inertia[j, k] * state.hold[Hold.VELOCITY, j] * state.hold[Hold.VELOCITY, k]
+    return energy
 
 
 @inlined

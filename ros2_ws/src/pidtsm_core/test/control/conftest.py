@@ -23,6 +23,7 @@ class Loop:
 
     Attributes:
         efforts: commanded torques, N m, shape (joints,) each.
+        falsify: what the encoders make of the positions.
         positions: positions of the arm, one every ms, rad or m.
     """
 
@@ -40,10 +41,20 @@ class Loop:
         self.positions: list[Array] = []
         self.silent = False
         self.off = np.zeros(arm.joints)
+        self.falsify: Callable[[Array], Array] = lambda q: q
+        self._frozen = False
         self._answered = 0
 
     def set(self, changes: dict[str, Any]) -> None:
         self.controller.set_parameters(self.arm.values(controller_schema, {**self._settings, **changes}))
+
+    def values(self) -> dict[str, Any]:
+        """Every parameter of the controller."""
+        return self.arm.values(controller_schema, self._settings)
+
+    def freeze(self) -> None:
+        """Hold the arm where it is, whatever the torques are."""
+        self._frozen = True
 
     def continue_from(self, other: "Loop") -> None:
         """Continue, with the same parameters, where another loop is."""
@@ -59,7 +70,7 @@ class Loop:
             stamp = _START + self.ms * _MS
             if not self.silent and self.ms % self.every == 0:
                 self.motion.evaluate(self.ms * 1e-3, controller.reference)
-                controller.position[:] = state.position + self.off
+                controller.position[:] = self.falsify(state.position + self.off)
                 controller.step(stamp, stamp)
                 self._answered = self.ms
                 answers.append(controller.signals.copy())
@@ -67,7 +78,8 @@ class Loop:
                 controller.stop(Fault.STATE_STALE, (self.ms - self._answered) * _MS)
                 answers.append(controller.signals.copy())
             self.positions.append(state.position.copy())
-            self.robot.act(self.ms, True, controller.effort)
+            if not self._frozen:
+                self.robot.act(self.ms, True, controller.effort)
             self.ms += 1
         if answers:
             signals = np.array(answers)

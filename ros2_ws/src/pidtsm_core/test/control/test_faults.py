@@ -427,6 +427,17 @@ def be_held(rig: Rig) -> None:
         rig.step(rig.start + min(k / 500, 1.0) * rig.aside)
 
 
+def be_locked(rig: Rig) -> None:
+    """Stay in place, bit by bit, while the reference of the first joint moves away."""
+    place, away = rig.measured(), np.zeros(rig.arm.joints)
+    for k in range(2000):
+        away[0] = math.copysign(min(k / 1000, 1.0), rig.aside[0])
+        rig.step(place, desired=rig.start + away)
+        if rig.controller.fault:
+            return
+    pytest.fail("the controller does not notice that the arm does not move")
+
+
 JUDGED = {"plausibility.velocity": 20.0}
 LOST = "stopped: no joint state for {} s; safe torque until ~/reset_fault is called"
 RANGE = "its position limits (limits.*_position)"
@@ -435,6 +446,7 @@ TOO_TIGHT = (
     "stopped: limits.effort_rate is too tight for the motion of the arm; safe torque until ~/reset_fault is called"
 )
 FAR_OFF = "stopped: {} has implausible measurements (plausibility.velocity); safe torque until ~/reset_fault"
+NO_EFFECT = "stopped: the torque has no effect on {}: it is locked or not powered, another controller drives it, or"
 RESET = "fault reset"
 FOLLOWS_AGAIN = ("holding position: there is no reference", "following the reference")
 
@@ -513,6 +525,7 @@ def of_limits(arm: Arm) -> dict[str, Row]:
         "6 measurements far off": Row(
             stay_far_off, **stopped(Fault.MEASUREMENT, FAR_OFF.format(last), n), settings=JUDGED
         ),
+        "the torque has no effect": Row(be_locked, **stopped(Fault.NO_EFFECT, NO_EFFECT.format(first), 1)),
         "saturation for 5 s": Row(saturate, settings={**arm.gains(), "limits.effort": arm.weak_limits(6.5).tolist()}),
         "`limits.effort_rate` holds the torque back": Row(
             hold_back, settings={"limits.effort_rate": [3.0 * limit for limit in limits]}
