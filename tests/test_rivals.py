@@ -112,13 +112,18 @@ class System:
         applied = [m for m in self.watch.messages("joint_states") if first < nanoseconds(m.header.stamp) < last]
         strange = [m.effort for m in applied if tuple(m.effort) not in commanded and any(m.effort)]
         assert not strange, f"{len(strange)} of {len(applied)} torques are not of the first, as {strange[0]}"
-        periods = np.diff([nanoseconds(state.header.stamp) for state in states])[:, None] / SECOND
-        measured = np.array([state.position for state in states])
-        desired = measured - [state.position_error for state in states]
-        for motion in (measured, desired):
-            assert (np.abs(np.diff(motion, axis=0)) < FASTEST * periods).all()
+        _moves_steadily(states)
         assert {state.fault for state in states} == {ControllerState.NO_FAULT}
         return judge(states, _close)
+
+
+def _moves_steadily(states: list[ControllerState]) -> None:
+    """Neither what is measured nor what is desired jumps."""
+    periods = np.diff([nanoseconds(state.header.stamp) for state in states])[:, None] / SECOND
+    measured = np.array([state.position for state in states]).reshape(-1, len(NAMES))
+    desired = measured - np.reshape([state.position_error for state in states], measured.shape)
+    for motion in (measured, desired):
+        assert (np.abs(np.diff(motion, axis=0)) < FASTEST * periods).all()
 
 
 def _close(states: list[ControllerState]) -> None:
@@ -208,22 +213,28 @@ def test_the_page_has_these_rows() -> None:
     assert document_rows(PAGE, "Two that publish the same") == list(ROWS)
 
 
-def test_two_controllers_that_start_together_agree_who_commands(testbed: Testbed) -> None:
-    """The arm starts last: both become able to command it at the same moment."""
+@pytest.mark.parametrize("node", ["controller", "trajectory"])
+def test_of_two_that_start_together_one_publishes(testbed: Testbed, node: str) -> None:
+    """The arm starts last: both become able to publish at the same moment."""
     system = System(testbed)
-    system.start("controller")
-    both = [system.running["controller"], system.second("controller")]
+    system.start("controller", "trajectory")
+    both = [system.running[node], system.second(node)]
     for process in both:
-        system.says(process, "configured")
-    system.start("trajectory", "simulator")
+        # Each knows the other, and has waited for longer than it would listen to it.
+        system.says(process, "has a publisher of")
+        count = len(system.watch.heard["/diagnostics"])
+        system.until(lambda count=count: len(system.watch.heard["/diagnostics"]) > count + 3, "a second")
+    system.start("simulator")
     system.until(lambda: any("activated: " in process.log.read_text() for process in both), "one yields")
     topics = ["controller/state", "second/state"]
-    system.follows(topics["activated: " in both[0].log.read_text()])
+    system.follows(topics[node == "controller" and "activated: " in both[0].log.read_text()])
     # No torque of the other reached the arm after the first of the one that was obeyed last.
     ones, others = ({tuple(state.effort) for state in system.watch.messages(topic)} for topic in topics)
     applied = [tuple(message.effort) for message in system.watch.messages("joint_states")]
     of_one = [effort in ones for effort in applied if (effort in ones) != (effort in others)]
     assert np.count_nonzero(np.diff(of_one)) <= 1
+    for topic in topics:
+        _moves_steadily(system.watch.messages(topic))
 
 
 def test_a_controller_that_was_killed_is_soon_replaced(testbed: Testbed) -> None:

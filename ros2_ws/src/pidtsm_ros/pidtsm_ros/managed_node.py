@@ -142,6 +142,11 @@ class ManagedNode(LifecycleNode):
         """Why the node cannot become active because of another that publishes the same; empty if it can."""
         return self._sole.refusal() if self._sole else ""
 
+    def listen_again(self) -> None:
+        """Disregard that no other node published so far: it could not, as this one cannot (or could not until now)."""
+        if self._sole:
+            self._sole.listen_again()
+
     def look_for_rivals(self) -> None:
         """Name other publishers of the node's topics; give way to one that was first."""
         for source in self._sources:
