@@ -220,10 +220,10 @@ def test_of_two_that_start_together_one_publishes(testbed: Testbed, node: str) -
     system.start("controller", "trajectory")
     both = [system.running[node], system.second(node)]
     for process in both:
-        # Each knows the other, and has waited for longer than it would listen to it.
         system.says(process, "has a publisher of")
-        count = len(system.watch.heard["/diagnostics"])
-        system.until(lambda count=count: len(system.watch.heard["/diagnostics"]) > count + 3, "a second")
+    # Each knows the other, and waits for longer than it would listen to it.
+    count = len(system.watch.heard["/diagnostics"])
+    system.until(lambda: len(system.watch.heard["/diagnostics"]) > count + 4, "a second")
     system.start("simulator")
     system.until(lambda: any("activated: " in process.log.read_text() for process in both), "one yields")
     topics = ["controller/state", "second/state"]
