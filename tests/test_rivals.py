@@ -13,6 +13,7 @@ from rig import SECOND, Judged, Rigs, Watch, document_rows, judge
 from sensor_msgs.msg import JointState
 from testbed import Testbed
 
+from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_experiments.runs import runner
 from pidtsm_experiments.runs.runner import Process
 from pidtsm_msgs.msg import ControllerState, JointReference
@@ -24,6 +25,7 @@ PARAMETERS = {"simulator": ["rate:=500"], "controller": ["watchdog.state_stop:=1
 """Half the usual rate, as two systems' nodes share a machine; and a machine that stalls for a moment is no rival."""
 FASTEST = 10.0  # rad/s; no motion here is half as fast, and every jump to what a rival wants is faster
 CLOSE = 0.05  # rad
+STALL = 0.1  # s; a third of the time for which a node listens to the others before it begins
 
 
 class System:
@@ -43,6 +45,8 @@ class System:
                 "joint_states": JointState,
                 "controller/state": ControllerState,
                 "second/state": ControllerState,
+                "joint_commands": JointState,
+                "reference": JointReference,
                 "/diagnostics": DiagnosticArray,
             },
         )
@@ -100,6 +104,14 @@ class System:
         for heard in self.watch.heard.values():
             heard.clear()
         self.follows()
+
+    def stamps(self, topic: str) -> list[int]:
+        """Those of the messages of a topic, ns."""
+        return [serialized_nanoseconds(data) for data in self.watch.heard[topic]]
+
+    def longest_gap(self, topic: str) -> float:
+        """The longest time between two messages of a topic by their stamps, s."""
+        return float(np.diff(self.stamps(topic)).max()) / SECOND
 
     def undisturbed(self) -> Judged:
         """The arm got the torques of the first controller only, and made the motion of the first reference.
@@ -213,8 +225,8 @@ def test_the_page_has_these_rows() -> None:
     assert document_rows(PAGE, "Two that publish the same") == list(ROWS)
 
 
-@pytest.mark.parametrize("node", ["controller", "trajectory"])
-def test_of_two_that_start_together_one_publishes(testbed: Testbed, node: str) -> None:
+@pytest.mark.parametrize(("node", "topic"), [("controller", "joint_commands"), ("trajectory", "reference")])
+def test_of_two_that_start_together_one_publishes(testbed: Testbed, node: str, topic: str) -> None:
     """The arm starts last: both become able to publish at the same moment."""
     system = System(testbed)
     system.start("controller", "trajectory")
@@ -226,15 +238,12 @@ def test_of_two_that_start_together_one_publishes(testbed: Testbed, node: str) -
     system.until(lambda: len(system.watch.heard["/diagnostics"]) > count + 4, "a second")
     system.start("simulator")
     system.until(lambda: any("activated: " in process.log.read_text() for process in both), "one yields")
-    topics = ["controller/state", "second/state"]
-    system.follows(topics[node == "controller" and "activated: " in both[0].log.read_text()])
-    # No torque of the other reached the arm after the first of the one that was obeyed last.
-    ones, others = ({tuple(state.effort) for state in system.watch.messages(topic)} for topic in topics)
-    applied = [tuple(message.effort) for message in system.watch.messages("joint_states")]
-    of_one = [effort in ones for effort in applied if (effort in ones) != (effort in others)]
-    assert np.count_nonzero(np.diff(of_one)) <= 1
-    for topic in topics:
-        _moves_steadily(system.watch.messages(topic))
+    follower = both["activated: " in both[0].log.read_text()] if node == "controller" else system.running["controller"]
+    system.follows("second/state" if follower is system.running["second"] else "controller/state")
+    if system.longest_gap("joint_states") > STALL:
+        pytest.skip("the machine stood still: the one that should begin may have been late")
+    stamps = system.stamps(topic)
+    assert len(stamps) == len(set(stamps)), "both have published"
 
 
 def test_a_controller_that_was_killed_is_soon_replaced(testbed: Testbed) -> None:
