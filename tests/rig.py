@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -51,6 +51,33 @@ def document_rows(page: Path, section: str) -> list[str]:
     text = page.read_text(encoding="utf-8").partition(f"\n## {section}\n")[2].partition("\n## ")[0]
     rows = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("|")]
     return rows[2:]
+
+
+STALL = 0.005  # s; from there on torques step because samples came late
+Judged = str | None
+"""Why a row could not be judged, with its figures."""
+
+
+def judge(states: list[ControllerState], check: Callable[[list[ControllerState]], None]) -> Judged:
+    """Check torques and errors of these states; where they are wrong and the machine stood still, nothing follows.
+
+    It stood still where samples are missing, or one was answered late all of a sudden. What waits when a controller
+    begins is answered late, but ever less.
+    """
+    gap = np.diff([nanoseconds(state.header.stamp) for state in states]).max() / SECOND
+    delay = np.diff([state.state_age for state in states]).max()
+    try:
+        check(states)
+    except AssertionError:
+        if max(gap, delay) <= STALL:
+            raise
+        step = np.abs(np.diff([state.effort for state in states], axis=0)).max()
+        error = np.abs([state.position_error for state in states]).max()
+        return (
+            f"the machine stood still: {gap * 1e3:.0f} ms between samples, {delay * 1e3:.0f} ms late; torque steps up "
+            f"to {step:.1f} N m, errors up to {error:.3f} rad"
+        )
+    return None
 
 
 class Watch:

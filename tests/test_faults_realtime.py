@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from rig import SECOND, Rigs, Watch, document_rows, gravity
+from rig import SECOND, Judged, Rigs, Watch, document_rows, gravity, judge
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from testbed import Testbed
@@ -33,7 +33,6 @@ STEP = 10.0  # N m
 CLOSE = 0.02  # rad
 RATE = 500
 """Hz; half the usual, as all of it shares a machine with other tests."""
-STALL = 0.005  # s; from there on torques step because samples came late
 PATIENCE = 1.0  # s; a machine that stalls for a moment is no fault here
 FOLLOWING, HOLDING, STOPPED = ControllerState.FOLLOWING, ControllerState.HOLDING, ControllerState.STOPPED
 
@@ -175,32 +174,6 @@ class System:
 def _brake_lines(log: Path) -> list[str]:
     """What the simulator has logged of its brakes."""
     return re.findall("the brakes stop the arm|brakes released", log.read_text())
-
-
-Judged = str | None
-"""Why a row could not be judged, with its figures."""
-
-
-def judge(states: list[ControllerState], check: Callable[[list[ControllerState]], None]) -> Judged:
-    """Check torques and errors of these states; where they are wrong and the machine stood still, nothing follows.
-
-    It stood still where samples are missing, or one was answered late all of a sudden. What waits when a controller
-    begins is answered late, but ever less.
-    """
-    gap = np.diff([nanoseconds(state.header.stamp) for state in states]).max() / SECOND
-    delay = np.diff([state.state_age for state in states]).max()
-    try:
-        check(states)
-    except AssertionError:
-        if max(gap, delay) <= STALL:
-            raise
-        step = np.abs(np.diff([state.effort for state in states], axis=0)).max()
-        error = np.abs([state.position_error for state in states]).max()
-        return (
-            f"the machine stood still: {gap * 1e3:.0f} ms between samples, {delay * 1e3:.0f} ms late; torque steps up "
-            f"to {step:.1f} N m, errors up to {error:.3f} rad"
-        )
-    return None
 
 
 def restart_controller(system: System) -> Judged:

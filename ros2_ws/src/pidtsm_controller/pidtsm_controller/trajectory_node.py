@@ -162,6 +162,8 @@ class TrajectoryNode(ManagedNode):
         judged, last = arrivals.judge(stamp, now), arrivals.last
         if judged in (Stamp.LATE, Stamp.AHEAD) or (judged is Stamp.REPEATED and not self.lockstep):
             raise MessageError(judged.explanation)
+        if last < 0:
+            self.listen_again()
         restarts = judged is Stamp.RESTARTED
         if restarts:
             self._measured.read(state, self._position)
@@ -169,6 +171,8 @@ class TrajectoryNode(ManagedNode):
         if restarts:
             self._rest(self._position[0], last + arrivals.elapsed, stamp)
         if self._began < 0:
+            if self.rivalry():  # Of two that have waited for the arm, only one begins.
+                return
             self._began = stamp
             self._motion = MotionUnderWay(self._built_in, stamp, self._limits)
         self._large.advance(stamp, self._motion, self._large_takes_over)

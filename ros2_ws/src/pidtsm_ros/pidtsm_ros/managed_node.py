@@ -7,12 +7,10 @@ from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.parameter_service import ParameterService
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.service import Service
@@ -23,7 +21,7 @@ from pidtsm_core.joints import MessageError
 from pidtsm_core.node_parameters import PRIORITY
 from pidtsm_core.one_publisher import OnePublisher
 from pidtsm_core.parameters import ParameterError, Schema, Value, as_float, resolve
-from pidtsm_ros.parameters import declare
+from pidtsm_ros.parameters import CheckedParameterService, declare
 from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, OVERRIDABLE, PUBLISHER, READER, RELIABLE_READER
 from pidtsm_ros.serialization import ExactPublisher
 from pidtsm_ros.sole_topic import SoleTopic, SourceWatch, troubles, with_number
@@ -32,32 +30,6 @@ from pidtsm_ros.wire import deserialize
 
 _REASONS_LOGGED = 100
 _LONGEST_REASON = 200  # characters; a message can contain many long names
-
-
-class _ParameterService(ParameterService):
-    """Rejects values of an unknown type; rclpy's own service raises an exception, which ends the executor.
-
-    It also names a parameter that does not exist; rclpy's own service does not.
-    """
-
-    def _set_parameters_callback(
-        self, request: SetParameters.Request, response: SetParameters.Response
-    ) -> SetParameters.Response:
-        for parameter in request.parameters:
-            alone = SetParametersAtomically.Request(parameters=[parameter])
-            answer = self._set_parameters_atomically_callback(alone, SetParametersAtomically.Response())
-            response.results.append(answer.result)
-        return response
-
-    def _set_parameters_atomically_callback(
-        self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
-    ) -> SetParametersAtomically.Response:
-        try:
-            self._get_node().check_names(parameter.name for parameter in request.parameters)
-            return super()._set_parameters_atomically_callback(request, response)
-        except ValueError as error:
-            response.result = SetParametersResult(successful=False, reason=str(error))
-            return response
 
 
 class ManagedNode(LifecycleNode):
@@ -104,7 +76,7 @@ class ManagedNode(LifecycleNode):
         self._sole: SoleTopic | None = None
         self._sources: list[SourceWatch] = []
         self.values = declare(self, schema, joints, stop)
-        self._parameter_services = _ParameterService(self)
+        self._parameter_services = CheckedParameterService(self)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
 
@@ -169,6 +141,11 @@ class ManagedNode(LifecycleNode):
     def rivalry(self) -> str:
         """Why the node cannot become active because of another that publishes the same; empty if it can."""
         return self._sole.refusal() if self._sole else ""
+
+    def listen_again(self) -> None:
+        """Disregard that no other node published so far: it could not, as this one cannot (or could not until now)."""
+        if self._sole:
+            self._sole.listen_again()
 
     def look_for_rivals(self) -> None:
         """Name other publishers of the node's topics; give way to one that was first."""

@@ -1,10 +1,12 @@
-"""Declares the parameters of a schema of `pidtsm_core` as ROS parameters."""
+"""Declares the parameters of a schema of `pidtsm_core` as ROS parameters, and lets them be set."""
 
 import math
 from collections.abc import Callable, Mapping
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
+from rclpy.parameter_service import ParameterService
 
 from pidtsm_core.parameters import Parameter, Schema, Value, resolve
 from pidtsm_core.robots import DESCRIPTION, FROM_TOPIC
@@ -76,3 +78,29 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
             )
         ]
     return described
+
+
+class CheckedParameterService(ParameterService):
+    """Rejects values of an unknown type; rclpy's own service raises an exception, which ends the executor.
+
+    It also names a parameter that does not exist; rclpy's own service does not.
+    """
+
+    def _set_parameters_callback(
+        self, request: SetParameters.Request, response: SetParameters.Response
+    ) -> SetParameters.Response:
+        for parameter in request.parameters:
+            alone = SetParametersAtomically.Request(parameters=[parameter])
+            answer = self._set_parameters_atomically_callback(alone, SetParametersAtomically.Response())
+            response.results.append(answer.result)
+        return response
+
+    def _set_parameters_atomically_callback(
+        self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
+    ) -> SetParametersAtomically.Response:
+        try:
+            self._get_node().check_names(parameter.name for parameter in request.parameters)
+            return super()._set_parameters_atomically_callback(request, response)
+        except ValueError as error:
+            response.result = SetParametersResult(successful=False, reason=str(error))
+            return response

@@ -142,6 +142,7 @@ def _activate(waiting: list[ManagedNode]) -> bool:
     for node in list(waiting):
         if not node.active:  # It may have been activated through its service.
             if node.refusal():
+                node.listen_again()
                 continue
             if rivalry := node.rivalry():
                 if node.outdone:

@@ -61,8 +61,9 @@ class SoleTopic:
 
     The node that published first stays. A node that is not active yet listens before it becomes active: not at all if
     nobody else has a publisher, else until those have been silent for a moment, one after the other in the order of
-    their identifiers. Two nodes that became active before they knew of each other compare how many messages they have
-    published; if they have published equally many, the larger identifier yields.
+    their identifiers. Silence counts only while the node itself would publish: before, the others cannot, either, as
+    when no arm is there yet. Two nodes that became active before they knew of each other compare how many messages
+    they have published; if they have published equally many, the larger identifier yields.
 
     Attributes:
         publisher: of rclpy.
@@ -137,6 +138,10 @@ class SoleTopic:
         if now - self._since < _QUIET * (1 + before) or not known(others):
             return f"{names} may publish {topic}: listening first"
         return ""
+
+    def listen_again(self) -> None:
+        """Disregard the silence so far: nobody could have published."""
+        self._since = time.monotonic()
 
     def _listen(self) -> None:
         if self._subscription is None:
