@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pidtsm_core.signals import Fault, Mode, Signal, Status, Violation
+from pidtsm_core.signals import Fault, Mode, Signal, Status, Stop, Violation
 
 MESSAGE = Path(__file__).parents[2] / "pidtsm_msgs" / "msg" / "ControllerState.msg"
 BESIDE = pytest.mark.skipif(not MESSAGE.is_file(), reason="the message definitions are not beside this package")
@@ -27,5 +27,5 @@ def test_everything_is_a_field_of_the_message_in_the_same_order(places: type[Int
 @BESIDE
 def test_modes_faults_and_violations_have_the_numbers_of_the_message() -> None:
     constants = re.findall(r"^uint8\s+([A-Z_]+)=(\d+)", MESSAGE.read_text(), flags=re.MULTILINE)
-    known = [(member.name, int(member)) for family in (Mode, Fault, Violation) for member in family]
+    known = [(member.name, int(member)) for family in (Mode, Fault, Violation, Stop) for member in family]
     assert [(name, int(value)) for name, value in constants] == known

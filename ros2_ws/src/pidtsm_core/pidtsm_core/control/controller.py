@@ -152,8 +152,9 @@ class Controller:
         if stop not in ("damping", "gravity_damping"):
             config.damping[:] = 0.0
         friction = config.coulomb.copy(), config.viscous.copy()
-        # Not those of the configuration, in which the model has its scratch space.
-        self._demanding = (model, gains, config.estimator_parameters.copy(), config.law_integers.copy(), *friction)
+        # The model's, not those of the configuration with its scratch space; a payload that changes needs another effort.
+        empty = found.pack_model(values)
+        self._demanding = (empty, gains, config.estimator_parameters.copy(), config.law_integers.copy(), *friction)
 
     def reset(self) -> None:
         """Return to the initial state; measurements and reference are kept."""
