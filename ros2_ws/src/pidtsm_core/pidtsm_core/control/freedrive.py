@@ -231,30 +231,24 @@ def _longest(config: ControllerConfig, bandwidth: float, joint: int) -> float:
 
 @inlined
 def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float, eased: float) -> None:
-    """Write the effort of the dampers to ``state.scratch[3]``; a joint that slips has less.
+    """Write the effort of the dampers, which act between the joints and what slips, to ``state.scratch[3]``.
 
     `eased` is the share of the dampers that acts.
     """
     motion, efforts, y = state.motion, state.scratch, state.signals
     for j in range(y.shape[1]):
-        motion[0, j] = -_DAMPING * eased * bandwidth * _share(config, state, bandwidth, j) * y[Signal.VELOCITY, j]
+        motion[0, j] = y[Signal.VELOCITY, j]
+        motion[1, j] = state.hold[Hold.SLIP, j]
         efforts[5, j] = 0.0
-    inverse_dynamics(config.model, y[Signal.POSITION], efforts[5], motion[:1], efforts[3:4])
+    inverse_dynamics(config.model, y[Signal.POSITION], efforts[5], motion[:2], efforts[3:5])
+    own = followed = 0.0  # Twice the kinetic energy q' H q', and q' H u.
     for j in range(y.shape[1]):
-        efforts[3, j] = (efforts[3, j] - efforts[0, j]) * _share(config, state, bandwidth, j)
-
-
-@inlined
-def _share(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
-    """s_j of the dampers: its square is the share of the velocity of a joint that is damped, 0 to 1.
-
-    A joint that yields to a push is damped only beyond ``freedrive.velocity``.
-    """
-    velocity, pull = state.signals[Signal.VELOCITY, joint], state.scratch[1, joint]
-    if pull * velocity >= 0.0:
-        return 1.0
-    loose = max(abs(pull) / config.resistance[joint], _stretch(state, joint) / _longest(config, bandwidth, joint))
-    return math.sqrt(1.0 - min(loose, 1.0) * min(config.free_velocity[joint] / abs(velocity), 1.0))
+        own += motion[0, j] * (efforts[3, j] - efforts[0, j])
+        followed += motion[0, j] * (efforts[4, j] - efforts[0, j])
+    share = 1.0 if followed <= own else max(own, 0.0) / followed
+    for j in range(y.shape[1]):
+        relative = efforts[3, j] - efforts[0, j] - share * (efforts[4, j] - efforts[0, j])
+        efforts[3, j] = -_DAMPING * eased * bandwidth * relative
 
 
 @inlined
