@@ -49,6 +49,8 @@ _RECOIL = 2.0
 """Length at which a spring yields, as a multiple of freedrive.velocity / w: let go, it recoils at 0.7 times that."""
 _SETTLES = 6.0
 """Rate at which an anchor slips to where its spring does not yield, as a multiple of w; it damps without any delay."""
+_CUTOFF, _NOISE = 4.0, 0.25
+"""Cutoff of the measured velocities, as a multiple of w; rad/s, what a step of a 12 bit encoder is then at most."""
 _MOVES, _TRUSTED = 0.05, 0.9
 """What was learnt while a joint was faster (rad/s) may be wrong, and counts up to this share of the resistance."""
 _COMPENSATED = 0.7
@@ -75,6 +77,7 @@ def make_free(config: ControllerConfig, state: ControllerState, stamp: int, dt: 
     if begins:
         _begin(config, state, stamp)
         dt = 0.0
+    _measure(state, bandwidth, dt)
     # The inertia changes slowly: that of one joint at each sample is enough.
     _weigh(config, state, clock[Clock.ANSWERED] % y.shape[1])
     _pull(config, state, bandwidth)
@@ -142,6 +145,28 @@ def _ease(config: ControllerConfig, state: ControllerState, begins: bool) -> Non
     for j in range(efforts.size):
         offset[j] *= left
         efforts[j] += offset[j]
+
+
+@inlined
+def _measure(state: ControllerState, bandwidth: float, dt: float) -> None:
+    """Update the velocities that follow from the measured positions alone, dt (s) after the last ones."""
+    hold = state.hold
+    passed = -math.expm1(-_CUTOFF * bandwidth * dt)
+    for j in range(hold.shape[1]):
+        if dt > 0.0:
+            difference = (state.measured[j] - hold[Hold.POSITION, j]) / dt
+            hold[Hold.VELOCITY, j] += passed * (difference - hold[Hold.VELOCITY, j])
+        else:
+            hold[Hold.VELOCITY, j] = state.signals[Signal.VELOCITY, j]
+        hold[Hold.POSITION, j] = state.measured[j]
+
+
+@inlined
+def _velocity(state: ControllerState, joint: int) -> float:
+    """Velocity of a joint, rad/s: the estimated one, unless the measured one differs by more than its noise."""
+    estimated = state.signals[Signal.VELOCITY, joint]
+    beyond = state.hold[Hold.VELOCITY, joint] - estimated
+    return estimated + math.copysign(max(abs(beyond) - _NOISE, 0.0), beyond)
 
 
 @inlined
@@ -237,7 +262,7 @@ def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float, ea
     """
     motion, efforts, y = state.motion, state.scratch, state.signals
     for j in range(y.shape[1]):
-        motion[0, j] = y[Signal.VELOCITY, j]
+        motion[0, j] = _velocity(state, j)
         motion[1, j] = state.hold[Hold.SLIP, j]
         efforts[5, j] = 0.0
     inverse_dynamics(config.model, y[Signal.POSITION], efforts[5], motion[:2], efforts[3:5])
