@@ -56,7 +56,9 @@ _MOVES, _TRUSTED = 0.05, 0.9
 _COMPENSATED = 0.7
 """Share of the friction that is compensated: the arm must not move by itself if its friction is less than modelled."""
 _MARGIN, _LARGEST_MARGIN = 0.05, 0.1
-"""Distance of the anchor from a position limit, as a share of the range of the joint; and in rad or m."""
+"""Distance from a position limit at which the anchor stops, as a share of the range of the joint; and in rad or m."""
+_BRAKES = 0.5
+"""Rate at which an anchor slows down before that, as a multiple of w."""
 _EASES = 0.08
 """s; time in which the dampers begin to act."""
 _CHANGE = 0.02
@@ -84,10 +86,11 @@ def make_free(config: ControllerConfig, state: ControllerState, stamp: int, dt: 
     _slip(config, state, bandwidth, dt)
     _damp(config, state, bandwidth, _eased(state, stamp))
     gravity, pull, damping = efforts[0], efforts[1], efforts[3]
+    share = _possible(config, state)
     for j in range(y.shape[1]):
         state.added[j] = _compensation(config, state, j, pull[j])
         y[Signal.EQUIVALENT_EFFORT, j] = gravity[j]
-        y[Signal.EFFORT, j] = gravity[j] + pull[j] + damping[j] + hold[Hold.LEARNT, j] + state.added[j]
+        y[Signal.EFFORT, j] = gravity[j] + share * (pull[j] + damping[j]) + hold[Hold.LEARNT, j] + state.added[j]
     limit_effort(config, state)
     _ease(config, state, begins)
     limit_effort(config, state)
@@ -215,10 +218,9 @@ def _slip(config: ControllerConfig, state: ControllerState, bandwidth: float, dt
     hold = state.hold
     passed = -math.expm1(-_SETTLES * bandwidth * dt)
     for j in range(hold.shape[1]):
-        most = config.free_velocity[j] * dt
-        slip = min(max(passed * _excess(config, state, bandwidth, j), -most), most)
-        if _leaves_range(config, hold[Hold.ANCHOR, j] + slip, slip, j):
-            slip = 0.0
+        slip = passed * _excess(config, state, bandwidth, j)
+        most = dt * _fastest(config, state, bandwidth, j, slip)
+        slip = min(max(slip, -most), most)
         if slip != 0.0:
             hold[Hold.ANCHOR, j] += slip
             _pull(config, state, bandwidth)  # A change of one spring pulls at all joints.
@@ -263,7 +265,7 @@ def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float, ea
     motion, efforts, y = state.motion, state.scratch, state.signals
     for j in range(y.shape[1]):
         motion[0, j] = _velocity(state, j)
-        motion[1, j] = state.hold[Hold.SLIP, j]
+        motion[1, j] = _given_way(config, state, bandwidth, j)
         efforts[5, j] = 0.0
     inverse_dynamics(config.model, y[Signal.POSITION], efforts[5], motion[:2], efforts[3:5])
     own = followed = 0.0  # Twice the kinetic energy q' H q', and q' H u.
@@ -274,6 +276,34 @@ def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float, ea
     for j in range(y.shape[1]):
         relative = efforts[3, j] - efforts[0, j] - share * (efforts[4, j] - efforts[0, j])
         efforts[3, j] = -_DAMPING * eased * bandwidth * relative
+
+
+@inlined
+def _possible(config: ControllerConfig, state: ControllerState) -> float:
+    """Share of springs and dampers that the effort limits allow.
+
+    It is the same for all joints: each limited alone, what brakes a heavy joint could accelerate a light one.
+    """
+    efforts, share = state.scratch, 1.0
+    for j in range(efforts.shape[1]):
+        carries, brakes = efforts[0, j] + state.hold[Hold.LEARNT, j], efforts[1, j] + efforts[3, j]
+        left = max(config.effort_limit[j] - math.copysign(1.0, brakes) * carries, 0.0)
+        if abs(brakes) > left:
+            share = min(share, left / abs(brakes))
+    return share
+
+
+@inlined
+def _given_way(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
+    """Velocity of a joint that is not damped, rad/s: that of the anchor, where the joint yields to a push.
+
+    The anchor follows late, so a joint that starts is damped, but one that becomes slower must not be driven.
+    """
+    velocity, pull, slip = _velocity(state, joint), state.scratch[1, joint], state.hold[Hold.SLIP, joint]
+    if pull * velocity >= 0.0 or slip * velocity <= 0.0:
+        return 0.0
+    loose = max(abs(pull) / config.resistance[joint], _stretch(state, joint) / _longest(config, bandwidth, joint))
+    return math.copysign(min(abs(slip), min(loose, 1.0) * abs(velocity)), velocity)
 
 
 @inlined
@@ -288,12 +318,13 @@ def _compensation(config: ControllerConfig, state: ControllerState, joint: int, 
 
 
 @inlined
-def _leaves_range(config: ControllerConfig, anchor: float, direction: float, joint: int) -> bool:
-    """Whether an anchor at this position (rad) that moves in this direction is too near to a position limit."""
-    low, high = config.min_position[joint], config.max_position[joint]
-    margin = min(_MARGIN * (high - low), _LARGEST_MARGIN)
-    too_near = (direction > 0.0 and anchor > high - margin) or (direction < 0.0 and anchor < low + margin)
-    return low != high and too_near
+def _fastest(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int, direction: float) -> float:
+    """Largest velocity of an anchor in a direction, rad/s: less near the end of the range of the joint, then none."""
+    low, high, q = config.min_position[joint], config.max_position[joint], state.signals[Signal.POSITION, joint]
+    if low == high:
+        return config.free_velocity[joint]
+    left = (high - q if direction > 0.0 else q - low) - min(_MARGIN * (high - low), _LARGEST_MARGIN)
+    return min(max(_BRAKES * bandwidth * left, 0.0), config.free_velocity[joint])
 
 
 @part
