@@ -59,6 +59,7 @@ _MARGIN, _LARGEST_MARGIN = 0.05, 0.1
 """Distance from a position limit at which the anchor stops, as a share of the range of the joint; and in rad or m."""
 _BRAKES = 0.5
 """Rate at which an anchor slows down before that, as a multiple of w."""
+_CREEPS = 0.02
 _EASES = 0.08
 """s; time in which the dampers begin to act."""
 _CHANGE = 0.02
@@ -300,10 +301,11 @@ def _given_way(config: ControllerConfig, state: ControllerState, bandwidth: floa
     The anchor follows late, so a joint that starts is damped, but one that becomes slower must not be driven.
     """
     velocity, pull, slip = _velocity(state, joint), state.scratch[1, joint], state.hold[Hold.SLIP, joint]
-    if pull * velocity >= 0.0 or slip * velocity <= 0.0:
+    if pull * velocity >= 0.0:
         return 0.0
     loose = max(abs(pull) / config.resistance[joint], _stretch(state, joint) / _longest(config, bandwidth, joint))
-    return math.copysign(min(abs(slip), min(loose, 1.0) * abs(velocity)), velocity)
+    loose = min(loose, 1.0) * min(abs(velocity) / _CREEPS, 1.0)
+    return math.copysign(min(_fastest(config, state, bandwidth, joint, velocity), loose * abs(velocity)), velocity)
 
 
 @inlined
