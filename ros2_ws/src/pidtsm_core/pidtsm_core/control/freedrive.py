@@ -1,17 +1,20 @@
 """Freedrive: the arm carries itself, and a person moves it by hand.
 
-A spring ties each joint to an anchor, and a damper to the ground. Where a spring yields, its anchor slips along, like
+A spring ties each joint to an anchor, and a damper slows it down. Where a spring yields, its anchor slips along, like
 dry friction: the arm stays where it is left, even if the model is wrong, and nothing but a push sets it in motion (the
 elasto-plastic model of Dupont, Hayward, Armstrong and Altpeter, "Single state elastoplastic friction models", IEEE
 Transactions on Automatic Control 47(5), 2002).
 
-With z the distances of the anchors from the joints, H the inertia matrix, w the bandwidth and S = diag(s_j), the effort
-beyond gravity is f + d with f = w^2 H z and d = -2.4 w S H S q'. Why it gives the arm no energy:
+With z the distances of the anchors from the joints, H the inertia matrix, w the bandwidth and u the velocities with
+which joints yield, the effort beyond gravity is f + d with f = w^2 H z and d = -2.4 w H (q' - c u). Why it gives the
+arm no energy:
 
 * The springs store w^2 z' H z / 2. An anchor slips only in the direction in which its spring pulls it, so slipping
   takes f_j times its velocity from this energy, never adds to it, however the joints are coupled.
-* S H S is symmetric and positive, so q' d <= 0 for any velocities and any s_j. A joint that slips has a small s_j. (A
-  matrix H S would let a fast heavy joint drive a light one.)
+* The dampers take q' H q' - c q' H u, where c is 1, or less so that this is not negative. A joint that yields is not
+  damped up to ``freedrive.velocity``. (To scale rows and columns of H instead, as in S H S with a diagonal S, takes
+  energy too, but then light modes are damped faster than at 2.4 w, up to that times the condition number of H, which
+  no sampled loop can do.)
 * Friction is compensated only while an anchor slips, and only by a share of the effort with which its spring brakes.
 
 That is exact in continuous time, but for the change of H over the length of a spring. Sampling, delay and quantisation
@@ -25,6 +28,10 @@ less than its margin. Hence `_OF_RATE`. If no link is lighter than the model by 
 
 Light joints yield by the length of their springs (`_longest`): the resistance of ``freedrive.resistance`` would hurl
 them, and stretch the spring over radians.
+
+Beyond ``freedrive.velocity`` the dampers brake a joint that a push accelerates with a to about freedrive.velocity +
+a / (2.4 w): the arm, the estimates and the drives are too late for more. The estimated velocity is late too, because the
+estimator knows no push; so the measured velocity counts where both differ by more than its noise.
 """
 
 import math
@@ -60,6 +67,7 @@ _MARGIN, _LARGEST_MARGIN = 0.05, 0.1
 _BRAKES = 0.5
 """Rate at which an anchor slows down before that, as a multiple of w."""
 _CREEPS = 0.02
+"""rad/s; a joint that yields more slowly is damped."""
 _EASES = 0.08
 """s; time in which the dampers begin to act."""
 _CHANGE = 0.02
@@ -259,7 +267,7 @@ def _longest(config: ControllerConfig, bandwidth: float, joint: int) -> float:
 
 @inlined
 def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float, eased: float) -> None:
-    """Write the effort of the dampers, which act between the joints and what slips, to ``state.scratch[3]``.
+    """Write the effort of the dampers to ``state.scratch[3]``.
 
     `eased` is the share of the dampers that acts.
     """
@@ -296,16 +304,13 @@ def _possible(config: ControllerConfig, state: ControllerState) -> float:
 
 @inlined
 def _given_way(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
-    """Velocity of a joint that is not damped, rad/s: that of the anchor, where the joint yields to a push.
-
-    The anchor follows late, so a joint that starts is damped, but one that becomes slower must not be driven.
-    """
-    velocity, pull, slip = _velocity(state, joint), state.scratch[1, joint], state.hold[Hold.SLIP, joint]
+    """Velocity with which a joint yields to a push, rad/s: it is not damped, unless its anchor cannot follow."""
+    velocity, pull = _velocity(state, joint), state.scratch[1, joint]
     if pull * velocity >= 0.0:
         return 0.0
     loose = max(abs(pull) / config.resistance[joint], _stretch(state, joint) / _longest(config, bandwidth, joint))
-    loose = min(loose, 1.0) * min(abs(velocity) / _CREEPS, 1.0)
-    return math.copysign(min(_fastest(config, state, bandwidth, joint, velocity), loose * abs(velocity)), velocity)
+    speed = min(loose, 1.0) * min(abs(velocity) / _CREEPS, 1.0) * abs(velocity)
+    return math.copysign(min(_fastest(config, state, bandwidth, joint, velocity), speed), velocity)
 
 
 @inlined

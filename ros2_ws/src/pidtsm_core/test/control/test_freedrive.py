@@ -286,7 +286,12 @@ def test_a_hard_push_is_braked_although_the_estimated_velocity_is_late(hardware:
     assert np.ptp(run.position[last], axis=0).max() < 1e-2
 
 
-FORCES = {"scara": (10.0, 10.0, 40.0), "panda": (20.0, 30.0, -20.0), "ur5": (-40.0, 20.0, 20.0), "z1": (10.0, -14.0, 14.0)}
+FORCES = {
+    "scara": (10.0, 10.0, 40.0),
+    "panda": (20.0, 30.0, -20.0),
+    "ur5": (-40.0, 20.0, 20.0),
+    "z1": (10.0, -14.0, 14.0),
+}
 """Of a hand on the tool, N, in the axes of the base."""
 
 
@@ -308,24 +313,6 @@ def test_a_hand_moves_the_arm_within_its_limits(robot: str, hardware: str) -> No
     assert not run.status[:, Status.FAULT].any()
     assert (np.abs(run.velocity).max(axis=0) < find_robot({"robot.description": robot}).velocity_limit).all()
     assert np.ptp(run.position[last], axis=0).max() < 1e-2
-
-
-def test_a_joint_at_its_effort_limit_does_not_spoil_the_braking_of_others() -> None:
-    """Limited alone, the torques that brake the heavy joints 2 and 4 would accelerate the light joint 6."""
-    simulator = {
-        "disturbance.name": "none",
-        "push.effort": [-7.2, 25.0, -6.8, -15.0, 0.1, 1.6, 0.0],
-        "push.time": 1.5,
-        "push.duration": 0.4,
-        "friction.coulomb": 0.0,
-        "friction.viscous": 0.0,
-        **HARDWARE["lag"],
-    }
-    controller = {"rehearsal.freedrive": 1.0, "compensation.coulomb": 0.0, "compensation.viscous": 0.0}
-    run = rollout(None, None, "practical", "xarm7", duration=3.5, controller=controller, simulator=simulator)
-    assert not run.status[:, Status.FAULT].any()
-    assert (np.abs(run.effort).max(axis=0) >= find_robot({"robot.description": "xarm7"}).effort_limit).any()
-    assert np.abs(run.velocity[at(run, 3.0, 3.5)]).max() < 0.1
 
 
 @pytest.mark.parametrize("robot", ["xarm7", "z1"])
