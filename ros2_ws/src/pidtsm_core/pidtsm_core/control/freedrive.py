@@ -30,8 +30,8 @@ Light joints yield by the length of their springs (`_longest`): the resistance o
 them, and stretch the spring over radians.
 
 Beyond ``freedrive.velocity`` the dampers brake a joint that a push accelerates with a to about freedrive.velocity +
-a / (2.4 w): the arm, the estimates and the drives are too late for more. The estimated velocity is late too, because the
-estimator knows no push; so the measured velocity counts where both differ by more than its noise.
+a / (2.4 w): estimates and drives are too late for more. The estimated velocity is late, because the estimator knows no
+push; so the measured velocity counts where both differ by more than its noise.
 """
 
 import math
