@@ -1,17 +1,20 @@
 """Freedrive: the arm carries itself, and a person moves it by hand.
 
-A spring ties each joint to an anchor, and a damper to the ground. Where a spring yields, its anchor slips along, like
+A spring ties each joint to an anchor, and a damper slows it down. Where a spring yields, its anchor slips along, like
 dry friction: the arm stays where it is left, even if the model is wrong, and nothing but a push sets it in motion (the
 elasto-plastic model of Dupont, Hayward, Armstrong and Altpeter, "Single state elastoplastic friction models", IEEE
 Transactions on Automatic Control 47(5), 2002).
 
-With z the distances of the anchors from the joints, H the inertia matrix, w the bandwidth and S = diag(s_j), the effort
-beyond gravity is f + d with f = w^2 H z and d = -2.4 w S H S q'. Why it gives the arm no energy:
+With z the distances of the anchors from the joints, H the inertia matrix, w the bandwidth and u the velocities with
+which joints yield, the effort beyond gravity is f + d with f = w^2 H z and d = -2.4 w H (q' - c u). Why it gives the
+arm no energy:
 
 * The springs store w^2 z' H z / 2. An anchor slips only in the direction in which its spring pulls it, so slipping
   takes f_j times its velocity from this energy, never adds to it, however the joints are coupled.
-* S H S is symmetric and positive, so q' d <= 0 for any velocities and any s_j. A joint that slips has a small s_j. (A
-  matrix H S would let a fast heavy joint drive a light one.)
+* The dampers take q' H q' - c q' H u, where c is 1, or less so that this is not negative. A joint that yields is not
+  damped up to ``freedrive.velocity``. (To scale rows and columns of H instead, as in S H S with a diagonal S, takes
+  energy too, but then light modes are damped faster than at 2.4 w, up to that times the condition number of H, which
+  no sampled loop can do.)
 * Friction is compensated only while an anchor slips, and only by a share of the effort with which its spring brakes.
 
 That is exact in continuous time, but for the change of H over the length of a spring. Sampling, delay and quantisation
@@ -25,6 +28,10 @@ less than its margin. Hence `_OF_RATE`. If no link is lighter than the model by 
 
 Light joints yield by the length of their springs (`_longest`): the resistance of ``freedrive.resistance`` would hurl
 them, and stretch the spring over radians.
+
+Beyond ``freedrive.velocity`` the dampers brake a joint that a push accelerates with a to about freedrive.velocity +
+a / (2.4 w): estimates and drives are too late for more. The estimated velocity is late, because the estimator knows no
+push; so the measured velocity counts where both differ by more than its noise.
 """
 
 import math
@@ -49,12 +56,18 @@ _RECOIL = 2.0
 """Length at which a spring yields, as a multiple of freedrive.velocity / w: let go, it recoils at 0.7 times that."""
 _SETTLES = 6.0
 """Rate at which an anchor slips to where its spring does not yield, as a multiple of w; it damps without any delay."""
+_CUTOFF, _NOISE = 4.0, 0.25
+"""Cutoff of the measured velocities, as a multiple of w; rad/s, what a step of a 12 bit encoder is then at most."""
 _MOVES, _TRUSTED = 0.05, 0.9
 """What was learnt while a joint was faster (rad/s) may be wrong, and counts up to this share of the resistance."""
 _COMPENSATED = 0.7
 """Share of the friction that is compensated: the arm must not move by itself if its friction is less than modelled."""
 _MARGIN, _LARGEST_MARGIN = 0.05, 0.1
-"""Distance of the anchor from a position limit, as a share of the range of the joint; and in rad or m."""
+"""Distance from a position limit at which the anchor stops, as a share of the range of the joint; and in rad or m."""
+_BRAKES = 0.5
+"""Rate at which an anchor slows down before that, as a multiple of w."""
+_CREEPS = 0.02
+"""rad/s; a joint that yields more slowly is damped."""
 _EASES = 0.08
 """s; time in which the dampers begin to act."""
 _CHANGE = 0.02
@@ -75,16 +88,18 @@ def make_free(config: ControllerConfig, state: ControllerState, stamp: int, dt: 
     if begins:
         _begin(config, state, stamp)
         dt = 0.0
+    _measure(state, bandwidth, dt)
     # The inertia changes slowly: that of one joint at each sample is enough.
     _weigh(config, state, clock[Clock.ANSWERED] % y.shape[1])
     _pull(config, state, bandwidth)
     _slip(config, state, bandwidth, dt)
     _damp(config, state, bandwidth, _eased(state, stamp))
     gravity, pull, damping = efforts[0], efforts[1], efforts[3]
+    share = _possible(config, state)
     for j in range(y.shape[1]):
         state.added[j] = _compensation(config, state, j, pull[j])
         y[Signal.EQUIVALENT_EFFORT, j] = gravity[j]
-        y[Signal.EFFORT, j] = gravity[j] + pull[j] + damping[j] + hold[Hold.LEARNT, j] + state.added[j]
+        y[Signal.EFFORT, j] = gravity[j] + share * (pull[j] + damping[j]) + hold[Hold.LEARNT, j] + state.added[j]
     limit_effort(config, state)
     _ease(config, state, begins)
     limit_effort(config, state)
@@ -145,6 +160,28 @@ def _ease(config: ControllerConfig, state: ControllerState, begins: bool) -> Non
 
 
 @inlined
+def _measure(state: ControllerState, bandwidth: float, dt: float) -> None:
+    """Update the velocities that follow from the measured positions alone, dt (s) after the last ones."""
+    hold = state.hold
+    passed = -math.expm1(-_CUTOFF * bandwidth * dt)
+    for j in range(hold.shape[1]):
+        if dt > 0.0:
+            difference = (state.measured[j] - hold[Hold.POSITION, j]) / dt
+            hold[Hold.VELOCITY, j] += passed * (difference - hold[Hold.VELOCITY, j])
+        else:
+            hold[Hold.VELOCITY, j] = state.signals[Signal.VELOCITY, j]
+        hold[Hold.POSITION, j] = state.measured[j]
+
+
+@inlined
+def _velocity(state: ControllerState, joint: int) -> float:
+    """Velocity of a joint, rad/s: the estimated one, unless the measured one differs by more than its noise."""
+    estimated = state.signals[Signal.VELOCITY, joint]
+    beyond = state.hold[Hold.VELOCITY, joint] - estimated
+    return estimated + math.copysign(max(abs(beyond) - _NOISE, 0.0), beyond)
+
+
+@inlined
 def _bandwidth(state: ControllerState) -> float:
     """Natural frequency of the springs, rad/s."""
     period = state.clock[Clock.PERIOD]
@@ -190,10 +227,9 @@ def _slip(config: ControllerConfig, state: ControllerState, bandwidth: float, dt
     hold = state.hold
     passed = -math.expm1(-_SETTLES * bandwidth * dt)
     for j in range(hold.shape[1]):
-        most = config.free_velocity[j] * dt
-        slip = min(max(passed * _excess(config, state, bandwidth, j), -most), most)
-        if _leaves_range(config, hold[Hold.ANCHOR, j] + slip, slip, j):
-            slip = 0.0
+        slip = passed * _excess(config, state, bandwidth, j)
+        most = dt * _fastest(config, state, bandwidth, j, slip)
+        slip = min(max(slip, -most), most)
         if slip != 0.0:
             hold[Hold.ANCHOR, j] += slip
             _pull(config, state, bandwidth)  # A change of one spring pulls at all joints.
@@ -231,30 +267,50 @@ def _longest(config: ControllerConfig, bandwidth: float, joint: int) -> float:
 
 @inlined
 def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float, eased: float) -> None:
-    """Write the effort of the dampers to ``state.scratch[3]``; a joint that slips has less.
+    """Write the effort of the dampers to ``state.scratch[3]``.
 
     `eased` is the share of the dampers that acts.
     """
     motion, efforts, y = state.motion, state.scratch, state.signals
     for j in range(y.shape[1]):
-        motion[0, j] = -_DAMPING * eased * bandwidth * _share(config, state, bandwidth, j) * y[Signal.VELOCITY, j]
+        motion[0, j] = _velocity(state, j)
+        motion[1, j] = _given_way(config, state, bandwidth, j)
         efforts[5, j] = 0.0
-    inverse_dynamics(config.model, y[Signal.POSITION], efforts[5], motion[:1], efforts[3:4])
+    inverse_dynamics(config.model, y[Signal.POSITION], efforts[5], motion[:2], efforts[3:5])
+    own = followed = 0.0  # Twice the kinetic energy q' H q', and q' H u.
     for j in range(y.shape[1]):
-        efforts[3, j] = (efforts[3, j] - efforts[0, j]) * _share(config, state, bandwidth, j)
+        own += motion[0, j] * (efforts[3, j] - efforts[0, j])
+        followed += motion[0, j] * (efforts[4, j] - efforts[0, j])
+    share = 1.0 if followed <= own else max(own, 0.0) / followed
+    for j in range(y.shape[1]):
+        relative = efforts[3, j] - efforts[0, j] - share * (efforts[4, j] - efforts[0, j])
+        efforts[3, j] = -_DAMPING * eased * bandwidth * relative
 
 
 @inlined
-def _share(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
-    """s_j of the dampers: its square is the share of the velocity of a joint that is damped, 0 to 1.
+def _possible(config: ControllerConfig, state: ControllerState) -> float:
+    """Share of springs and dampers that the effort limits allow.
 
-    A joint that yields to a push is damped only beyond ``freedrive.velocity``.
+    It is the same for all joints: each limited alone, what brakes a heavy joint could accelerate a light one.
     """
-    velocity, pull = state.signals[Signal.VELOCITY, joint], state.scratch[1, joint]
+    efforts, share = state.scratch, 1.0
+    for j in range(efforts.shape[1]):
+        carries, brakes = efforts[0, j] + state.hold[Hold.LEARNT, j], efforts[1, j] + efforts[3, j]
+        left = max(config.effort_limit[j] - math.copysign(1.0, brakes) * carries, 0.0)
+        if abs(brakes) > left:
+            share = min(share, left / abs(brakes))
+    return share
+
+
+@inlined
+def _given_way(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
+    """Velocity with which a joint yields to a push, rad/s: it is not damped, unless its anchor cannot follow."""
+    velocity, pull = _velocity(state, joint), state.scratch[1, joint]
     if pull * velocity >= 0.0:
-        return 1.0
+        return 0.0
     loose = max(abs(pull) / config.resistance[joint], _stretch(state, joint) / _longest(config, bandwidth, joint))
-    return math.sqrt(1.0 - min(loose, 1.0) * min(config.free_velocity[joint] / abs(velocity), 1.0))
+    speed = min(loose, 1.0) * min(abs(velocity) / _CREEPS, 1.0) * abs(velocity)
+    return math.copysign(min(_fastest(config, state, bandwidth, joint, velocity), speed), velocity)
 
 
 @inlined
@@ -269,12 +325,13 @@ def _compensation(config: ControllerConfig, state: ControllerState, joint: int, 
 
 
 @inlined
-def _leaves_range(config: ControllerConfig, anchor: float, direction: float, joint: int) -> bool:
-    """Whether an anchor at this position (rad) that moves in this direction is too near to a position limit."""
-    low, high = config.min_position[joint], config.max_position[joint]
-    margin = min(_MARGIN * (high - low), _LARGEST_MARGIN)
-    too_near = (direction > 0.0 and anchor > high - margin) or (direction < 0.0 and anchor < low + margin)
-    return low != high and too_near
+def _fastest(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int, direction: float) -> float:
+    """Largest velocity of an anchor in a direction, rad/s: less near the end of the range of the joint, then none."""
+    low, high, q = config.min_position[joint], config.max_position[joint], state.signals[Signal.POSITION, joint]
+    if low == high:
+        return config.free_velocity[joint]
+    left = (high - q if direction > 0.0 else q - low) - min(_MARGIN * (high - low), _LARGEST_MARGIN)
+    return min(max(_BRAKES * bandwidth * left, 0.0), config.free_velocity[joint])
 
 
 @part

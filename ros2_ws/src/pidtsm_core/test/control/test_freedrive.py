@@ -274,6 +274,47 @@ def test_a_push_moves_light_joints_within_their_limits(rotor: float, hardware: s
     assert np.ptp(run.position[last], axis=0).max() < 5e-3
 
 
+@pytest.mark.parametrize("hardware", HARDWARE)
+def test_a_hard_push_is_braked_although_the_estimated_velocity_is_late(hardware: str) -> None:
+    """It accelerates every joint with 0.38 times what the dampers take at the velocity limit."""
+    rate = HARDWARE[hardware].get("rate", 1000)
+    run = freed_light(0.02, hardware, push=0.38 * 2.4 * min(40.0, 0.08 * rate) * 2.0)
+    pushed, last = at(run, PUSHED, RELEASED), at(run, HELD - 1.0, HELD)
+    assert np.abs(run.position[pushed] - run.position[pushed.start]).max() > 0.05
+    assert not run.status[:, Status.FAULT].any()
+    assert np.abs(run.velocity).max() < 2.0
+    assert np.ptp(run.position[last], axis=0).max() < 1e-2
+
+
+FORCES = {
+    "scara": (10.0, 10.0, 40.0),
+    "panda": (20.0, 30.0, -20.0),
+    "ur5": (-40.0, 20.0, 20.0),
+    "z1": (10.0, -14.0, 14.0),
+}
+"""Of a hand on the tool, N, in the axes of the base."""
+
+
+@pytest.mark.parametrize("robot", FORCES)
+@pytest.mark.parametrize("hardware", ["14 bit, late", "lag", "250 Hz"])
+def test_a_hand_moves_the_arm_within_its_limits(robot: str, hardware: str) -> None:
+    """For one second, which takes the scara to the end of its vertical axis."""
+    simulator = {
+        "disturbance.name": "none",
+        "push.force": FORCES[robot],
+        "push.time": 1.5,
+        "push.duration": 1.0,
+        **HARDWARE[hardware],
+    }
+    controller = {"rehearsal.freedrive": 1.0}
+    run = rollout(None, None, "practical", robot, duration=4.0, controller=controller, simulator=simulator)
+    pushed, last = at(run, 1.5, 2.5), at(run, 3.0, 4.0)
+    assert np.abs(run.position[pushed] - run.position[pushed.start]).max() > 0.05
+    assert not run.status[:, Status.FAULT].any()
+    assert (np.abs(run.velocity).max(axis=0) < find_robot({"robot.description": robot}).velocity_limit).all()
+    assert np.ptp(run.position[last], axis=0).max() < 1e-2
+
+
 @pytest.mark.parametrize("robot", ["xarm7", "z1"])
 def test_friction_that_is_not_there_does_not_drive_the_arm(robot: str) -> None:
     """The description has friction, which is compensated; the arm has none."""
