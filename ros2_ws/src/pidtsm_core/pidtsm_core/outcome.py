@@ -35,8 +35,8 @@ OF_TRACKING = ("rmse", "eci", "steady_state_error")
 def outcome(recording: "Recording") -> str:
     """Outcome of a run: ran away if the error ever exceeded `ASTRAY`, else according to the final mode.
 
-    A run that follows at the end has strayed if an error ever exceeded `SHARE_OF_RANGE`, after it had once been less:
-    an arm may begin far from its reference.
+    A run that follows at the end has strayed if an error exceeded `SHARE_OF_RANGE` while it followed, after it had once
+    been less: an arm may begin far from its reference, or be led away from it by hand.
     """
     if np.abs(recording.error).max() > ASTRAY:
         return RAN_AWAY
@@ -49,7 +49,10 @@ def outcome(recording: "Recording") -> str:
 def _strayed(recording: "Recording") -> dict[str, Any] | None:
     """The largest error beyond `SHARE_OF_RANGE`: joint, time, error and its share of the range; None: there is none."""
     share = np.abs(recording.error) / _ranges(recording)
-    share[~np.logical_or.accumulate(share <= SHARE_OF_RANGE)] = 0.0
+    follows = ~_stopped(recording) & (recording.status[:, Status.MODE] == Mode.FOLLOWING)
+    for part in np.split(np.arange(follows.size), np.flatnonzero(np.diff(follows)) + 1):
+        arrived = np.logical_or.accumulate(share[part] <= SHARE_OF_RANGE)
+        share[part] = np.where(arrived & follows[part, np.newaxis], share[part], 0.0)
     sample, joint = (int(i) for i in np.unravel_index(np.argmax(share), share.shape))
     if share[sample, joint] <= SHARE_OF_RANGE:
         return None

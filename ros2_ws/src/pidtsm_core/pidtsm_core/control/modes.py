@@ -7,7 +7,7 @@ from pidtsm_core.control.history import shift_history
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Handover, Held, part
 from pidtsm_core.control.stopping import keep_what_holds
 from pidtsm_core.control.trust import is_doubtful, trust
-from pidtsm_core.signals import Mode, Request, Signal, Status
+from pidtsm_core.signals import Mode, Request, Signal, Status, Stop
 
 
 @part
@@ -76,7 +76,7 @@ def reset_fault(config: ControllerConfig, state: ControllerState) -> None:
     An arm that was held stays where it is, under the effort that holds it, until the law has taken over.
     """
     clock, status = state.clock, state.status
-    resumes = clock[Clock.HELD] == Held.HERE and config.holds and clock[Clock.COMMANDED] != 0
+    resumes = status[Status.STOP_STAGE] == Stop.HOLD and clock[Clock.HELD] == Held.HERE
     for j in range(state.measured.size):
         resumes = resumes and not is_doubtful(state, j)
         trust(state, j)
