@@ -314,8 +314,9 @@ def _judge_motion(run: Run, worst: dict[str, float], why: list[str]) -> float:
 
 
 def _judge_torque(run: Run, worst: dict[str, float], why: list[str]) -> None:
-    trace, first = run.trace, max(run.stopped - 1, 0)
-    commands = trace.command[first:]
+    trace = run.trace
+    begun = int(np.argmax(trace.command.any(axis=1)))  # Before, there was no command.
+    commands = trace.command[max(run.stopped - 1, begun) :]
     steps = np.abs(np.diff(commands, axis=0)) / run.limit
     if steps.size:
         k, j = np.unravel_index(int(steps.argmax()), steps.shape)
