@@ -16,6 +16,7 @@ from pidtsm_core.experiment import DEFAULT_ROBOT
 from pidtsm_core.laws import LAWS
 from pidtsm_experiments.commands.cluster import workers
 from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument, progress_bar
+from pidtsm_experiments.runs.origin import ORIGIN, write_origin
 from pidtsm_experiments.runs.results import renewed
 from pidtsm_studies.score.tasks import find_task
 from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES
@@ -91,7 +92,7 @@ def tune(identity: dict[str, Any], limit: Budget, out: Path) -> Tuning:
     training, validation = (
         make_problem(task, kind, identity["hardware"], identity["objective"]) for kind in ("training", "validation")
     )
-    with renewed(out, PARAMETERS, "tuning.json", "tuning.html", beside=(HISTORY,)) as folder:
+    with renewed(out, PARAMETERS, "tuning.json", "tuning.html", ORIGIN, beside=(HISTORY,)) as folder:
         with progress_bar() as bar:
             bars = bar.add_task("controllers", total=1.0)
 
@@ -107,6 +108,7 @@ def tune(identity: dict[str, Any], limit: Budget, out: Path) -> Tuning:
         text = json.dumps(as_json(tuning), allow_nan=False)
         (folder / "tuning.json").write_text(text + "\n", encoding="utf-8")
         write_tuning_page(folder / "tuning.html", tuning)
+        write_origin(folder)
     return tuning
 
 
