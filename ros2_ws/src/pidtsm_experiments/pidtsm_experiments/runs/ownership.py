@@ -18,6 +18,8 @@ _KNOWN = {
     *("identified.urdf", "identified.yaml", "identification.html", "identification.json"),
 }
 """Names in a folder that is being filled; of one whose process was killed, only these are removed."""
+_DRAFTS = (f"{MARKER}.", ".metrics.json.")
+"""Beginnings of the names of files that a killed process may not have renamed."""
 
 
 def begin(folder: Path) -> None:
@@ -63,7 +65,9 @@ def foreign(folder: Path, names: Iterable[str] | None = None) -> list[str]:
     ours, found = _read(folder), []
     for entry in _entries(folder):
         top = entry.partition(os.sep)[0]
-        is_ours = top in _KNOWN if ours is None and _is_marked(folder) else entry in (ours or ())
+        is_ours = (
+            (top in _KNOWN or top.startswith(_DRAFTS)) if ours is None and _is_marked(folder) else entry in (ours or ())
+        )
         if not is_ours and (only is None or top in only):
             found.append(entry)
     if os.path.lexists(folder / MARKER) and not _is_marked(folder):

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs.origin import ORIGIN
 from pidtsm_experiments.runs.ownership import MARKER
 
 DEADLINE = 120.0
@@ -36,6 +37,7 @@ def test_the_results_are_written_and_taken(out: Path, capfd: pytest.CaptureFixtu
         "tuning.html",
         "history.jsonl",
         MARKER,
+        ORIGIN,
     }
     content = found(out)
     assert content["objective"] == "balanced"
