@@ -213,6 +213,21 @@ def test_what_is_missing_is_named_and_nothing_is_created(
     assert checkout.files() == before
 
 
+@pytest.mark.parametrize("name", ["my robots", "Übung", "a'b", "(1)", "100%"])
+def test_a_path_that_cannot_be_set_up_is_refused_at_once(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).mkdir()
+    checkout = Checkout(tmp_path / name)
+    for tool in ("cc", "c++"):
+        checkout.script(tool, "exit 0")
+    before = checkout.files()
+    code, out, err = checkout.call("demo")
+    assert (code, out) == (1, "")
+    assert "the build tools of ROS 2 cannot handle" in err
+    assert "move this folder" in err
+    assert len(err.splitlines()) == 1
+    assert checkout.files() == before
+
+
 def test_a_newer_python_is_found_behind_an_old_one(checkout: Checkout) -> None:
     _old_python(checkout)
     (checkout.bin / "python3.12").symlink_to(REAL_PYTHON)
@@ -555,6 +570,25 @@ def test_another_distribution_does_not_leak_into_the_wheels(
     assert env["PATH"] == "/usr/bin"
     assert env["LD_LIBRARY_PATH"] == "/opt/cuda/lib"
     assert env["PYTHONNOUSERSITE"] == "1"
+
+
+def test_packages_of_the_user_are_found_behind_the_workspace(
+    checkout: Checkout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    humble, mine = tmp_path / "humble", tmp_path / "ws" / "install" / "my_arm"
+    (humble / "share" / "rcl").mkdir(parents=True)
+    (mine / "share" / "my_arm").mkdir(parents=True)
+    caller = {
+        "AMENT_PREFIX_PATH": f"{mine}:{humble}:/removed",
+        "LD_LIBRARY_PATH": f"{mine}/lib:{humble}/lib",
+        "PYTHONPATH": f"{mine}/lib/python3.10/site-packages",
+        "HOME": "/",
+    }
+    _call_from(monkeypatch, caller)
+    env = environment.variables(checkout.layout, WHEELS, {"AMENT_PREFIX_PATH": ["/ws"]})
+    assert env["AMENT_PREFIX_PATH"] == f"/ws:{mine}"
+    assert "my_arm" not in env["LD_LIBRARY_PATH"], "its libraries are for another ROS 2"
+    assert "PYTHONPATH" not in env
 
 
 def test_a_sourced_installation_is_kept_behind_the_workspace(

@@ -123,9 +123,11 @@ def variables(layout: Layout, ros: str, paths: dict[str, list[str]]) -> dict[str
     env = dict(os.environ)
     if ros == WHEELS:
         foreign = entries(env, "AMENT_PREFIX_PATH") + entries(env, "COLCON_PREFIX_PATH")
+        # package:// and $(find) need the user's packages; those of another ROS 2 are where its share/rcl is.
+        users = [e for e in foreign if Path(e, "share").is_dir() and not Path(e, "share", "rcl").is_dir()]
         for name in [name for name in env if name.endswith("PATH")]:
             kept = [e for e in entries(env, name) if not any(Path(e).is_relative_to(folder) for folder in foreign)]
-            env[name] = os.pathsep.join(kept)
+            env[name] = os.pathsep.join(kept if name != "AMENT_PREFIX_PATH" else users)
         env = {name: value for name, value in env.items() if name not in _OF_OTHERS}
         # The start-up hook of the wheels would only set LD_LIBRARY_PATH and restart Python.
         env |= {"PYTHONNOUSERSITE": "1", "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}

@@ -18,15 +18,9 @@ from launcher import environment
 from launcher.environment import STEPS, WHEELS, Layout, SetupError, say
 
 # Options of pip and the corresponding variables of uv, which does not read pip's configuration.
-_UV_VARIABLES = {
-    "index-url": "UV_DEFAULT_INDEX",
-    "extra-index-url": "UV_INDEX",
-    "find-links": "UV_FIND_LINKS",
-    "trusted-host": "UV_INSECURE_HOST",
-    "cert": "SSL_CERT_FILE",
-    "no-cache-dir": "UV_NO_CACHE",
-    "no-index": "UV_OFFLINE",
-}
+_PIP = ("index-url", "extra-index-url", "find-links", "trusted-host", "cert", "no-cache-dir", "no-index")
+_UV: tuple[str, ...] = ("UV_DEFAULT_INDEX", "UV_INDEX", "UV_FIND_LINKS", "UV_INSECURE_HOST", "SSL_CERT_FILE")
+_UV += ("UV_NO_CACHE", "UV_OFFLINE")
 
 
 def _check_machine(ros: str, root: Path, *, create: bool) -> None:
@@ -34,6 +28,9 @@ def _check_machine(ros: str, root: Path, *, create: bool) -> None:
     system = f"{sys.platform} {platform.machine()} {platform.libc_ver()[0]}"
     free = shutil.disk_usage(root).free / 1e9
     advice = "(Debian, Ubuntu: sudo apt install build-essential python3-dev python3-venv)"
+    if odd := re.search(r"[^\w./+,@=~-]", str(root), re.ASCII):
+        cure = "move this folder to a path of plain letters, digits and . _ - / + , @ = ~ only"
+        raise SetupError(f"the build tools of ROS 2 cannot handle {odd[0]!r} in {root}: {cure}.")
     if not os.access(root, os.W_OK):
         raise SetupError(f"{root} must be set up, but this user cannot write there.")
     if ros == WHEELS and system != "linux x86_64 glibc":
@@ -61,7 +58,7 @@ def uv_variables(pip_configuration: str) -> dict[str, str]:
     """Variables that make uv use pip's package index, from the output of `pip config list`."""
     given = dict(line.split("=", 1) for line in pip_configuration.splitlines())
     found = {"UV_INDEX_STRATEGY": "unsafe-best-match"}  # pip takes a package from any index, uv from the first with it
-    for option, variable in _UV_VARIABLES.items():
+    for option, variable in zip(_PIP, _UV, strict=True):
         for section in ("global", "install", ":env:"):  # later ones override earlier ones, as in pip
             if value := given.get(f"{section}.{option}"):
                 found[variable] = ("," if option == "find-links" else " ").join(ast.literal_eval(value).split())

@@ -35,7 +35,7 @@ from pidtsm_core.simulation.simulator import (
     sense,
     simulator_schema,
 )
-from pidtsm_core.timing import period_nanoseconds, seconds
+from pidtsm_core.timing import LONGEST_RUN, period_nanoseconds, seconds
 
 SCHEMAS = {"controller": controller_schema, "simulator": simulator_schema, "trajectory": reference_schema}
 """Schemas of a rollout, by node: the parameters that affect a torque."""
@@ -296,8 +296,8 @@ def _prepared(values: Mapping[str, Mapping[str, Value]], duration: float) -> tup
     places = np.array([order.match(names(values[node]["joints"])) for node in ("simulator", "trajectory")])
     _check_start(controller, robot, motion, places)
     period = period_nanoseconds(int(as_float(values["simulator"]["rate"])))
-    if not duration * 1e9 / period >= 0.5 or duration == math.inf:
-        raise ParameterError(f"duration: {duration} s is not a time of at least one sample")
+    if not duration * 1e9 / period >= 0.5 or duration > LONGEST_RUN:
+        raise ParameterError(f"duration: {duration} s is not a time from one sample to {LONGEST_RUN:g} s")
     count = round(duration * 1e9 / period)
     samples = _blank(robot.joints, count)
     loop = _Loop(controller.config, controller.state, robot.config, robot.state, motion.config, places, period)

@@ -1,7 +1,6 @@
 """Definition of a run: a scenario, a law, and the resulting parameters of every node."""
 
 import functools
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -21,6 +20,7 @@ from pidtsm_core.parameter_files import NODES, Settings, flatten, load_mapping, 
 from pidtsm_core.parameters import ParameterError, Schema, Value, as_float
 from pidtsm_core.robots import DESCRIPTION, NAMES, ROBOTS, find_robot
 from pidtsm_core.simulation.plant import RATE
+from pidtsm_core.timing import LONGEST_RUN
 
 ARTICLE = "article"
 """Name of the parameter set of the article's Table 1."""
@@ -147,7 +147,7 @@ def make_experiment(
         settings[node][name] = value
         files.pop(f"{node}.{name}", None)
     name_of_law = str(settings["controller"].get("law.name", LAW_NAME.default))
-    seconds = base.duration if duration is None else duration
+    seconds = base.duration if duration is None else _positive(duration, "duration")
     return Experiment(base.scenario, name_of_law, seconds, settings, files)
 
 
@@ -290,6 +290,6 @@ def _parse_override(text: str) -> tuple[str, str, Any]:
 
 
 def _positive(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= sys.float_info.max:
-        raise UsageError(f"{where}: {value!r} must be a positive number of seconds")
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= LONGEST_RUN:
+        raise UsageError(f"{where}: {value!r} must be a positive number of seconds, at most {LONGEST_RUN:g}")
     return float(value)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,6 +42,7 @@ def tracking_error(position: Array, desired: Array, continuous: Sequence[bool]) 
     return error
 
 
+@np.errstate(over="ignore")
 def metrics(
     time: ArrayLike, error: ArrayLike, effort: ArrayLike, saturated: ArrayLike, event_time: float | None = None
 ) -> JointMetrics:
@@ -95,6 +96,15 @@ def metrics(
         for name, value in of_joint.items():
             result.setdefault(name, []).append(value)
     return result
+
+
+def finite(value: Any) -> Any:
+    """A value of metrics.json, with None instead of numbers that are not finite, which JSON does not have."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: finite(each) for name, each in value.items()}
+    return [finite(each) for each in value] if isinstance(value, list) else value
 
 
 def _stays_below(time: Array, magnitude: Array, threshold: float) -> float | None:

@@ -1,7 +1,7 @@
 """Parameter files: the YAML of ROS 2, read and written."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +23,23 @@ _LONGEST = 100
 """Maximum number of digits; Python refuses to print integers with thousands of digits."""
 
 
+class GivenTwiceError(yaml.YAMLError):
+    """A key occurs twice in the same group; YAML would keep the last value and forget the other."""
+
+
+class _Group(dict[Any, Any]):
+    """A mapping of a file, with the line of each key, counted from 1."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines: dict[Any, int] = {}
+
+
 class _Loader(yaml.SafeLoader):
     """Reads 1e-3 as a number, as ROS does; in YAML 1.1 it is text.
 
     Rejects aliases, as ROS does: a few lines with aliases can expand to more than fits into memory, or endlessly.
+    Rejects a key that is given twice. Mappings are of type `_Group`.
     """
 
     def __init__(self, text: str) -> None:
@@ -46,6 +59,19 @@ class _Loader(yaml.SafeLoader):
         return node
 
 
+def _construct_group(loader: _Loader, node: yaml.MappingNode) -> Iterator[_Group]:
+    """A mapping, after all mappings around it, as PyYAML wants it."""
+    group = _Group()
+    yield group
+    group.update(loader.construct_mapping(node))
+    for key_node, _ in node.value:
+        key, line = loader.construct_object(key_node, deep=True), key_node.start_mark.line + 1
+        if key in group.lines:
+            raise GivenTwiceError(f"{key} is given twice, in lines {group.lines[key]} and {line}")
+        group.lines[key] = line
+
+
+_Loader.add_constructor("tag:yaml.org,2002:map", _construct_group)
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
 )
@@ -59,10 +85,15 @@ def load_ros_parameters(file: Path) -> Settings:
     """
     content = load_mapping(file)
     settings: Settings = {}
+    sections: dict[str, str] = {}
     for key, value in content.items():
         node = str(key).removeprefix(_ANY_NAMESPACE).lstrip("/")
         if node not in NODES:
             raise UsageError(f"{file}: unknown node {key}; known: {', '.join(NODES)}")
+        section = f"{key} in line {content.lines[key]}"
+        if node in settings:
+            raise UsageError(f"{file}: {sections[node]} and {section} are both of {node}; join them")
+        sections[node] = section
         if not isinstance(value, dict) or set(value) != {"ros__parameters"}:
             raise UsageError(f"{file}: {key} must contain ros__parameters and nothing else")
         settings[node] = flatten(value["ros__parameters"] or {}, f"{file}: {key}")
@@ -91,19 +122,29 @@ def flatten(tree: object, where: str) -> dict[str, Any]:
     """Flatten nested groups to full names with dots.
 
     Raises:
-        UsageError: `tree` is not a mapping with text keys.
+        UsageError: `tree` is not a mapping with text keys, or gives a parameter twice, with dots and in a group.
     """
+    flat: dict[str, Any] = {}
+    lines: dict[str, int | None] = {}
+    for name, value, line in _leaves(tree, where):
+        if name in flat:
+            lines_of_both = f", in lines {lines[name]} and {line}" if line else ""
+            raise UsageError(f"{where}: {name} is given twice{lines_of_both}")
+        flat[name], lines[name] = value, line
+    return flat
+
+
+def _leaves(tree: object, where: str) -> Iterator[tuple[str, Any, int | None]]:
+    """Full name, value and, if it comes from a file, line of each parameter."""
     if not isinstance(tree, dict):
         raise UsageError(f"{where} must be a group of parameters, not {tree!r}")
-    flat: dict[str, Any] = {}
     for key, value in tree.items():
         if not isinstance(key, str):
             raise UsageError(f"{where}: {key!r} is not a parameter name")
         if isinstance(value, dict):
-            flat.update({f"{key}.{name}": v for name, v in flatten(value, f"{where}.{key}").items()})
+            yield from ((f"{key}.{name}", v, line) for name, v, line in _leaves(value, f"{where}.{key}"))
         else:
-            flat[key] = value
-    return flat
+            yield key, value, tree.lines[key] if isinstance(tree, _Group) else None
 
 
 def read_yaml(text: str) -> Any:
@@ -120,18 +161,20 @@ def read_yaml(text: str) -> Any:
         raise yaml.YAMLError(f"a value cannot be read: {error}") from None
 
 
-def load_mapping(file: Path) -> dict[str, Any]:
+def load_mapping(file: Path) -> _Group:
     """The mapping in a YAML file.
 
     Raises:
         UsageError: the file is not readable, not YAML, or contains something else.
     """
     try:
-        content = read_yaml(file.read_text(encoding="utf-8"))
+        content = read_yaml(file.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise UsageError(f"{file}: {error.strerror}") from None
+    except GivenTwiceError as error:
+        raise UsageError(f"{file}: {error}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise UsageError(f"{file} is not YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(content, dict):
+    if not isinstance(content, _Group):
         raise UsageError(f"{file} must contain keys and values")
     return content

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.metrics import metrics, tracking_error
+from pidtsm_core.metrics import finite, metrics, tracking_error
 from pidtsm_core.outcome import GROUND_TRUTH, happenings, time_at_limits
 from pidtsm_core.parameters import Array
 from pidtsm_core.robots import DESCRIPTION
@@ -128,14 +128,14 @@ class Recording:
         return (int(self.stamps_ns[-1] - self.stamps_ns[0]) + last) / 1e9
 
     def metrics(self) -> dict[str, Any]:
-        """Metrics of the run, with the content and order of metrics.json; None for values that do not exist.
+        """Metrics of the run, with the content and order of metrics.json; None for what is missing or not finite.
 
         Values per joint are lists in the order of `joints`; `pidtsm_core.metrics.metrics` describes most of them.
         """
         periods = np.diff(self.stamps_ns)
         computed = self.compute_time
         p50, p99, longest = np.percentile(computed, (50, 99, 100)).tolist() if computed.size else (None, None, None)
-        return {
+        values = {
             "scenario": self.scenario,
             "law": self.law,
             "clock": self.clock,
@@ -157,6 +157,7 @@ class Recording:
                 "compute_time": {"p50": p50, "p99": p99, "max": longest},
             },
         }
+        return {name: finite(value) for name, value in values.items()}
 
     def arrays(self) -> dict[str, Array]:
         """True motion, reference and the controller's signals by name, shape (samples, joints) each, in SI units."""

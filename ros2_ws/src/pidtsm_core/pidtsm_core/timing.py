@@ -3,6 +3,8 @@
 from pidtsm_core.compiled import inlined
 
 NANOSECONDS = 1_000_000_000
+LONGEST_RUN = 1e9
+"""Longest duration of a run, s; its end must be a number of nanoseconds of 64 bits."""
 
 
 def period_nanoseconds(rate: int) -> int:

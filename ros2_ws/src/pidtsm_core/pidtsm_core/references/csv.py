@@ -2,7 +2,7 @@
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +13,8 @@ from pidtsm_core.references.base import Reference
 from pidtsm_core.references.piecewise import evaluate, piecewise
 
 _KINDS = ("q", "dq", "ddq")
+_SEPARATORS = (",", ";", "\t")
+_LONGEST_LINE = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -43,28 +45,64 @@ def _read(file: str, joints: tuple[str, ...]) -> tuple[Array, Array]:
     if not file:
         raise ValueError("name a file with the columns time, " + ", ".join(f"q_{joint}" for joint in joints))
     rows: list[list[float]] = []
-    with Path(file).open(encoding="utf-8", newline="") as text:
-        lines = csv.reader(text, skipinitialspace=True)
-        header = [word.strip() for word in next(lines, [])]
-        kinds = _kinds(header, joints, f"{file}, line 1")
-        for words in lines:
-            where = f"{file}, line {lines.line_num}"
-            if len(words) != len(header):
-                raise ValueError(f"{where}: {len(words)} values for {len(header)} columns")
-            try:
-                row = [float(word) for word in words]
-            except ValueError:
-                raise ValueError(f"{where}: not all of {', '.join(words)} are numbers") from None
-            if not all(map(math.isfinite, row)):
-                raise ValueError(f"{where}: not all of {', '.join(words)} are finite")
+    header: list[str] = []
+    kinds: tuple[str, ...] = ()
+    for number, words, separator in _lines(file):
+        where = f"{file}, line {number}"
+        if not header:
+            header, kinds = words, _kinds(words, joints, where)
+        else:
+            row = _row(words, separator, len(header), where)
             if rows and row[header.index("time")] <= rows[-1][header.index("time")]:
                 raise ValueError(f"{where}: time must increase from line to line")
             rows.append(row)
+    if not header:
+        _kinds([], joints, f"{file}, line 1")
     if len(rows) < 2:
         raise ValueError(f"{file}: a motion needs at least two lines of numbers")
     table = np.array(rows)
     samples = np.stack([table[:, [header.index(f"{kind}_{j}") for j in joints]] for kind in kinds], axis=1)
     return table[:, header.index("time")], samples
+
+
+def _lines(file: str) -> Iterator[tuple[int, list[str], str]]:
+    """Number, words and separator of each line that is not empty, as spreadsheets write them.
+
+    They may write a mark at the start of the file, a line ``sep=;``, quotes, and in countries with a decimal comma a
+    semicolon between the words.
+    """
+    if not Path(file).is_file() and Path(file).exists():
+        raise ValueError(f"{file} is not a file")
+    with Path(file).open(encoding="utf-8-sig", newline="") as text:
+        try:
+            first = text.readline(_LONGEST_LINE)
+            separator = max(_SEPARATORS, key=first.count)
+            before = int(first.strip().lower() in [f"sep={each}" for each in _SEPARATORS])
+            if not before:
+                text.seek(0)
+            lines = csv.reader(text, delimiter=separator, skipinitialspace=separator != "\t")
+            for words in lines:
+                if any(map(str.strip, words)):
+                    yield before + lines.line_num, [word.strip() for word in words], separator
+        except UnicodeDecodeError:
+            raise ValueError(f"{file} is not UTF-8 text; save it as CSV UTF-8") from None
+
+
+def _row(words: list[str], separator: str, columns: int, where: str) -> list[float]:
+    """The numbers of a line; where a semicolon separates them, they may have a decimal comma.
+
+    Raises:
+        ValueError: there are not as many as columns, or they are not finite numbers.
+    """
+    if len(words) != columns:
+        raise ValueError(f"{where}: {len(words)} values for {columns} columns")
+    try:
+        row = [float(word.replace(",", ".") if separator == ";" else word) for word in words]
+    except ValueError:
+        raise ValueError(f"{where}: not all of {', '.join(words)} are numbers") from None
+    if not all(map(math.isfinite, row)):
+        raise ValueError(f"{where}: not all of {', '.join(words)} are finite")
+    return row
 
 
 def _kinds(header: list[str], joints: tuple[str, ...], where: str) -> tuple[str, ...]:

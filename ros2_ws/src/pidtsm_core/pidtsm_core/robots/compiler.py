@@ -2,11 +2,13 @@
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from pidtsm_core.robots.bounds import LONGEST, check_bounds, read_text
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.urdf import check_urdf, joint_limits, keep_shapes, rotor_inertias, strip
 
@@ -40,12 +42,17 @@ def parse(text: str, geometry: bool = False) -> Parsed:
     Raises:
         DescriptionError: the text is neither, or it is broken.
     """
+    if len(text) > LONGEST:
+        raise DescriptionError(
+            f"the description has {len(text) / 2**20:.0f} MB; at most {LONGEST // 2**20} MB are read"
+        )
     try:
         root = ElementTree.fromstring(text)  # noqa: S314  A robot's own description; expat limits expansion.
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, UnicodeEncodeError) as error:
         raise DescriptionError(f"the description is not XML: {error}") from None
     if root.tag not in ("robot", "mujoco"):
         raise DescriptionError(f"the description is neither URDF nor MJCF: its root element is <{root.tag}>")
+    check_bounds(root)
     limits: Mapping[str, Mapping[str, float]] = {}
     rotors: Mapping[str, float] = {}
     base = 0
@@ -71,6 +78,8 @@ def load_spec(file: Path) -> Any:
     """
     if not file.is_file():
         raise DescriptionError("no such file")
+    with suppress(ElementTree.ParseError, UnicodeDecodeError):  # The compiler says what is wrong.
+        check_bounds(ElementTree.fromstring(read_text(file)), file.parent)  # noqa: S314  As above.
     try:
         return load_mujoco().MjSpec.from_file(str(file))
     except ValueError as error:

@@ -9,13 +9,13 @@ from xml.etree.ElementTree import Element, SubElement
 import yaml
 
 from pidtsm_core.parameters import did_you_mean
+from pidtsm_core.robots.bounds import check_bounds, read_text
 from pidtsm_core.robots.errors import DescriptionError
+from pidtsm_core.robots.expansion import expanded
 
 _FOLDER = Path(__file__).with_name("arms")
 ARMS = tuple(sorted(file.stem for file in _FOLDER.glob("*.urdf")))
 """Names of the arms that come with the package."""
-_DEEPEST = 20
-"""Largest number of MJCF files that include each other."""
 
 
 def rated_payload(arm: str) -> float:
@@ -36,6 +36,8 @@ def read_source(source: str) -> tuple[str, str]:
     """
     if source.lstrip().startswith("<"):
         return "arm", source
+    if "\0" in source:
+        raise DescriptionError(f"{source!r} is no path: it contains a null character")
     if source in ARMS:
         file = _FOLDER / f"{source}.urdf"
     else:
@@ -48,14 +50,16 @@ def read_source(source: str) -> tuple[str, str]:
         raise DescriptionError(reason + did_you_mean(source, names)) from None
     except UnicodeDecodeError:
         raise DescriptionError(f"{file} is not text") from None
+    except UnicodeEncodeError:
+        raise DescriptionError(f"{source!r} is no path: it contains characters that no path can have") from None
 
 
 @lru_cache(maxsize=64)
 def _read(file: Path, _changed: int) -> tuple[str, str]:
     """Read a file, and again when it has changed: a node looks for its robot with every change of a parameter."""
     if file.suffix == ".xacro":
-        return file.name.split(".")[0], _expanded(file)
-    text = file.read_text(encoding="utf-8")
+        return file.name.split(".")[0], expanded(file)
+    text = read_text(file)
     return file.stem, _located(file.parent, text) if "<mujoco" in text else text
 
 
@@ -71,7 +75,8 @@ def _located(folder: Path, text: str) -> str:
         return text  # The compiler says what is wrong.
     if root.tag != "mujoco" or not any("file" in element.attrib for element in root.iter()):
         return text
-    _include(folder, root, 0)
+    check_bounds(root, folder)
+    _include(folder, root)
     compilers = list(root.iter("compiler")) or [SubElement(root, "compiler")]
     for kind in ("meshdir", "texturedir"):
         given = [value for each in compilers if (value := each.get(kind, each.get("assetdir")))]
@@ -80,22 +85,20 @@ def _located(folder: Path, text: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _include(folder: Path, element: Element, depth: int) -> None:
+def _include(folder: Path, element: Element) -> None:
     """Replace the elements ``include`` by the content of their files, whose paths are relative to the main file."""
     children = []
     for child in element:
         if child.tag == "include":
             file = folder / child.get("file", "")
             try:
-                if depth > _DEEPEST:
-                    raise DescriptionError(f"{file} includes itself")
-                included = ElementTree.parse(file).getroot()  # noqa: S314  As above.
-            except (OSError, ElementTree.ParseError) as error:
+                included = ElementTree.fromstring(read_text(file))  # noqa: S314  As above.
+            except (OSError, ElementTree.ParseError, UnicodeDecodeError) as error:
                 raise DescriptionError(f"the included file {file} cannot be read: {error}") from None
-            _include(folder, included, depth + 1)
+            _include(folder, included)
             children += list(included)
         else:
-            _include(folder, child, depth)
+            _include(folder, child)
             children.append(child)
     element[:] = children
 
@@ -112,17 +115,3 @@ def file_in_package(uri: str) -> Path:
         if prefix and share.is_dir():
             return share / rest
     raise DescriptionError(f"{uri}: the package {package} is not among the installed packages (AMENT_PREFIX_PATH)")
-
-
-def _expanded(file: Path) -> str:
-    """The URDF that a xacro file expands to."""
-    try:
-        import xacro
-    except ImportError:
-        raise DescriptionError(f"{file} needs xacro: pip install xacro, or expand it to a URDF") from None
-    try:
-        return str(xacro.process_file(str(file)).toxml())
-    except OSError:
-        raise
-    except Exception as error:  # xacro raises many kinds.
-        raise DescriptionError(f"{file}: {' '.join(str(error).split())}") from None

@@ -190,7 +190,43 @@ def test_a_file_that_cannot_be_used_is_refused_with_its_line(tmp_path: Path, tex
     assert reason in str(refused.value)
 
 
-@pytest.mark.parametrize(("file", "reason"), [("", "name a file"), ("nowhere.csv", "No such file")])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\xef\xbb\xbftime,q_joint1,q_joint2\r\n0,0,0\r\n1.5,0.5,1\r\n",
+        b'\xef\xbb\xbf"time","q_joint1","q_joint2"\r\n"0","0","0"\r\n"1.5","0.5","1"\r\n',
+        b"\xef\xbb\xbftime;q_joint1;q_joint2\r\n0;0;0\r\n1,5;0,5;1\r\n",
+        b"sep=;\r\ntime;q_joint1;q_joint2\r\n0;0;0\r\n1.5;0.5;1\r\n",
+        b"time\tq_joint1\tq_joint2\n0\t0\t0\n1.5\t0.5\t1\n",
+        b"time,q_joint1,q_joint2\n0,0,0\n,,\n1.5,0.5,1\n\n,,\n",
+    ],
+    ids=["mark", "quotes", "decimal comma", "sep", "tab", "empty lines"],
+)
+def test_a_file_of_a_spreadsheet_is_read(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "motion.csv"
+    file.write_bytes(content)
+    motion = motion_of(REFERENCES["csv"], file=str(file))
+    np.testing.assert_allclose(at(motion, 1.5)[0], [0.5, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ("time,q_joint1,q_joint2\n0,0,0\n1,0,0\n".encode("utf-16"), "is not UTF-8 text; save it as CSV UTF-8"),
+        (b"sep=;\ntime;q_joint1;q_joint2\n0;0;0\n1;x;0\n", "line 4: not all of 1, x, 0 are numbers"),
+        (b"time,q_joint1,q_joint2\n0,0,0\n1,5,0,5,0\n", "line 3: 5 values for 3 columns"),
+    ],
+)
+def test_another_file_of_a_spreadsheet_is_refused_with_its_line(tmp_path: Path, content: bytes, reason: str) -> None:
+    file = tmp_path / "motion.csv"
+    file.write_bytes(content)
+    with pytest.raises(ParameterError, match=reason):
+        motion_of(REFERENCES["csv"], file=str(file))
+
+
+@pytest.mark.parametrize(
+    ("file", "reason"), [("/dev/zero", "is not a file"), ("", "name a file"), ("nowhere.csv", "No such file")]
+)
 def test_a_file_that_is_not_there_is_refused(file: str, reason: str) -> None:
     with pytest.raises(ParameterError, match=reason):
         motion_of(REFERENCES["csv"], file=file)

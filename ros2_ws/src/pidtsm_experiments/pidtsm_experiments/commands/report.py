@@ -23,7 +23,8 @@ def execute(options: argparse.Namespace) -> int:
             f"{options.folder} is not a result folder: it has neither bag/ nor recording.npz; if it is a bag, name the "
             "folder of its report with --out"
         )
-    place = renewed(options.folder) if options.out is None else result_folder(options.out)
+    made = ("report.html", "metrics.json", "figures")
+    place = renewed(options.folder, *made) if options.out is None else result_folder(options.out)
     with place as folder, CONSOLE.status("analysing, drawing, writing the report"):
         write_outputs(read(options.folder), folder)
     CONSOLE.print(f"{options.out or options.folder}: report.html metrics.json figures/", highlight=False)

@@ -14,7 +14,7 @@ from pidtsm_core.outcome import RAN_AWAY
 from pidtsm_experiments.commands.options import CONSOLE, add_parameter_arguments, progress_bar, seconds
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.reproduction import LAWS, PRINTED_DTSM, Planned, load, make_runs, plan, write_results
-from pidtsm_experiments.runs.results import locked
+from pidtsm_experiments.runs.results import renewed
 from pidtsm_studies.article.claims import compare, markdown
 from pidtsm_studies.article.figures import write_article_figures
 from pidtsm_studies.reports.labels import CASES, label, value_text
@@ -45,17 +45,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     planned = plan(options.duration, options.scenario, options.law, options.params, options.set)
-    with locked(options.out):
-        _reproduce(planned, options)
+    with renewed(options.out, "results.json", "comparison.md", "figures", "report.html") as made:
+        failed = _reproduce(planned, options, made)
+    CONSOLE.print(f"{options.out}: report.html comparison.md results.json figures/ runs/", highlight=False)
+    if failed:
+        raise RunError("\n".join(f"{key}: {reason}" for key, reason in failed.items()))
     return 0
 
 
-def _reproduce(planned: Sequence[Planned], options: argparse.Namespace) -> None:
-    """Make the runs and write all results.
-
-    Raises:
-        RunError: a run failed.
-    """
+def _reproduce(planned: Sequence[Planned], options: argparse.Namespace, made: Path) -> dict[str, str]:
+    """Make the runs, and write all results to the folder `made`; returns why runs failed, by key."""
     folder = options.out / "runs"
     folder.mkdir(parents=True, exist_ok=True)
     with progress_bar() as bar:
@@ -71,14 +70,12 @@ def _reproduce(planned: Sequence[Planned], options: argparse.Namespace) -> None:
         runs = load(planned, folder, failed)
         notes = [*_changes(options), *_notes(runs)]
         rows = [each for each in compare(runs) if all((each.claim.case, law) in runs for law in each.claim.laws)]
-        write_results(runs, rows, options.out / "results.json")
-        (options.out / "comparison.md").write_text(markdown(rows), encoding="utf-8")
-        write_article_figures(runs, options.out / "figures")
-        write_report(options.out / "report.html", runs, rows, notes)
+        write_results(runs, rows, made / "results.json")
+        (made / "comparison.md").write_text(markdown(rows), encoding="utf-8")
+        write_article_figures(runs, made / "figures")
+        write_report(made / "report.html", runs, rows, notes)
     CONSOLE.print(_summary(runs))
-    CONSOLE.print(f"{options.out}: report.html comparison.md results.json figures/ runs/", highlight=False)
-    if failed:
-        raise RunError("\n".join(f"{key}: {reason}" for key, reason in failed.items()))
+    return failed
 
 
 def _changes(options: argparse.Namespace) -> Iterator[str]:

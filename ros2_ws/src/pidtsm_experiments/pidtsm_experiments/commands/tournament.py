@@ -16,7 +16,8 @@ from pidtsm_core.robots import NAMES
 from pidtsm_experiments.commands.cluster import workers
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar
 from pidtsm_experiments.commands.tune import PARAMETERS, budget, natural, tune
-from pidtsm_experiments.runs.results import locked, renewed, result_folder
+from pidtsm_experiments.runs.locks import locked
+from pidtsm_experiments.runs.results import renewed, result_folder, settled
 from pidtsm_studies.score.criteria import FULL, QUICK, Extent
 from pidtsm_studies.score.leaderboard import read_entries, write_leaderboard
 from pidtsm_studies.score.measure import Contender, measure
@@ -74,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    out: Path = options.out
+    out = settled(options.out)
     common = {"hardware": options.hardware, "objective": options.objective, "seed": options.seed}
     cells = [Cell(robot, law) for robot in options.robot or NAMES for law in options.law or LAWS.names]
     for cell in cells:
@@ -94,7 +95,7 @@ def execute(options: argparse.Namespace) -> int:
             if not (cell.folder(out, "score") / FILE).exists():
                 _score(cell, out, extent)
     entries = read_entries(out / "score")
-    with renewed(out) as folder:
+    with renewed(out, "leaderboard.html", "leaderboard.md", "images", "tournament.md") as folder:
         write_leaderboard(folder, entries)
         (folder / "tournament.md").write_text(_head(out, options) + "".join(_rows(out, cells)), encoding="utf-8")
     CONSOLE.print(f"{out}: leaderboard.html leaderboard.md tournament.md tune/ score/", highlight=False)
@@ -110,7 +111,11 @@ def _begin(out: Path, rules: dict[str, Any]) -> None:
     file = out / "tournament.json"
     with locked(out):
         if file.exists():
-            known = json.loads(file.read_text(encoding="utf-8"))
+            try:
+                known = json.loads(file.read_text(encoding="utf-8"))
+                known = {"rules": known["rules"], "made": known["made"]}
+            except (OSError, ValueError, KeyError, TypeError):
+                raise UsageError(f"{file} is not of a tournament; choose another --out") from None
             if known["rules"] != rules:
                 raise UsageError(f"{out} has a tournament with other rules: {known['rules']}; choose another --out")
             return

@@ -12,12 +12,12 @@ from rich.console import Console
 from rich.table import Table
 
 from pidtsm_core.control import LAW_NAME
-from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import DEFAULT_ROBOT
 from pidtsm_core.laws import LAWS
 from pidtsm_experiments.commands.cluster import workers
 from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument, progress_bar
-from pidtsm_experiments.runs.results import locked, renewed
+from pidtsm_experiments.runs.origin import ORIGIN, write_origin
+from pidtsm_experiments.runs.results import renewed
 from pidtsm_studies.score.tasks import find_task
 from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES
 from pidtsm_studies.tuning.objective import make_problem
@@ -92,26 +92,23 @@ def tune(identity: dict[str, Any], limit: Budget, out: Path) -> Tuning:
     training, validation = (
         make_problem(task, kind, identity["hardware"], identity["objective"]) for kind in ("training", "validation")
     )
-    with locked(out), progress_bar() as bar:
-        try:
-            out.mkdir(exist_ok=True)
-        except OSError as error:
-            raise UsageError(f"--out {out}: {error.strerror}") from None
-        bars = bar.add_task("controllers", total=1.0)
+    with renewed(out, PARAMETERS, "tuning.json", "tuning.html", ORIGIN, beside=(HISTORY,)) as folder:
+        with progress_bar() as bar:
+            bars = bar.add_task("controllers", total=1.0)
 
-        def show(known: Sequence[Generation]) -> None:
-            lowest = min(min(each.costs) for each in known)
-            bar.update(bars, completed=limit.share(known), description=f"objective {lowest:.4g}")
+            def show(known: Sequence[Generation]) -> None:
+                lowest = min(min(each.costs) for each in known)
+                bar.update(bars, completed=limit.share(known), description=f"objective {lowest:.4g}")
 
-        generations = search(space, training, identity, out / HISTORY, limit, show)
-    tuning = conclude(identity, space, generations, training, validation)
-    choices = {**identity, "budget": tuning.evaluations}
-    command = " ".join(["./pidtsm tune", *(f"--{name} {value}" for name, value in choices.items())])
-    with renewed(out) as folder:
+            generations = search(space, training, identity, out / HISTORY, limit, show)
+        tuning = conclude(identity, space, generations, training, validation)
+        choices = {**identity, "budget": tuning.evaluations}
+        command = " ".join(["./pidtsm tune", *(f"--{name} {value}" for name, value in choices.items())])
         (folder / PARAMETERS).write_text(parameter_file(tuning, command), encoding="utf-8")
         text = json.dumps(as_json(tuning), allow_nan=False)
         (folder / "tuning.json").write_text(text + "\n", encoding="utf-8")
         write_tuning_page(folder / "tuning.html", tuning)
+        write_origin(folder)
     return tuning
 
 

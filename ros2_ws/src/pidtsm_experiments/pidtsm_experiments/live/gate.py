@@ -2,14 +2,20 @@
 
 import asyncio
 import secrets
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
+from ipaddress import ip_address
 
 _LONGEST_HEAD = 1 << 14  # bytes
 _HEAD_WITHIN = 10.0  # s
 _CHUNK = 1 << 16  # bytes
-_MOST = 32
-"""Connections at the same time; a browser has one or two."""
+_WAITING, _WAITING_OF_ONE = 64, 8
+"""Connections that have not sent their request yet: of all addresses, and of one."""
+_MOST, _MOST_OF_ONE = 32, 16
+"""Connections with the page: of other machines, and of one of them; this machine has as many for itself."""
+_PORT = b":80"
+"""The port that a browser leaves out."""
 _REFUSAL = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
 _THIS_MACHINE = (b"127.0.0.1", b"localhost")
 
@@ -17,6 +23,29 @@ _THIS_MACHINE = (b"127.0.0.1", b"localhost")
 def hidden_address() -> str:
     """An address of this machine that no other page, open in the same browser, can guess."""
     return ".".join(["127", *(str(1 + secrets.randbelow(254)) for _ in range(3))])
+
+
+class Places:
+    """Connections with the page, so that nobody takes all of them."""
+
+    def __init__(self) -> None:
+        self._taken: Counter[str] = Counter()
+
+    def enter(self, address: str) -> bool:
+        """Take a place for a connection from an address; False if there is none."""
+        if is_here(address):
+            taken = sum(count for each, count in self._taken.items() if is_here(each))
+        else:
+            taken = sum(count for each, count in self._taken.items() if not is_here(each))
+            taken = max(taken, self._taken[address] + _MOST - _MOST_OF_ONE)
+        if taken >= _MOST:
+            return False
+        self._taken[address] += 1
+        return True
+
+    def leave(self, address: str) -> None:
+        """Give a place back."""
+        self._taken[address] -= 1
 
 
 class Gate:
@@ -30,7 +59,8 @@ class Gate:
     def __init__(self, host: str, port: int, token: str = "") -> None:
         """Args: host, port: where the page listens, on this machine; token: empty: only this machine is let in."""
         self._page, self._token = (host, port), token.encode()
-        self._open = 0
+        self._places = Places()
+        self._waiting: dict[asyncio.StreamWriter, str] = {}
 
     async def listen(self, host: str, port: int) -> asyncio.Server:
         """Accept connections.
@@ -41,10 +71,12 @@ class Gate:
         return await asyncio.start_server(self._pass, host, port, limit=_LONGEST_HEAD)
 
     async def _pass(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._open += 1
+        address = str(writer.get_extra_info("peername")[0])
+        has_place = False
         try:
-            request = await self._admitted(reader) if self._open <= _MOST else None
-            if request is None:
+            request = await self._awaited(reader, writer, address)
+            has_place = request is not None and self._places.enter(address)
+            if request is None or not has_place:
                 writer.write(_REFUSAL)
                 await writer.drain()
                 return
@@ -54,26 +86,51 @@ class Gate:
         except (OSError, ValueError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.TimeoutError):
             pass  # Either side has gone, or what came is no request.
         finally:
-            self._open -= 1
+            if has_place:
+                self._places.leave(address)
             writer.close()
 
+    async def _awaited(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, address: str) -> bytes | None:
+        """The request that comes within some time, see `_admitted`.
+
+        Whoever has no token can only wait here, and not for long: a newcomer takes the place of the one that has waited
+        longest, of the address with most of them.
+        """
+        self._waiting[writer] = address
+        counts = Counter(self._waiting.values())
+        if len(self._waiting) > _WAITING or counts[address] > _WAITING_OF_ONE:
+            most = max(counts, key=counts.__getitem__)
+            oldest = next(each for each, of in self._waiting.items() if of == most)
+            del self._waiting[oldest]
+            oldest.transport.abort()
+        try:
+            return await asyncio.wait_for(self._admitted(reader), _HEAD_WITHIN)
+        finally:
+            self._waiting.pop(writer, None)
+
     async def _admitted(self, reader: asyncio.StreamReader) -> bytes | None:
-        """The head of the request as the page knows it; None: it is refused."""
-        head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEAD_WITHIN)
-        line, _, rest = head.partition(b"\r\n")
+        """The head of the request as the page knows it; None: it is refused, without a token before it is complete."""
+        line = (await reader.readuntil(b"\r\n")).removesuffix(b"\r\n")
+        known = self._without_token(line) if self._token else line
+        if known is None:
+            return None
+        rest = b""
+        while not rest.endswith(b"\r\n\r\n") and rest != b"\r\n":
+            rest += await reader.readuntil(b"\r\n")
+            if len(rest) > _LONGEST_HEAD:
+                return None
         fields = (field.partition(b":") for field in rest.split(b"\r\n"))
         if not self._from_the_page({name.strip().lower(): value.strip() for name, _, value in fields}):
             return None
-        known = self._without_token(line) if self._token else line
-        return None if known is None else known + b"\r\n" + rest
+        return known + b"\r\n" + rest
 
     def _from_the_page(self, fields: Mapping[bytes, bytes]) -> bool:
-        host = fields.get(b"host", b"")
+        host = fields.get(b"host", b"").removesuffix(_PORT)
         origin = fields.get(b"origin")
-        if origin is not None and origin.partition(b"://")[2] != host:
+        if origin is not None and origin.partition(b"://")[2].removesuffix(_PORT) != host:
             return False
         # The name of another site may be made to lead to this machine.
-        return bool(self._token) or host.rpartition(b":")[0] in _THIS_MACHINE
+        return bool(self._token) or host.partition(b":")[0] in _THIS_MACHINE
 
     def _without_token(self, line: bytes) -> bytes | None:
         """A request line for ``/TOKEN`` as the page knows it; None: it lacks the token."""
@@ -84,6 +141,11 @@ class Gate:
         if not mark or not secrets.compare_digest(given, self._token):
             return None
         return method + b" /" + below + question + query + b" " + version
+
+
+def is_here(address: str) -> bool:
+    """Whether an IP address is one of this machine alone."""
+    return ip_address(address.partition("%")[0]).is_loopback
 
 
 async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -1,38 +1,21 @@
 """Result folders: complete or absent, without replacing other files, used by one process at a time."""
 
-import fcntl
+import errno
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pidtsm_core.errors import UsageError
+from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.runs import ownership
+from pidtsm_experiments.runs.locks import cannot_write, locked
 from pidtsm_experiments.runs.origin import write_origin
 
-_FOLDERS = {"bag", "params", "log", "figures", "images"}
-_FILES = {
-    "recording.npz",
-    "run.json",
-    "metrics.json",
-    "score.json",
-    "params.yaml",
-    "tuning.json",
-    "tuning.html",
-    "history.jsonl",
-    "leaderboard.html",
-    "leaderboard.md",
-    "tournament.json",
-    "tournament.md",
-    "comparison.json",
-    "engines.json",
-    "report.html",
-    "identified.urdf",
-    "identified.yaml",
-    "identification.html",
-    "identification.json",
-    "video.mp4",
-    "still.png",
+_OF_THE_DISK = {
+    *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG),
+    *(errno.EIO, errno.EROFS, errno.ENXIO, errno.ENODEV, errno.ESTALE),
 }
 
 
@@ -40,127 +23,210 @@ _FILES = {
 def result_folder(out: Path) -> Iterator[Path]:
     """Yield an empty working folder; at the end of the block it becomes `out` and replaces earlier results.
 
-    It gets a file that says where the results come from, see `write_origin`. If the block raises an exception, earlier
-    results are kept, and the unfinished ones are moved to ``OUT.failed``, where the logs can be read.
+    It gets a file that says where the results come from, see `write_origin`, and a marker, see `ownership`. If the
+    block raises an exception, earlier results are kept, and the unfinished ones are moved to ``OUT.failed``, where the
+    logs can be read. Links to `out` are followed. Only files that the program has made are removed.
 
     Raises:
-        UsageError: `out` contains other files, cannot be written, or is used by another process.
+        UsageError: `out`, ``OUT.failed`` or ``OUT.unfinished`` contains other files, `out` cannot be a result folder or
+            cannot be written, or it is used by another process.
+        RunError: the disk is full or gone.
     """
-    out = out.absolute()
+    out = settled(out)
+    _check_replaceable(out)
     with locked(out):
-        if out.exists():
-            _check_ours(out)
+        _restore(out)
+        for folder in (out, _beside(out, "failed")):
+            _check_ours(folder)
         unfinished = _empty(out)
-        failed = out.with_name(f"{out.name}.failed")
         try:
             yield unfinished
             write_origin(unfinished)
-        except BaseException:
-            shutil.rmtree(failed, ignore_errors=True)
-            unfinished.rename(failed)
+            ownership.mark(unfinished)
+            _check_ours(out)
+            _replace(out, unfinished)
+        except BaseException as error:
+            kept = _keep(unfinished, _beside(out, "failed"))
+            if isinstance(error, OSError) and _is_of(error, unfinished):
+                raise RunError(f"cannot write to {out}: {error.strerror or error}; {kept}") from None
             raise
-        shutil.rmtree(failed, ignore_errors=True)
-        if out.exists():
-            shutil.rmtree(out)
-        unfinished.rename(out)
+        _remove(_beside(out, "failed"))
+        _remove(_beside(out, "replaced"))
 
 
 @contextmanager
-def renewed(out: Path) -> Iterator[Path]:
+def renewed(out: Path, *names: str, beside: tuple[str, ...] = ()) -> Iterator[Path]:
     """Yield an empty working folder; at the end of the block its content replaces that of the same names in `out`.
 
-    If the block raises an exception, `out` is unchanged.
+    If the block raises an exception, `out` is unchanged. Links to `out` are followed.
 
     Args:
-        out: an existing result folder.
+        out: a folder; if it is missing, it is made before the block.
+        names: of the files and folders that the block will make in the working folder.
+        beside: of the files that the block writes into `out` itself.
 
     Raises:
-        UsageError: `out` cannot be written, or is used by another process.
+        UsageError: `out` has other files with one of these names, cannot be written, or is used by another process.
+        RunError: the disk is full or gone.
     """
-    out = out.absolute()
+    out = settled(out)
     with locked(out):
+        _check_ours(out, (*names, *beside))
         unfinished = _empty(out)
         try:
+            out.mkdir(exist_ok=True)
+            ownership.mark(out, ownership.made_in(out).union(beside))
             yield unfinished
-            for entry in unfinished.iterdir():
-                if (out / entry.name).is_dir():
-                    shutil.rmtree(out / entry.name)
-                entry.rename(out / entry.name)
+            _check_ours(out, names)
+            _move(unfinished, out)
         except OSError as error:
-            raise UsageError(_cannot_write(out, error)) from None
+            if not (_is_of(error, unfinished) or _is_of(error, out)):
+                raise
+            raise RunError(f"cannot write to {out}: {error.strerror or error}") from None
         finally:
-            shutil.rmtree(unfinished)
+            shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def settled(out: Path) -> Path:
+    """The folder that `out` means, without links.
+
+    Raises:
+        UsageError: it cannot be a result folder.
+    """
+    try:
+        place = Path(os.path.realpath(out))
+        is_there = os.path.lexists(place)
+    except OSError as error:  # The current folder has been removed.
+        raise UsageError(f"{out} cannot be found: {error.strerror}") from None
+    if place.is_symlink():
+        raise UsageError(f"the links of {out} lead in a circle; choose another --out")
+    if place.parent == place:
+        raise UsageError(f"{out} is the root of all folders; name a folder in it")
+    if is_there and not place.is_dir():
+        raise UsageError(f"{out} is a file; --out needs a folder")
+    if is_there and os.path.ismount(place):
+        raise UsageError(f"{out} is where a disk is mounted; name a folder in it")
+    return place
+
+
+def _check_replaceable(out: Path) -> None:
+    """Check that the current folder is not in `out`: it would be removed.
+
+    Raises:
+        UsageError: it is.
+    """
+    try:
+        is_within = Path.cwd().is_relative_to(out)
+    except OSError:  # It has been removed already.
+        return
+    if is_within:
+        raise UsageError(f"the current folder is in {out}, which will be replaced; name a folder in it")
+
+
+def _check_ours(folder: Path, names: tuple[str, ...] | None = None) -> None:
+    """Check that all files of a folder are ours, or those of these names.
+
+    Raises:
+        UsageError: some are not, or it cannot be read.
+    """
+    try:
+        others = ownership.foreign(folder, names)
+    except OSError as error:
+        raise UsageError(f"cannot read {error.filename}: {error.strerror}") from None
+    if others == [folder.name] and not folder.is_dir():
+        raise UsageError(f"{folder} is not a result folder; move it away, or choose another --out")
+    if others:
+        tops = sorted({other for other in others if str(Path(other).parent) not in others})
+        more = ", ..." if len(tops) > len(tops[:3]) else ""
+        raise UsageError(
+            f"{folder} contains other files ({', '.join(tops[:3])}{more}); move them away, or choose another --out"
+        )
+
+
+def _beside(out: Path, kind: str) -> Path:
+    return out.with_name(f"{out.name}.{kind}")
+
+
+def _restore(out: Path) -> None:
+    """Finish what a killed process has begun: put earlier results back, or remove what has been replaced."""
+    replaced = _beside(out, "replaced")
+    _check_ours(replaced)
+    try:
+        if replaced.is_dir() and not os.path.lexists(out):
+            replaced.rename(out)
+        _remove(replaced)
+    except OSError as error:
+        raise UsageError(cannot_write(out, error)) from None
 
 
 def _empty(out: Path) -> Path:
     """An empty folder beside `out`, for what is not finished."""
-    unfinished = out.with_name(f"{out.name}.unfinished")
+    unfinished = _beside(out, "unfinished")
+    _check_ours(unfinished)
     try:
-        shutil.rmtree(unfinished, ignore_errors=True)
+        _remove(unfinished)
         unfinished.mkdir()
+        ownership.begin(unfinished)
     except OSError as error:
-        raise UsageError(_cannot_write(out, error)) from None
+        with suppress(OSError):
+            unfinished.rmdir()
+        raise UsageError(cannot_write(out, error)) from None
     return unfinished
 
 
-@contextmanager
-def locked(out: Path) -> Iterator[None]:
-    """Lock `out` against other processes within the block.
+def _replace(out: Path, unfinished: Path) -> None:
+    """Make `unfinished` the folder `out`; what was there is moved aside."""
+    replaced = _beside(out, "replaced")
+    if os.path.lexists(out):
+        out.rename(replaced)
+    try:
+        unfinished.rename(out)
+    except OSError:
+        if replaced.is_dir():
+            replaced.rename(out)
+        raise
 
-    The lock is held on a file next to `out`; the kernel releases it if the process dies.
+
+def _move(unfinished: Path, out: Path) -> None:
+    """Move everything in `unfinished` to `out`."""
+    made, before = ownership.listed(unfinished), ownership.made_in(out)
+    ownership.mark(out, before | made)  # Whenever the process is killed, all that is ours is listed.
+    for name in sorted({entry.partition(os.sep)[0] for entry in made}):
+        if (out / name).is_dir():
+            shutil.rmtree(out / name)
+        (unfinished / name).rename(out / name)
+    ownership.mark(out, made | (before & ownership.listed(out)))
+
+
+def _keep(unfinished: Path, failed: Path) -> str:
+    """Move what is unfinished to `failed`, and say so; never raises."""
+    try:
+        with suppress(OSError):  # On a full disk, it stays marked as unfinished.
+            ownership.mark(unfinished)
+        if not ownership.foreign(failed):
+            if failed.is_dir():
+                shutil.rmtree(failed)
+            unfinished.rename(failed)
+            return f"what was made is in {failed}"
+    except OSError:
+        pass
+    return f"what was made is in {unfinished}" if unfinished.is_dir() else f"{unfinished} is gone"
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder, if there is one; all in it must be ours.
 
     Raises:
-        UsageError: another process holds the lock (the message contains its id), or the lock file cannot be written.
+        RunError: it cannot be removed.
     """
-    out = out.absolute()
-    file = out.with_name(f".{out.name}.lock")
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        lock = _lock(file)
+        if folder.is_dir():
+            shutil.rmtree(folder)
     except OSError as error:
-        raise UsageError(_cannot_write(out, error)) from None
-    if lock is None:
-        raise UsageError(f"{out} is being written by {_owner(file)}; wait for it, or choose another --out")
-    try:
-        yield
-    finally:
-        file.unlink(missing_ok=True)
-        os.close(lock)
+        raise RunError(f"{folder} cannot be removed: {error.strerror}; remove it, or choose another --out") from None
 
 
-def _lock(file: Path) -> int | None:
-    """Create and lock a file with the id of this process; returns its descriptor, None if another process has it."""
-    while True:
-        descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            # The previous owner may have removed the file after it was opened here; then try again.
-            if file.exists() and os.path.samestat(file.stat(), os.fstat(descriptor)):
-                os.ftruncate(descriptor, 0)
-                os.write(descriptor, str(os.getpid()).encode())
-                return descriptor
-        except FileNotFoundError:
-            pass
-        except BlockingIOError:
-            os.close(descriptor)
-            return None
-        os.close(descriptor)
-
-
-def _owner(file: Path) -> str:
-    try:
-        return f"process {int(file.read_text(encoding='ascii'))}"
-    except (OSError, ValueError):  # It has just ended or just started.
-        return "another process"
-
-
-def _cannot_write(out: Path, error: OSError) -> str:
-    return f"cannot write to {out.parent}: {error.strerror}"
-
-
-def _check_ours(out: Path) -> None:
-    if not out.is_dir():
-        raise UsageError(f"{out} is a file; --out needs a folder")
-    foreign = sorted(entry.name for entry in out.iterdir() if entry.name not in _FOLDERS | _FILES)
-    if foreign:
-        raise UsageError(f"{out} contains other files ({', '.join(foreign[:3])}); choose another --out")
+def _is_of(error: OSError, folder: Path) -> bool:
+    """Whether an error is one of the disk, or of a file in a folder."""
+    names = [Path(os.fsdecode(name)) for name in (error.filename, error.filename2) if isinstance(name, (str, bytes))]
+    return error.errno in _OF_THE_DISK or any(name.is_relative_to(folder) for name in names)

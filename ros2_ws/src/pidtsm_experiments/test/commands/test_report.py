@@ -8,6 +8,7 @@ import pytest
 
 from pidtsm_core.recording import Recording
 from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs.ownership import MARKER
 from pidtsm_studies.reports import figures
 
 MADE = ("metrics.json", "report.html", "figures/error.svg")
@@ -35,7 +36,7 @@ def test_a_rollout_is_reported_again_from_its_recording(folder: Path, kept: Path
 def test_a_run_is_reported_again_from_its_bag(folder: Path, run: Recording, write_bag: Any) -> None:
     bag = write_bag(folder / "mine" / "bag", run)
     assert main(["report", "mine"]) == 0
-    assert sorted({Path(name).parts[0] for name in contents(folder / "mine")} - {"bag"}) == [
+    assert sorted({Path(name).parts[0] for name in contents(folder / "mine")} - {"bag", MARKER}) == [
         "figures",
         "metrics.json",
         "report.html",

@@ -10,8 +10,12 @@ from pathlib import Path
 import pytest
 
 from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs.origin import ORIGIN
+from pidtsm_experiments.runs.ownership import MARKER
 
 DEADLINE = 120.0
+ALWAYS = (MARKER, ORIGIN)
+"""Files of every result folder."""
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +28,7 @@ def scores(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_score_is_written(scores: Path) -> None:
-    assert {file.name for file in (scores / "mine").iterdir()} == {"score.json", "report.html"}
+    assert {file.name for file in (scores / "mine").iterdir()} == {"score.json", "report.html", *ALWAYS}
     content = json.loads((scores / "mine" / "score.json").read_text())
     assert (content["law"], content["name"], content["runs"]) == ("sliding_mode", "mine", 38)
 
@@ -32,7 +36,7 @@ def test_the_score_is_written(scores: Path) -> None:
 def test_the_leaderboard_reads_it(scores: Path, tmp_path: Path) -> None:
     out = tmp_path / "board"
     assert main(["leaderboard", str(scores), "--out", str(out)]) == 0
-    assert {file.name for file in out.iterdir()} == {"leaderboard.html", "leaderboard.md", "images"}
+    assert {file.name for file in out.iterdir()} == {"leaderboard.html", "leaderboard.md", "images", *ALWAYS}
     assert "| mine |" in (out / "leaderboard.md").read_text()
 
 

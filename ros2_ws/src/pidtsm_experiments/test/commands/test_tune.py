@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 
 from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs.origin import ORIGIN
+from pidtsm_experiments.runs.ownership import MARKER
 
 DEADLINE = 120.0
 TUNE = ["tune", "--law", "computed_torque", "--hardware", "ideal", "--budget", "18", "--seed", "2"]
@@ -29,7 +31,14 @@ def found(out: Path) -> dict[str, Any]:
 
 
 def test_the_results_are_written_and_taken(out: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert {file.name for file in out.iterdir()} == {"params.yaml", "tuning.json", "tuning.html", "history.jsonl"}
+    assert {file.name for file in out.iterdir()} == {
+        "params.yaml",
+        "tuning.json",
+        "tuning.html",
+        "history.jsonl",
+        MARKER,
+        ORIGIN,
+    }
     content = found(out)
     assert content["objective"] == "balanced"
     rollout = ["rollout", "--params", str(out / "params.yaml"), "--json"]

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from pidtsm_core.errors import UsageError
-from pidtsm_experiments.runs.results import locked, result_folder
+from pidtsm_experiments.runs.locks import locked
+from pidtsm_experiments.runs.results import result_folder
 
 DEADLINE = 60.0  # s
 

@@ -1,0 +1,271 @@
+"""Whatever is at the place of a result folder and beside it: only what the program has made is replaced or removed."""
+
+import errno
+import os
+import resource
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from pidtsm_core.errors import UsageError
+from pidtsm_experiments.cli import main
+from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.runs import ownership
+from pidtsm_experiments.runs.locks import locked
+from pidtsm_experiments.runs.results import renewed, result_folder
+
+SITUATIONS = 150
+NOBODY = 65534
+BESIDE = ("failed", "unfinished", "replaced")
+SMALL = 2000  # bytes; the largest file on a disk that is nearly full
+
+
+def foreign(folder: Path, name: str = "thesis.tex") -> None:
+    file = folder / name
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text("years of work")
+
+
+def result(folder: Path) -> None:
+    folder.mkdir(parents=True)
+    for name in ("metrics.json", "figures/error.svg", "bag/metadata.yaml"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text("ours")
+    ownership.mark(folder)
+
+
+def filling(folder: Path) -> None:
+    result(folder)
+    ownership.begin(folder)
+
+
+def linked(place: Path, make: Callable[[Path], None]) -> None:
+    target = place.parent / f"elsewhere of {place.name}"
+    make(target)
+    place.symlink_to(target)
+
+
+def old_result(place: Path) -> None:
+    for name in ("metrics.json", "bag/bag.mcap"):
+        foreign(place, name)
+
+
+def dead_lock(place: Path) -> None:
+    place.write_text("4194305")
+
+
+def file(place: Path) -> None:
+    foreign(place.parent, place.name)
+
+
+def second_name(place: Path) -> None:
+    foreign(place.parent, "first name")
+    os.link(place.parent / "first name", place)
+
+
+Maker = Callable[[Path], None]
+
+
+def noted(make: Maker, name: str = "note.txt") -> Maker:
+    """A folder in which somebody has put a file."""
+
+    def make_both(place: Path) -> None:
+        make(place)
+        foreign(place, name)
+
+    return make_both
+
+
+PLACES: dict[str, Maker] = {
+    "missing": lambda place: None,
+    "empty": lambda place: place.mkdir(),
+    "result": result,
+    "being filled": filling,
+    "of somebody": foreign,
+    "with our names": lambda place: foreign(place, "figures/mine.svg"),
+    "old result": old_result,
+    "result with a note": noted(result),
+    "result with a figure": noted(result, "figures/mine.svg"),
+    "being filled, with a note": noted(filling),
+    "file": file,
+    "link to a result": lambda place: linked(place, result),
+    "link to files": lambda place: linked(place, foreign),
+    "link to nothing": lambda place: place.symlink_to(place.parent / "nothing"),
+    "link in a circle": lambda place: place.symlink_to(place),
+    "pipe": os.mkfifo,
+}
+LOCKS: dict[str, Maker] = {
+    "missing": lambda place: None,
+    "of a dead process": dead_lock,
+    "file": file,
+    "link": lambda place: linked(place, file),
+    "folder": foreign,
+    "pipe": os.mkfifo,
+    "second name": second_name,
+}
+
+
+class BrokenError(Exception):
+    """The work of a command has failed."""
+
+
+@contextmanager
+def nearly_full_disk() -> Iterator[None]:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (SMALL, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@contextmanager
+def as_nobody() -> Iterator[None]:
+    os.seteuid(NOBODY)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+def works(folder: Path) -> None:
+    (folder / "metrics.json").write_text("new")
+    (folder / "figures").mkdir()
+    (folder / "figures" / "effort.svg").write_text("new")
+
+
+def fills_the_disk(folder: Path) -> None:
+    works(folder)
+    with nearly_full_disk():
+        (folder / "recording.npz").write_bytes(bytes(10 * SMALL))
+
+
+def fails(folder: Path) -> None:
+    works(folder)
+    raise BrokenError
+
+
+def loses_its_folder(folder: Path) -> None:
+    shutil.rmtree(folder)
+    works(folder)
+
+
+def meets_a_dead_device(_: Path) -> None:
+    raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+
+WORK = (works, works, works, fills_the_disk, fails, loses_its_folder, meets_a_dead_device)
+
+
+def foreign_files(root: Path) -> set[Path]:
+    """Where the content of somebody is, links not followed."""
+    paths = (Path(place, name) for place, _, names in os.walk(root) for name in names)
+    return {path for path in paths if not path.is_symlink() and path.is_file() and path.read_text() == "years of work"}
+
+
+@pytest.fixture
+def root() -> Iterator[Path]:
+    """A folder that other users may enter."""
+    folder = Path(tempfile.mkdtemp())
+    folder.chmod(0o755)
+    yield folder
+    folder.chmod(0o755)
+    shutil.rmtree(folder)
+
+
+def use(out: Path, work: Callable[[Path], None], as_new: bool) -> str:
+    """Make a result in a folder, or renew one; returns the error, in one line."""
+    place = result_folder(out) if as_new else renewed(out, "metrics.json", "figures", "recording.npz")
+    try:
+        with place as folder:
+            work(folder)
+    except (UsageError, RunError, BrokenError) as error:
+        return str(error) or "the work failed"
+    return ""
+
+
+@pytest.mark.parametrize("seed", range(SITUATIONS))
+def test_nothing_is_lost_that_is_not_ours(root: Path, seed: int) -> None:
+    random = Random(seed)
+    out = root / random.choice(["out", "out", "deep/out"])
+    out.parent.mkdir(exist_ok=True)
+    PLACES[random.choice(list(PLACES))](out)
+    for kind in BESIDE:
+        PLACES[random.choice([*PLACES, *["missing"] * 60, *["result"] * 10])](out.with_name(f"out.{kind}"))
+    LOCKS[random.choice([*LOCKS, *["missing"] * 20])](out.with_name(".out.lock"))
+    work, as_new = random.choice(WORK), random.random() < 0.7
+    before = foreign_files(root)
+    if random.random() < 0.2:
+        out.parent.chmod(random.choice([0o755, 0o1777]) if os.geteuid() == 0 else 0o555)
+        if os.geteuid() == 0:
+            with as_nobody():
+                error = use(out, work, as_new)
+        else:
+            error = use(out, work, as_new)
+        out.parent.chmod(0o755)
+    else:
+        error = use(out, work, as_new)
+    assert foreign_files(root) >= before
+    assert "\n" not in error
+    made = out / "figures" / "effort.svg"
+    assert bool(error) != (made.exists() and made.read_text() == "new")
+    if work is not works:
+        assert error
+
+
+def test_many_situations_end_well(root: Path) -> None:
+    """The judge above could not tell if everything were refused."""
+    for place in ("missing", "empty", "result", "link to a result", "link to nothing"):
+        out = root / place / "out"
+        out.parent.mkdir()
+        PLACES[place](out)
+        target = out.resolve()
+        for kind in ("failed", "unfinished"):
+            result(target.with_name(f"{target.name}.{kind}"))
+        assert not use(out, works, as_new=True)
+        assert (target / "figures" / "effort.svg").read_text() == "new"
+        assert {path.name for path in out.parent.iterdir()} == {"out", target.name}, "no litter"
+
+
+def test_what_is_in_use_is_refused_by_any_of_its_names(root: Path) -> None:
+    linked(root / "out", result)
+    with locked((root / "out").resolve()):
+        assert "is being written by process" in use(root / "out", works, as_new=True)
+
+
+def test_a_killed_process_between_old_and_new_loses_neither(root: Path) -> None:
+    result(root / "out.replaced")
+    filling(root / "out.unfinished")
+    assert use(root / "out", fails, as_new=True)
+    assert (root / "out" / "metrics.json").read_text() == "ours"
+    assert sorted(path.name for path in root.iterdir()) == ["out", "out.failed"]
+
+
+@pytest.mark.parametrize(
+    ("out", "words"),
+    [("/", "is the root of all folders"), (".", "the current folder is in"), ("/proc/self/x", "cannot write to /proc")],
+)
+def test_a_place_that_cannot_be_is_refused_before_the_work(
+    out: str, words: str, root: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(root)
+    assert main(["rollout", "--duration", "0.1", "--out", out]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert len(error.splitlines()) == 1
+    assert not list(root.iterdir())
+
+
+def test_a_full_disk_ends_in_one_line(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result(root / "out")
+    with nearly_full_disk():
+        assert main(["rollout", "--duration", "1", "--out", str(root / "out")]) == 1
+    error = capsys.readouterr().err.splitlines()
+    assert error[-1].startswith("pidtsm: cannot write to ")
+    assert "File too large" in error[-1]
+    assert (root / "out" / "metrics.json").read_text() == "ours"
