@@ -216,7 +216,7 @@ class Driver(Floor):
         robots = list(names(values["robots"]))
         self._messages = [_at_rest(robot) for robot in robots * (len(self._targets) // len(robots))]
         self._states = [self.advertise(JointState, f"{t}/joint_states") for t in self._targets]
-        self._sources = [
+        self._commanded = [
             self.listen(JointState, f"{t}/joint_commands", self._on_command, raw=True) for t in self._targets
         ]
         self._sent = np.zeros(self._total, np.int64)
@@ -227,7 +227,7 @@ class Driver(Floor):
     def poll(self) -> float:
         if self._k < 0:
             ready = all(p.get_subscription_count() >= 2 for p in self._states)
-            if not ready or not all(s.get_publisher_count() for s in self._sources):
+            if not ready or not all(s.get_publisher_count() for s in self._commanded):
                 return 0.02
             self._k, self._due = 0, time.monotonic_ns() + 500_000_000
         now = time.monotonic_ns()

@@ -15,7 +15,7 @@ from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
-from test_strangers import StrangersPlant, start
+from strangersplant import StrangersPlant, start
 from testbed import open_testbed
 
 from pidtsm_core.cdr import serialized_nanoseconds

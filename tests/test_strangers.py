@@ -4,7 +4,6 @@ They know the documented topics and standard messages, not what the nodes do ins
 """
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,43 +12,21 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
+from strangersplant import (
+    EPOCH,
+    MS,
+    PERIOD,
+    SECOND,
+    STRANGERS_ORDER,
+    StrangersPlant,
+    Vector,
+    bias,
+    in_order,
+    mass_matrix,
+    seconds,
+    start,
+)
 from testbed import Testbed
-
-from pidtsm_experiments.runs.runner import Process
-from pidtsm_msgs.msg import JointReference
-from pidtsm_ros.stamps import nanoseconds, set_stamp
-
-Vector = NDArray[np.float64]
-
-STRANGERS_ORDER = ["joint2", "joint1"]
-PERIOD = 0.001  # s
-MS = 1_000_000
-SECOND = 1000 * MS
-G = 9.8  # m/s^2
-
-
-def mass_matrix(q: Vector) -> NDArray[np.float64]:
-    """Of 0.5 kg at 1 m and 1.5 kg 0.85 m behind it, and rotor inertias of 5 kg m^2; q of joint1, joint2."""
-    coupled = 1.5 * 0.85 * math.cos(q[1])
-    outer = 1.5 * 0.85**2
-    return np.array([[2.0 + outer + 5.0 + 2.0 * coupled, outer + coupled], [outer + coupled, outer + 5.0]])
-
-
-def bias(q: Vector, v: Vector) -> Vector:
-    """Coriolis, centrifugal (Lagrange's) and gravity torques, N m."""
-    h = 1.5 * 0.85 * math.sin(q[1])
-    outer = 1.5 * 0.85 * G * math.cos(q[0] + q[1])
-    return np.array([-h * v[1] * (2.0 * v[0] + v[1]) + 2.0 * G * math.cos(q[0]) + outer, h * v[0] ** 2 + outer])
-
-
-def in_order(message: JointState, values: Any) -> Vector:
-    """The values of joint1 and joint2, wherever they stand."""
-    by_name = dict(zip(message.name, values, strict=True))
-    return np.array([by_name["joint1"], by_name["joint2"]])
-
-
-def seconds(message: Any) -> float:
-    return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
 
 
 class StrangersController:
@@ -93,121 +70,10 @@ def test_a_strangers_controller_tracks_on_our_simulator(testbed: Testbed) -> Non
     assert np.abs(stranger.errors).max() < 2e-3
 
 
-EPOCH = 86_400 * 365 * SECOND
-"""Its stamps are of another clock."""
-
-
-class StrangersPlant:
-    """An arm by Lagrange's equations with friction; it moves when the command for its last state has come.
-
-    Attributes:
-        now: simulated time, ns.
-        last: stamp of the last state, ns.
-        off: what the sensor adds, rad.
-        times, positions, efforts: s, rad and N m, of every state that was answered.
-    """
-
-    def __init__(self, testbed: Testbed, rate: int = 1000, heavier: float = 0.0, jitter: float = 0.0) -> None:
-        self.testbed = testbed
-        self.period, self.jitter, self.heavier = 1.0 / rate, jitter, 1.0 + heavier
-        self.random = np.random.default_rng(rate)
-        self.now, self.epoch = 0, EPOCH
-        self.q, self.v = np.array([0.39, -0.01]), np.zeros(2)
-        self.off, self.last = 0.0, 0
-        self.times: list[float] = []
-        self.positions: list[Vector] = []
-        self.efforts: list[Vector] = []
-        self.answers: list[JointState] = []
-        self.states = testbed.node.create_publisher(JointState, "joint_states", 10)
-        self.references: list[JointReference] = []
-        testbed.node.create_subscription(JointState, "joint_commands", self.answers.append, 10)
-        testbed.node.create_subscription(JointReference, "reference", self.references.append, 10)
-
-    def publish(self, stamp: int, q: Vector) -> None:
-        message = JointState(name=STRANGERS_ORDER, position=[q[1], q[0]])
-        set_stamp(message.header.stamp, stamp)
-        self.states.publish(message)
-
-    def state(self) -> None:
-        """The state of now."""
-        self.last = self.epoch + self.now
-        self.publish(self.last, self.q + self.off)
-
-    def step(self) -> None:
-        """A state, its command, and the arm's motion under it until the next."""
-        self.state()
-
-        def answered() -> bool:
-            # Faster than the trajectory node can answer nobody need be.
-            newest = [heard[-1] if heard else None for heard in (self.answers, self.references)]
-            return all(m and nanoseconds(m.header.stamp) == self.last for m in newest)
-
-        self.testbed.spin_until(answered, f"a command at {self.now / SECOND} s")
-        self.times.append(self.now / SECOND)
-        self.positions.append(self.q)
-        self.efforts.append(in_order(self.answers[-1], self.answers[-1].effort))
-        self.move()
-
-    def move(self) -> None:
-        """The arm's motion under the last command until the next state."""
-        took = round(self.period * (1.0 + self.random.uniform(-self.jitter, self.jitter)) * SECOND)
-        self.now += took
-        steps = math.ceil(took / SECOND / PERIOD)
-        for _ in range(steps):
-            self.integrate(self.efforts[-1], took / SECOND / steps)
-
-    def integrate(self, torque: Vector, dt: float) -> None:
-        """RK4."""
-
-        def rate(state: Vector) -> Vector:
-            q, v = state[:2], state[2:]
-            friction = 0.5 * v + 0.5 * np.tanh(v / 0.05)
-            needed = self.heavier * bias(q, v) + friction
-            return np.concatenate([v, np.linalg.solve(self.heavier * mass_matrix(q), torque - needed)])
-
-        state = np.concatenate([self.q, self.v])
-        k1 = rate(state)
-        k2 = rate(state + 0.5 * dt * k1)
-        k3 = rate(state + 0.5 * dt * k2)
-        k4 = rate(state + dt * k3)
-        state = state + dt * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
-        self.q, self.v = state[:2], state[2:]
-
-    def go_on(self, seconds: float) -> None:
-        end = self.now + round(seconds * SECOND)
-        while self.now < end:
-            self.step()
-
-    def largest_step(self, since: int) -> float:
-        """Of the torque, N m."""
-        return float(np.abs(np.diff(self.efforts[since:], axis=0)).max())
-
-
 def article(t: Vector) -> NDArray[np.float64]:
     """Eq. (52), shape (samples, 2), rad."""
     first, second = 0.2 * np.cos(0.7 * t), 0.2 * np.cos(0.5 * t - 0.2)
     return np.stack([first + second, second - first], axis=1)
-
-
-def start(testbed: Testbed, plant: StrangersPlant, **parameters: object) -> dict[str, Process]:
-    """Our controller and trajectory in realtime, which the plant's time has nothing to do with."""
-    given = {"watchdog.state_stop": 5.0, **{name.replace("__", "."): value for name, value in parameters.items()}}
-    # The test needs every answer.
-    reliable = "qos_overrides./{}.subscription.reliability:=reliable"
-    nodes = {
-        "controller": testbed.start(
-            "controller",
-            *(f"{name}:={value}" for name, value in given.items()),
-            *(reliable.format(topic) for topic in ("joint_states", "reference")),
-        ),
-        # It waits for the controller and the test, so that no reference is lost.
-        "trajectory": testbed.start("trajectory", reliable.format("joint_states"), "start.subscribers:=2"),
-    }
-    testbed.spin_until(
-        lambda: plant.states.get_subscription_count() == 2 and testbed.node.count_subscribers("reference") == 2,
-        "controller and trajectory",
-    )
-    return nodes
 
 
 @pytest.mark.parametrize(

@@ -152,7 +152,7 @@ class Controller:
         if stop not in ("damping", "gravity_damping"):
             config.damping[:] = 0.0
         friction = config.coulomb.copy(), config.viscous.copy()
-        # The model's, not those of the configuration with its scratch space; a payload that changes needs another effort.
+        # The model has scratch space in the configuration; and a payload that changes needs another effort.
         empty = found.pack_model(values)
         self._demanding = (empty, gains, config.estimator_parameters.copy(), config.law_integers.copy(), *friction)
 
