@@ -1,6 +1,7 @@
 """The judge of stops finds what is bad, and only that."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -107,3 +108,14 @@ def test_the_best_braking_takes_the_known_way(rate: int) -> None:
         expected = speed * ramp - most * ramp**2 / 6.0 + after**2 / (2.0 * most)
         assert way[0] == pytest.approx(expected, rel=0.02 + 20.0 / rate)
         assert fastest[0] == pytest.approx(speed)
+
+
+CURED = [Case.from_text(line) for line in (Path(__file__).parent / "cured_stops.jsonl").read_text().splitlines()]
+"""Stops that once were worse than what they stopped, as the random search found them."""
+
+
+@pytest.mark.parametrize("case", CURED, ids=lambda case: f"{case.index} {case.arm} {case.cause}")
+def test_stops_that_were_bad_are_good(case: Case) -> None:
+    judged = judge(Run(case))
+    assert judged.stopped
+    assert judged.worst_ratio <= 1.0, judged.why
