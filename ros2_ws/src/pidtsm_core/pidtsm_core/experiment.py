@@ -1,6 +1,7 @@
 """Definition of a run: a scenario, a law, and the resulting parameters of every node."""
 
 import functools
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -78,11 +79,25 @@ class Experiment:
             ParameterError: an unknown parameter or an invalid value; the message contains file, node and parameter.
         """
         try:
+            for node, given in self.settings.items():
+                _check_integers(node, given)
             return resolve_nodes(schemas, self.settings)
         except ParameterError as error:
             if file := self.files.get(error.parameter):
                 raise ParameterError(f"{file}: {error}", error.parameter) from None
             raise
+
+
+def _check_integers(node: str, given: Mapping[str, Any]) -> None:
+    """Check that integers are in the range of numbers: those of a file may have any number of digits.
+
+    Raises:
+        ParameterError: one is not.
+    """
+    for name, value in given.items():
+        for each in value if isinstance(value, (list, tuple)) else (value,):
+            if isinstance(each, int) and abs(each) > sys.float_info.max:
+                raise ParameterError(f"{node}.{name}: an integer is too large for a number", f"{node}.{name}")
 
 
 def scenario_names() -> list[str]:

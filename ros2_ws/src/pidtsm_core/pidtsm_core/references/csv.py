@@ -3,6 +3,7 @@
 import csv
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from pidtsm_core.references.piecewise import evaluate, piecewise
 _KINDS = ("q", "dq", "ddq")
 _SEPARATORS = (",", ";", "\t")
 _LONGEST_LINE = 1 << 20
+_SHOWN = 200
+"""Largest number of characters of a line in a message."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +34,17 @@ class _FromFile(Reference):
             times, samples = _read(file, names(values["joints"]))
         except (OSError, ValueError, csv.Error) as error:
             raise ParameterError(f"{parameter}: {error}", parameter) from None
-        knots = _complete(times, samples)
-        return piecewise(times, knots[:-1], knots[1:])
+        return self._joined(times, samples, f"{parameter}: {file}", parameter)
+
+    @staticmethod
+    def _joined(times: Array, samples: Array, where: str, parameter: str) -> Array:
+        """The motion through the samples; see `pack`."""
+        with suppress(ValueError), np.errstate(all="ignore"):
+            knots = _complete(times, samples)
+            packed = piecewise(times, knots[:-1], knots[1:])
+            if np.isfinite(packed).all():
+                return packed
+        raise ParameterError(f"{where}: its numbers are too large, or its times too close", parameter)
 
 
 def _read(file: str, joints: tuple[str, ...]) -> tuple[Array, Array]:
@@ -99,10 +111,16 @@ def _row(words: list[str], separator: str, columns: int, where: str) -> list[flo
     try:
         row = [float(word.replace(",", ".") if separator == ";" else word) for word in words]
     except ValueError:
-        raise ValueError(f"{where}: not all of {', '.join(words)} are numbers") from None
+        raise ValueError(f"{where}: not all of {_shown(words)} are numbers") from None
     if not all(map(math.isfinite, row)):
-        raise ValueError(f"{where}: not all of {', '.join(words)} are finite")
+        raise ValueError(f"{where}: not all of {_shown(words)} are finite")
     return row
+
+
+def _shown(words: list[str]) -> str:
+    """Words for a message, in one line that is not too long: a quote that does not end reaches to the end of a file."""
+    text = " ".join(", ".join(words).split())
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]} ..."
 
 
 def _kinds(header: list[str], joints: tuple[str, ...], where: str) -> tuple[str, ...]:
@@ -117,7 +135,7 @@ def _kinds(header: list[str], joints: tuple[str, ...], where: str) -> tuple[str,
             return kinds
     wanted = ", ".join(f"q_{joint}" for joint in joints)
     raise ValueError(
-        f"{where}: the columns are {', '.join(header) or 'none'}; wanted are time, {wanted}, "
+        f"{where}: the columns are {_shown(header) or 'none'}; wanted are time, {wanted}, "
         "in any order, and for all joints dq_, or dq_ and ddq_, where they are known"
     )
 

@@ -1,0 +1,203 @@
+"""Whatever a parameter, a description or a table says: it is used or refused in one line, soon, and in little memory.
+
+The corpus is made here, the same one every time. Scenarios, parameter files and bags have their own, see the tests of
+pidtsm_experiments.
+"""
+
+import json
+import math
+import resource
+import signal
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from random import Random
+from types import FrameType
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from pidtsm_core.closed_loop import SCHEMAS, DivergedError, rollout
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import make_experiment
+from pidtsm_core.parameters import resolve
+from pidtsm_core.references import ReferenceMotion, reference_schema
+from pidtsm_core.robots import find_robot
+from pidtsm_core.robots.source import read_source
+
+LONGEST = 10.0  # s of processor time
+NUMBERS = (math.nan, math.inf, -math.inf, 0.0, -1.0, 5e-324, 1e-320, 1e-9, 1e300, 1.8e308, 10**400, -(2**63), 2**63, 7)
+OTHERS: tuple[object, ...] = (
+    True,
+    None,
+    "",
+    "\0",
+    "x" * 10_000,
+    "\ud800",
+    "{",
+    [],
+    [math.nan, 1.0],
+    [1.0] * 1000,
+    ["a", 1],
+    {"a": 1},
+    b"x",
+)
+VALUES = (*NUMBERS, *OTHERS)
+TEXTS = ("", "nan", "inf", "-1", "0", "1e300", "1e-320", "9" * 400, "x", "1 2", "1 2 3 4", "\u00fc", "${9**9}", "../..")
+DESCRIPTIONS, TABLES = 1000, 3200
+TABLE = "time,q_joint1,q_joint2\n" + "".join(f"{t / 10},{math.sin(t)},{math.cos(t)}\n" for t in range(20))
+MJCF = """<mujoco><compiler angle="radian"/><option gravity="0 0 -9.81"/><default><joint damping="0.1"/></default>
+<asset><hfield name="ground" nrow="3" ncol="3" size="1 1 1 1"/><texture name="t" type="2d" builtin="flat" width="4"
+height="4"/><mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset><worldbody><body name="a"><joint name="joint1"
+axis="0 1 0" range="-1 1" limited="true"/><inertial pos="0 0 -0.1" mass="1" diaginertia="0.1 0.1 0.1"/><geom type="mesh"
+mesh="m"/><body name="b" pos="0 0 -1"><joint name="joint2" type="slide"/><inertial pos="0 0 0" mass="1"
+diaginertia="1 1 1"/><replicate count="2" offset="0 0 1"><geom size="0.1"/></replicate><site name="tip"/></body></body>
+</worldbody><actuator><motor joint="joint1" ctrlrange="-1 1" gear="2"/></actuator>
+<custom><numeric name="n" data="1"/></custom></mujoco>"""
+
+
+class SlowError(AssertionError):
+    """An input took too long."""
+
+
+@contextmanager
+def soon() -> Iterator[None]:
+    """Fail if the block takes more processor time than `LONGEST`."""
+
+    def end(_signal: int, _frame: FrameType | None) -> None:
+        raise SlowError
+
+    before = signal.signal(signal.SIGPROF, end)
+    signal.setitimer(signal.ITIMER_PROF, LONGEST)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+
+
+@pytest.fixture(scope="module")
+def _compiled() -> None:
+    """What is compiled and imported takes time and memory of its own."""
+    rollout(duration=0.01)
+    find_robot({"robot.description": "panda"})
+
+
+@pytest.fixture(autouse=True)
+def _little_memory(_compiled: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """At most 1 GB more than now, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (now + 2**30, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+class Judge:
+    """Uses inputs, and judges what happens; `used` counts those that were not refused."""
+
+    def __init__(self) -> None:
+        self.used = 0
+        self.broken: list[str] = []
+
+    def use(self, what: str, use: Callable[[], object], named: str = "") -> None:
+        """Call `use`; a refusal is one line, with `named` in it."""
+        with soon(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Numbers that overflow.
+            try:
+                use()
+                self.used += 1
+            except (UsageError, DivergedError) as error:
+                if "\n" in str(error) or named not in str(error):
+                    self.broken.append(f"{what}: {error}")
+            except Exception as error:
+                self.broken.append(f"{what}: {type(error).__name__}: {error}")
+
+    def conclude(self, least: int, most: int) -> None:
+        """Check that nothing broke, and that neither everything was used nor everything refused."""
+        assert not self.broken, "\n".join(self.broken)
+        assert least < self.used < most
+
+
+@pytest.mark.parametrize("node", SCHEMAS)
+def test_any_value_of_a_parameter_is_used_or_refused(node: str) -> None:
+    judge, schema = Judge(), SCHEMAS[node]({})
+    for parameter in schema:
+        for value in VALUES:
+
+            def use(given: dict[str, object]) -> None:
+                experiment = make_experiment("case1", overrides={node: given}, duration=0.005)
+                experiment.resolved(SCHEMAS)
+                if not isinstance(next(iter(given.values())), str):  # Another law would be compiled.
+                    json.dumps(rollout(experiment).metrics(), allow_nan=False)
+
+            judge.use(f"{parameter.name} = {value!r:.50}", partial(use, {parameter.name: value}))
+    judge.conclude(10, len(schema) * len(VALUES))
+
+
+def changed(root: ElementTree.Element, random: Random) -> str:
+    """A description with a few changes: values, elements that are missing, doubled, elsewhere or of another name."""
+    for _ in range(random.choice((1, 1, 1, 2, 5))):
+        elements = list(root.iter())
+        parent = random.choice([element for element in elements if len(element)])
+        child = random.choice(list(parent))
+        match random.choice(("value", "value", "value", "value", "missing", "doubled", "moved", "name", "attribute")):
+            case "value" if values := [(e, name) for e in elements for name in e.attrib]:
+                element, name = random.choice(values)
+                element.set(name, random.choice([*TEXTS, random.choice(values)[0].get(name, "1")]))
+            case "missing":
+                parent.remove(child)
+            case "doubled":
+                parent.append(child)
+            case "moved":
+                root.append(child)
+            case "name":
+                child.tag = random.choice(elements).tag
+            case "attribute":
+                child.set(
+                    random.choice(("count", "size", "type", "file", "name", "nrow", "euler")), random.choice(TEXTS)
+                )
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def damaged(text: str, random: Random) -> str:
+    """A text with characters that are missing or changed."""
+    start = random.randrange(len(text))
+    some = "".join(random.choice("<>&\"'/=\0\n ,;x1\u00fc\ufeff") for _ in range(random.randrange(3)))
+    return text[:start] + some + text[start + random.choice((0, 1, 5, len(text))) :]
+
+
+@pytest.mark.parametrize("source", ["panda", "scara", "mjcf"])
+def test_any_description_is_used_or_refused(source: str) -> None:
+    text = MJCF if source == "mjcf" else read_source(source)[1]
+    judge = Judge()
+    for seed in range(DESCRIPTIONS):
+        random = Random(seed)
+        content = changed(ElementTree.fromstring(text), random) if seed % 4 else damaged(text, random)
+        content = content if content.lstrip().startswith("<") else f"<{content}"
+        judge.use(f"seed {seed}", partial(find_robot, {"robot.description": content}), "robot.description")
+    judge.conclude(DESCRIPTIONS // 10, DESCRIPTIONS)
+
+
+def test_any_table_is_used_or_refused() -> None:
+    judge, given = Judge(), {"reference.name": "csv", "reference.file": "table.csv"}
+
+    def use() -> None:
+        ReferenceMotion(resolve(reference_schema, given, 2)).evaluate(0.35, np.empty((3, 2)))
+
+    for seed in range(TABLES):
+        random = Random(seed)
+        lines = [line.split(",") for line in TABLE.splitlines()]
+        if seed % 2:
+            random.choice(lines)[random.randrange(3)] = random.choice(TEXTS)
+        separator, end = random.choice((",", ",", ";", "\t")), random.choice((0, 1, 20, 21, 21, 21))
+        text = "\n".join(separator.join(line) for line in lines[:end])
+        content = damaged(text + "\n", random) if seed % 3 == 0 else text
+        encoding = random.choice(("utf-8", "utf-8", "utf-8", "utf-8-sig", "utf-16", "latin-1"))
+        Path("table.csv").write_bytes(content.encode(encoding, "replace"))
+        judge.use(f"seed {seed}", use, "table.csv")
+    judge.conclude(TABLES // 10, TABLES)
