@@ -54,7 +54,12 @@ def read_text(file: Path) -> str:
 
 
 def file_bytes(file: Path, most: int) -> bytes:
-    """The content of a file of at most so many bytes; see `read_text`."""
+    """The content of a file of at most so many bytes.
+
+    Raises:
+        DescriptionError: it is longer, or a device.
+        OSError: it cannot be read.
+    """
     status = file.stat()
     if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
         raise DescriptionError(f"{file} is neither a file nor a folder")

@@ -15,6 +15,7 @@ import struct
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from importlib import import_module
 from types import CodeType
 from typing import Any
 
@@ -72,6 +73,9 @@ _IOCTL, _IS_TERMINAL = (16, 29), 0x5401
 """The call that asks whether a file is a terminal; it is allowed for nothing else."""
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
+_IMPORTED_LATE = ("xacro.substitution_args", "yaml", "ament_index_python.packages")
+"""Modules that xacro imports when it needs them; they are imported before, so that the limits are those of the file."""
+
 # Of linux/filter.h and linux/seccomp.h.
 _LOAD, _EQUAL, _ANY_BIT, _RETURN = 0x20, 0x15, 0x45, 0x06
 _ALLOW, _REFUSE, _KILL = 0x7FFF0000, 0x00050000 | errno.EPERM, 0x80000000
@@ -126,13 +130,11 @@ def _step(operation: int, value: int, if_true: int = 0, if_false: int = 0) -> by
 def main(file: str) -> int:
     """Expand a file; returns the exit code."""
     del sys.path[0]  # The folder of this file has modules of other purposes.
-    # What is imported late must be found before: xacro looks for its parts when it needs them.
     import xacro
-    import xacro.substitution_args
-    import yaml  # noqa: F401
 
-    with suppress(ImportError):  # Then $(find) says so.
-        import ament_index_python.packages  # noqa: F401
+    for name in _IMPORTED_LATE:
+        with suppress(ImportError):  # Then what needs it says so.
+            import_module(name)
     xacro.safe_eval = _refuse_hidden_names(xacro.safe_eval)
     try:
         confine()
