@@ -151,10 +151,9 @@ class Controller:
             getattr(config, field)[:] = array
         if stop not in ("damping", "gravity_damping"):
             config.damping[:] = 0.0
-        friction = config.coulomb.copy(), config.viscous.copy()
         # The model has scratch space in the configuration; and a payload that changes needs another effort.
-        empty = found.pack_model(values)
-        self._demanding = (empty, gains, config.estimator_parameters.copy(), config.law_integers.copy(), *friction)
+        arrays = (config.estimator_parameters, config.law_integers, config.coulomb, config.viscous)
+        self._demanding = (found.pack_model(values), gains, *(array.copy() for array in arrays))
 
     def reset(self) -> None:
         """Return to the initial state; measurements and reference are kept."""
