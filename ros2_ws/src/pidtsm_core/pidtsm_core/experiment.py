@@ -306,5 +306,5 @@ def _parse_override(text: str) -> tuple[str, str, Any]:
 
 def _positive(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= LONGEST_RUN:
-        raise UsageError(f"{where}: {value!r} must be a positive number of seconds, at most {LONGEST_RUN:g}")
+        raise ParameterError(f"{where}: {value!r} must be a positive number of seconds, at most {LONGEST_RUN:g}")
     return float(value)

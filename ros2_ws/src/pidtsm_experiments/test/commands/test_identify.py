@@ -75,7 +75,7 @@ def test_the_page_shows_torques_parameters_and_what_is_unknown(folder: Path) -> 
     [
         (["nowhere"], "no such file or folder"),
         (["bag", "--robot", "panda"], "the joint states lack panda_joint1"),
-        (["bag", "--robot", "arm.urdf", "--out", "."], "other files"),
+        (["bag", "--robot", "arm.urdf", "--out", "."], "the current folder"),
         (["silent", "--robot", "arm.urdf"], "0 values of effort for 2 joints"),
     ],
 )

@@ -17,11 +17,13 @@ NODES = ("controller", "simulator", "trajectory")
 def test_it_leaves_what_a_run_leaves(kept: Path) -> None:
     files = sorted(str(path.relative_to(kept / "firm")) for path in (kept / "firm").rglob("*") if path.is_file())
     assert files == [
+        ".pidtsm.json",
         *(f"figures/error.{kind}" for kind in ("png", "svg")),
         "metrics.json",
         *(f"params/{node}.yaml" for node in NODES),
         "recording.npz",
         "report.html",
+        "run.json",
     ]
     assert sorted(path.name for path in kept.iterdir()) == ["firm", "gentle"], "no litter"
 
@@ -65,12 +67,12 @@ def test_the_parameters_that_it_leaves_give_the_same_rollout(kept: Path, capsys:
 
 
 def test_a_failed_rollout_keeps_earlier_results(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (folder / "out").mkdir()
-    (folder / "out" / "metrics.json").write_text("earlier")
+    assert main(["rollout", "--duration", "0.1", "--out", "out"]) == 0
+    earlier = (folder / "out" / "metrics.json").read_text()
     # One second between samples, and almost no torque.
     weak = (f"{node}.limits.effort=1e-3" for node in ("simulator", "controller"))
     unstable = [word for each in (*weak, "simulator.rate=1") for word in ("--set", each)]
     assert main(["rollout", *unstable, "--duration", "1000", "--out", "out"]) == 1
     assert "not finite any more after" in capsys.readouterr().err
-    assert (folder / "out" / "metrics.json").read_text() == "earlier"
+    assert (folder / "out" / "metrics.json").read_text() == earlier
     assert (folder / "out.failed" / "params" / "controller.yaml").is_file()

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from pidtsm_core.recording import Recording
-from pidtsm_core.signals import Fault, Mode, Signal, Status, Violation
+from pidtsm_core.signals import Fault, Mode, Signal, Status, Stop, Violation
 from pidtsm_studies.article.claims import Run, compare
 from pidtsm_studies.reports.labels import CASES
 from pidtsm_studies.reports.report import write_report
@@ -157,7 +157,7 @@ def happened(path: Path) -> str:
 def test_unusual_events_come_first(tmp_path: Path, run_of: RunOf) -> None:
     recording, _ = run_of("case1", "piddtsm")
     status = recording.status.copy()
-    status[500:700] = (Mode.STOPPED, Fault.VELOCITY_LIMIT, 1, Violation.VELOCITY)
+    status[500:700] = (Mode.STOPPED, Fault.VELOCITY_LIMIT, 1, Violation.VELOCITY, Stop.HOLD)
     odd = replace(renamed(recording, "<b>", "joint2"), status=status, rejected={"controller": 2})
     write_report(tmp_path / "report.html", (odd, odd.metrics()))
     assert Outline(tmp_path / "report.html").ids("h2") == ["happened", "arm", "metrics", "plots"]
