@@ -76,7 +76,7 @@ def reset_fault(config: ControllerConfig, state: ControllerState) -> None:
     An arm that was held stays where it is, under the effort that holds it, until the law has taken over.
     """
     clock, status = state.clock, state.status
-    resumes = status[Status.STOP_STAGE] == Stop.HOLD and clock[Clock.HELD] == Held.HERE
+    resumes = clock[Clock.COMMANDED] != 0 and clock[Clock.HELD] == Held.HERE and status[Status.STOP_STAGE] == Stop.HOLD
     for j in range(state.measured.size):
         resumes = resumes and not is_doubtful(state, j)
         trust(state, j)

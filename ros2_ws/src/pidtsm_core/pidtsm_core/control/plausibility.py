@@ -2,11 +2,9 @@
 
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold
-from pidtsm_core.control.trust import distrust, is_doubtful
+from pidtsm_core.control.trust import SLACK, distrust, is_doubtful
 from pidtsm_core.signals import Signal
 
-_SLACK = 0.01
-"""rad; a deviation up to this is always plausible."""
 TOLERATED = 5
 """Number of consecutive implausible measurements of a joint that are replaced; the next one is accepted."""
 
@@ -16,6 +14,7 @@ def doubt(config: ControllerConfig, state: ControllerState, dt: float) -> int:
     """Replace implausible measurements with the position that the estimates predict dt (s) after the last sample.
 
     A measurement is implausible if it is farther from this prediction than ``plausibility.velocity`` allows in dt.
+    While the arm is held, the hold's own motion predicts it, because the estimates may be part of the fault.
 
     Returns:
         The joint, counted from 1, with too many consecutive implausible measurements: its measurement is accepted, and
@@ -28,7 +27,7 @@ def doubt(config: ControllerConfig, state: ControllerState, dt: float) -> int:
         positions, velocities = state.hold[Hold.POSITION], state.hold[Hold.VELOCITY]
     for j in range(measured.size):
         predicted = positions[j] + dt * velocities[j]
-        off = abs(measured[j] - predicted) > _SLACK + config.plausible_velocity[j] * dt
+        off = abs(measured[j] - predicted) > SLACK + config.plausible_velocity[j] * dt
         if config.plausible_velocity[j] <= 0.0 or not off or (held and is_doubtful(state, j)):
             doubted[j] = 0.0
         elif doubted[j] < TOLERATED:

@@ -1,9 +1,9 @@
 """The safe effort of a controller that has stopped: it holds or damps the arm, depending on ``stop.effort``.
 
 Holding is a spring, a damper and an integral that tie the arm to a motion that comes to rest. Stiffness and damping are
-the inertia of the model where the arm was stopped, times constants. They are symmetric and positive, so the energy of
-arm and spring can only decay, whatever the true inertia is (docs/stops.md has the argument). Where the arm does not
-obey, supervision.py gives up holding.
+the inertia of the model where the arm was stopped, times constants. They are symmetric and positive, so the damper
+takes energy out of arm and spring, whatever the true inertia is; docs/stops.md weighs what the integral and a wrong
+load put in. Where the arm does not obey, supervision.py gives up holding.
 """
 
 import math
@@ -240,8 +240,8 @@ def _judge_rate_limit(config: ControllerConfig, state: ControllerState) -> None:
         for j in range(state.sent.size):
             off, rate = abs(state.hold[Hold.OFFSET, j]), _SHARE_OF_RATE * config.effort_rate[j]
             if rate > 0.0:
-                impulse = min(off * off * off / (6.0 * rate * rate), off / (3.0 * w * w))
-                state.clock[Clock.UNLIMITED] |= int(impulse > DETOUR * state.inertia[j, j])
+                weighted = min(off * off * off / (6.0 * rate * rate), off / (3.0 * w * w))  # way times inertia
+                state.clock[Clock.UNLIMITED] |= int(weighted > DETOUR * state.inertia[j, j])
 
 
 @inlined

@@ -13,8 +13,8 @@ from pidtsm_core.signals import Fault, Status
 
 _NEAR = 0.03
 """rad; a position that is nearer to the desired one was measured rightly again."""
-_SLACK = 0.01
-"""rad; a larger step, beyond what the joint can move, is a jump."""
+SLACK = 0.01
+"""rad; a step up to this, beyond what the joint can move, is no jump, and plausible."""
 _SHARE = 0.25
 """Of plausibility.velocity, that a joint which is being stopped may have."""
 _LONG = 0.02
@@ -48,12 +48,12 @@ def used_position_of(state: ControllerState, joint: int) -> float:
 
 @inlined
 def _watch(config: ControllerConfig, state: ControllerState, joint: int, dt: float) -> None:
-    """Use the measurements of a blind joint again, from the next sample on, if they are steady.
+    """Use the measurements of a blind joint again if they have been steady for long enough.
 
     Measurements that have stopped changing while the effort changed are steady, too, but never used again.
     """
     hold, q = state.hold, state.measured[joint]
-    jumps = abs(q - hold[Hold.SEEN, joint]) > _SLACK + config.plausible_velocity[joint] * dt
+    jumps = abs(q - hold[Hold.SEEN, joint]) > SLACK + config.plausible_velocity[joint] * dt
     hold[Hold.SEEN, joint] = q
     hold[Hold.STEADY, joint] = 0.0 if jumps else hold[Hold.STEADY, joint] + dt
     time = hold[Hold.STEADY, joint]
@@ -83,7 +83,7 @@ def _follow_jump(config: ControllerConfig, state: ControllerState, joint: int, d
     """If a joint of which only the motion is measured seems to jump, shift its position back; and use it if it fits."""
     hold = state.hold
     predicted = hold[Hold.POSITION, joint] + dt * hold[Hold.VELOCITY, joint]
-    if abs(used_position_of(state, joint) - predicted) > _SLACK + _SHARE * config.plausible_velocity[joint] * dt:
+    if abs(used_position_of(state, joint) - predicted) > SLACK + _SHARE * config.plausible_velocity[joint] * dt:
         hold[Hold.SHIFT, joint] = predicted - hold[Hold.SIGN, joint] * state.measured[joint]
     if hold[Hold.SIGN, joint] > 0.0 and abs(hold[Hold.SHIFT, joint]) <= _NEAR:
         hold[Hold.SIGN, joint] = 0.0

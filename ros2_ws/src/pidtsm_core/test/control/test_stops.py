@@ -171,3 +171,15 @@ def test_an_arm_that_is_thrown_from_its_place_is_damped_then_held_again(loop_of:
     assert stages[-1] == Stop.HOLD
     assert loop.controller.clock(Clock.RESTED) > 0
     assert np.abs(loop.robot.state.arm.derivatives[0]).max() < 0.05
+
+
+def test_a_controller_that_restarts_keeps_nothing_of_a_stop(loop_of: Any) -> None:
+    loop = loop_of(RUNNING)
+    loop.set({"limits.velocity": 1e-3})
+    loop.go_on(500)
+    assert loop.controller.status[Status.STOP_STAGE] == Stop.HOLD
+    loop.set({"rehearsal.restart": 1e-3})
+    loop.go_on(2)  # The time counts from the next joint state on.
+    fresh = loop_of()
+    np.testing.assert_array_equal(loop.controller.state.law, fresh.controller.state.law)
+    assert not loop.controller.fault
