@@ -11,8 +11,8 @@ from pidtsm_core.parameters import Array
 from pidtsm_core.timing import NANOSECONDS
 from pidtsm_core.trajectory_cdr import FIELDS, Scan
 
-MOST = 10_000
-"""Number of points that are accepted; rclpy takes a quarter of a second to deserialize as many."""
+MOST = 100_000
+"""Number of points that are accepted."""
 LONGEST = 3600.0
 """Duration that is accepted, s: checking the limits takes about 1.5 ms for each second."""
 _STATES = FIELDS[:3]
