@@ -403,8 +403,8 @@ TABLE = {
         goal(point(1.0, REST, effort=[1.0])), "aborted -1", "effort of point 1 has 1 values"
     ),
     "beyond a limit of the arm": Case(to([3.0, 0.0], 1.0), "aborted -1", "joint1"),
-    "more than 100,000 points": Case(
-        lambda rig: Sent(rig, goal(*([GOOD] * 100_001))), "aborted -1", "at most 100000"
+    "more than 50,000 points": Case(
+        lambda rig: Sent(rig, goal(*([GOOD] * 50_001))), "aborted -1", "at most 50000"
     ),
     "longer than an hour": Case(goal(point(1e5, REST)), "aborted -1", "at most 3600 s"),
     "tolerance of an unknown joint": Case(

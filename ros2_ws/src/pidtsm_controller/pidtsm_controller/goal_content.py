@@ -65,10 +65,14 @@ def read_goal(data: bytes) -> GoalContent:
     if (found := scan(data, place, len(names))) is None:
         raise MessageError(_UNREADABLE)
     points, after = found
-    rest = None
-    if len(data) - after <= _LARGEST_REST:
-        begin = _EMPTY_TRAJECTORY[(after - STAMP_BEGIN) % _DOUBLE]
-        rest = deserialize(data[:STAMP_BEGIN] + begin + data[after:], FollowJointTrajectory.Goal)
+    begin = _EMPTY_TRAJECTORY[(after - STAMP_BEGIN) % _DOUBLE]
+    try:
+        # Behind a message, rclpy leaves bytes of others.
+        rest = deserialize(
+            data[:STAMP_BEGIN] + begin + data[after : after + _LARGEST_REST], FollowJointTrajectory.Goal
+        )
+    except MessageError:
+        rest = None
     return GoalContent(stamp, names, count, points, rest)
 
 

@@ -11,8 +11,8 @@ from pidtsm_core.parameters import Array
 from pidtsm_core.timing import NANOSECONDS
 from pidtsm_core.trajectory_cdr import FIELDS, Scan
 
-MOST = 100_000
-"""Number of points that are accepted."""
+MOST = 50_000
+"""Number of points that are accepted; to receive as many as a goal holds the loop up for some 30 ms."""
 LONGEST = 3600.0
 """Duration that is accepted, s: checking the limits takes about 1.5 ms for each second."""
 _STATES = FIELDS[:3]
