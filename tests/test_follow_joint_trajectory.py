@@ -213,7 +213,6 @@ def rig(system: Rig) -> Rig:
     return system
 
 
-
 def aborted(code: int, *texts: str) -> Callable[[tuple[int, int, str]], None]:
     def check(outcome: tuple[int, int, str]) -> None:
         assert outcome[:2] == (GoalStatus.STATUS_ABORTED, code), outcome
@@ -403,9 +402,7 @@ TABLE = {
         goal(point(1.0, REST, effort=[1.0])), "aborted -1", "effort of point 1 has 1 values"
     ),
     "beyond a limit of the arm": Case(to([3.0, 0.0], 1.0), "aborted -1", "joint1"),
-    "more than 50,000 points": Case(
-        lambda rig: Sent(rig, goal(*([GOOD] * 50_001))), "aborted -1", "at most 50000"
-    ),
+    "more than 50,000 points": Case(lambda rig: Sent(rig, goal(*([GOOD] * 50_001))), "aborted -1", "at most 50000"),
     "longer than an hour": Case(goal(point(1e5, REST)), "aborted -1", "at most 3600 s"),
     "tolerance of an unknown joint": Case(
         others("path_tolerance", JointTolerance(name="hand")), "aborted -2", "path_tolerance: unknown joint hand"

@@ -68,9 +68,7 @@ def read_goal(data: bytes) -> GoalContent:
     begin = _EMPTY_TRAJECTORY[(after - STAMP_BEGIN) % _DOUBLE]
     try:
         # Behind a message, rclpy leaves bytes of others.
-        rest = deserialize(
-            data[:STAMP_BEGIN] + begin + data[after : after + _LARGEST_REST], FollowJointTrajectory.Goal
-        )
+        rest = deserialize(data[:STAMP_BEGIN] + begin + data[after : after + _LARGEST_REST], FollowJointTrajectory.Goal)
     except MessageError:
         rest = None
     return GoalContent(stamp, names, count, points, rest)
