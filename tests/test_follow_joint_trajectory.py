@@ -184,6 +184,11 @@ class Rig:
             assert self.finish(to(q)).outcome == SUCCESS
         self._path.clear()
 
+    def home(self) -> None:
+        """Come to rest at 0, if the reference is elsewhere."""
+        if np.abs(self.reference[0]).max() > 1e-6:
+            self.rest([0.0, 0.0])
+
     def report(self, mode: int, fault: int = ControllerState.NO_FAULT, joint: int = 0) -> None:
         """The mode of the controller."""
         state = ControllerState(name=NAMES, mode=mode, fault=fault, fault_joint=joint)
@@ -437,8 +442,7 @@ JTC_TEXTS = {
 @pytest.mark.parametrize("name", TABLE)
 def test_goals_are_answered_as_the_page_says(rig: Rig, name: str) -> None:
     case = TABLE[name]
-    if np.abs(rig.reference[0]).max() > 1e-6:
-        rig.rest([0.0, 0.0])
+    rig.home()
     rig.offset[1] = case.offset
     if case.partial:
         rig.testbed.set("trajectory", {"allow_partial_joints_goal": True})
@@ -490,6 +494,7 @@ CONTENTS = {
 @pytest.mark.parametrize("name", CONTENTS)
 def test_goals_that_cannot_be_followed_are_aborted_with_the_reason(rig: Rig, name: str) -> None:
     content, code, text = CONTENTS[name]
+    rig.home()
     aborted(code, text)(rig.finish(content).outcome)
 
 
