@@ -545,6 +545,21 @@ def test_tolerances(rig: Rig, offset: float, others: dict[str, Any], code: int |
     rig.check_smooth()
 
 
+def test_a_goal_of_many_points_is_followed_like_one_of_few(rig: Rig) -> None:
+    rig.rest([0.0, 0.0])
+    points = []
+    for x in np.arange(1, 5001) / 5000:
+        q = x**3 * (10.0 - x * (15.0 - 6.0 * x))
+        dq, ddq = x**2 * (30.0 - x * (60.0 - 30.0 * x)), x * (60.0 - x * (180.0 - 120.0 * x))
+        points.append(point(x, *([0.2 * value, 0.0] for value in (q, dq, ddq))))
+    assert rig.finish(goal(*points)).outcome == SUCCESS
+    t = rig.path[:, 0]
+    x = np.clip(t - (t[-1] - 1.0), 0.0, 1.0)
+    np.testing.assert_allclose(rig.path[:, 1], 0.2 * x**3 * (10.0 - x * (15.0 - 6.0 * x)), atol=0.2 * 2.0 * 2 * PERIOD)
+    np.testing.assert_allclose(rig.reference[0], [0.2, 0.0], atol=1e-12)
+    rig.check_smooth()
+
+
 def test_a_new_goal_replaces_the_running_one_smoothly_and_the_old_one_is_told(rig: Rig) -> None:
     rig.rest([0.0, 0.0])
     first = rig.begin(to([0.5, 0.5]))
