@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from testarms import TWO_LINK
 from testbed import Testbed, open_testbed
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_core.experiment import PRACTICAL, make_experiment
 from pidtsm_core.parameter_files import ros_parameters
@@ -93,8 +93,12 @@ def test_what_is_not_possible_is_an_error(arm: Arm) -> None:
         arm.move_to([0.0, 0.0], velocity_scale=2.0)
     with pytest.raises(GoalError, match="not finite"):
         arm.move_to([math.nan, 0.0])
-    arm.follow(JointTrajectory(joint_names=["joint2"]))
-    with pytest.raises(GoalError, match="joint1"):
+    with pytest.raises(GoalError, match="the log of the node has the reason"):
+        arm.follow(JointTrajectory(joint_names=["joint2"]))
+    arm.follow(
+        JointTrajectory(joint_names=["joint1", "joint2"], points=[JointTrajectoryPoint(positions=[math.nan, 0.0])])
+    )
+    with pytest.raises(GoalError, match="not finite: joint1"):
         arm.wait(10.0)
 
 

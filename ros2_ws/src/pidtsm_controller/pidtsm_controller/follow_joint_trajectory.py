@@ -12,8 +12,11 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from trajectory_msgs.msg import JointTrajectoryPoint
 
+from pidtsm_controller.goal_content import GoalContent, read_goal, rejection
 from pidtsm_controller.goal_planning import GoalError, Plan, Splice, plan_goal
 from pidtsm_controller.planning_thread import planning_thread
+from pidtsm_controller.serialized_goals import serialized_request
+from pidtsm_core.joints import MessageError
 from pidtsm_core.parameters import Array, as_float
 from pidtsm_core.timing import NANOSECONDS, seconds
 from pidtsm_core.trajectories.feed_forward import FeedForward, fade
@@ -21,7 +24,8 @@ from pidtsm_core.trajectories.limits import MotionLimits
 from pidtsm_core.trajectories.splice import MotionUnderWay
 from pidtsm_core.trajectories.tracking import Code, Tracking
 from pidtsm_ros.managed_node import ManagedNode
-from pidtsm_ros.stamps import nanoseconds, set_stamp
+from pidtsm_ros.serialization import serialize
+from pidtsm_ros.stamps import set_stamp
 
 _PATIENCE = {False: 1.0, True: 5.0}
 """Time without joint states after which the arm is lost, s, by whether the node is in lockstep."""
@@ -36,16 +40,31 @@ _MOST_WAITING = 32
 """Goals that wait to be planned; one more ends the oldest of them."""
 _ENDED_AT_ONCE = 4
 """Waiting goals that end at one joint state when they are cancelled: a client keeps ten results, and loses others."""
-_OUTRUN = "replaced by a newer goal before it was planned"
+_PREEMPTED = "Current goal preempted by new incoming action"
+"""Text of joint_trajectory_controller."""
 _SAME = 1e-9
 """States are the same up to rounding, rad, rad/s, rad/s^2."""
 
 
 class _Server(ActionServer):
-    """Takes the result of a goal when it is known.
+    """Takes goals as bytes, and the result of a goal when it is known.
 
-    rclpy would run a coroutine for each goal, and the events executor resumes pending ones without a pause.
+    For the result, rclpy would run a coroutine for each goal, and the events executor resumes pending ones without a
+    pause.
     """
+
+    _request = serialized_request(FollowJointTrajectory)
+    _is_goal_request_ready: bool
+
+    def take_data(self) -> dict[str, Any]:
+        """See `ActionServer.take_data`; the goal of the request is serialized."""
+        if self._request is None or not self._is_goal_request_ready:
+            return dict(super().take_data())
+        with self._lock:
+            taken = self._handle.take_goal_request(self._request)
+        self._is_goal_request_ready = False
+        data = dict(super().take_data())
+        return {"goal": taken, **data} if all(taken) else data
 
     @property
     def kept(self) -> int:
@@ -65,10 +84,12 @@ class _Goal:
     """A goal that was accepted and has not ended."""
 
     handle: ServerGoalHandle
+    content: GoalContent
     lead: int = _FIRST_LEAD  # time for planning, ns
     start: int = -1  # of the trajectory, ns
     begin: int = -1  # when its motion takes over, ns
     tracking: Tracking | None = None
+    due: Array | None = None  # where the arm should be at once, shape (3, joints); None: it follows the reference
     cancelled: bool = False  # its motion comes to rest
     next_feedback: int = 0  # ns
 
@@ -111,6 +132,7 @@ class GoalServer:
         self._efforts, self._efforts_start = fade(0.0, np.zeros(len(limits.joints))), 0
         self._heard = time.monotonic()
         self._flooded = False
+        self._admitted: GoalContent | None = None
         self.now = -1
         self.trouble = ""
 
@@ -132,7 +154,8 @@ class GoalServer:
         if self._waiting and now >= self._waiting[0].begin:
             (goal, self._efforts), self._waiting = self._waiting, None
             if self._running:
-                self._end(self._running, Code.INVALID_GOAL, f"replaced by a new goal at {seconds(now):.3f} s")
+                reason = f"{_PREEMPTED}: replaced by a new goal at {seconds(now):.3f} s"
+                self._end(self._running, Code.INVALID_GOAL, reason)
             self._running, self._efforts_start = goal, goal.start
         if self._waiting and self._waiting[0].cancel_requested:
             motion.withdraw()
@@ -166,11 +189,14 @@ class GoalServer:
         goal = self._running
         if goal is None or goal.tracking is None:
             return
+        at_rest = not desired[1:].any()
+        if goal.due is not None:
+            desired = goal.due
         outcome = goal.tracking.judge(now, desired, position)
         if now >= goal.next_feedback:
             self._give_feedback(goal, now, desired)
         if goal.cancelled:
-            if not desired[1:].any():
+            if at_rest:
                 self._end(goal, Code.SUCCESSFUL, "cancelled; the reference is at rest")
         elif outcome and outcome.code == Code.SUCCESSFUL:
             self._end(goal, *outcome)
@@ -197,33 +223,51 @@ class GoalServer:
 
     # Goals.
 
-    def _admit(self, _request: Any) -> GoalResponse:
-        """Reject a goal only while there are too many, as a rejected one cannot carry the reason."""
-        if self._server.kept < _MOST_KEPT:
-            self._flooded = False
-            return GoalResponse.ACCEPT
-        if not self._flooded:
-            self._flooded = True
-            self._log.error(
-                f"goals are rejected: {_MOST_KEPT} have come within {_KEPT} s, and more would delay the reference; "
-                "send them more slowly"
-            )
-        return GoalResponse.REJECT
+    def _admit(self, request: Any) -> GoalResponse:
+        """Reject what joint_trajectory_controller rejects, and goals while there are too many.
+
+        A rejected goal has no result, so the log has the reason. All others are accepted, and have their reason in the
+        result.
+        """
+        if self._server.kept >= _MOST_KEPT:
+            if not self._flooded:
+                self._flooded = True
+                self._log.error(
+                    f"goals are rejected: {_MOST_KEPT} have come within {_KEPT} s, and more would delay the reference; "
+                    "send them more slowly"
+                )
+            return GoalResponse.REJECT
+        self._flooded = False
+        if reason := self._read(request):
+            self._log.error(f"goal rejected: {reason}")
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _read(self, request: Any) -> str:
+        """Read a goal before it is accepted; returns why it is rejected, else nothing."""
+        if not self._node.active:
+            return "the node is not active; activate it first"
+        try:
+            self._admitted = read_goal(request if isinstance(request, bytes) else serialize(request))
+        except MessageError as error:
+            return str(error)
+        partial = bool(self._node.values["allow_partial_joints_goal"])
+        return rejection(self._admitted, self._limits.joints, partial=partial, now=self.now)
 
     def _accept(self, handle: ServerGoalHandle) -> None:
         handle.execute()
-        goal = _Goal(handle)
+        assert self._admitted is not None
+        goal, self._admitted = _Goal(handle, self._admitted), None
         reason = self.trouble
-        if not self._node.active:
-            reason = "the node is not active"
-        elif self.now < 0:
-            reason = "no joint state received yet, so the start time is unknown"
+        if self.now < 0:
+            reason = "no joint state received yet, so the start time is unknown; start the arm or its simulator first"
         if reason:
             self._end(goal, Code.INVALID_GOAL, reason)
         else:
             self._queue.append(goal)
             if len(self._queue) > _MOST_WAITING:
-                self._end(self._queue[0], Code.INVALID_GOAL, _OUTRUN)
+                reason = f"{_PREEMPTED}: replaced by a newer goal before it was planned"
+                self._end(self._queue[0], Code.INVALID_GOAL, reason)
 
     def _goals(self) -> list[_Goal]:
         """All that have not ended."""
@@ -234,11 +278,11 @@ class GoalServer:
 
     def _plan(self, goal: _Goal) -> None:
         """Begin to plan; a goal without a start time may begin at any time while the reference rests."""
-        start = nanoseconds(goal.handle.request.trajectory.header.stamp)
+        start = goal.content.stamp
         anytime = not start and not self._motion.state_at(self.now)[1:].any()
         begin = max(self.now + (0 if anytime else goal.lead), start)
         splice = Splice(begin, self._motion.state_at(begin), self.effort(begin))
-        job = self._planner.submit(plan_goal, goal.handle.request, splice, self._limits, self._node.values)
+        job = self._planner.submit(plan_goal, goal.content, splice, self._limits, self._node.values)
         self._planning = goal, splice, job
 
     def _install(self) -> None:
@@ -264,10 +308,14 @@ class GoalServer:
                 self._queue.appendleft(goal)
             return
         if self._waiting:
-            self._end(self._waiting[0], Code.INVALID_GOAL, "replaced by a new goal before its start")
+            reason = f"{_PREEMPTED}: replaced by a new goal before its start"
+            self._end(self._waiting[0], Code.INVALID_GOAL, reason)
         goal.start, goal.begin = plan.start + late, splice.begin + late
         goal.next_feedback = goal.begin
-        end = goal.start + round(plan.motion.end * NANOSECONDS)
+        end = goal.start + round(plan.end * NANOSECONDS)
+        if plan.due is not None:
+            goal.due = np.zeros((3, len(self._limits.joints)))
+            goal.due[0] = plan.due
         goal.tracking = Tracking(self._limits.joints, self._limits.continuous, plan.tolerances, goal.start, end)
         self._motion.replace(plan.motion, goal.start, goal.begin)
         self._waiting = goal, plan.efforts
@@ -312,7 +360,7 @@ class GoalServer:
         error = -goal.tracking.error  # desired minus actual, as other servers of this action have it
         message = FollowJointTrajectory.Feedback(
             joint_names=list(self._limits.joints),
-            desired=_point(desired),
+            desired=_point(desired, self.effort(now)),
             actual=_point(desired[:2] - error),
             error=_point(error),
         )
@@ -323,7 +371,10 @@ class GoalServer:
         goal.handle.publish_feedback(message)
 
 
-def _point(rows: Array) -> JointTrajectoryPoint:
-    """Positions, velocities and, if given, accelerations."""
+def _point(rows: Array, effort: Array | None = None) -> JointTrajectoryPoint:
+    """Positions, velocities and, if given, accelerations and efforts."""
     fields = ("positions", "velocities", "accelerations")
-    return JointTrajectoryPoint(**dict(zip(fields, rows.tolist(), strict=False)))
+    point = JointTrajectoryPoint(**dict(zip(fields, rows.tolist(), strict=False)))
+    if effort is not None:
+        point.effort = effort.tolist()
+    return point

@@ -2,25 +2,25 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_controller.trajectory_points import places, read_efforts, read_points
+from pidtsm_controller.goal_content import GoalContent
+from pidtsm_controller.trajectory_points import check_extent, efforts_of, places, states_of
 from pidtsm_core.joints import MessageError
 from pidtsm_core.parameters import Array, Value, as_float, joint_array
 from pidtsm_core.timing import NANOSECONDS, seconds
 from pidtsm_core.trajectories.checking import check
-from pidtsm_core.trajectories.errors import TrajectoryError
+from pidtsm_core.trajectories.errors import StartError, TrajectoryError
 from pidtsm_core.trajectories.feed_forward import FeedForward, fade, follow
-from pidtsm_core.trajectories.interpolation import plan
+from pidtsm_core.trajectories.interpolation import Interpolation, check_start, plan
 from pidtsm_core.trajectories.limits import MotionLimits
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 from pidtsm_core.trajectories.splice import unwind
-from pidtsm_core.trajectories.stopping import stop
-from pidtsm_core.trajectories.tracking import Code, Tolerances
-from pidtsm_ros.stamps import nanoseconds
+from pidtsm_core.trajectories.stopping import stop, stop_at
+from pidtsm_core.trajectories.tracking import VIOLATED, Code, Tolerances
 
 _NONE = -1.0
 """Value of a tolerance that stands for no limit; 0 stands for the default."""
@@ -50,16 +50,18 @@ class Plan(NamedTuple):
     """A motion that follows a goal; its times are relative to the start of the trajectory."""
 
     start: int  # of the trajectory, ns
+    end: float  # time of its last point, s
     motion: PiecewiseMotion
     efforts: FeedForward
     tolerances: Tolerances
+    due: Array | None = None  # the last point if it is due at once, position, shape (joints,), rad
 
 
-def plan_goal(goal: Any, splice: Splice, limits: MotionLimits, values: Mapping[str, Value]) -> Plan:
+def plan_goal(goal: GoalContent, splice: Splice, limits: MotionLimits, values: Mapping[str, Value]) -> Plan:
     """Plan the motion for a goal.
 
     Args:
-        goal: control_msgs/action/FollowJointTrajectory goal.
+        goal: the goal.
         splice: where its motion takes over; if the goal has no start time, it starts there.
         limits: of the arm.
         values: parameters of the trajectory node.
@@ -67,54 +69,72 @@ def plan_goal(goal: Any, splice: Splice, limits: MotionLimits, values: Mapping[s
     Raises:
         GoalError: the goal is invalid or exceeds a limit; the message gives the reason.
     """
-    message = goal.trajectory
-    if len(goal.multi_dof_trajectory.points) or goal.component_path_tolerance or goal.component_goal_tolerance:
+    try:
+        check_extent(goal.count, 0.0)
+    except MessageError as error:
+        raise GoalError(Code.INVALID_GOAL, str(error)) from None
+    rest = goal.rest
+    if rest is None:
+        raise GoalError(Code.INVALID_GOAL, "its tolerances are too large: name each joint once")
+    if len(rest.multi_dof_trajectory.points) or rest.component_path_tolerance or rest.component_goal_tolerance:
         raise GoalError(Code.INVALID_GOAL, "joints with several degrees of freedom are not supported")
     partial = bool(values["allow_partial_joints_goal"])
     try:
-        columns = places(message.joint_names, limits.joints, partial=partial)
+        columns = places(goal.names, limits.joints, partial=partial)
     except MessageError as error:
         raise GoalError(Code.INVALID_JOINTS, str(error)) from None
-    tolerances = _tolerances(goal, limits.joints, values)
+    tolerances = _tolerances(rest, limits.joints, values)
     try:
-        return _plan(message, columns, splice, limits, values, tolerances)
+        return _plan(goal, columns, splice, limits, values, tolerances)
+    except StartError as error:
+        raise GoalError(Code.PATH_TOLERANCE_VIOLATED, f"{VIOLATED}: {error}") from None
     except (MessageError, TrajectoryError) as error:
         raise GoalError(Code.INVALID_GOAL, str(error)) from None
 
 
 def _plan(
-    message: Any,
+    goal: GoalContent,
     columns: NDArray[np.intp],
     splice: Splice,
     limits: MotionLimits,
     values: Mapping[str, Value],
     tolerances: Tolerances,
 ) -> Plan:
-    if not message.points:
-        raise MessageError("it has no points")
-    times, given = read_points(message)
-    start = nanoseconds(message.header.stamp) or splice.begin
+    assert goal.points is not None
+    times, given = states_of(goal.names, goal.points)
+    start = goal.stamp or splice.begin
     elapsed = seconds(splice.begin - start)
     if elapsed > times[-1]:
         raise GoalError(
             Code.OLD_HEADER_TIMESTAMP, f"it is over: it started {elapsed:.3f} s ago and takes {times[-1]:g} s"
         )
-    points = np.zeros((*given.shape[:2], len(limits.joints)))
-    if columns.size < points.shape[2]:
-        rest, last = stop(splice.present, limits), np.zeros_like(splice.present)
-        rest.evaluate(rest.end, last)
-        points[:, 0] = last[0]
-    points[:, :, columns] = given
-    points = unwind(points, splice.present[0], limits)
-    interpolation = cast(Literal["spline", "linear"], values["interpolation"])
-    motion = plan(times, points, elapsed, splice.present, as_float(values["start_tolerance"]), interpolation)
+    points = unwind(_of_all_joints(given, columns, splice.present, limits), splice.present[0], limits)
+    tolerance = as_float(values["start_tolerance"])
+    if times[-1] == elapsed and times[0] >= 0.0:
+        check_start(times.size, points[-1, 0], splice.present[0], tolerance)
+        motion = stop_at(points[-1, 0], splice.present, limits)
+        check(motion, limits)
+        return Plan(splice.begin, 0.0, motion, fade(0.0, splice.effort), tolerances, points[-1, 0])
+    interpolation = cast(Interpolation, values["interpolation"])
+    motion = plan(times, points, elapsed, splice.present, tolerance, interpolation)
     check(motion, limits)
     efforts = fade(elapsed, splice.effort)
-    if (fed := read_efforts(message)) is not None:
+    if (fed := efforts_of(goal.names, goal.points)) is not None:
         all_efforts = np.zeros((times.size, len(limits.joints)))
         all_efforts[:, columns] = fed
         efforts = follow(elapsed, splice.effort, times, all_efforts)
-    return Plan(start, motion, efforts, tolerances)
+    return Plan(start, motion.end, motion, efforts, tolerances)
+
+
+def _of_all_joints(given: Array, columns: NDArray[np.intp], present: Array, limits: MotionLimits) -> Array:
+    """States of all joints in the node's order; those that the goal does not name rest where they come to a stop."""
+    points = np.zeros((*given.shape[:2], len(limits.joints)))
+    if columns.size < points.shape[2]:
+        rest, last = stop(present, limits), np.zeros_like(present)
+        rest.evaluate(rest.end, last)
+        points[:, 0] = last[0]
+    points[:, :, columns] = given
+    return points
 
 
 def _tolerances(goal: Any, joints: Sequence[str], values: Mapping[str, Value]) -> Tolerances:

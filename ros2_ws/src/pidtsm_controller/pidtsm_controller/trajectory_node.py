@@ -102,7 +102,8 @@ class TrajectoryNode(ManagedNode):
     def deactivate(self) -> None:
         self._large.forget("nothing, as the node was deactivated,")
         if self._goals:
-            self._goals.end_all("the node was deactivated", -1)
+            reason = "Current goal cancelled during deactivate transition: the node was deactivated"
+            self._goals.end_all(reason, -1)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         if self._diagnostics is not None:

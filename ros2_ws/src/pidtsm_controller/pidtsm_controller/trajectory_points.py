@@ -4,18 +4,19 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from pidtsm_core.joints import ABSURD, JointOrder, MessageError
 from pidtsm_core.parameters import Array
-from pidtsm_core.timing import seconds
-from pidtsm_ros.stamps import nanoseconds
+from pidtsm_core.timing import NANOSECONDS
+from pidtsm_core.trajectory_cdr import FIELDS, Scan
 
-MOST = 10_000
-"""Number of points that are accepted; rclpy takes a quarter of a second to deserialize as many."""
+MOST = 50_000
+"""Number of points that are accepted; to receive as many as a goal holds the loop up for some 30 ms."""
 LONGEST = 3600.0
 """Duration that is accepted, s: checking the limits takes about 1.5 ms for each second."""
-_FIELDS = ("positions", "velocities", "accelerations")
+_STATES = FIELDS[:3]
+_EFFORT = 3
 
 
 def places(names: Sequence[str], joints: Sequence[str], *, partial: bool) -> NDArray[np.intp]:
@@ -37,23 +38,52 @@ def places(names: Sequence[str], joints: Sequence[str], *, partial: bool) -> NDA
 
 
 def read_points(message: JointTrajectory) -> tuple[Array, Array]:
-    """Times from the start, s, shape (n,), and states in the message's order of joints, shape (n, 1 to 3, joints).
+    """Times and states of a message in its order of joints, see `states_of`. There is at least one point.
 
-    The states are positions and, if given, velocities and accelerations. There is at least one point.
+    Raises:
+        MessageError: see `states_of`.
+    """
+    points, joints = message.points, len(message.joint_names)
+    check_extent(len(points), 0.0)
+    clock = np.array([(p.time_from_start.sec, p.time_from_start.nanosec) for p in points], dtype=np.int64)
+    lengths = np.array([[len(getattr(point, field)) for field in FIELDS] for point in points], dtype=np.int64)
+    values = np.zeros((len(points), len(FIELDS), joints))
+    for i, point in enumerate(points):
+        for k, field in enumerate(FIELDS):
+            if lengths[i, k] == joints:
+                values[i, k] = getattr(point, field)
+    return states_of(message.joint_names, Scan(clock, lengths, values))
+
+
+def times_of(points: Scan) -> NDArray[np.int64]:
+    """Times from the start, ns, shape (n,)."""
+    return points.clock[:, 0] * NANOSECONDS + points.clock[:, 1]
+
+
+def states_of(names: Sequence[str], points: Scan) -> tuple[Array, Array]:
+    """Times from the start, s, shape (n,), and states in the order of `names`, shape (n, 1 to 3, joints).
+
+    The states are positions and, if given, velocities and accelerations.
+
+    Args:
+        names: of the joints.
+        points: at least one.
 
     Raises:
         MessageError: there are too many points, or they take too long; their fields differ, an array has the wrong
             length, or a value is not finite or is absurd.
     """
-    points = message.points
-    check_extent(len(points), 0.0)
-    fields = _fields(points[0])
-    for i, point in enumerate(points):
-        if _fields(point) != fields:
-            raise MessageError(f"point {i + 1} has {', '.join(_fields(point))}; the first has {', '.join(fields)}")
-    times = np.array([seconds(nanoseconds(point.time_from_start)) for point in points])
-    check_extent(len(points), float(times.max()))
-    return times, np.stack([_values(message, field) for field in fields], axis=1)
+    check_extent(len(points.clock), 0.0)
+    given = points.lengths[:, :_EFFORT] > 0
+    first = _fields(given[0])
+    if (others := (given != given[0]).any(axis=1)).any():
+        i = int(np.argmax(others))
+        raise MessageError(f"point {i + 1} has {', '.join(_fields(given[i]))}; the first has {', '.join(first)}")
+    times = times_of(points) / NANOSECONDS
+    check_extent(len(times), float(times.max()))
+    for field in range(len(first)):
+        _check_values(names, points, field)
+    return times, points.values[:, : len(first)]
 
 
 def check_extent(count: int, duration: float) -> None:
@@ -68,19 +98,22 @@ def check_extent(count: int, duration: float) -> None:
         raise MessageError(f"time_from_start reaches {duration:g} s; at most {LONGEST:g} s are allowed")
 
 
-def read_efforts(message: JointTrajectory) -> Array | None:
-    """Efforts of the points in the message's order of joints, shape (n, joints), N m; None if they have none.
+def efforts_of(names: Sequence[str], points: Scan) -> Array | None:
+    """Efforts of the points in the order of `names`, shape (n, joints), N m; None if they have none.
 
     Raises:
         MessageError: an array has the wrong length, or a value is not finite or is absurd.
     """
-    return _values(message, "effort") if any(len(point.effort) for point in message.points) else None
+    if not points.lengths[:, _EFFORT].any():
+        return None
+    _check_values(names, points, _EFFORT)
+    return points.values[:, _EFFORT]
 
 
-def _fields(point: JointTrajectoryPoint) -> tuple[str, ...]:
-    """Which of position and its derivatives the point has."""
-    fields = tuple(field for field in _FIELDS if len(getattr(point, field)))
-    if fields not in (_FIELDS[:1], _FIELDS[:2], _FIELDS):
+def _fields(given: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Which of position and its derivatives a point has."""
+    fields = tuple(field for field, there in zip(_STATES, given, strict=True) if there)
+    if fields not in (_STATES[:1], _STATES[:2], _STATES):
         raise MessageError(
             f"a point has {', '.join(fields) or 'nothing'}; it needs positions, positions and velocities, "
             "or positions, velocities and accelerations"
@@ -88,17 +121,16 @@ def _fields(point: JointTrajectoryPoint) -> tuple[str, ...]:
     return fields
 
 
-def _values(message: JointTrajectory, field: str) -> Array:
-    """The values of one field, shape (points, joints)."""
-    joints = len(message.joint_names)
-    for i, point in enumerate(message.points):
-        if len(getattr(point, field)) != joints:
-            raise MessageError(f"{field} of point {i + 1} has {len(getattr(point, field))} values for {joints} joints")
-    values = np.array([getattr(point, field) for point in message.points])
+def _check_values(names: Sequence[str], points: Scan, field: int) -> None:
+    """Check the values of one field."""
+    lengths, joints = points.lengths[:, field], len(names)
+    if (wrong := lengths != joints).any():
+        i = int(np.argmax(wrong))
+        raise MessageError(f"{FIELDS[field]} of point {i + 1} has {lengths[i]} values for {joints} joints")
+    values = points.values[:, field]
     usable = np.abs(values) < ABSURD
     if not usable.all():
         i, j = np.argwhere(~usable)[0]
         # Without the value: each cause is logged once, and values always differ.
         reason = "is absurd" if np.isfinite(values[i, j]) else "is not finite"
-        raise MessageError(f"{field} of point {i + 1} {reason}: {message.joint_names[j]}")
-    return values
+        raise MessageError(f"{FIELDS[field]} of point {i + 1} {reason}: {names[j]}")

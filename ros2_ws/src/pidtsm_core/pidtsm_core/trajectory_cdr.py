@@ -1,7 +1,8 @@
 """The points of a serialized trajectory_msgs/JointTrajectory, read by compiled code without the GIL.
 
-rclpy makes objects of all points, which takes 25 us each and stops every thread of the process meanwhile. Messages that
-are not as most senders write them are left to it, and so are those with a mistake, for its messages.
+rclpy makes objects of all points, which takes 25 us each and stops every thread of the process meanwhile. Of the topic
+``joint_trajectory``, messages that are not as most senders write them are left to it, and so are those with a mistake,
+for its messages; goals of actions are read here, whatever they contain.
 """
 
 import struct
@@ -13,13 +14,28 @@ from numpy.typing import NDArray
 from pidtsm_core.cdr import LEAD, STAMP_BEGIN, STAMP_END, aligned, serialized_nanoseconds
 from pidtsm_core.compiled import subroutine
 from pidtsm_core.parameters import Array
+from pidtsm_core.timing import NANOSECONDS
 
-_FIELDS = 4
-"""Positions, velocities, accelerations, efforts."""
+FIELDS = ("positions", "velocities", "accelerations", "effort")
+"""Of a point, in the order of all arrays here."""
 _LITTLE_ENDIAN = 1
 _WORD = 4
 _LONGEST_NAME, _MOST_JOINTS = 10_000, 1000
 _LENGTH = struct.Struct("<I")
+
+
+class Scan(NamedTuple):
+    """Points as they were sent, whatever they contain.
+
+    Attributes:
+        clock: seconds and nanoseconds from the start, shape (n, 2).
+        lengths: number of values of each field, shape (n, 4).
+        values: of the fields that have one value for each joint, shape (n, 4, joints).
+    """
+
+    clock: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    values: Array
 
 
 class Points(NamedTuple):
@@ -42,34 +58,38 @@ class Points(NamedTuple):
 def read_serialized(data: bytes) -> Points | None:
     """The points of a message; None if rclpy has to read it."""
     try:
-        names, place = _names(data)
+        names, place = read_names(data)
         (count,) = _LENGTH.unpack_from(data, place)
     except (struct.error, UnicodeDecodeError):
         return None
-    joints = len(names)
-    if data[1] != _LITTLE_ENDIAN or not 0 < joints <= _MOST_JOINTS or not 0 < count <= len(data) // (5 * _WORD):
+    if not names or not count or (found := scan(data, place, len(names))) is None:
         return None
-    buffer = aligned(len(data))
-    buffer[LEAD : LEAD + len(data)] = np.frombuffer(data, np.uint8)
-    lengths = np.zeros(_FIELDS, np.int64)
-    times, values = np.empty(count), np.empty((count, _FIELDS, joints))
-    end = (LEAD + len(data)) // _WORD
-    words, first = buffer.view(np.uint32), (LEAD + place) // _WORD + 1
-    if not _read(words, buffer.view(np.float64), first, end, lengths, times, values):
+    (clock, lengths, values), _ = found
+    given = int((lengths[0, :3] > 0).sum())
+    if not given or (lengths != lengths[0]).any() or (lengths[0, :given] != len(names)).any():
         return None
-    given = int((lengths[:3] > 0).sum())
-    if not given or (lengths[:given] != joints).any() or not np.isfinite(values[:, :given]).all():
+    if lengths[0, 3] not in (0, len(names)):
         return None
+    if (clock[:, 0] < 0).any() or (clock[:, 1] >= NANOSECONDS).any() or not np.isfinite(values[:, :given]).all():
+        return None
+    times = (clock[:, 0] * NANOSECONDS + clock[:, 1]) / NANOSECONDS
     return Points(serialized_nanoseconds(data), names, times, values[:, :given].copy())
 
 
-def _names(data: bytes) -> tuple[tuple[str, ...], int]:
-    """Names of the joints, and the place of the number of points."""
+def read_names(data: bytes) -> tuple[tuple[str, ...], int]:
+    """Names of the joints, and the place of the number of points.
+
+    Raises:
+        struct.error: the message is too short, or has more joints than any arm.
+        UnicodeDecodeError: a name is not UTF-8.
+    """
     (length,) = _LENGTH.unpack_from(data, STAMP_END)
     place = _aligned(STAMP_END + _WORD + length)
     (count,) = _LENGTH.unpack_from(data, place)
+    if count > _MOST_JOINTS:
+        raise struct.error(f"{count} joints")
     names, place = [], place + _WORD
-    for _ in range(min(count, _MOST_JOINTS)):
+    for _ in range(count):
         (length,) = _LENGTH.unpack_from(data, place)
         begin = place + _WORD
         names.append(data[begin : begin + min(length, _LONGEST_NAME) - 1].decode() if length else "")
@@ -77,54 +97,74 @@ def _names(data: bytes) -> tuple[tuple[str, ...], int]:
     return tuple(names), place
 
 
+def scan(data: bytes, place: int, joints: int) -> tuple[Scan, int] | None:
+    """All points, and the place of the first byte after them; None if the bytes are not such a message.
+
+    Args:
+        data: the message, little-endian.
+        place: of the number of points.
+        joints: number of names.
+    """
+    if data[1] != _LITTLE_ENDIAN or len(data) < place + _WORD:
+        return None
+    (count,) = _LENGTH.unpack_from(data, place)
+    if count > len(data) // ((len(FIELDS) + 2) * _WORD):
+        return None
+    buffer = aligned(len(data))
+    buffer[LEAD : LEAD + len(data)] = np.frombuffer(data, np.uint8)
+    clock, lengths = np.zeros((count, 2), np.int64), np.zeros((count, len(FIELDS)), np.int64)
+    values = np.zeros((count, len(FIELDS), joints))
+    end = (LEAD + len(data)) // _WORD
+    words, first = buffer.view(np.uint32), (LEAD + place) // _WORD + 1
+    after = _scan(words, buffer.view(np.float64), first, end, clock, lengths, values)
+    return (Scan(clock, lengths, values), after * _WORD - LEAD) if after >= 0 else None
+
+
 def _aligned(place: int) -> int:
     return STAMP_BEGIN + -(-(place - STAMP_BEGIN) // _WORD) * _WORD
 
 
 @subroutine
-def _read(
+def _scan(
     words: NDArray[np.uint32],
     doubles: Array,
     place: int,
     end: int,
+    clock: NDArray[np.int64],
     lengths: NDArray[np.int64],
-    times: Array,
     values: Array,
-) -> bool:
-    """Read all points; false if the message is too short or its points differ in their fields.
+) -> int:
+    """Read all points; returns the word after them, -1 if the message is too short.
 
     Args:
         words: the message, shape (words,); doubles are aligned to two of them.
         doubles: the same, shape (words / 2,).
         place: word of the first point.
         end: first word after the message.
-        lengths: number of values of each field, shape (4,); those of the first point are written.
-        times: result, s, shape (n,).
-        values: result, shape (n, 4, joints).
+        clock: result, see `Scan`.
+        lengths: result.
+        values: result.
     """
     joints = values.shape[2]
-    for k in range(times.size):
+    for k in range(clock.shape[0]):
         for field in range(4):
             if place >= end:
-                return False
+                return -1
             length = int(words[place])
+            lengths[k, field] = length
             place += 1
-            if k == 0:
-                lengths[field] = length
-            if length != lengths[field] or length > joints:
-                return False
             if length:
                 place += place % 2
                 if place + 2 * length > end:
-                    return False
-                for j in range(length):
-                    values[k, field, j] = doubles[place // 2 + j]
+                    return -1
+                if length == joints:
+                    for j in range(length):
+                        values[k, field, j] = doubles[place // 2 + j]
                 place += 2 * length
         if place + 2 > end:
-            return False
-        seconds, nanoseconds = int(words[place]), int(words[place + 1])
-        if seconds >= 2147483648 or nanoseconds >= 1000000000:
-            return False
-        times[k] = (seconds * 1000000000 + nanoseconds) / 1e9
+            return -1
+        seconds = int(words[place])
+        clock[k, 0] = seconds - 4294967296 if seconds >= 2147483648 else seconds
+        clock[k, 1] = int(words[place + 1])
         place += 2
-    return True
+    return place

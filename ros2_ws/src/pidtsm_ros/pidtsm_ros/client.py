@@ -273,7 +273,7 @@ class Arm:
         goal = self._goal_type(trajectory=message)
         self._goal = self._answer(self._request(self._action.send_goal_async, goal), _TO_REST)
         if not self._goal.accepted:
-            raise GoalError("the goal was rejected")
+            raise GoalError("the goal was rejected (the log of the node has the reason)")
         self._result = self._request(self._goal.get_result_async)
 
     def _message(self, motion: PiecewiseMotion) -> JointTrajectory:

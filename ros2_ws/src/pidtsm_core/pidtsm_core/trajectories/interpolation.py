@@ -7,7 +7,7 @@ from scipy.linalg import solve_banded
 
 from pidtsm_core.parameters import Array
 from pidtsm_core.references.piecewise import piecewise
-from pidtsm_core.trajectories.errors import TrajectoryError
+from pidtsm_core.trajectories.errors import StartError, TrajectoryError
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 
 Interpolation = Literal["spline", "linear"]
@@ -38,8 +38,9 @@ def plan(
         A motion that begins at `elapsed`.
 
     Raises:
-        TrajectoryError: a number is not finite, the times do not increase, or the motion is over, does not end at rest,
-            or starts too far away.
+        TrajectoryError: a number is not finite, the times do not increase, or the motion is over or does not end at
+            rest.
+        StartError: it starts too far away.
     """
     if not (np.isfinite(times).all() and np.isfinite(points).all()):
         raise TrajectoryError("it contains a number that is not finite")
@@ -54,12 +55,28 @@ def plan(
     if points.shape[1] > 1 and np.abs(points[-1, 1]).max() > _AT_REST:
         raise TrajectoryError(f"it must end at rest; the last point has the velocities {points[-1, 1].tolist()}")
     passed = int(np.searchsorted(times, elapsed, side="right"))
-    if passed and (distance := np.abs(points[passed - 1, 0] - present[0]).max()) > tolerance:
-        raise TrajectoryError(
-            f"point {passed} is due now, and {distance:.3g} from the present reference "
-            f"{present[0].tolist()}; at most {tolerance:g} is allowed (start_tolerance)"
-        )
+    if passed:
+        check_start(passed, points[passed - 1, 0], present[0], tolerance)
     return interpolate(np.concatenate([[elapsed], times[passed:]]), points[passed:], present, interpolation)
+
+
+def check_start(number: int, due: Array, present: Array, tolerance: float) -> None:
+    """Check that the reference can go on from a point that is due now.
+
+    Args:
+        number: of the point, from 1.
+        due: its position, shape (joints,), rad.
+        present: position of the reference, shape (joints,), rad.
+        tolerance: largest distance, rad.
+
+    Raises:
+        StartError: it is farther away.
+    """
+    if (distance := np.abs(due - present).max()) > tolerance:
+        raise StartError(
+            f"point {number} is due now, and {distance:.3g} from the present reference "
+            f"{present.tolist()}; at most {tolerance:g} is allowed (start_tolerance)"
+        )
 
 
 def interpolate(times: Array, points: Array, start: Array, interpolation: Interpolation = "spline") -> PiecewiseMotion:

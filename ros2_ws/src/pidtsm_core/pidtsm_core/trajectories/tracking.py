@@ -15,6 +15,9 @@ _SMOOTHING = 0.03
 """Time constant of the filter for the velocity error, s. Encoders of 14 bit are then within 0.01 rad/s most of the
 time, the usual tolerance for an arm at rest."""
 
+REACHED = "Goal successfully reached!"
+VIOLATED = "Aborted due to path tolerance violation"
+
 
 class Code(IntEnum):
     """Error codes of ``control_msgs/action/FollowJointTrajectory``."""
@@ -43,7 +46,9 @@ class Tolerances(NamedTuple):
 
 
 class Tracking:
-    """Judges how an arm follows a trajectory, sample by sample.
+    """Judges how an arm follows a trajectory, sample by sample, by the rules of joint_trajectory_controller.
+
+    The texts begin with those of that controller, which clients may know.
 
     Attributes:
         error: measured minus desired position and velocity, shape (2, joints), rad, rad/s. The velocity is the filtered
@@ -69,25 +74,31 @@ class Tracking:
         self.error = np.zeros((2, len(joints)))
 
     def judge(self, now: int, desired: Array, position: Array) -> Outcome | None:
-        """The outcome, None while there is none.
+        """The outcome, None while there is none. The first sample counts as one of the way, even after the end.
 
         Args:
             now: time of the sample, ns.
             desired: q_d, q_d', q_d'', shape (3, joints), rad, rad/s, rad/s^2.
             position: measured, shape (joints,), rad.
         """
+        first = self._last < 0
         self._measure(now, desired[0], position)
+        if (now < self._end or first) and (violation := self._violation(now)):
+            return violation
         if now < self._end:
-            return self._violation(now)
+            return None
         beyond = np.abs(self.error) - self._tolerances.goal
         if beyond.max() <= 0.0:
-            return Outcome(Code.SUCCESSFUL, "")
+            return Outcome(Code.SUCCESSFUL, REACHED)
         late = seconds(now - self._end)
         if late <= self._tolerances.goal_time:
             return None
         what, allowed = self._largest(beyond, self._tolerances.goal), self._tolerances.goal_time
-        text = f"{what} at the goal, {late:.3f} s after the last point (goal_time_tolerance {allowed:g} s)"
-        return Outcome(Code.GOAL_TOLERANCE_VIOLATED, text)
+        return Outcome(
+            Code.GOAL_TOLERANCE_VIOLATED,
+            f"Aborted due to goal_time_tolerance exceeding by {late:f} seconds: {what} at the goal; allow more in "
+            f"goal_tolerance or in goal_time_tolerance ({allowed:g} s)",
+        )
 
     def _measure(self, now: int, desired: Array, position: Array) -> None:
         error = position - desired
@@ -107,7 +118,11 @@ class Tracking:
         if beyond.max() <= 0.0:
             return None
         what = self._largest(beyond, self._tolerances.path)
-        return Outcome(Code.PATH_TOLERANCE_VIOLATED, f"{what}, {seconds(now - self._start):.3f} s after the start")
+        return Outcome(
+            Code.PATH_TOLERANCE_VIOLATED,
+            f"{VIOLATED}: {what}, {seconds(now - self._start):.3f} s after the start; move more slowly, or allow more "
+            "in path_tolerance",
+        )
 
     def _largest(self, beyond: Array, tolerances: Array) -> str:
         """The deviation that is farthest beyond its tolerance."""

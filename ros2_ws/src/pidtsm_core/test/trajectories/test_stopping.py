@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pidtsm_core.parameters import Array
 from pidtsm_core.trajectories.limits import MotionLimits, motion_limits
 from pidtsm_core.trajectories.motion import PiecewiseMotion
-from pidtsm_core.trajectories.stopping import stop
+from pidtsm_core.trajectories.stopping import stop, stop_at
 
 
 def states(motion: PiecewiseMotion, times: Array) -> Array:
@@ -80,3 +80,36 @@ def test_an_absurd_motion_comes_to_rest_too(limits: MotionLimits, derivative: in
     motion.evaluate(motion.end, desired)
     assert np.isfinite(desired).all()
     assert not desired[1:].any()
+
+
+@settings(max_examples=50)
+@given(seed=st.integers(0, 2**32 - 1), joints=st.integers(1, 7))
+def test_a_stop_at_a_position_ends_there_within_the_limits(seed: int, joints: int) -> None:
+    random = np.random.default_rng(seed)
+    velocity, acceleration = random.uniform(0.5, 2.0, joints), random.uniform(0.5, 20.0, joints)
+    jerk = random.uniform(5.0, 500.0, joints)
+    limits = motion_limits(
+        {
+            "joints": [f"joint{j}" for j in range(joints)],
+            "limits.velocity": velocity.tolist(),
+            "limits.acceleration": acceleration.tolist(),
+            "limits.jerk": jerk.tolist(),
+        }
+    )
+    present = random.uniform(-1.0, 1.0, (3, joints)) * [0.0 * velocity + 1.0, 0.5 * velocity, 0.0 * velocity]
+    position = present[0] + random.uniform(-0.05, 0.05, joints)
+    motion = stop_at(position, present, limits)
+    path = states(motion, np.linspace(0.0, motion.end, 400))
+    np.testing.assert_allclose(path[0], present, atol=1e-9)
+    np.testing.assert_allclose(path[-1, 0], position, atol=1e-9)
+    assert not path[-1, 1:].any()
+    assert (np.abs(path[:, 1]) <= limits.planned_velocity + 1e-9).all()
+    assert (np.abs(path[:, 2]) <= acceleration + 1e-9).all()
+
+
+def test_a_stop_where_it_rests_takes_no_time(limits: MotionLimits) -> None:
+    present = np.zeros((3, len(limits.joints)))
+    present[0] = 0.3
+    motion = stop_at(present[0], present, limits)
+    assert motion.end < 1e-6
+    np.testing.assert_array_equal(states(motion, np.array([0.0, 1.0]))[:, 0], np.full((2, len(limits.joints)), 0.3))

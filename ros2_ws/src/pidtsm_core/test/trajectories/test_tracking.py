@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from pidtsm_core.parameters import Array
-from pidtsm_core.trajectories.tracking import Code, Outcome, Tolerances, Tracking
+from pidtsm_core.trajectories.tracking import REACHED, VIOLATED, Code, Outcome, Tolerances, Tracking
 
+REACHED_IT = Outcome(Code.SUCCESSFUL, REACHED)
 JOINTS = ("shoulder", "elbow")
 ANY = np.full((2, 2), math.inf)
 MS = 1_000_000
@@ -39,8 +40,17 @@ def test_the_way_is_judged_before_the_end_only() -> None:
     assert found is not None
     sample, outcome = found
     assert (sample, outcome.code) == (51, Code.PATH_TOLERANCE_VIOLATED)
-    assert outcome.text == "elbow: position error 0.051 exceeds the tolerance 0.05, 0.051 s after the start"
-    assert follow(tracking(path), ramp(10, 0.2, 0.2), END) == (0, Outcome(Code.SUCCESSFUL, ""))
+    text = "elbow: position error 0.051 exceeds the tolerance 0.05, 0.051 s after the start"
+    assert outcome.text.startswith(f"{VIOLATED}: {text}; ")
+    assert follow(tracking(path), ramp(10, 0.0, 0.2), END - MS) == (1, REACHED_IT)
+
+
+def test_the_first_sample_is_one_of_the_way_even_after_the_end() -> None:
+    """So does joint_trajectory_controller with a goal that takes no time and is elsewhere."""
+    path = np.array([[0.1, 0.05], [math.inf, math.inf]])
+    found = follow(tracking(path), ramp(10, 0.2, 0.2), END)
+    assert found is not None
+    assert (found[0], found[1].code) == (0, Code.PATH_TOLERANCE_VIOLATED)
 
 
 def test_no_tolerance_accepts_any_error() -> None:
@@ -64,7 +74,7 @@ def test_success_needs_position_and_velocity() -> None:
     goal = np.array([[0.03, 0.03], [0.01, 0.01]])
     found = follow(tracking(goal=goal), np.vstack([ramp(100, 0.1, 0.0), ramp(200, 0.0, 0.0)]), END)
     assert found is not None
-    assert found[1] == Outcome(Code.SUCCESSFUL, "")
+    assert found[1] == REACHED_IT
     assert 100 < found[0] < 300, "within 0.03 rad, but not at rest at first"
 
 
@@ -75,14 +85,15 @@ def test_a_goal_that_is_not_reached_in_time_is_an_error(goal_time: float) -> Non
     assert found is not None
     sample, outcome = found
     assert (sample, outcome.code) == (round(goal_time * 1000) + 1, Code.GOAL_TOLERANCE_VIOLATED)
+    assert outcome.text.startswith(f"Aborted due to goal_time_tolerance exceeding by {goal_time + 1e-3:f} seconds: ")
     assert "elbow: position error 0.04 exceeds the tolerance 0.03 at the goal" in outcome.text
-    assert f"(goal_time_tolerance {goal_time:g} s)" in outcome.text
+    assert f"goal_time_tolerance ({goal_time:g} s)" in outcome.text
 
 
 def test_without_a_goal_time_the_arm_may_take_any() -> None:
     goal = np.array([[0.03, 0.03], [math.inf, math.inf]])
     errors = np.vstack([ramp(3000, 0.04, 0.04), ramp(1, 0.0, 0.0)])
-    assert follow(tracking(goal=goal), errors, END) == (3000, Outcome(Code.SUCCESSFUL, ""))
+    assert follow(tracking(goal=goal), errors, END) == (3000, REACHED_IT)
 
 
 def test_a_full_turn_is_no_error_of_a_joint_that_turns_without_end() -> None:
