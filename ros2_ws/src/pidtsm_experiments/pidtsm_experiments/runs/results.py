@@ -11,7 +11,7 @@ from pidtsm_core.errors import UsageError
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs import ownership
 from pidtsm_experiments.runs.locks import cannot_write, locked
-from pidtsm_experiments.runs.origin import write_origin
+from pidtsm_experiments.runs.origin import NOTHING, ORIGIN, MadeOf, write_origin
 
 _OF_THE_DISK = {
     *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG),
@@ -20,12 +20,16 @@ _OF_THE_DISK = {
 
 
 @contextmanager
-def result_folder(out: Path) -> Iterator[Path]:
+def result_folder(out: Path, made_of: MadeOf = NOTHING) -> Iterator[Path]:
     """Yield an empty working folder; at the end of the block it becomes `out` and replaces earlier results.
 
     It gets a file that says where the results come from, see `write_origin`, and a marker, see `ownership`. If the
     block raises an exception, earlier results are kept, and the unfinished ones are moved to ``OUT.failed``, where the
     logs can be read. Links to `out` are followed. Only files that the program has made are removed.
+
+    Args:
+        out: the folder.
+        made_of: what `write_origin` needs to know.
 
     Raises:
         UsageError: `out`, ``OUT.failed`` or ``OUT.unfinished`` contains other files, `out` cannot be a result folder or
@@ -41,7 +45,7 @@ def result_folder(out: Path) -> Iterator[Path]:
         unfinished = _empty(out)
         try:
             yield unfinished
-            write_origin(unfinished)
+            write_origin(unfinished, made_of)
             ownership.mark(unfinished)
             _check_ours(out)
             _replace(out, unfinished)
@@ -55,15 +59,17 @@ def result_folder(out: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def renewed(out: Path, *names: str, beside: tuple[str, ...] = ()) -> Iterator[Path]:
+def renewed(out: Path, *names: str, beside: tuple[str, ...] = (), made_of: MadeOf = NOTHING) -> Iterator[Path]:
     """Yield an empty working folder; at the end of the block its content replaces that of the same names in `out`.
 
-    If the block raises an exception, `out` is unchanged. Links to `out` are followed.
+    `out` gets a file that says where the results come from, or a line in it if it has one, see `write_origin`. If the
+    block raises an exception, `out` is unchanged. Links to `out` are followed.
 
     Args:
         out: a folder; if it is missing, it is made before the block.
         names: of the files and folders that the block will make in the working folder.
         beside: of the files that the block writes into `out` itself.
+        made_of: what `write_origin` needs to know.
 
     Raises:
         UsageError: `out` has other files with one of these names, cannot be written, or is used by another process.
@@ -71,13 +77,14 @@ def renewed(out: Path, *names: str, beside: tuple[str, ...] = ()) -> Iterator[Pa
     """
     out = settled(out)
     with locked(out):
-        _check_ours(out, (*names, *beside))
+        _check_ours(out, (*names, *beside, ORIGIN))
         unfinished = _empty(out)
         try:
             out.mkdir(exist_ok=True)
             ownership.mark(out, ownership.made_in(out).union(beside))
             yield unfinished
-            _check_ours(out, names)
+            write_origin(unfinished, made_of, before=out)
+            _check_ours(out, (*names, ORIGIN))
             _move(unfinished, out)
         except OSError as error:
             if not (_is_of(error, unfinished) or _is_of(error, out)):
