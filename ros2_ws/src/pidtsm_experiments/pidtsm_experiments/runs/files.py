@@ -55,7 +55,7 @@ def write_file(place: Path, text: str) -> None:
     """
     try:
         if _is_device(place):
-            with open(os.open(place, os.O_WRONLY | os.O_APPEND), "w", encoding="utf-8") as device:
+            with os.fdopen(os.open(place, os.O_WRONLY | os.O_APPEND), "w", encoding="utf-8") as device:
                 device.write(text)
             return
         _replace(place, text)

@@ -66,7 +66,7 @@ def test_what_is_no_file_is_refused_before_the_work(
     ("out", "reason"),
     [
         ("nowhere/x", "No such file"),
-        ("file/x", "is nis not a folder|Not a directory"),
+        ("file/x", "is not a folder|Not a directory"),
         ("x" * 300, "too long"),
         ("a\0b", "null"),
     ],
