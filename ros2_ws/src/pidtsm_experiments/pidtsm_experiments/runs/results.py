@@ -1,6 +1,5 @@
 """Result folders: complete or absent, without replacing other files, used by one process at a time."""
 
-import errno
 import os
 import shutil
 from collections.abc import Iterator
@@ -8,15 +7,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pidtsm_core.errors import UsageError
-from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.errors import OF_THE_DISK, RunError
 from pidtsm_experiments.runs import ownership
 from pidtsm_experiments.runs.locks import cannot_write, locked
 from pidtsm_experiments.runs.origin import NOTHING, ORIGIN, MadeOf, write_origin
-
-_OF_THE_DISK = {
-    *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG),
-    *(errno.EIO, errno.EROFS, errno.ENXIO, errno.ENODEV, errno.ESTALE),
-}
 
 
 @contextmanager
@@ -236,4 +230,4 @@ def _remove(folder: Path) -> None:
 def _is_of(error: OSError, folder: Path) -> bool:
     """Whether an error is one of the disk, or of a file in a folder."""
     names = [Path(os.fsdecode(name)) for name in (error.filename, error.filename2) if isinstance(name, (str, bytes))]
-    return error.errno in _OF_THE_DISK or any(name.is_relative_to(folder) for name in names)
+    return error.errno in OF_THE_DISK or any(name.is_relative_to(folder) for name in names)

@@ -372,6 +372,15 @@ def test_a_place_that_cannot_be_is_refused_before_the_work(
     assert not list(root.iterdir())
 
 
+@pytest.mark.parametrize("words", [["--json"], []])
+def test_an_output_that_cannot_be_written_ends_in_one_line(words: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "pidtsm_experiments.cli", "rollout", "--duration", "0.02", *words]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=300.0)
+    assert done.returncode == 1
+    assert done.stderr == "pidtsm: cannot write the output: No space left on device\n"
+
+
 def test_a_full_disk_ends_in_one_line(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result(root / "out")
     with nearly_full_disk():
