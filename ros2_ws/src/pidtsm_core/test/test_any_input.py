@@ -6,30 +6,43 @@ pidtsm_experiments.
 
 import json
 import math
-import resource
-import signal
-import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from random import Random
-from types import FrameType
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from hostile import Judge, little_memory
 
 from pidtsm_core.closed_loop import SCHEMAS, DivergedError, rollout
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
+from pidtsm_core.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.robots import find_robot
 from pidtsm_core.robots.source import read_source
 
-LONGEST = 10.0  # s of processor time
-NUMBERS = (math.nan, math.inf, -math.inf, 0.0, -1.0, 5e-324, 1e-320, 1e-9, 1e300, 1.8e308, 10**400, -(2**63), 2**63, 7)
+NUMBERS = (
+    math.nan,
+    math.inf,
+    -math.inf,
+    0.0,
+    -0.0,
+    -1.0,
+    5e-324,
+    1e-320,
+    1e-9,
+    1e300,
+    1.8e308,
+    10**400,
+    -(2**63),
+    2**63,
+    7,
+)
 OTHERS: tuple[object, ...] = (
     True,
     None,
@@ -41,6 +54,7 @@ OTHERS: tuple[object, ...] = (
     [],
     [math.nan, 1.0],
     [1.0] * 1000,
+    [[1.0, 2.0], [3.0]],
     ["a", 1],
     {"a": 1},
     b"x",
@@ -59,26 +73,6 @@ diaginertia="1 1 1"/><replicate count="2" offset="0 0 1"><geom size="0.1"/></rep
 <custom><numeric name="n" data="1"/></custom></mujoco>"""
 
 
-class SlowError(AssertionError):
-    """An input took too long."""
-
-
-@contextmanager
-def soon() -> Iterator[None]:
-    """Fail if the block takes more processor time than `LONGEST`."""
-
-    def end(_signal: int, _frame: FrameType | None) -> None:
-        raise SlowError
-
-    before = signal.signal(signal.SIGPROF, end)
-    signal.setitimer(signal.ITIMER_PROF, LONGEST)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
-        signal.signal(signal.SIGPROF, before)
-
-
 @pytest.fixture(scope="module")
 def _compiled() -> None:
     """What is compiled and imported takes time and memory of its own."""
@@ -88,44 +82,15 @@ def _compiled() -> None:
 
 @pytest.fixture(autouse=True)
 def _little_memory(_compiled: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """At most 1 GB more than now, in a folder of its own."""
+    """In a folder of its own."""
     monkeypatch.chdir(tmp_path)
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (now + 2**30, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_AS, before)
-
-
-class Judge:
-    """Uses inputs, and judges what happens; `used` counts those that were not refused."""
-
-    def __init__(self) -> None:
-        self.used = 0
-        self.broken: list[str] = []
-
-    def use(self, what: str, use: Callable[[], object], named: str = "") -> None:
-        """Call `use`; a refusal is one line, with `named` in it."""
-        with soon(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Numbers that overflow.
-            try:
-                use()
-                self.used += 1
-            except (UsageError, DivergedError) as error:
-                if "\n" in str(error) or named not in str(error):
-                    self.broken.append(f"{what}: {error}")
-            except Exception as error:
-                self.broken.append(f"{what}: {type(error).__name__}: {error}")
-
-    def conclude(self, least: int, most: int) -> None:
-        """Check that nothing broke, and that neither everything was used nor everything refused."""
-        assert not self.broken, "\n".join(self.broken)
-        assert least < self.used < most
+    with little_memory():
+        yield
 
 
 @pytest.mark.parametrize("node", SCHEMAS)
 def test_any_value_of_a_parameter_is_used_or_refused(node: str) -> None:
-    judge, schema = Judge(), SCHEMAS[node]({})
+    judge, schema = Judge(UsageError, DivergedError), SCHEMAS[node]({})
     for parameter in schema:
         for value in VALUES:
 
@@ -137,6 +102,41 @@ def test_any_value_of_a_parameter_is_used_or_refused(node: str) -> None:
 
             judge.use(f"{parameter.name} = {value!r:.50}", partial(use, {parameter.name: value}))
     judge.conclude(10, len(schema) * len(VALUES))
+
+
+def choices(node: str) -> dict[str, dict[str, object]]:
+    """Parameters of a node that its default choices lack, each with the choices that have it."""
+    known = {parameter.name for parameter in SCHEMAS[node]({})}
+    found: dict[str, dict[str, object]] = {}
+    waiting: list[dict[str, object]] = [{}]
+    while waiting:
+        made = waiting.pop()
+        with suppress(UsageError):  # Some are for rollouts only.
+            for parameter in NODE_SCHEMAS[node](made):
+                if parameter.name not in {*known, *found} or not made:
+                    found |= {parameter.name: made} if parameter.name not in known else {}
+                    waiting += [made | {parameter.name: choice} for choice in parameter.choices or ()]
+    return found
+
+
+@pytest.mark.parametrize("node", NODE_SCHEMAS)
+def test_any_value_of_a_parameter_of_any_choice_is_taken_or_refused(node: str) -> None:
+    """Also of those that only nodes have; nothing is simulated."""
+    judge, tried = Judge(UsageError), 0
+    for name, choice in choices(node).items():
+        for value in VALUES:
+
+            def use(given: dict[str, object]) -> None:
+                make_experiment("case1", overrides={node: given}).resolved(NODE_SCHEMAS)
+
+            judge.use(f"{name} = {value!r:.50}", partial(use, choice | {name: value}))
+            tried += 1
+    judge.conclude(10, tried)
+
+
+def test_the_corpus_is_large() -> None:
+    parameters = sum(len(schema({})) for schema in SCHEMAS.values()) + sum(len(choices(node)) for node in NODE_SCHEMAS)
+    assert parameters * len(VALUES) >= 5207
 
 
 def changed(root: ElementTree.Element, random: Random) -> str:
@@ -174,7 +174,7 @@ def damaged(text: str, random: Random) -> str:
 @pytest.mark.parametrize("source", ["panda", "scara", "mjcf"])
 def test_any_description_is_used_or_refused(source: str) -> None:
     text = MJCF if source == "mjcf" else read_source(source)[1]
-    judge = Judge()
+    judge = Judge(UsageError, DivergedError)
     for seed in range(DESCRIPTIONS):
         random = Random(seed)
         content = changed(ElementTree.fromstring(text), random) if seed % 4 else damaged(text, random)
@@ -184,7 +184,7 @@ def test_any_description_is_used_or_refused(source: str) -> None:
 
 
 def test_any_table_is_used_or_refused() -> None:
-    judge, given = Judge(), {"reference.name": "csv", "reference.file": "table.csv"}
+    judge, given = Judge(UsageError, DivergedError), {"reference.name": "csv", "reference.file": "table.csv"}
 
     def use() -> None:
         ReferenceMotion(resolve(reference_schema, given, 2)).evaluate(0.35, np.empty((3, 2)))

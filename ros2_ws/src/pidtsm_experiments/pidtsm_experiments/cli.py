@@ -1,16 +1,19 @@
 """The command line, ``./pidtsm COMMAND``."""
 
 import argparse
+import errno
 import importlib
 import os
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import NoReturn
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.version import __version__
-from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.errors import OF_THE_DISK, RunError
 
 _INTERRUPTED = 130
 _COMMANDS = {
@@ -101,8 +104,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("pidtsm: interrupted", file=sys.stderr)
         return _INTERRUPTED
-    except BrokenPipeError:
+    except OSError as error:
+        if error.errno != errno.EPIPE and error.errno not in OF_THE_DISK:
+            raise
+        if error.errno != errno.EPIPE:  # Who reads the output may leave when it likes.
+            print(f"pidtsm: cannot write {error.filename or 'the output'}: {error.strerror}", file=sys.stderr)
+        _forget_output()
         return 1
+
+
+def _forget_output() -> None:
+    """Write what is left of the output nowhere: at the end of the process it would fail again."""
+    with suppress(OSError), Path(os.devnull).open("w", encoding="utf-8") as nowhere:
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
 def _interrupt(_signal: int, _frame: object) -> NoReturn:

@@ -85,6 +85,32 @@ def test_an_expression_that_goes_too_far_is_refused(
     assert not (tmp_path / "pwned").exists()
 
 
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ('<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>', "recursion|longer than"),
+        ('<xacro:include filename="/dev/zero"/>', "not well-formed|memory|longer than"),
+        ('<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/>${a}', "circular"),
+        ('<link name="$(arg nothing)"/>', "nothing"),
+        ('<link name="$(find no_such_package)"/>', "no_such_package"),
+        ('<link name="$(env NO_SUCH_VARIABLE)"/>', "NO_SUCH_VARIABLE"),
+        ('<link name="${1 + "/>', "invalid expression"),
+        ('<link name="${1/0}"/>', "division by zero"),
+        ("<xacro:nothing/>", "unknown macro"),
+        ("<link", "not well-formed"),
+    ],
+)
+def test_a_xacro_file_with_a_mistake_is_refused_in_one_line(
+    content: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    head = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    (tmp_path / "arm.urdf.xacro").write_text(f"{head}{content}</robot>")
+    with pytest.raises(DescriptionError, match=rf"arm\.urdf\.xacro: .*({reason})") as refusal:
+        read_source("arm.urdf.xacro")
+    assert "\n" not in str(refusal.value)
+
+
 @pytest.mark.parametrize(("text", "reason"), LARGE.values(), ids=LARGE)
 def test_a_description_that_would_become_too_large_is_refused_before_it_is_compiled(text: str, reason: str) -> None:
     with pytest.raises(DescriptionError) as refusal:

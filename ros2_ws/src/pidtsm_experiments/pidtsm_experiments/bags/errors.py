@@ -10,6 +10,6 @@ class UnfinishedBag(UserWarning):
 
 
 def damaged(what: str, error: Exception) -> RecordingError:
-    """Error with the damaged part, the reason, and how to recover the rest."""
-    cause = str(error) or type(error).__name__
+    """Error with the damaged part, the reason in one line, and how to recover the rest."""
+    cause = " ".join(str(error).split()) or type(error).__name__
     return RecordingError(f"{what}: {cause} (`mcap recover FILE.mcap -o SAVED.mcap` recovers the rest of an MCAP file)")

@@ -21,7 +21,11 @@ from typing import Any
 from pidtsm_core.errors import UsageError
 from pidtsm_experiments.commands.bench_against import compare
 from pidtsm_experiments.commands.options import CONSOLE
+from pidtsm_experiments.runs.files import write_file
+from pidtsm_experiments.runs.origin import making
+from pidtsm_experiments.runs.results import renewed
 
+_FILE = "bench.json"
 _LONG = "soak"
 """Takes half an hour, so it runs only on request."""
 
@@ -107,14 +111,14 @@ def execute(options: argparse.Namespace) -> int:
         raise UsageError(f"unknown benchmark {', '.join(unknown)}; known: {', '.join(files)}")
     if options.against is not None:
         return compare(options.against, names, options.quick, options.json)
-    _measure({name: _load(name, files[name]) for name in names}, options)
+    with renewed(options.out, beside=(_FILE,)):
+        _measure({name: _load(name, files[name]) for name in names}, options)
     return 0
 
 
 def _measure(modules: Mapping[str, Any], options: argparse.Namespace) -> None:
     """Run the benchmarks; every row is printed, and written to ``bench.json``, when it is measured."""
-    result: dict[str, Any] = {"machine": _machine(), "quick": options.quick, "complete": False, "rows": []}
-    options.out.mkdir(parents=True, exist_ok=True)
+    result: dict[str, Any] = {**making(), "machine": _machine(), "quick": options.quick, "complete": False, "rows": []}
     if not options.quick:
         CONSOLE.print(f"{', '.join(modules)}: {_minutes(sum(module.TAKES for module in modules.values()))}")
     for name, module in modules.items():
@@ -133,7 +137,7 @@ def _measure(modules: Mapping[str, Any], options: argparse.Namespace) -> None:
 
 def _write(result: Mapping[str, Any], folder: Path) -> None:
     text = json.dumps(result, indent=2, allow_nan=False) + "\n"
-    (folder / "bench.json").write_text(text, encoding="utf-8")
+    write_file(folder / _FILE, text)
 
 
 def _machine() -> dict[str, Any]:

@@ -17,6 +17,7 @@ from pidtsm_core.outcome import sources
 from pidtsm_core.units import joint_units
 from pidtsm_experiments.commands.options import CONSOLE, read
 from pidtsm_experiments.commands.table import FACTOR, ONLY_IF_ANY, ROWS
+from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_experiments.runs.saved import read_parameters
 from pidtsm_studies.reports.comparison import check_comparable, differing_parameters, write_comparison
@@ -57,7 +58,10 @@ def execute(options: argparse.Namespace) -> int:
         "parameters": parameters,
     }
     text = json.dumps(content, allow_nan=False)
-    with result_folder(options.out) as folder, CONSOLE.status("drawing, writing the report"):
+    with (
+        result_folder(options.out, MadeOf(runs=tuple(paths.values()))) as folder,
+        CONSOLE.status("drawing, writing the report"),
+    ):
         (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
         runs = {name: (recordings[name], metrics[name]) for name in paths}
         write_comparison(folder / "report.html", runs, parameters)

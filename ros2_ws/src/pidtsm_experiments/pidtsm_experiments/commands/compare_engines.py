@@ -9,9 +9,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pidtsm_core.closed_loop import DivergedError
+from pidtsm_core.closed_loop import SCHEMAS, DivergedError
 from pidtsm_experiments.commands.options import CONSOLE, add_experiment_arguments, experiment_of
 from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_studies.engines import COMPARED, EngineComparison, as_json, compare_engines, write_engine_figures
 from pidtsm_studies.reports.labels import value_text
@@ -29,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     experiment = experiment_of(options).without_node_parameters()
-    with result_folder(options.out) as folder:
+    with result_folder(options.out, MadeOf(parameters=experiment.resolved(SCHEMAS))) as folder:
         try:
             comparison = compare_engines(experiment)
         except DivergedError as error:

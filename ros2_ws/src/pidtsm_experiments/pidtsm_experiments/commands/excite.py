@@ -1,6 +1,8 @@
 """``./pidtsm excite``: a motion that shows the parameters of an arm."""
 
 import argparse
+import os
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +12,12 @@ import yaml
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.identification.excitation import Excitation, excitation
+from pidtsm_core.parameter_files import load_mapping
 from pidtsm_core.robots import DESCRIPTION, find_description
 from pidtsm_core.trajectories.limits import motion_limits
 from pidtsm_experiments.commands.options import CONSOLE, add_parameter_arguments, add_robot_argument, seconds
+from pidtsm_experiments.runs.files import writable_file, write_file
+from pidtsm_experiments.runs.origin import comment
 
 _EPILOG = """The motion is a Fourier series within the limits of position, velocity, acceleration and torque of the arm.
 It knows nothing of collisions: set position limits within which the arm hits neither itself nor anything else, and
@@ -23,6 +28,7 @@ examples:
   ./pidtsm run --scenario panda.yaml --clock lockstep --out results/panda
   ./pidtsm identify results/panda/bag --robot panda
 """
+_ABOUT = "a motion that shows inertias and friction, for ./pidtsm identify"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,6 +46,7 @@ def execute(options: argparse.Namespace) -> int:
         raise UsageError("--robot: name the arm, or the file of its description")
     if options.out.suffix != ".yaml":
         raise UsageError(f"--out {options.out}: its name must end with .yaml")
+    scenario, motion = _places(options.out)
     given = make_experiment(None, params=options.params, overrides=options.set, robot=options.robot)
     description = {DESCRIPTION.name: given.settings["controller"][DESCRIPTION.name]}
     arm = find_description(description)
@@ -49,10 +56,8 @@ def execute(options: argparse.Namespace) -> int:
         raise UsageError(f"joints: the limits are of {', '.join(limits.joints)}, the arm has {', '.join(arm.joints)}")
     with CONSOLE.status("optimising the motion"):
         found = excitation(arm, limits, options.duration)
-    try:
-        _write(found, options.out, description)
-    except OSError as error:
-        raise UsageError(f"--out {options.out}: {error.strerror}") from None
+    write_file(motion, _table(found))
+    write_file(scenario, comment() + yaml.safe_dump(_scenario(found, motion, description), sort_keys=False))
     CONSOLE.print(
         f"{options.out} {options.out.with_suffix('.csv')}: {found.time[-1]:.0f} s, condition number "
         f"{found.condition:.1f}",
@@ -61,18 +66,45 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _write(found: Excitation, scenario: Path, description: dict[str, Any]) -> None:
-    """Write time, q, q' and q'' as the reference ``csv`` reads them, and a scenario with this reference."""
-    file = scenario.with_suffix(".csv")
+def _places(out: Path) -> tuple[Path, Path]:
+    """The files of the scenario and of the motion.
+
+    Raises:
+        UsageError: one of them cannot be written, or the second, which the user has not named, is not of a motion that
+            this command has made.
+    """
+    scenario = writable_file(out)
+    motion = scenario.with_suffix(".csv")
+    if os.path.lexists(motion) and _motion_of(scenario) != str(motion):
+        raise UsageError(f"--out {out}: {motion} is not of {scenario.name}; move it away, or name another file")
+    return scenario, writable_file(motion)
+
+
+def _motion_of(scenario: Path) -> str | None:
+    """The file of the motion that a scenario names, if it is one of this command; otherwise None."""
+    try:
+        content = load_mapping(scenario)
+        return str(content["trajectory"]["reference"]["file"]) if content["description"] == _ABOUT else None
+    except (UsageError, KeyError, TypeError):
+        return None
+
+
+def _table(found: Excitation) -> str:
+    """Time, q, q' and q'' as the reference ``csv`` reads them."""
     columns = [f"{kind}_{joint}" for kind in ("q", "dq", "ddq") for joint in found.joints]
-    table = np.column_stack([found.time, *found.motion])
-    np.savetxt(file, table, fmt="%.9g", delimiter=",", header=",".join(["time", *columns]), comments="")
-    reference = {"name": "csv", "file": str(file.absolute())}
-    content = {
-        "description": "a motion that shows inertias and friction, for ./pidtsm identify",
+    text, header = StringIO(), ",".join(["time", *columns])
+    np.savetxt(
+        text, np.column_stack([found.time, *found.motion]), fmt="%.9g", delimiter=",", header=header, comments=""
+    )
+    return text.getvalue()
+
+
+def _scenario(found: Excitation, motion: Path, description: dict[str, Any]) -> dict[str, Any]:
+    """A scenario with the motion as its reference."""
+    return {
+        "description": _ABOUT,
         "duration": float(found.time[-1]),
         "simulator": {**description, "initial_position": found.motion[0, 0].tolist()},
         "controller": description,
-        "trajectory": {"joints": list(found.joints), "reference": reference},
+        "trajectory": {"joints": list(found.joints), "reference": {"name": "csv", "file": str(motion)}},
     }
-    scenario.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")

@@ -11,6 +11,8 @@ from pidtsm_core.gains import BITS, DELAY, RATE, Gain, first_gains
 from pidtsm_core.parameters import Value
 from pidtsm_core.robots import DESCRIPTION
 from pidtsm_experiments.commands.options import add_robot_argument
+from pidtsm_experiments.runs.files import writable_file, write_file
+from pidtsm_experiments.runs.origin import comment
 
 _EPILOG = """The rule needs the inertias of the arm and the quality of its sensors. It is a start; docs/tuning.md shows
 how to go on.
@@ -53,18 +55,16 @@ def execute(options: argparse.Namespace) -> int:
         raise UsageError(f"--delay {options.delay:g}: must be from 0 to 1000 ms")
     if not 1.0 <= options.rate <= 100_000.0:
         raise UsageError(f"--rate {options.rate:g}: must be from 1 to 100000 Hz")
+    place = None if options.out is None else writable_file(options.out)
     robot = {} if options.robot is None else {DESCRIPTION.name: resolved_description(options.robot)}
     gains = first_gains(robot, options.encoder_bits, 1e-3 * options.delay, options.rate)
-    text = _parameter_file(gains)
+    text = comment() + _parameter_file(gains)
     if options.json:
         print(json.dumps({gain.name: {"value": gain.value, "reason": gain.reason} for gain in gains}))
     else:
         print(text, end="")
-    if options.out is not None:
-        try:
-            options.out.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise UsageError(f"--out {options.out}: {error.strerror}") from None
+    if place is not None:
+        write_file(place, text)
     return 0
 
 

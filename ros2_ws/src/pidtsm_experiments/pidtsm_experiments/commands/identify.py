@@ -17,6 +17,7 @@ from pidtsm_core.parameter_files import ros_parameters
 from pidtsm_core.parameters import Value
 from pidtsm_core.robots import DESCRIPTION, find_description
 from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument
+from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder
 
 _EPILOG = """The bags have joint states with positions and torques, of this project or of another controller. The last
@@ -56,7 +57,7 @@ def execute(options: argparse.Namespace) -> int:
     with CONSOLE.status("identifying"):
         found = identify(arm, measurements)
     result = as_json(found)
-    with result_folder(options.out) as folder:
+    with result_folder(options.out, MadeOf(runs=tuple(options.bags))) as folder:
         (folder / URDF).write_text(corrected_urdf(arm, found.parameters), encoding="utf-8")
         text = _parameter_file(found, options.out.absolute() / URDF)
         (folder / PARAMETERS).write_text(text, encoding="utf-8")

@@ -13,6 +13,8 @@ from pidtsm_core.parameter_files import ros_parameters
 from pidtsm_core.robots import DESCRIPTION, find_description
 from pidtsm_experiments.commands.identify import measurement_of
 from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument
+from pidtsm_experiments.runs.files import writable_file, write_file
+from pidtsm_experiments.runs.origin import comment
 
 _EPILOG = """The description should be an identified one, with friction: what it does not explain is taken for the
 payload. Ten seconds of a motion of all joints are enough.
@@ -33,14 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     if options.robot is None:
         raise UsageError("--robot: name the file of the identified description")
+    place = None if options.out is None else writable_file(options.out)
     arm = find_description({DESCRIPTION.name: options.robot})
     with CONSOLE.status("identifying"):
         found = identify_payload(arm, measurement_of(options.bag))
-    if options.out is not None:
-        try:
-            options.out.write_text(ros_parameters("controller", as_parameters(found)), encoding="utf-8")
-        except OSError as error:
-            raise UsageError(f"--out {options.out}: {error.strerror}") from None
+    if place is not None:
+        write_file(place, comment() + ros_parameters("controller", as_parameters(found)))
     if options.json:
         arrays = {name: value for name, value in asdict(found).items() if name != "warnings"}
         plain = {name: value if isinstance(value, float) else value.tolist() for name, value in arrays.items()}

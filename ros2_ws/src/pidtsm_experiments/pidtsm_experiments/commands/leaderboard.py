@@ -5,8 +5,10 @@ from pathlib import Path
 
 from pidtsm_experiments.commands.options import CONSOLE
 from pidtsm_experiments.commands.score import SCORES
+from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_studies.score.leaderboard import read_entries, write_leaderboard
+from pidtsm_studies.score.results import FILE
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     entries = read_entries(options.scores)
-    with result_folder(options.out) as folder, CONSOLE.status("drawing, writing the page"):
+    scores = tuple(file.parent for file in sorted(options.scores.rglob(FILE)))
+    with result_folder(options.out, MadeOf(runs=scores)) as folder, CONSOLE.status("drawing, writing the page"):
         write_leaderboard(folder, entries)
     CONSOLE.print(f"{options.out}: leaderboard.html leaderboard.md images/", highlight=False)
     return 0

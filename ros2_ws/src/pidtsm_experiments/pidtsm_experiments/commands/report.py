@@ -5,6 +5,7 @@ from pathlib import Path
 
 from pidtsm_core.errors import UsageError
 from pidtsm_experiments.commands.options import CONSOLE, read
+from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.outputs import write_outputs
 from pidtsm_experiments.runs.results import renewed, result_folder
 from pidtsm_experiments.runs.saved import is_result_folder
@@ -24,7 +25,8 @@ def execute(options: argparse.Namespace) -> int:
             "folder of its report with --out"
         )
     made = ("report.html", "metrics.json", "figures")
-    place = renewed(options.folder, *made) if options.out is None else result_folder(options.out)
+    made_of = MadeOf(runs=(options.folder,))
+    place = renewed(options.folder, *made) if options.out is None else result_folder(options.out, made_of)
     with place as folder, CONSOLE.status("analysing, drawing, writing the report"):
         write_outputs(read(options.folder), folder)
     CONSOLE.print(f"{options.out or options.folder}: report.html metrics.json figures/", highlight=False)

@@ -13,6 +13,7 @@ from rich.table import Table
 from pidtsm_core.outcome import RAN_AWAY
 from pidtsm_experiments.commands.options import CONSOLE, add_parameter_arguments, progress_bar, seconds
 from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.reproduction import LAWS, PRINTED_DTSM, Planned, load, make_runs, plan, write_results
 from pidtsm_experiments.runs.results import renewed
 from pidtsm_studies.article.claims import compare, markdown
@@ -45,7 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     planned = plan(options.duration, options.scenario, options.law, options.params, options.set)
-    with renewed(options.out, "results.json", "comparison.md", "figures", "report.html") as made:
+    made_of = MadeOf(runs=tuple(options.out / "runs" / each.key for each in planned))
+    names = ("results.json", "comparison.md", "figures", "report.html")
+    with renewed(options.out, *names, made_of=made_of) as made:
         failed = _reproduce(planned, options, made)
     CONSOLE.print(f"{options.out}: report.html comparison.md results.json figures/ runs/", highlight=False)
     if failed:

@@ -9,10 +9,12 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from pidtsm_core.closed_loop import SCHEMAS
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import DEFAULT_ROBOT
 from pidtsm_core.laws import LAWS
 from pidtsm_experiments.commands.options import CONSOLE, add_parameter_arguments, add_robot_argument, progress_bar
+from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_studies.score.criteria import FULL, QUICK
 from pidtsm_studies.score.measure import Contender, measure
@@ -44,7 +46,7 @@ def execute(options: argparse.Namespace) -> int:
     contender = Contender(options.law, tuple(options.params), tuple(options.set), options.name)
     name = name_of(task, contender)
     out = options.out or SCORES / Path(task.robot).stem / name.replace("/", "-").replace(" ", "-")
-    with result_folder(out) as folder:
+    with result_folder(out, made_of(task, contender)) as folder:
         with progress_bar() as bar:
             bars = bar.add_task("rollouts", total=None)
             extent = QUICK if options.quick else FULL
@@ -75,6 +77,12 @@ def name_of(task: Task, contender: Contender) -> str:
     """
     law = task.experiment(contender.law, contender.params, contender.overrides).law
     return contender.name or " ".join([law, *(Path(name).stem for name in contender.params)])
+
+
+def made_of(task: Task, contender: Contender) -> MadeOf:
+    """The parameters of the nominal run of a controller; its criteria change some, see score.json."""
+    experiment = task.experiment(contender.law, contender.params, contender.overrides)
+    return MadeOf(parameters=experiment.resolved(SCHEMAS))
 
 
 def _tables(entry: Entry) -> tuple[Table, Table]:

@@ -2,8 +2,6 @@
 
 import argparse
 import json
-import shutil
-import subprocess
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timezone
@@ -15,8 +13,11 @@ from pidtsm_core.laws import LAWS
 from pidtsm_core.robots import NAMES
 from pidtsm_experiments.commands.cluster import workers
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar
+from pidtsm_experiments.commands.score import made_of
 from pidtsm_experiments.commands.tune import PARAMETERS, budget, natural, tune
+from pidtsm_experiments.runs.files import write_file
 from pidtsm_experiments.runs.locks import locked
+from pidtsm_experiments.runs.origin import MadeOf, commit
 from pidtsm_experiments.runs.results import renewed, result_folder, settled
 from pidtsm_studies.score.criteria import FULL, QUICK, Extent
 from pidtsm_studies.score.leaderboard import read_entries, write_leaderboard
@@ -95,7 +96,8 @@ def execute(options: argparse.Namespace) -> int:
             if not (cell.folder(out, "score") / FILE).exists():
                 _score(cell, out, extent)
     entries = read_entries(out / "score")
-    with renewed(out, "leaderboard.html", "leaderboard.md", "images", "tournament.md") as folder:
+    made = ("leaderboard.html", "leaderboard.md", "images", "tournament.md")
+    with renewed(out, *made, made_of=MadeOf(seed=options.seed)) as folder:
         write_leaderboard(folder, entries)
         (folder / "tournament.md").write_text(_head(out, options) + "".join(_rows(out, cells)), encoding="utf-8")
     CONSOLE.print(f"{out}: leaderboard.html leaderboard.md tournament.md tune/ score/", highlight=False)
@@ -132,33 +134,22 @@ def _sign(out: Path) -> None:
     """Add date and commit, unless they are known."""
     file = out / "tournament.json"
     content = json.loads(file.read_text(encoding="utf-8"))
-    present = {"date": datetime.now(timezone.utc).date().isoformat(), "commit": _commit()}
+    present = {"date": datetime.now(timezone.utc).date().isoformat(), "commit": commit() or ""}
     if present not in content["made"]:
         _write(file, {**content, "made": [*content["made"], present]})
 
 
 def _write(file: Path, content: dict[str, Any]) -> None:
-    file.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-
-
-def _commit() -> str:
-    """The commit of the workspace; empty without Git."""
-    git = shutil.which("git")
-    if git is None:
-        return ""
-    found = subprocess.run(
-        [git, "rev-parse", "HEAD"], cwd=Path(__file__).resolve().parent, capture_output=True, text=True
-    )
-    return found.stdout.strip()
+    write_file(file, json.dumps(content, indent=2) + "\n")
 
 
 def _score(cell: Cell, out: Path, extent: Extent) -> None:
-    params = cell.folder(out, "tune") / PARAMETERS
-    with result_folder(cell.folder(out, "score")) as folder, progress_bar() as bar:
+    params, task = cell.folder(out, "tune") / PARAMETERS, find_task(cell.robot)
+    contender = Contender(cell.law, (str(params),), name=cell.law)
+    with result_folder(cell.folder(out, "score"), made_of(task, contender)) as folder, progress_bar() as bar:
         bars = bar.add_task("score", total=None)
-        contender = Contender(cell.law, (str(params),), name=cell.law)
         entry = measure(
-            find_task(cell.robot),
+            task,
             contender,
             extent,
             lambda done, total: bar.update(bars, completed=done, total=total),

@@ -11,12 +11,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from pidtsm_core.closed_loop import SCHEMAS
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import DEFAULT_ROBOT
 from pidtsm_core.laws import LAWS
 from pidtsm_experiments.commands.cluster import workers
 from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument, progress_bar
-from pidtsm_experiments.runs.origin import ORIGIN, write_origin
+from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import renewed
 from pidtsm_studies.score.tasks import find_task
 from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES
@@ -92,7 +93,8 @@ def tune(identity: dict[str, Any], limit: Budget, out: Path) -> Tuning:
     training, validation = (
         make_problem(task, kind, identity["hardware"], identity["objective"]) for kind in ("training", "validation")
     )
-    with renewed(out, PARAMETERS, "tuning.json", "tuning.html", ORIGIN, beside=(HISTORY,)) as folder:
+    first = MadeOf(parameters=task.experiment(identity["law"]).resolved(SCHEMAS), seed=identity["seed"])
+    with renewed(out, PARAMETERS, "tuning.json", "tuning.html", beside=(HISTORY,), made_of=first) as folder:
         with progress_bar() as bar:
             bars = bar.add_task("controllers", total=1.0)
 
@@ -108,7 +110,6 @@ def tune(identity: dict[str, Any], limit: Budget, out: Path) -> Tuning:
         text = json.dumps(as_json(tuning), allow_nan=False)
         (folder / "tuning.json").write_text(text + "\n", encoding="utf-8")
         write_tuning_page(folder / "tuning.html", tuning)
-        write_origin(folder)
     return tuning
 
 

@@ -6,9 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from pidtsm_core.parameter_files import ros_parameters
+from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.live.desk import Desk
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.live.recording import Recording
+from pidtsm_experiments.runs.files import write_file
+from pidtsm_experiments.runs.origin import comment
 
 _GAINS = ("law.", "estimator.", "compensation.")
 
@@ -61,8 +64,8 @@ class Saved:
         file = self._desk.folder / f"{values['law.name']}-{time.strftime('%Y-%m-%d-%H-%M-%S')}.yaml"
         try:
             save_gains(file, values)
-        except OSError as error:
-            raise RefusedError(f"{file}: {error.strerror}") from None
+        except (OSError, RunError) as error:
+            raise RefusedError(f"the gains are not saved: {error}") from None
         self._path.content = f'<div id="gains" style="padding:0.5em 0.75em;overflow-wrap:anywhere">saved: {file}</div>'
         self._desk.system.note(f"saved {file}")
 
@@ -75,8 +78,9 @@ def save_gains(file: Path, values: Mapping[str, Any]) -> None:
         values: every parameter of the controller, by name.
 
     Raises:
-        OSError: the file cannot be written.
+        OSError: its folder cannot be made.
+        RunError: it cannot be written.
     """
     gains = {name: value for name, value in values.items() if name.startswith(_GAINS)}
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(ros_parameters("controller", gains), encoding="utf-8")
+    write_file(file, comment() + ros_parameters("controller", gains))

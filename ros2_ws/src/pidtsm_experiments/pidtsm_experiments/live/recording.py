@@ -13,6 +13,8 @@ from pidtsm_core.parameter_files import ros_parameters
 from pidtsm_core.parameters import Value
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.live.errors import RefusedError
+from pidtsm_experiments.runs.files import write_file
+from pidtsm_experiments.runs.origin import comment
 from pidtsm_experiments.runs.runner import Process, Processes, how_ended, robot_metadata
 
 
@@ -84,7 +86,8 @@ class Recording:
             name = time.strftime("%Y-%m-%d-%H-%M-%S")
             bag = self._folder / f"bag-{name}"
             file = self._folder / f"bag-{name}.yaml"
-            file.write_text(ros_parameters("recorder", {"metadata": metadata, "output": str(bag)}), encoding="utf-8")
+            nodes = {"recorder": {"metadata": metadata, "output": str(bag)}, **values}
+            write_file(file, comment() + "".join(ros_parameters(node, given) for node, given in nodes.items()))
             words = ["--params-file", str(file), "-p", "plain_names:=true", "-r", f"__ns:={self._namespace}"]
             self._processes.running.pop("recorder", None)
             self._processes.start("recorder", words, self._environment, bag.with_suffix(".log"))

@@ -1,38 +1,92 @@
-"""Where a result comes from: version, commit, command, seed and parameters."""
+"""Where a result comes from: version, commit, command, seed, parameters, and the runs that it was made of."""
 
 import json
+import shlex
 import subprocess
 import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pidtsm_core
-from pidtsm_core.parameter_files import Settings, load_ros_parameters
+from pidtsm_core.parameter_files import load_ros_parameters
+from pidtsm_core.parameters import Value
 from pidtsm_core.version import __version__
 
 ORIGIN = "run.json"
 """File in every result folder."""
 _SOURCE = Path(pidtsm_core.__file__).resolve().parent
 _ANSWER_WITHIN = 5.0  # s
+_MAKING = ("version", "commit", "command")
+"""Keys that say how something was made."""
 
 
-def write_origin(folder: Path) -> None:
-    """Write run.json to a result folder; seed and parameters are those in its ``params/``, null if it has none.
+@dataclass(frozen=True)
+class MadeOf:
+    """What a result is made of, apart from the parameters in its folder ``params/``.
+
+    Attributes:
+        parameters: of the nodes, by node; empty: those in ``params/``, or those of the only one of `runs`.
+        seed: of the command; None: that of the simulator.
+        runs: result folders, and bags, that the command has read.
+    """
+
+    parameters: Mapping[str, Mapping[str, Value]] | None = None
+    seed: int | None = None
+    runs: tuple[Path, ...] = ()
+
+
+NOTHING = MadeOf()
+
+
+def making() -> dict[str, Any]:
+    """Version, commit and command of this process."""
+    return dict(zip(_MAKING, (__version__, commit(), sys.argv), strict=True))
+
+
+def write_origin(folder: Path, made_of: MadeOf = NOTHING, before: Path | None = None) -> None:
+    """Write run.json to a result folder.
+
+    Seed and parameters are null if there are none. ``runs`` has, by its path, what run.json of each run that was read
+    says; null if it has none. ``renewed`` says which commands have made parts of the folder anew since.
+
+    Args:
+        folder: of the result.
+        made_of: see `MadeOf`.
+        before: the folder of which parts are made anew; its run.json stays true, and this command is added to it.
 
     Raises:
         UsageError: a parameter file cannot be read.
     """
-    parameters: Settings = {}
-    for file in sorted((folder / "params").glob("*.yaml")):
-        parameters.update(load_ros_parameters(file))
-    origin: dict[str, Any] = {
-        "version": __version__,
-        "commit": commit(),
-        "command": sys.argv,
-        "seed": parameters.get("simulator", {}).get("seed"),
-        "parameters": parameters or None,
-    }
+    runs = {str(path): origin_of(path) for path in made_of.runs}
+    only = next(iter(runs.values())) if len(runs) == 1 else None
+    parameters: Mapping[str, Any] = made_of.parameters or _parameters(folder) or (only or {}).get("parameters") or {}
+    seed = parameters.get("simulator", {}).get("seed") if made_of.seed is None else made_of.seed
+    origin = making() | {"seed": seed, "parameters": parameters or None} | ({"runs": runs} if runs else {})
+    if before is not None:
+        origin = _added(origin_of(before), origin, _parameters(before))
     (folder / ORIGIN).write_text(json.dumps(origin, indent=2) + "\n", encoding="utf-8")
+
+
+def origin_of(run: Path) -> dict[str, Any] | None:
+    """What run.json of a result folder says, given it, its bag, or a file of its bag; None if there is none."""
+    folders = (run, *run.absolute().parents[: 2 if run.is_file() else 1 if (run / "metadata.yaml").exists() else 0])
+    for folder in folders:
+        try:
+            content = json.loads((folder / ORIGIN).read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
+            continue
+        if isinstance(content, dict) and content.keys() >= {*_MAKING}:
+            return content
+    return None
+
+
+def comment() -> str:
+    """Lines at the start of a YAML file that say where it comes from."""
+    version, revision, command = making().values()
+    words = " ".join(shlex.quote(word) for word in [Path(command[0]).name, *command[1:]])
+    return f"# pidtsm {version}, commit {revision or 'unknown'}\n# {' '.join(words.split())}\n"
 
 
 def commit() -> str | None:
@@ -41,6 +95,26 @@ def commit() -> str | None:
         return None  # Installed, perhaps in the repository of somebody else.
     head = _git("rev-parse", "HEAD")
     return head + "+changes" if head and _git("status", "--porcelain", "--untracked-files=no") else head or None
+
+
+def _added(earlier: dict[str, Any] | None, now: dict[str, Any], parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """The origin of a folder of which parts are made anew."""
+    if earlier is None:
+        seed = now["seed"] if now["seed"] is not None else parameters.get("simulator", {}).get("seed")
+        return now | {"seed": seed, "parameters": now["parameters"] or parameters or None}
+    how = {key: now[key] for key in _MAKING}
+    known = earlier.get("renewed", [])
+    if any({key: each.get(key) for key in _MAKING} == how for each in [earlier, *known]):
+        return earlier
+    return earlier | {"renewed": [*known, how]}
+
+
+def _parameters(folder: Path) -> dict[str, Any]:
+    """Parameters by node, of the files in a folder's ``params/``."""
+    parameters: dict[str, Any] = {}
+    for file in sorted((folder / "params").glob("*.yaml")):
+        parameters.update(load_ros_parameters(file))
+    return parameters
 
 
 def _git(*words: str) -> str:

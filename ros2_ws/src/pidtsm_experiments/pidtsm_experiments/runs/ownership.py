@@ -8,6 +8,8 @@ from pathlib import Path
 
 MARKER = ".pidtsm.json"
 """File in every result folder: all files and folders in it that the program has made, relative to it."""
+_NEW = f"{MARKER}.new"
+"""The next marker, while it is written; if the process is killed, it stays."""
 _FILES = "made by pidtsm"
 """The only key of the marker; its value is null while the folder is being filled."""
 _KNOWN = {
@@ -18,8 +20,8 @@ _KNOWN = {
     *("identified.urdf", "identified.yaml", "identification.html", "identification.json"),
 }
 """Names in a folder that is being filled; of one whose process was killed, only these are removed."""
-_DRAFTS = (f"{MARKER}.", ".metrics.json.")
-"""Beginnings of the names of files that a killed process may not have renamed."""
+_DRAFT = ".metrics.json."
+"""Beginning of the name of a file that a killed process may not have renamed."""
 
 
 def begin(folder: Path) -> None:
@@ -65,9 +67,8 @@ def foreign(folder: Path, names: Iterable[str] | None = None) -> list[str]:
     ours, found = _read(folder), []
     for entry in _entries(folder):
         top = entry.partition(os.sep)[0]
-        is_ours = (
-            (top in _KNOWN or top.startswith(_DRAFTS)) if ours is None and _is_marked(folder) else entry in (ours or ())
-        )
+        is_known = top in _KNOWN or top.startswith(_DRAFT)
+        is_ours = is_known if ours is None and _is_marked(folder) else entry in (ours or ())
         if not is_ours and (only is None or top in only):
             found.append(entry)
     if os.path.lexists(folder / MARKER) and not _is_marked(folder):
@@ -84,7 +85,7 @@ def _entries(folder: Path) -> Iterator[str]:
     for place, folders, files in os.walk(folder, onerror=fail):
         for name in (*folders, *files):
             path = str(Path(place, name).relative_to(folder))
-            if path != MARKER:
+            if path != MARKER and (path != _NEW or not stat.S_ISREG((folder / path).lstat().st_mode)):
                 yield path
 
 
@@ -113,8 +114,12 @@ def _read(folder: Path) -> set[str] | None:
 
 
 def _write(folder: Path, files: list[str] | None) -> None:
-    draft = folder / f"{MARKER}.new"
+    draft = folder / _NEW
     descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o644)
-    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-        json.dump({_FILES: files}, file)
-    draft.replace(folder / MARKER)
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            json.dump({_FILES: files}, file)
+        draft.replace(folder / MARKER)
+    except BaseException:  # On a full disk.
+        draft.unlink(missing_ok=True)
+        raise

@@ -1,6 +1,5 @@
 """Result folders: complete or absent, without replacing other files, used by one process at a time."""
 
-import errno
 import os
 import shutil
 from collections.abc import Iterator
@@ -8,24 +7,23 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pidtsm_core.errors import UsageError
-from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.errors import OF_THE_DISK, RunError
 from pidtsm_experiments.runs import ownership
 from pidtsm_experiments.runs.locks import cannot_write, locked
-from pidtsm_experiments.runs.origin import write_origin
-
-_OF_THE_DISK = {
-    *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG),
-    *(errno.EIO, errno.EROFS, errno.ENXIO, errno.ENODEV, errno.ESTALE),
-}
+from pidtsm_experiments.runs.origin import NOTHING, ORIGIN, MadeOf, write_origin
 
 
 @contextmanager
-def result_folder(out: Path) -> Iterator[Path]:
+def result_folder(out: Path, made_of: MadeOf = NOTHING) -> Iterator[Path]:
     """Yield an empty working folder; at the end of the block it becomes `out` and replaces earlier results.
 
     It gets a file that says where the results come from, see `write_origin`, and a marker, see `ownership`. If the
     block raises an exception, earlier results are kept, and the unfinished ones are moved to ``OUT.failed``, where the
     logs can be read. Links to `out` are followed. Only files that the program has made are removed.
+
+    Args:
+        out: the folder.
+        made_of: what `write_origin` needs to know.
 
     Raises:
         UsageError: `out`, ``OUT.failed`` or ``OUT.unfinished`` contains other files, `out` cannot be a result folder or
@@ -41,7 +39,7 @@ def result_folder(out: Path) -> Iterator[Path]:
         unfinished = _empty(out)
         try:
             yield unfinished
-            write_origin(unfinished)
+            write_origin(unfinished, made_of)
             ownership.mark(unfinished)
             _check_ours(out)
             _replace(out, unfinished)
@@ -55,15 +53,17 @@ def result_folder(out: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def renewed(out: Path, *names: str, beside: tuple[str, ...] = ()) -> Iterator[Path]:
+def renewed(out: Path, *names: str, beside: tuple[str, ...] = (), made_of: MadeOf = NOTHING) -> Iterator[Path]:
     """Yield an empty working folder; at the end of the block its content replaces that of the same names in `out`.
 
-    If the block raises an exception, `out` is unchanged. Links to `out` are followed.
+    `out` gets a file that says where the results come from, or a line in it if it has one, see `write_origin`. If the
+    block raises an exception, `out` is unchanged. Links to `out` are followed.
 
     Args:
         out: a folder; if it is missing, it is made before the block.
         names: of the files and folders that the block will make in the working folder.
         beside: of the files that the block writes into `out` itself.
+        made_of: what `write_origin` needs to know.
 
     Raises:
         UsageError: `out` has other files with one of these names, cannot be written, or is used by another process.
@@ -71,13 +71,14 @@ def renewed(out: Path, *names: str, beside: tuple[str, ...] = ()) -> Iterator[Pa
     """
     out = settled(out)
     with locked(out):
-        _check_ours(out, (*names, *beside))
+        _check_ours(out, (*names, *beside, ORIGIN))
         unfinished = _empty(out)
         try:
             out.mkdir(exist_ok=True)
             ownership.mark(out, ownership.made_in(out).union(beside))
             yield unfinished
-            _check_ours(out, names)
+            write_origin(unfinished, made_of, before=out)
+            _check_ours(out, (*names, ORIGIN))
             _move(unfinished, out)
         except OSError as error:
             if not (_is_of(error, unfinished) or _is_of(error, out)):
@@ -229,4 +230,4 @@ def _remove(folder: Path) -> None:
 def _is_of(error: OSError, folder: Path) -> bool:
     """Whether an error is one of the disk, or of a file in a folder."""
     names = [Path(os.fsdecode(name)) for name in (error.filename, error.filename2) if isinstance(name, (str, bytes))]
-    return error.errno in _OF_THE_DISK or any(name.is_relative_to(folder) for name in names)
+    return error.errno in OF_THE_DISK or any(name.is_relative_to(folder) for name in names)

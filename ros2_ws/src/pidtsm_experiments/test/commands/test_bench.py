@@ -12,6 +12,7 @@ import pytest
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.commands.bench import Row, medians
 from pidtsm_experiments.commands.bench_against import show
+from pidtsm_experiments.runs.origin import making, origin_of
 
 FIELDS = {"benchmark", "met", *(field.name for field in fields(Row))}
 OWN = ["analyze", "batch", "dask_workers", "dynamics", "library", "rollout", "tick"]
@@ -35,6 +36,8 @@ def test_a_quick_run_yields_rows(tmp_path: Path, capfd: pytest.CaptureFixture[st
     result = json.loads(capfd.readouterr().out)
     assert json.loads((tmp_path / "bench.json").read_text()) == result
     assert result["rows"]
+    assert result.items() >= making().items()
+    assert origin_of(tmp_path) is not None
     for row in result["rows"]:
         assert set(row) == FIELDS
         assert row["benchmark"] == name

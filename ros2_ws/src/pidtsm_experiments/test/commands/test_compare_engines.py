@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs.origin import origin_of
 
 WORDS = ["compare-engines", "--robot", "scara", "--duration", "0.2"]
 
@@ -18,6 +19,9 @@ def test_it_leaves_a_figure_and_the_numbers(folder: Path, capsys: pytest.Capture
         assert f"{difference:.1e}" in next(line for line in table.splitlines() if joint in line)
     assert max(map(len, table.splitlines())) <= 80
     assert {file.name for file in (folder / "engines" / "figures").iterdir()} == {"engines.png", "engines.svg"}
+    origin = origin_of(folder / "engines")
+    assert origin is not None
+    assert origin["parameters"]["simulator"]["robot.description"] == "scara"
     assert main([*WORDS, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == content
 

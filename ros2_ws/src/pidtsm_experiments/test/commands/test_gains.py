@@ -9,6 +9,7 @@ from rclpy.parameter import parameter_dict_from_yaml_file
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.gains import first_gains
 from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs.origin import comment
 
 SCARA = {"robot.description": "scara"}
 
@@ -18,6 +19,7 @@ def test_the_file_has_the_gains_with_their_reasons(tmp_path: Path, capsys: pytes
     assert main(["gains", "--robot", "scara", "--encoder-bits", "17", "--delay", "4", "--out", str(file)]) == 0
     text = file.read_text(encoding="utf-8")
     assert capsys.readouterr().out == text
+    assert text.startswith(comment())
     gains = first_gains(SCARA, 17, 0.004)
     for gain in gains:
         assert gain.reason in " ".join(line.strip().removeprefix("# ") for line in text.splitlines())

@@ -15,6 +15,7 @@ from pidtsm_core.robots.description import read_description
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.topics import SENSORS
 from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs.origin import comment, origin_of
 
 
 def write_joint_states(measured: Measurement, folder: Path, efforts: bool = True) -> None:
@@ -51,6 +52,9 @@ def folder(known: KnownArm, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_result_is_an_arm_for_controller_and_simulator(known: KnownArm, folder: Path) -> None:
     result = json.loads((folder / "result/identification.json").read_text(encoding="utf-8"))
+    origin = origin_of(folder / "result")
+    assert origin is not None
+    assert origin["runs"] == {str(folder / "bag"): None}, "a bag of somebody says nothing of where it comes from"
     errors = result["torque_error"]
     assert (np.array(errors["after"]) < 0.2 * np.array(errors["before"])).all()
     np.testing.assert_allclose(result["coulomb"], known.truth[24:26], rtol=0.05)
@@ -99,6 +103,7 @@ def test_an_exciting_motion_is_a_scenario_within_the_limits(tmp_path: Path, monk
     monkeypatch.chdir(tmp_path)
     words = ["--robot", "two_link", "--duration", "10", "--set", "trajectory.limits.velocity=0.5"]
     assert main(["excite", *words, "--out", "motion.yaml"]) == 0
+    assert Path("motion.yaml").read_text(encoding="utf-8").startswith(comment())
     run = rollout("motion.yaml", duration=10.0)
     assert np.abs(run.reference[:, 1]).max() <= 0.5
     assert np.ptp(run.reference[:, 0], axis=0).min() > 0.5
@@ -123,3 +128,4 @@ def test_a_payload_is_found_in_the_bag_of_a_rollout(tmp_path: Path, capsys: pyte
     assert found["mass"] == pytest.approx(2.0, rel=0.02)
     np.testing.assert_allclose(found["center_of_mass"], [0.0, 0.05, 0.1], atol=0.005)
     assert load_ros_parameters(file)["controller"]["payload.mass"] == found["mass"]
+    assert file.read_text(encoding="utf-8").startswith(comment())

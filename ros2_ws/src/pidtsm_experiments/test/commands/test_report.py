@@ -40,6 +40,7 @@ def test_a_run_is_reported_again_from_its_bag(folder: Path, run: Recording, writ
         "figures",
         "metrics.json",
         "report.html",
+        "run.json",
     ]
     assert bag.is_dir()
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pidtsm_experiments.cli import main
-from pidtsm_experiments.runs.origin import ORIGIN
+from pidtsm_experiments.runs.origin import ORIGIN, origin_of
 from pidtsm_experiments.runs.ownership import MARKER
 
 DEADLINE = 120.0
@@ -31,6 +31,10 @@ def test_the_score_is_written(scores: Path) -> None:
     assert {file.name for file in (scores / "mine").iterdir()} == {"score.json", "report.html", *ALWAYS}
     content = json.loads((scores / "mine" / "score.json").read_text())
     assert (content["law"], content["name"], content["runs"]) == ("sliding_mode", "mine", 38)
+    origin = origin_of(scores / "mine")
+    assert origin is not None
+    assert origin["parameters"]["controller"]["law.surface"] == "linear"
+    assert origin["seed"] == origin["parameters"]["simulator"]["seed"]
 
 
 def test_the_leaderboard_reads_it(scores: Path, tmp_path: Path) -> None:
@@ -38,6 +42,9 @@ def test_the_leaderboard_reads_it(scores: Path, tmp_path: Path) -> None:
     assert main(["leaderboard", str(scores), "--out", str(out)]) == 0
     assert {file.name for file in out.iterdir()} == {"leaderboard.html", "leaderboard.md", "images", *ALWAYS}
     assert "| mine |" in (out / "leaderboard.md").read_text()
+    origin = origin_of(out)
+    assert origin is not None
+    assert origin["runs"] == {str(scores / "mine"): origin_of(scores / "mine")}
 
 
 def test_an_interrupt_ends_it_cleanly(tmp_path: Path) -> None:

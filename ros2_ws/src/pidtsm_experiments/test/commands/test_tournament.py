@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs.origin import commit, origin_of
 
 ARGUMENTS = ["tournament", "--robot", "two_link", "--law", "computed_torque", "--hardware", "ideal", "--quick"]
 BUDGET = ["--budget", "9"]
@@ -34,6 +35,10 @@ def test_a_cell_is_that_of_the_commands(out: Path, tmp_path: Path) -> None:
     made = "--robot two_link --law computed_torque --hardware ideal --objective balanced --budget 9 --seed 0"
     assert f"Made by `./pidtsm tournament {made}` on " in text
     assert "| computed torque |" in (out / "leaderboard.md").read_text()
+    for folder in (out, score.parent, params.parent):
+        origin = origin_of(folder)
+        assert origin is not None
+        assert (origin["commit"], origin["seed"]) == (commit(), 0)
 
 
 def test_the_files_do_not_name_their_folder(out: Path) -> None:

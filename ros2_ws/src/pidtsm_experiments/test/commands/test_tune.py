@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from pidtsm_experiments.cli import main
-from pidtsm_experiments.runs.origin import ORIGIN
+from pidtsm_experiments.runs.origin import ORIGIN, origin_of
 from pidtsm_experiments.runs.ownership import MARKER
 
 DEADLINE = 120.0
@@ -50,6 +50,10 @@ def test_the_results_are_written_and_taken(out: Path, capfd: pytest.CaptureFixtu
     choices = "--robot two_link --law computed_torque --hardware ideal --objective balanced --seed 2"
     command = f"# ./pidtsm tune {choices} --budget {content['evaluations']}"
     assert (out / "params.yaml").read_text().splitlines()[0] == command
+    origin = origin_of(out)
+    assert origin is not None
+    assert origin["seed"] == 2, "that of the search"
+    assert origin["parameters"]["controller"]["law.name"] == "computed_torque"
 
 
 def test_killed_and_resumed_it_finds_the_same(out: Path, tmp_path: Path) -> None:

@@ -4,7 +4,11 @@ import errno
 import os
 import resource
 import shutil
+import stat
+import subprocess
+import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,8 +22,9 @@ from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs import ownership
 from pidtsm_experiments.runs.locks import locked
 from pidtsm_experiments.runs.results import renewed, result_folder
+from pidtsm_studies.reports import figures
 
-SITUATIONS = 150
+SITUATIONS, COMMANDS = 150, 16
 NOBODY = 65534
 BESIDE = ("failed", "unfinished", "replaced")
 SMALL = 2000  # bytes; the largest file on a disk that is nearly full
@@ -81,7 +86,13 @@ def noted(make: Maker, name: str = "note.txt") -> Maker:
     return make_both
 
 
+def killed_at_once(place: Path) -> None:
+    place.mkdir()
+    (place / ".pidtsm.json.new").write_text("{")
+
+
 PLACES: dict[str, Maker] = {
+    "killed at once": killed_at_once,
     "missing": lambda place: None,
     "empty": lambda place: place.mkdir(),
     "result": result,
@@ -159,13 +170,28 @@ def meets_a_dead_device(_: Path) -> None:
     raise OSError(errno.EIO, os.strerror(errno.EIO))
 
 
-WORK = (works, works, works, fills_the_disk, fails, loses_its_folder, meets_a_dead_device)
+def meets_another(folder: Path) -> None:
+    """Somebody else wants the same folder at the same time, and is refused; then the work fails."""
+    error = use(folder.with_name(folder.name.removesuffix(".unfinished")), works, as_new=True)
+    assert "is being written by process" in error
+    fails(folder)
 
 
-def foreign_files(root: Path) -> set[Path]:
-    """Where the content of somebody is, links not followed."""
-    paths = (Path(place, name) for place, _, names in os.walk(root) for name in names)
-    return {path for path in paths if not path.is_symlink() and path.is_file() and path.read_text() == "years of work"}
+WORK = (works, works, works, fills_the_disk, fails, loses_its_folder, meets_a_dead_device, meets_another)
+
+
+def foreign_things(root: Path) -> set[tuple[Path, str, int, int]]:
+    """All that is somebody's: files with their content, links and pipes; with place, kind, rights and owner."""
+    found = set()
+    for place, folders, names in os.walk(root):
+        for path in (Path(place, name) for name in (*folders, *names)):
+            status = path.lstat()
+            kind = stat.filemode(status.st_mode)[0]
+            if kind == "l":
+                found.add((path, f"link to {path.readlink()}", status.st_mode, status.st_uid))
+            elif kind == "p" or (kind == "-" and path.read_text(errors="replace") == "years of work"):
+                found.add((path, kind, status.st_mode, status.st_uid))
+    return found
 
 
 @pytest.fixture
@@ -199,7 +225,7 @@ def test_nothing_is_lost_that_is_not_ours(root: Path, seed: int) -> None:
         PLACES[random.choice([*PLACES, *["missing"] * 60, *["result"] * 10])](out.with_name(f"out.{kind}"))
     LOCKS[random.choice([*LOCKS, *["missing"] * 20])](out.with_name(".out.lock"))
     work, as_new = random.choice(WORK), random.random() < 0.7
-    before = foreign_files(root)
+    before = foreign_things(root)
     if random.random() < 0.2:
         out.parent.chmod(random.choice([0o755, 0o1777]) if os.geteuid() == 0 else 0o555)
         if os.geteuid() == 0:
@@ -210,7 +236,7 @@ def test_nothing_is_lost_that_is_not_ours(root: Path, seed: int) -> None:
         out.parent.chmod(0o755)
     else:
         error = use(out, work, as_new)
-    assert foreign_files(root) >= before
+    assert foreign_things(root) >= before
     assert "\n" not in error
     made = out / "figures" / "effort.svg"
     assert bool(error) != (made.exists() and made.read_text() == "new")
@@ -220,7 +246,7 @@ def test_nothing_is_lost_that_is_not_ours(root: Path, seed: int) -> None:
 
 def test_many_situations_end_well(root: Path) -> None:
     """The judge above could not tell if everything were refused."""
-    for place in ("missing", "empty", "result", "link to a result", "link to nothing"):
+    for place in ("missing", "empty", "killed at once", "result", "link to a result", "link to nothing"):
         out = root / place / "out"
         out.parent.mkdir()
         PLACES[place](out)
@@ -230,6 +256,91 @@ def test_many_situations_end_well(root: Path) -> None:
         assert not use(out, works, as_new=True)
         assert (target / "figures" / "effort.svg").read_text() == "new"
         assert {path.name for path in out.parent.iterdir()} == {"out", target.name}, "no litter"
+
+
+@pytest.mark.parametrize("seed", range(COMMANDS))
+def test_a_command_loses_nothing_that_is_not_ours(
+    root: Path, seed: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(figures, "FIGURES", {"error": figures.error})
+    place = list(PLACES)[seed % len(PLACES)]
+    PLACES[place](root / "out")
+    foreign(root / "out.failed" if seed % 2 else root, "note.txt")
+    before = foreign_things(root)
+    code = main(["rollout", "--duration", "0.05", "--out", str(root / "out")])
+    error = capfd.readouterr().err
+    assert foreign_things(root) >= before
+    assert (code == 0) == (root / "out" / "recording.npz").exists()
+    assert code == 0 or (code == 2 and error.startswith("pidtsm: ") and error.count("\n") == 1)
+
+
+def test_two_at_once_lose_nothing(root: Path) -> None:
+    foreign(root)
+    before, begin, errors = foreign_things(root), threading.Barrier(2), set()
+
+    def repeat(as_new: bool) -> None:
+        begin.wait()
+        errors.update(use(root / "out", works, as_new) for _ in range(30))
+
+    both = [threading.Thread(target=repeat, args=(as_new,)) for as_new in (True, False)]
+    for each in both:
+        each.start()
+    for each in both:
+        each.join()
+    assert errors <= {""} | {error for error in errors if "is being written by" in error}
+    assert foreign_things(root) == before
+    assert {path.name for path in root.iterdir()} == {"thesis.tex", "out"}
+    assert (root / "out" / "figures" / "effort.svg").read_text() == "new"
+
+
+FULL = """
+import sys, resource
+from pathlib import Path
+from pidtsm_experiments.cli import main
+from pidtsm_studies.reports import figures
+
+figures.FIGURES = {"error": figures.error}
+disk, is_mounted = Path(sys.argv[1]), sys.argv[2] == "mounted"
+old = disk / "out"
+assert main(["rollout", "--duration", "0.01", "--out", str(old)]) == 0
+before = {file: file.read_bytes() for file in old.rglob("*") if file.is_file()}
+for free in (0, 4096, 1_000_000):  # A result has more.
+    filling = disk / "thesis.tex"
+    if is_mounted:
+        with filling.open("wb", buffering=0) as file:
+            try:
+                while file.write(b"x" * 4096):
+                    pass
+            except OSError:
+                pass
+            file.truncate(file.tell() - free)
+        filled = filling.stat().st_size
+    else:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (free, resource.RLIM_INFINITY))
+    assert main(["rollout", "--duration", "0.05", "--out", str(old)]) in (1, 2)
+    assert main(["gains", "--out", str(disk / "out.yaml")]) in ((0, 1) if free else (1,))
+    assert {file: file.read_bytes() for file in old.rglob("*") if file.is_file()} == before
+    if is_mounted:
+        assert filling.stat().st_size == filled
+        filling.unlink()
+    (disk / "out.yaml").unlink(missing_ok=True)
+"""
+MOUNT = "mount -t tmpfs -o size=32m tmpfs"
+
+
+def test_a_disk_that_is_full_loses_nothing(root: Path) -> None:
+    """On a small disk of its own, or, where none can be mounted, with a limit on the size of files."""
+    alone = ["unshare", "--map-root-user", "--mount", "sh", "-c", f'{MOUNT} "$0" && exec "$@"', str(root)]
+    can_mount = shutil.which("unshare") is not None and not subprocess.run([*alone, "true"], check=False).returncode
+    words = [sys.executable, "-c", FULL, str(root), "mounted" if can_mount else "limited"]
+    done = subprocess.run(
+        [*alone, *words] if can_mount else words, capture_output=True, text=True, check=False, timeout=300.0
+    )
+    assert done.returncode == 0, done.stderr
+    said = [line for line in done.stderr.splitlines() if line.startswith("pidtsm: ")]
+    assert len([line for line in said if "cannot write " in line]) >= 4
+    assert ("No space left on device" if can_mount else "File too large") in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_what_is_in_use_is_refused_by_any_of_its_names(root: Path) -> None:
@@ -259,6 +370,15 @@ def test_a_place_that_cannot_be_is_refused_before_the_work(
     assert words in error
     assert len(error.splitlines()) == 1
     assert not list(root.iterdir())
+
+
+@pytest.mark.parametrize("words", [["--json"], []])
+def test_an_output_that_cannot_be_written_ends_in_one_line(words: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "pidtsm_experiments.cli", "rollout", "--duration", "0.02", *words]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=300.0)
+    assert done.returncode == 1
+    assert done.stderr == "pidtsm: cannot write the output: No space left on device\n"
 
 
 def test_a_full_disk_ends_in_one_line(root: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,9 @@
 import json
 import re
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,6 +13,7 @@ import pidtsm_core
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs import origin
 from pidtsm_experiments.runs.results import result_folder
+from pidtsm_studies.reports import figures
 
 SOURCES = Path(__file__).resolve().parents[3]
 
@@ -62,3 +65,64 @@ def test_every_package_has_the_one_version() -> None:
         found = re.search(r"<version>(.*?)</version>|    version=\"(.*?)\"", file.read_text(encoding="utf-8"))
         assert found, file
         assert pidtsm_core.__version__ in found.groups(), file
+
+
+def made(*words: str) -> None:
+    """Call a command under its own name, as from a shell."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["/somewhere/pidtsm", *words])
+        assert main(words) == 0
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Results of commands that read each other's."""
+    parent = tmp_path_factory.mktemp("results")
+    short = ("--duration", "0.2", "--set", "simulator.seed=7")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "FIGURES", {"error": figures.error})
+        patch.chdir(parent)
+        made("rollout", *short, "--out", "one", "--bag")
+        made("rollout", *short, "--out", "two")
+        made("compare", "one", "two", "--out", "compare")
+        made("report", "one/bag", "--out", "report")
+        made("report", "two")
+        yield parent
+
+
+def said_in(folder: Path) -> dict[str, Any]:
+    content = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    assert content["version"] == pidtsm_core.__version__
+    assert content["commit"] == origin.commit()
+    return dict(content)
+
+
+@pytest.mark.parametrize(
+    ("folder", "command", "seed", "nodes"),
+    [("one", "rollout", 7, 3), ("two", "rollout", 7, 3), ("compare", "compare", None, 0), ("report", "report", 7, 3)],
+)
+def test_a_result_says_what_made_it(results: Path, folder: str, command: str, seed: int | None, nodes: int) -> None:
+    said = said_in(results / folder)
+    assert said["command"][:2] == ["/somewhere/pidtsm", command]
+    assert said["seed"] == seed
+    assert len(said["parameters"] or ()) == nodes
+
+
+def test_what_was_made_of_runs_has_their_origins(results: Path) -> None:
+    one, two = (said_in(results / name) for name in ("one", "two"))
+    two.pop("renewed")
+    assert said_in(results / "compare")["runs"] == {"one": one, "two": two}
+    assert said_in(results / "report")["runs"] == {"one/bag": one}
+
+
+def test_a_folder_of_which_parts_are_made_anew_stays_what_it_is(results: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(results)
+    monkeypatch.setattr(figures, "FIGURES", {"error": figures.error})
+    said = said_in(results / "two")
+    assert said["command"][1] == "rollout"
+    assert [each["command"][1:] for each in said["renewed"]] == [["report", "two"]]
+    made("report", "two")
+    assert said_in(results / "two") == said, "the same command adds nothing"
+    (results / "two/run.json").write_text("[")  # As of another program, or damaged.
+    made("report", "two")
+    assert said_in(results / "two")["parameters"] == said["parameters"]
