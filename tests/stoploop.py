@@ -50,8 +50,7 @@ class Falsified(NamedTuple):
 class LoopParts(NamedTuple):
     """Controller, robot and motion in the form that compiled code reads and changes."""
 
-    floats: Array
-    integers: NDArray[np.int64]
+    controller: int  # its address
     position: Array
     measured_effort: Array  # what the drives report, shape (joints,)
     desired: Array
@@ -152,11 +151,11 @@ def simulate(
         if sample >= 0 and not lost:
             evaluate_motion(loop.motion, seconds(sample * period), loop.desired)
             stamp = sample * period
-            status = respond(loop.floats, loop.integers, stamp, stamp, loop.effort, loop.signals)
+            status = respond(loop.controller, stamp, stamp, loop.effort, loop.signals)
             usual = track_period(usual, now - answered if answered >= 0 else 0)
             answered, sent, fault = now, True, status[1]
         elif answered >= 0 and now - answered > stop_after(loop.state_stop, usual) and now - asked >= _EVERY:
-            stop_now(loop.floats, loop.integers, _STALE, now - answered, loop.effort, loop.signals)
+            stop_now(loop.controller, _STALE, now - answered, loop.effort, loop.signals)
             asked, sent = now, True
             fault = fault if fault else _STALE
         if fault and stopped < 0:
