@@ -49,7 +49,7 @@ class Layout(Generic[_Tuple]):
         return _form(self._make_example())
 
     def store(self, value: _Tuple) -> "Stored[_Tuple]":
-        """Put a tuple into new memory; see `Stored.write`."""
+        """Put a tuple into memory of its own, which is filled when its address is first needed."""
         return Stored(self, value)
 
 
@@ -58,15 +58,24 @@ class Stored(Generic[_Tuple]):
 
     Attributes:
         value: the tuple; kept, so that its arrays live as long as the memory.
-        address: where compiled code finds it, see `Layout.at`; it never changes.
     """
 
     def __init__(self, layout: Layout[_Tuple], value: _Tuple) -> None:
-        self._layout = layout
-        self._memory = layout.form()
-        self.address = ctypes.addressof(self._memory)
         self.value = value
-        self.write(value)
+        self._layout = layout
+        self._memory: Any = None
+
+    @property
+    def address(self) -> int:
+        """Where compiled code finds the tuple, see `Layout.at`; it never changes.
+
+        Raises:
+            TypeError: see `write`.
+        """
+        if self._memory is None:
+            self._memory = self._layout.form()
+            self.write(self.value)
+        return ctypes.addressof(self._memory)
 
     def write(self, value: _Tuple) -> None:
         """Replace the tuple.
@@ -74,9 +83,10 @@ class Stored(Generic[_Tuple]):
         Raises:
             TypeError: its type is not that of the layout; compiled code would misread it.
         """
-        if typeof(value) != self._layout.kind:
-            raise TypeError(f"{type(value).__name__}: {typeof(value)} is not {self._layout.kind}")
-        _fill(self._memory, value)
+        if self._memory is not None:
+            if typeof(value) != self._layout.kind:
+                raise TypeError(f"{type(value).__name__}: {typeof(value)} is not {self._layout.kind}")
+            _fill(self._memory, value)
         self.value = value
 
 
@@ -107,4 +117,4 @@ def _fill(memory: Any, value: Any) -> None:
         if isinstance(each, tuple | np.ndarray):
             _fill(getattr(memory, f"field{i}"), each)
         else:
-            setattr(memory, f"field{i}", each)
+            setattr(memory, f"field{i}", each.item() if isinstance(each, np.generic) else each)

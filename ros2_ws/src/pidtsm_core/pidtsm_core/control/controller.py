@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -289,7 +290,7 @@ class Controller:
         return self.state.signals
 
 
-def _of_joints(values: Mapping[str, Value], joints: int) -> dict[str, Array]:
+def _of_joints(values: Mapping[str, Value], joints: int) -> dict[str, Any]:
     """Fields of `ControllerConfig` with a number for each joint."""
     found = {field: joint_array(values.get(name, 0.0), joints) for field, name in _OF_JOINTS.items()}
     fastest = np.where(found["velocity_limit"] > 0.0, found["velocity_limit"], math.inf)
@@ -300,7 +301,7 @@ def _of_joints(values: Mapping[str, Value], joints: int) -> dict[str, Array]:
     return found
 
 
-def _rehearsed(values: Mapping[str, Value]) -> dict[str, int]:
+def _rehearsed(values: Mapping[str, Value]) -> dict[str, Any]:
     """Fields of `ControllerConfig` with the times of what is rehearsed, ns."""
     return {field: _nanoseconds(values[f"rehearsal.{name}"]) for field, name in _REHEARSED.items()}
 

@@ -1,7 +1,7 @@
 """Configuration and state of the controller, in memory that compiled code finds by address."""
 
 from enum import IntEnum
-from typing import NamedTuple, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -281,7 +281,14 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
 def _example() -> ControllerMemory:
     """The memory of a controller with one joint."""
     model = Model(0, 0, 0, np.zeros(1))
-    by_kind = {bool: False, int: 0, float: 0.0, Array: np.zeros(1), Integers: np.zeros(1, np.int64), Model: model}
+    by_kind: dict[Any, Any] = {
+        bool: False,
+        int: 0,
+        float: 0.0,
+        Array: np.zeros(1),
+        Integers: np.zeros(1, np.int64),
+        Model: model,
+    }
     values = {name: by_kind[kind] for name, kind in get_type_hints(ControllerConfig).items()}
     tables = {name: np.zeros((1, 1)) for name in ("law", "estimator_parameters")}
     return ControllerMemory(ControllerConfig(**{**values, **tables}), new_state(1, feeds_back=False))
