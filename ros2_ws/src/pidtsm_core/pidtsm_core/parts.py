@@ -14,7 +14,7 @@ from types import FunctionType
 from typing import Any, ClassVar, TypeVar, get_type_hints
 
 from llvmlite import binding, ir
-from numba import njit, typeof
+from numba import typeof
 from numba.core import cgutils, types
 from numba.core.types.containers import UniTuple
 from numba.core.types.misc import VarArg
@@ -22,7 +22,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global
 from numba.extending import lower_builtin
 
 from pidtsm_core.by_reference import Reference
-from pidtsm_core.compiled import INSIDE
+from pidtsm_core.compiled import INSIDE, compiled
 from pidtsm_core.parameters import Array
 
 FLOAT, INTEGER, ROW, ROWS = types.float64, types.int64, types.float64[::1], types.float64[:, ::1]
@@ -56,10 +56,10 @@ class _Parts:
         """Compile the part at `index`, or load it from the cache, unless that has happened."""
         with self.lock:
             if not self._table[index]:
-                part = njit(self.signature(), cache=True, nogil=True, **INSIDE)(_renamed(self.functions[index]))
-                (compiled,) = part.overloads.values()
+                part = compiled(_renamed(self.functions[index]), self.signature(), **INSIDE)
+                (result,) = part.overloads.values()
                 self._compiled.append(part)
-                self._table[index] = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+                self._table[index] = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
 
     def lower(self, context: Any, builder: Any, index: Any, arguments: Any) -> Any:
         """Generate the call of the part at `index`."""
