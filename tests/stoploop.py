@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.by_reference import reference
 from pidtsm_core.compiled import njit
 from pidtsm_core.control.step import respond, stop_after, stop_now
 from pidtsm_core.parameters import Array
+from pidtsm_core.pointers import lend
 from pidtsm_core.references import MotionConfig, evaluate_motion
 from pidtsm_core.robots import Model, forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Fault
@@ -132,7 +132,7 @@ def simulate(
     Returns:
         Number of samples that are finite, and the sample of the stop, -1 without one.
     """
-    loop, events, trace = reference(parts), reference(happening), reference(results)
+    loop, events, trace = lend(parts), lend(happening), lend(results)
     period, arm, push = loop.period, loop.robot.arm, loop.hardware.plant.push
     dt, stopped, answered, asked, end, usual = seconds(period), -1, -1, 0, until, 0
     k = 0

@@ -13,7 +13,7 @@ import numpy as np
 from numba import typeof
 from numba.extending import intrinsic
 
-from pidtsm_core.by_reference import Reference
+from pidtsm_core.pointers import Pointer
 
 _Tuple = TypeVar("_Tuple", bound=tuple[Any, ...])
 
@@ -22,7 +22,7 @@ class Layout(Generic[_Tuple]):
     """How named tuples of one type lie in memory: numbers, arrays, and further tuples of these.
 
     Attributes:
-        at: in compiled code, ``at(address)`` is a reference to the tuple that is there.
+        at: in compiled code, ``at(address)`` is a pointer to the tuple that is there.
     """
 
     def __init__(self, make_example: Callable[[], _Tuple]) -> None:
@@ -34,7 +34,7 @@ class Layout(Generic[_Tuple]):
             def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
                 return builder.inttoptr(arguments[0], context.get_data_type(self.kind).as_pointer())
 
-            return Reference(self.kind)(address), generate
+            return Pointer(self.kind)(address), generate
 
         self.at: Callable[[int], _Tuple] = at
 

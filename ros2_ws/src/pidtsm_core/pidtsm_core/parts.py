@@ -21,9 +21,9 @@ from numba.core.types.misc import VarArg
 from numba.core.typing.templates import AbstractTemplate, infer_global
 from numba.extending import lower_builtin
 
-from pidtsm_core.by_reference import Reference
 from pidtsm_core.compiled import INSIDE, compiled
 from pidtsm_core.parameters import Array
+from pidtsm_core.pointers import Pointer
 
 FLOAT, INTEGER, ROW, ROWS = types.float64, types.int64, types.float64[::1], types.float64[:, ::1]
 """Numba's types for signatures; an array of numbers has one dimension (`ROW`) or two (`ROWS`)."""
@@ -156,7 +156,7 @@ class PartOf:
     """A decorator that makes a function a part; from Python, it runs as Python."""
 
     def __init__(self, *make_examples: Callable[[], Any]) -> None:
-        """Args: make_examples: return an example of each named tuple among the arguments, which are references."""
+        """Args: make_examples: return an example of each named tuple among the arguments, which are pointers."""
         self._make_examples = make_examples
         self._parts: list[_Parts] = []
 
@@ -168,7 +168,7 @@ class PartOf:
 
     def _signature(self, function: Any) -> Any:
         examples = [make() for make in self._make_examples]
-        kinds: Mapping[Any, Any] = {**_KINDS, **{type(e): Reference(typeof(e)) for e in examples}}
+        kinds: Mapping[Any, Any] = {**_KINDS, **{type(e): Pointer(typeof(e)) for e in examples}}
         hints = get_type_hints(function)
         result = kinds[hints.pop("return")]
         return result(*(kinds[hint] for hint in hints.values()))

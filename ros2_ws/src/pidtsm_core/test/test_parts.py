@@ -1,4 +1,4 @@
-"""Functions that are compiled when they are first needed, and named tuples that are passed by reference."""
+"""Functions that are compiled when they are first needed, and named tuples that are passed by pointer."""
 
 import subprocess
 import sys
@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numba.core.errors import TypingError
 
-from pidtsm_core.by_reference import reference
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array
 from pidtsm_core.parts import FLOAT, ROW, PartOf, by_index
+from pidtsm_core.pointers import lend
 
 
 class Inner(NamedTuple):
@@ -60,8 +60,8 @@ def call(index: int, x: float, row: Array) -> float:
 
 @njit
 def change_it(outer: Outer, by: float) -> tuple[int, bool]:
-    lent = reference(outer)
-    return reference(lent).number, change(lent, by)
+    lent = lend(outer)
+    return lend(lent).number, change(lent, by)
 
 
 @pytest.mark.parametrize(("index", "expected"), [(0, 7.0), (1, 2.5)])
@@ -76,12 +76,12 @@ def test_a_function_that_does_not_compile_is_an_error_in_python_and_hinders_no_o
     assert call(0, 1.0, np.zeros(1)) == 2.0
 
 
-def test_a_named_tuple_is_read_and_its_arrays_are_changed_through_a_reference() -> None:
+def test_a_named_tuple_is_read_and_its_arrays_are_changed_through_a_pointer() -> None:
     numbers, table = OUTER.inner.numbers, OUTER.table
     before = numbers[0]
     assert change_it(OUTER, 2.0) == (3, True)
     assert numbers[0] == table[1, 0] == before + 2.0
-    assert reference(OUTER) is OUTER
+    assert lend(OUTER) is OUTER
 
 
 ALONE = """
