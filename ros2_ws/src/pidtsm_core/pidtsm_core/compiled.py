@@ -15,7 +15,9 @@ import hashlib
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from types import CodeType
@@ -26,6 +28,8 @@ from numba.core import event
 from numba.extending import register_jitable
 
 _KEPT_CACHES = 6
+_UNUSED = 3600.0
+"""s; a cache that was used since then is kept, because a process of another checkout may be filling it."""
 
 
 def _writable_root() -> Path:
@@ -54,8 +58,9 @@ def _source_digest() -> str:
 
 
 def _age(folder: Path) -> float:
+    """Time since a cache was last used, s."""
     try:
-        return -folder.stat().st_mtime
+        return time.time() - folder.stat().st_mtime
     except OSError:  # Another process may have removed it.
         return 0.0
 
@@ -65,10 +70,14 @@ def cache_folder() -> Path:
     """Where the compiled functions of this package are stored; its name is a digest of all source files."""
     root = _writable_root()
     folder = root / _source_digest()
-    if not folder.exists():
+    if folder.exists():
+        with suppress(OSError):  # It is another user's, or was just removed.
+            os.utime(folder)
+    else:
         folder.mkdir(exist_ok=True)
         for stale in sorted(root.iterdir(), key=_age)[_KEPT_CACHES:]:
-            shutil.rmtree(stale, ignore_errors=True)
+            if _age(stale) > _UNUSED:
+                shutil.rmtree(stale, ignore_errors=True)
     return folder
 
 

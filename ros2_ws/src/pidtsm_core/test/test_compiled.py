@@ -79,15 +79,23 @@ def test_only_own_old_caches_are_removed(copy: Path, tmp_path: Path) -> None:
     assert [f.name for f in foreign if not f.exists()] == []
 
 
-def test_old_caches_do_not_pile_up(copy: Path, tmp_path: Path) -> None:
-    home = tmp_path / "home"
-    folders = set()
-    for i in range(9):
+def test_old_caches_do_not_pile_up_and_those_in_use_stay(copy: Path, tmp_path: Path) -> None:
+    home, folders = tmp_path / "home", []
+    for i in range(11):
         (copy / "pidtsm_core" / "extra.py").write_text(f"N = {i}\n")
-        folders.add(run(CACHE, copy, HOME=str(home)))
-    assert len(folders) == 9
-    left = [f for f in folders if Path(f).exists()]
-    assert 1 <= len(left) < 9
+        folders.append(Path(run(CACHE, copy, HOME=str(home))))
+        if i < 9:
+            yesterday = folders[-1].stat().st_mtime - 86_400 + i
+            os.utime(folders[-1], (yesterday, yesterday))
+    assert len({*folders}) == 11
+    left = [folder for folder in folders if folder.exists()]
+    assert folders[9:] == left[-2:]
+    assert len(left) < 9
+    (copy / "pidtsm_core" / "extra.py").write_text("N = 9\n")
+    before = folders[9].stat().st_mtime
+    os.utime(folders[9], (before - 7200, before - 7200))
+    run(CACHE, copy, HOME=str(home))
+    assert folders[9].stat().st_mtime > before - 60, "using it makes it young"
 
 
 USERS = """
