@@ -6,7 +6,6 @@ address in a table at a symbol whose name does not change, so that Numba can sto
 """
 
 import ctypes
-import os
 import threading
 import traceback
 from collections.abc import Callable, Iterable, Mapping
@@ -31,7 +30,16 @@ FLOAT, INTEGER, ROW, ROWS = types.float64, types.int64, types.float64[::1], type
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _WORD = ir.IntType(64)
 _PREPARE = "pidtsm_core.parts.prepare"
-_PREPARE_TYPE = ir.FunctionType(ir.VoidType(), [_WORD, _WORD])
+_PREPARE_TYPE = ir.FunctionType(_WORD, [_WORD, _WORD])
+
+
+class PartError(RuntimeError):
+    """A part could not be compiled; its caller has ended early."""
+
+
+_FAILED = "a function of pidtsm could not be compiled: the reason is on standard error"
+_ATTEMPTS = 3
+"""Ctrl-C cannot pass through compiled code, so a compilation that it has interrupted begins again."""
 
 
 class _Parts:
@@ -67,13 +75,18 @@ class _Parts:
             builder.module, ir.ArrayType(_WORD, len(self.functions)), self._symbol
         )
         place = builder.gep(table, [_WORD(0), index], inbounds=True)
+        signature, convention = self.signature(), context.call_conv
         with builder.if_then(builder.icmp_unsigned("==", builder.load(place), _WORD(0)), likely=False):
             prepare = cgutils.get_or_insert_function(builder.module, _PREPARE_TYPE, _PREPARE)
-            builder.call(prepare, [builder.ptrtoint(table, _WORD), index])
-        signature, convention = self.signature(), context.call_conv
+            failed = builder.call(prepare, [builder.ptrtoint(table, _WORD), index])
+            with builder.if_then(builder.icmp_unsigned("!=", failed, _WORD(0)), likely=False):
+                convention.return_user_exc(builder, PartError, (_FAILED,))
         kind = convention.get_function_type(signature.return_type, signature.args)
         part = builder.inttoptr(builder.load(place), kind.as_pointer())
-        return convention.call_function(builder, part, signature.return_type, signature.args, arguments)[1]
+        status, result = convention.call_function(builder, part, signature.return_type, signature.args, arguments)
+        with cgutils.if_unlikely(builder, status.is_error):  # A part of this part.
+            convention.return_status_propagate(builder, status)
+        return result
 
     def make_callable(self, function: Any, indexed: bool) -> None:
         """Make compiled code that calls the Python function `function` call the parts, the index first if `indexed`."""
@@ -105,18 +118,19 @@ def _renamed(function: Any) -> Any:
     return copy
 
 
-@ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
-def _prepare(table: int, index: int) -> None:
-    """Called by compiled code that needs a part, and that cannot go on without it."""
-    for _ in range(3):
+@ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+def _prepare(table: int, index: int) -> int:
+    """Called by compiled code that needs a part; return 1 if there is none, for which it raises a `PartError`."""
+    for _ in range(_ATTEMPTS):
         try:
-            return _Parts.tables[table].prepare(index)
+            _Parts.tables[table].prepare(index)
         except KeyboardInterrupt:
             continue
-        except BaseException:
+        except Exception:  # It cannot pass through compiled code.
             traceback.print_exc()
-            break
-    os._exit(os.EX_SOFTWARE)
+            return 1
+        return 0
+    return 1
 
 
 binding.add_symbol(_PREPARE, ctypes.cast(_prepare, ctypes.c_void_p).value)

@@ -10,7 +10,7 @@ from numba.core.errors import TypingError
 
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array
-from pidtsm_core.parts import FLOAT, ROW, PartOf, by_index
+from pidtsm_core.parts import FLOAT, ROW, PartError, PartOf, by_index
 from pidtsm_core.pointers import lend
 
 
@@ -74,6 +74,34 @@ def test_a_function_that_does_not_compile_is_an_error_in_python_and_hinders_no_o
     with pytest.raises(TypingError, match="sise"):
         choose.prepare(2)
     assert call(0, 1.0, np.zeros(1)) == 2.0
+
+
+@part
+def misspelt_part(outer: Outer, by: float) -> bool:
+    return outer.inner.flags > by  # type: ignore[attr-defined, no-any-return]
+
+
+@part
+def caller_of_it(outer: Outer, by: float) -> bool:
+    return misspelt_part(outer, by)
+
+
+@njit
+def change_and_fail(outer: Outer, by: float) -> bool:
+    lent = lend(outer)
+    change(lent, by)
+    return caller_of_it(lent, by)
+
+
+def test_a_part_that_does_not_compile_when_it_is_needed_is_an_error_in_python(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    before = OUTER.inner.numbers[0]
+    with pytest.raises(PartError, match="compiled"):
+        change_and_fail(OUTER, 1.0)
+    assert OUTER.inner.numbers[0] == before + 1.0, "what came first has happened"
+    assert "flags" in capfd.readouterr().err
+    assert change_it(OUTER, -1.0) == (3, True), "others still work"
 
 
 def test_a_named_tuple_is_read_and_its_arrays_are_changed_through_a_pointer() -> None:
