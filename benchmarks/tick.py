@@ -6,11 +6,11 @@ from itertools import count as count_from
 import numba
 import numpy as np
 
-from pidtsm_core.by_reference import reference
-from pidtsm_core.control import Clock, Controller, ControllerConfig, ControllerState, controller_schema
+from pidtsm_core.control import Clock, Controller, controller_schema
 from pidtsm_core.control import step as controller_step
+from pidtsm_core.control.state import memory_at
 from pidtsm_core.parameters import Array, resolve
-from pidtsm_core.simulation.plant import Plant, PlantConfig, PlantState, plant_schema, step
+from pidtsm_core.simulation.plant import Plant, plant_at, plant_schema, step
 from pidtsm_experiments.commands.bench import Row, medians
 
 DT = 1e-3
@@ -22,16 +22,17 @@ _njit = numba.njit(nogil=True, error_model="numpy", _nrt=False)
 
 
 @_njit
-def _ticks(config_values: ControllerConfig, state_values: ControllerState, count: int) -> None:
-    config, state = reference(config_values), reference(state_values)
+def _ticks(address: int, count: int) -> None:
+    memory = memory_at(address)
     for _k in range(count):
-        stamp = state.clock[Clock.LAST] + PERIOD
-        controller_step(config, state, stamp, stamp)
+        stamp = memory.state.clock[Clock.LAST] + PERIOD
+        controller_step(memory.config, memory.state, stamp, stamp)
 
 
 @_njit
-def _steps(config_values: PlantConfig, state_values: PlantState, effort: Array, count: int) -> None:
-    config, state = reference(config_values), reference(state_values)
+def _steps(address: int, effort: Array, count: int) -> None:
+    memory = plant_at(address)
+    config, state = memory.config, memory.state
     for k in range(count):
         # The same state each time, so that the arm does not diverge.
         for j in range(effort.size):
@@ -61,14 +62,14 @@ def run(quick: bool) -> Iterator[Row]:
                 elif call == "step":
                     plant.step(effort, 0.0, DT)
                 else:
-                    _ticks(controller.config, controller.state, 0)
+                    _ticks(controller.address, 0)
 
         return medians(repetitions, repeated)[0] / count * 1e9
 
     inside = medians(
         repetitions,
-        lambda: _ticks(controller.config, controller.state, count),
-        lambda: _steps(plant.config, plant.state, effort, count),
+        lambda: _ticks(controller.address, count),
+        lambda: _steps(plant.address, effort, count),
     )
     empty = many("nothing")
     for label, call, compiled in zip(("controller step", "plant step"), ("tick", "step"), inside, strict=True):

@@ -137,8 +137,7 @@ class Run:
         rate = int(as_float(values["rate"]))
         self.dt, n = 1.0 / rate, arm.joints
         parts = LoopParts(
-            floats=controller.floats,
-            integers=controller.integers,
+            controller=controller.address,
             position=controller.position,
             measured_effort=controller.measured[1] if len(controller.measured) > 1 else np.zeros(n),
             desired=controller.reference,

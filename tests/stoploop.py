@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.by_reference import reference
 from pidtsm_core.compiled import njit
 from pidtsm_core.control.step import respond, stop_after, stop_now
 from pidtsm_core.parameters import Array
+from pidtsm_core.pointers import lend
 from pidtsm_core.references import MotionConfig, evaluate_motion
 from pidtsm_core.robots import Model, forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Fault
@@ -50,8 +50,7 @@ class Falsified(NamedTuple):
 class LoopParts(NamedTuple):
     """Controller, robot and motion in the form that compiled code reads and changes."""
 
-    floats: Array
-    integers: NDArray[np.int64]
+    controller: int  # its address
     position: Array
     measured_effort: Array  # what the drives report, shape (joints,)
     desired: Array
@@ -133,7 +132,7 @@ def simulate(
     Returns:
         Number of samples that are finite, and the sample of the stop, -1 without one.
     """
-    loop, events, trace = reference(parts), reference(happening), reference(results)
+    loop, events, trace = lend(parts), lend(happening), lend(results)
     period, arm, push = loop.period, loop.robot.arm, loop.hardware.plant.push
     dt, stopped, answered, asked, end, usual = seconds(period), -1, -1, 0, until, 0
     k = 0
@@ -152,11 +151,11 @@ def simulate(
         if sample >= 0 and not lost:
             evaluate_motion(loop.motion, seconds(sample * period), loop.desired)
             stamp = sample * period
-            status = respond(loop.floats, loop.integers, stamp, stamp, loop.effort, loop.signals)
+            status = respond(loop.controller, stamp, stamp, loop.effort, loop.signals)
             usual = track_period(usual, now - answered if answered >= 0 else 0)
             answered, sent, fault = now, True, status[1]
         elif answered >= 0 and now - answered > stop_after(loop.state_stop, usual) and now - asked >= _EVERY:
-            stop_now(loop.floats, loop.integers, _STALE, now - answered, loop.effort, loop.signals)
+            stop_now(loop.controller, _STALE, now - answered, loop.effort, loop.signals)
             asked, sent = now, True
             fault = fault if fault else _STALE
         if fault and stopped < 0:

@@ -1,4 +1,7 @@
-"""The Numba decorators of the whole package, with a cache that cannot go stale.
+"""The Numba decorators of the whole package, with options and a cache of their own.
+
+Nothing of Numba's is changed for other functions of the process: the options that are no arguments of Numba's
+decorators hold while a function of this package is compiled, and are put back afterwards.
 
 Numba's cache detects an edit only in the *file of the compiled function*, not in the files of the functions that it
 calls. Therefore the name of the cache folder is a digest of all source files of this package: any edit starts a new
@@ -12,21 +15,21 @@ import hashlib
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
+from types import CodeType
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import event
 from numba.extending import register_jitable
 
 _KEPT_CACHES = 6
-
-# Loops run over a few joints: checking whether they can be vectorised takes longer than vectorising saves, by 4 % of a
-# rollout.
-numba.config.LOOP_VECTORIZE = 0
-
-# Everything small is inlined anyway; more optimisation takes longer and makes nothing faster.
-numba.config.OPT = type(numba.config.OPT)(1)
+_UNUSED = 3600.0
+"""s; a cache that was used since then is kept, because a process of another checkout may be filling it."""
 
 
 def _writable_root() -> Path:
@@ -55,27 +58,68 @@ def _source_digest() -> str:
 
 
 def _age(folder: Path) -> float:
+    """Time since a cache was last used, s."""
     try:
-        return -folder.stat().st_mtime
+        return time.time() - folder.stat().st_mtime
     except OSError:  # Another process may have removed it.
         return 0.0
 
 
-def _use_own_cache() -> None:
+@cache
+def cache_folder() -> Path:
+    """Where the compiled functions of this package are stored; its name is a digest of all source files."""
     root = _writable_root()
     folder = root / _source_digest()
-    if not folder.exists():
+    if folder.exists():
+        with suppress(OSError):  # It is another user's, or was just removed.
+            os.utime(folder)
+    else:
         folder.mkdir(exist_ok=True)
         for stale in sorted(root.iterdir(), key=_age)[_KEPT_CACHES:]:
-            shutil.rmtree(stale, ignore_errors=True)
-    numba.config.CACHE_DIR = str(folder)
+            if _age(stale) > _UNUSED:
+                shutil.rmtree(stale, ignore_errors=True)
+    return folder
 
 
-_use_own_cache()
+class _OwnOptions(event.Listener):
+    """Options of Numba that hold while one of the functions in `own` is compiled.
+
+    Loops run over a few joints: checking whether they can be vectorised takes longer than vectorising saves, by 4 % of
+    a rollout. Everything small is inlined anyway; more optimisation takes longer and makes nothing faster.
+    """
+
+    def __init__(self) -> None:
+        self.own: set[CodeType] = set()
+        self._before: list[tuple[Any, Any]] = []
+
+    def on_start(self, event: event.Event) -> None:
+        config = numba.config
+        self._before.append((config.OPT, config.LOOP_VECTORIZE))
+        if event.data["dispatcher"].py_func.__code__ in self.own:
+            config.OPT, config.LOOP_VECTORIZE = type(config.OPT)(1), 0
+
+    def on_end(self, _event: event.Event) -> None:  # Also if the compilation failed.
+        numba.config.OPT, numba.config.LOOP_VECTORIZE = self._before.pop()
+
+
+_OWN_OPTIONS = _OwnOptions()
+event.register("numba:compile", _OWN_OPTIONS)
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
-OPTIONS = {"error_model": "numpy", "_nrt": False, "forceinline": True}
+_OPTIONS = {"error_model": "numpy", "_nrt": False, "forceinline": True}
+INSIDE = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""For functions that only compiled code calls: without wrappers for Python, they compile in 2/3 of the time."""
+
+
+def compiled(function: _Function, *signature: Any, **options: Any) -> Any:
+    """Compile `function` as `njit` does, but with other options, and now if there is a signature."""
+    _OWN_OPTIONS.own.add(function.__code__)
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
+    try:
+        return numba.njit(*signature, cache=True, nogil=True, **options)(function)
+    finally:
+        numba.config.CACHE_DIR = before
 
 
 def njit(function: _Function) -> _Function:
@@ -88,23 +132,18 @@ def njit(function: _Function) -> _Function:
     time. A function that creates an array does not compile; this includes whole assignments (``a[:] = b``), so write
     a loop instead.
     """
-    return cast(_Function, numba.njit(cache=True, nogil=True, **OPTIONS)(function))
+    return cast(_Function, compiled(function, **_OPTIONS))
 
 
 def subroutine(function: _Function) -> _Function:
     """As `njit`, but compiled code calls it instead of inlining it: for long functions."""
-    return cast(_Function, numba.njit(cache=True, nogil=True, **{**OPTIONS, "forceinline": False})(function))
+    return cast(_Function, compiled(function, **{**_OPTIONS, "forceinline": False}))
 
 
-INSIDE = {**OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""For functions that only compiled code calls: without wrappers for Python, they compile in 2/3 of the time."""
-
-
-def inlined(function: _Function, cache: bool = True) -> _Function:
+def inlined(function: _Function) -> _Function:
     """Compile `function` into each compiled function that calls it; called from Python, it runs as Python.
 
-    Args:
-        function: called by compiled functions, and from Python only where speed does not matter.
-        cache: False for functions made by functions: Numba's key of a closure changes with every process.
+    It is not stored, because its callers are.
     """
-    return cast(_Function, register_jitable(cache=cache, **INSIDE)(function))
+    _OWN_OPTIONS.own.add(function.__code__)
+    return cast(_Function, register_jitable(**INSIDE)(function))

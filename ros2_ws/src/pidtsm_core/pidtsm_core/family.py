@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -73,17 +72,16 @@ def dispatch(functions: Iterable[Callable[..., _Result]]) -> Callable[..., _Resu
     """Combine the functions of all members into one, which compiled code calls as ``call(index, *arguments)``.
 
     Numba cannot inline functions from a table. Therefore this is a chain of comparisons with the members' functions
-    inlined. It has no cache entry of its own: it is compiled into its caller and cached with it.
+    inlined.
 
     Args:
         functions: compiled, at least one, in the order of the members, with the same arguments and results. An index
             beyond the last counts as the last.
     """
     first, *others = functions
-    inlined_closure = partial(inlined, cache=False)
     if not others:
 
-        @inlined_closure
+        @inlined
         def last(_index: int, *arguments: Any) -> _Result:
             return first(*arguments)
 
@@ -91,7 +89,7 @@ def dispatch(functions: Iterable[Callable[..., _Result]]) -> Callable[..., _Resu
 
     rest = dispatch(others)
 
-    @inlined_closure
+    @inlined
     def call(index: int, *arguments: Any) -> _Result:
         return first(*arguments) if index == 0 else rest(index - 1, *arguments)
 

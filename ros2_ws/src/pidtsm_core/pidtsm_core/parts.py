@@ -6,7 +6,6 @@ address in a table at a symbol whose name does not change, so that Numba can sto
 """
 
 import ctypes
-import os
 import threading
 import traceback
 from collections.abc import Callable, Iterable, Mapping
@@ -14,16 +13,16 @@ from types import FunctionType
 from typing import Any, ClassVar, TypeVar, get_type_hints
 
 from llvmlite import binding, ir
-from numba import njit, typeof
+from numba import typeof
 from numba.core import cgutils, types
 from numba.core.types.containers import UniTuple
 from numba.core.types.misc import VarArg
 from numba.core.typing.templates import AbstractTemplate, infer_global
 from numba.extending import lower_builtin
 
-from pidtsm_core.by_reference import Reference
-from pidtsm_core.compiled import INSIDE
+from pidtsm_core.compiled import INSIDE, compiled
 from pidtsm_core.parameters import Array
+from pidtsm_core.pointers import Pointer
 
 FLOAT, INTEGER, ROW, ROWS = types.float64, types.int64, types.float64[::1], types.float64[:, ::1]
 """Numba's types for signatures; an array of numbers has one dimension (`ROW`) or two (`ROWS`)."""
@@ -31,7 +30,16 @@ FLOAT, INTEGER, ROW, ROWS = types.float64, types.int64, types.float64[::1], type
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _WORD = ir.IntType(64)
 _PREPARE = "pidtsm_core.parts.prepare"
-_PREPARE_TYPE = ir.FunctionType(ir.VoidType(), [_WORD, _WORD])
+_PREPARE_TYPE = ir.FunctionType(_WORD, [_WORD, _WORD])
+
+
+class PartError(RuntimeError):
+    """A part could not be compiled; its caller has ended early."""
+
+
+_FAILED = "a function of pidtsm could not be compiled: the reason is on standard error"
+_ATTEMPTS = 3
+"""Ctrl-C cannot pass through compiled code, so a compilation that it has interrupted begins again."""
 
 
 class _Parts:
@@ -56,10 +64,10 @@ class _Parts:
         """Compile the part at `index`, or load it from the cache, unless that has happened."""
         with self.lock:
             if not self._table[index]:
-                part = njit(self.signature(), cache=True, nogil=True, **INSIDE)(_renamed(self.functions[index]))
-                (compiled,) = part.overloads.values()
+                part = compiled(_renamed(self.functions[index]), self.signature(), **INSIDE)
+                (result,) = part.overloads.values()
                 self._compiled.append(part)
-                self._table[index] = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+                self._table[index] = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
 
     def lower(self, context: Any, builder: Any, index: Any, arguments: Any) -> Any:
         """Generate the call of the part at `index`."""
@@ -67,13 +75,18 @@ class _Parts:
             builder.module, ir.ArrayType(_WORD, len(self.functions)), self._symbol
         )
         place = builder.gep(table, [_WORD(0), index], inbounds=True)
+        signature, convention = self.signature(), context.call_conv
         with builder.if_then(builder.icmp_unsigned("==", builder.load(place), _WORD(0)), likely=False):
             prepare = cgutils.get_or_insert_function(builder.module, _PREPARE_TYPE, _PREPARE)
-            builder.call(prepare, [builder.ptrtoint(table, _WORD), index])
-        signature, convention = self.signature(), context.call_conv
+            failed = builder.call(prepare, [builder.ptrtoint(table, _WORD), index])
+            with builder.if_then(builder.icmp_unsigned("!=", failed, _WORD(0)), likely=False):
+                convention.return_user_exc(builder, PartError, (_FAILED,))
         kind = convention.get_function_type(signature.return_type, signature.args)
         part = builder.inttoptr(builder.load(place), kind.as_pointer())
-        return convention.call_function(builder, part, signature.return_type, signature.args, arguments)[1]
+        status, result = convention.call_function(builder, part, signature.return_type, signature.args, arguments)
+        with cgutils.if_unlikely(builder, status.is_error):  # A part of this part.
+            convention.return_status_propagate(builder, status)
+        return result
 
     def make_callable(self, function: Any, indexed: bool) -> None:
         """Make compiled code that calls the Python function `function` call the parts, the index first if `indexed`."""
@@ -105,18 +118,19 @@ def _renamed(function: Any) -> Any:
     return copy
 
 
-@ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
-def _prepare(table: int, index: int) -> None:
-    """Called by compiled code that needs a part, and that cannot go on without it."""
-    for _ in range(3):
+@ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+def _prepare(table: int, index: int) -> int:
+    """Called by compiled code that needs a part; return 1 if there is none, for which it raises a `PartError`."""
+    for _ in range(_ATTEMPTS):
         try:
-            return _Parts.tables[table].prepare(index)
+            _Parts.tables[table].prepare(index)
         except KeyboardInterrupt:
             continue
-        except BaseException:
+        except Exception:  # It cannot pass through compiled code.
             traceback.print_exc()
-            break
-    os._exit(os.EX_SOFTWARE)
+            return 1
+        return 0
+    return 1
 
 
 binding.add_symbol(_PREPARE, ctypes.cast(_prepare, ctypes.c_void_p).value)
@@ -156,7 +170,7 @@ class PartOf:
     """A decorator that makes a function a part; from Python, it runs as Python."""
 
     def __init__(self, *make_examples: Callable[[], Any]) -> None:
-        """Args: make_examples: return an example of each named tuple among the arguments, which are references."""
+        """Args: make_examples: return an example of each named tuple among the arguments, which are pointers."""
         self._make_examples = make_examples
         self._parts: list[_Parts] = []
 
@@ -168,7 +182,7 @@ class PartOf:
 
     def _signature(self, function: Any) -> Any:
         examples = [make() for make in self._make_examples]
-        kinds: Mapping[Any, Any] = {**_KINDS, **{type(e): Reference(typeof(e)) for e in examples}}
+        kinds: Mapping[Any, Any] = {**_KINDS, **{type(e): Pointer(typeof(e)) for e in examples}}
         hints = get_type_hints(function)
         result = kinds[hints.pop("return")]
         return result(*(kinds[hint] for hint in hints.values()))

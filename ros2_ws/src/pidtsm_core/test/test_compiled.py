@@ -1,5 +1,6 @@
 """The cache of compiled functions is never stale; a folder that is not writable is no error."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -10,11 +11,12 @@ import pytest
 
 import pidtsm_core
 
-CACHE = "import pidtsm_core.compiled, numba; print(numba.config.CACHE_DIR)"
+CACHE = "from pidtsm_core.compiled import cache_folder; print(cache_folder())"
 COMPILE = """
-import numba, numpy
+import numpy
+from pidtsm_core.compiled import cache_folder
 from pidtsm_core.laws.computed_torque import command
-print(command(0.0, 0.0, 0.0, 1.5, numpy.zeros(4, int), numpy.zeros(2), numpy.zeros(3), 0.0)[0], numba.config.CACHE_DIR)
+print(command(0.0, 0.0, 0.0, 1.5, numpy.zeros(4, int), numpy.zeros(2), numpy.zeros(3), 0.0)[0], cache_folder())
 """
 
 
@@ -77,12 +79,59 @@ def test_only_own_old_caches_are_removed(copy: Path, tmp_path: Path) -> None:
     assert [f.name for f in foreign if not f.exists()] == []
 
 
-def test_old_caches_do_not_pile_up(copy: Path, tmp_path: Path) -> None:
-    home = tmp_path / "home"
-    folders = set()
-    for i in range(9):
+def test_old_caches_do_not_pile_up_and_those_in_use_stay(copy: Path, tmp_path: Path) -> None:
+    home, folders = tmp_path / "home", []
+    for i in range(11):
         (copy / "pidtsm_core" / "extra.py").write_text(f"N = {i}\n")
-        folders.add(run(CACHE, copy, HOME=str(home)))
-    assert len(folders) == 9
-    left = [f for f in folders if Path(f).exists()]
-    assert 1 <= len(left) < 9
+        folders.append(Path(run(CACHE, copy, HOME=str(home))))
+        if i < 9:
+            yesterday = folders[-1].stat().st_mtime - 86_400 + i
+            os.utime(folders[-1], (yesterday, yesterday))
+    assert len({*folders}) == 11
+    left = [folder for folder in folders if folder.exists()]
+    assert folders[9:] == left[-2:]
+    assert len(left) < 9
+    (copy / "pidtsm_core" / "extra.py").write_text("N = 9\n")
+    before = folders[9].stat().st_mtime
+    os.utime(folders[9], (before - 7200, before - 7200))
+    run(CACHE, copy, HOME=str(home))
+    assert folders[9].stat().st_mtime > before - 60, "using it makes it young"
+
+
+USERS = """
+import hashlib, json, sys
+import numba
+import numpy as np
+
+def settings():
+    return {name: repr(getattr(numba.config, name)) for name in dir(numba.config) if name.isupper()}
+
+before = settings()
+if sys.argv[1] == "after a rollout":
+    from pidtsm_core.closed_loop import rollout
+    rollout("case1", duration=0.01)
+
+@numba.njit(fastmath=True)
+def dot(x, y):
+    total = 0.0
+    for i in range(x.size):
+        total += x[i] * y[i]
+    return total
+
+dot(np.ones(8), np.ones(8))
+(text,) = dot.inspect_asm().values()
+words = text.split()
+vectors = sum(words.count(name) for name in ("mulpd", "vmulpd", "vfmadd231pd", "vfmadd213pd", "vfmadd132pd", "fmla"))
+print(json.dumps([before == settings(), vectors]))
+"""
+
+
+def test_a_function_of_the_users_own_is_compiled_as_without_this_package() -> None:
+    """As fast, that is: into as many instructions that multiply several numbers at once, as without."""
+    found = []
+    for when in ("alone", "after a rollout"):
+        done = subprocess.run([sys.executable, "-c", USERS, when], capture_output=True, text=True, check=True)
+        unchanged, vectors = json.loads(done.stdout)
+        assert unchanged, "numba.config"
+        found.append(vectors)
+    assert found[0] == found[1] > 0

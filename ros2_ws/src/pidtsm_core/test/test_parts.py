@@ -1,4 +1,4 @@
-"""Functions that are compiled when they are first needed, and named tuples that are passed by reference."""
+"""Functions that are compiled when they are first needed, and named tuples that are passed by pointer."""
 
 import subprocess
 import sys
@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numba.core.errors import TypingError
 
-from pidtsm_core.by_reference import reference
 from pidtsm_core.compiled import njit
 from pidtsm_core.parameters import Array
-from pidtsm_core.parts import FLOAT, ROW, PartOf, by_index
+from pidtsm_core.parts import FLOAT, ROW, PartError, PartOf, by_index
+from pidtsm_core.pointers import lend
 
 
 class Inner(NamedTuple):
@@ -60,8 +60,8 @@ def call(index: int, x: float, row: Array) -> float:
 
 @njit
 def change_it(outer: Outer, by: float) -> tuple[int, bool]:
-    lent = reference(outer)
-    return reference(lent).number, change(lent, by)
+    lent = lend(outer)
+    return lend(lent).number, change(lent, by)
 
 
 @pytest.mark.parametrize(("index", "expected"), [(0, 7.0), (1, 2.5)])
@@ -76,12 +76,40 @@ def test_a_function_that_does_not_compile_is_an_error_in_python_and_hinders_no_o
     assert call(0, 1.0, np.zeros(1)) == 2.0
 
 
-def test_a_named_tuple_is_read_and_its_arrays_are_changed_through_a_reference() -> None:
+@part
+def misspelt_part(outer: Outer, by: float) -> bool:
+    return outer.inner.flags > by  # type: ignore[attr-defined, no-any-return]
+
+
+@part
+def caller_of_it(outer: Outer, by: float) -> bool:
+    return misspelt_part(outer, by)
+
+
+@njit
+def change_and_fail(outer: Outer, by: float) -> bool:
+    lent = lend(outer)
+    change(lent, by)
+    return caller_of_it(lent, by)
+
+
+def test_a_part_that_does_not_compile_when_it_is_needed_is_an_error_in_python(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    before = OUTER.inner.numbers[0]
+    with pytest.raises(PartError, match="compiled"):
+        change_and_fail(OUTER, 1.0)
+    assert OUTER.inner.numbers[0] == before + 1.0, "what came first has happened"
+    assert "flags" in capfd.readouterr().err
+    assert change_it(OUTER, -1.0) == (3, True), "others still work"
+
+
+def test_a_named_tuple_is_read_and_its_arrays_are_changed_through_a_pointer() -> None:
     numbers, table = OUTER.inner.numbers, OUTER.table
     before = numbers[0]
     assert change_it(OUTER, 2.0) == (3, True)
     assert numbers[0] == table[1, 0] == before + 2.0
-    assert reference(OUTER) is OUTER
+    assert lend(OUTER) is OUTER
 
 
 ALONE = """

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.modes import begin_afresh, request, reset_fault, set_clock
 from pidtsm_core.control.parameters import CONTACT, FREEDRIVE, FRICTION, REJECTION
 from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
-from pidtsm_core.control.state import Clock, floats_size, integers_size, part, unpack
+from pidtsm_core.control.state import LAYOUT, Clock, ControllerConfig, ControllerMemory, new_state, part
 from pidtsm_core.control.step import leave_now, respond, stop_after, stop_now, tick_now
 from pidtsm_core.control.turns import distance
 from pidtsm_core.estimators import ESTIMATORS, estimator_index
@@ -37,7 +38,14 @@ _OF_JOINTS = {
     "resistance": FREEDRIVE[1].name,
 }
 """Parameters with a value for each joint, by their field of `ControllerConfig`; 0 where a law does not have them."""
-_REHEARSED = ("reset_fault", "restart", "freedrive", "hold", "follow")
+_REHEARSED = {
+    "reset_at": "reset_fault",
+    "restart_at": "restart",
+    "free_at": "freedrive",
+    "hold_at": "hold",
+    "follow_at": "follow",
+}
+"""Times at which something is rehearsed, likewise."""
 _SHARE_OF_VELOCITY = 0.8
 """Share of a velocity limit that freedrive may use."""
 _NEAR = 0.05
@@ -59,8 +67,8 @@ class Controller:
         given: `reference`, and the effort (N m) that is fed forward, shape (4, joints).
         effort: the result of the last step, shape (joints,), N m.
         signals: likewise, shape (len(Signal), joints), order of `Signal`.
-        floats, integers: arguments of `respond`.
-        config, state: the same, as arguments of `step`.
+        config, state: what a step reads, and what it changes.
+        address: of both, for compiled code that calls `respond`.
     """
 
     def __init__(self, values: Mapping[str, Value], effort: Array | None = None, signals: Array | None = None) -> None:
@@ -76,10 +84,10 @@ class Controller:
         self.joints = len(self._names)
         self.effort = np.zeros(self.joints) if effort is None else effort
         self.signals = np.zeros((len(Signal), self.joints)) if signals is None else signals
-        model, gains = _packed(values, self.joints)
-        self.floats = np.zeros(floats_size(self.joints, model.size, gains.shape[1]))
-        self.integers = np.zeros(integers_size(), dtype=np.int64)
-        self._fill(values, model, gains)
+        self.state = new_state(self.joints, feeds_back=values["feedback.effort"] == "measured")
+        self._configure(values)
+        self._memory = LAYOUT.store(ControllerMemory(self.config, self.state))
+        self.address = self._memory.address
         self.position, self.measured = self.state.measured, self.state.received
         self.reference, self.given = self.state.reference, self.state.given
 
@@ -90,70 +98,55 @@ class Controller:
             values: as for the constructor, with the same law, estimator and robot.
         """
         before = self._demanding
-        self._fill(values, *_packed(values, self.joints))
+        self._configure(values)
+        self._memory.write(ControllerMemory(self.config, self.state))
         if any(not np.array_equal(a, b) for a, b in zip(before, self._demanding, strict=True)):
             expect_handover(self.state)
 
-    def _fill(self, values: Mapping[str, Value], model: Array, gains: Array) -> None:
-        """Write the configuration, with packed parameters of model and law, to the arrays."""
+    def _configure(self, values: Mapping[str, Value]) -> None:
         found = find_robot(values)
-        robot = make_model(found, model)
         law, estimator = LAWS[str(values["law.name"])], ESTIMATORS[str(values["estimator.name"])]
-        of_joints = {field: joint_array(values.get(name, 0.0), self.joints) for field, name in _OF_JOINTS.items()}
-        limits = [of_joints[name] for name in ("velocity_limit", "tracking_limit", "external_limit")]
-        limits_of_free = np.where(of_joints["velocity_limit"] > 0.0, of_joints["velocity_limit"], math.inf)
-        of_joints["free_velocity"] = np.minimum(of_joints["free_velocity"], _SHARE_OF_VELOCITY * limits_of_free)
-        of_joints["resistance"] = of_joints["resistance"] * of_joints["effort_limit"]
-        stop, rehearsed = values["stop.effort"], [_nanoseconds(values[f"rehearsal.{name}"]) for name in _REHEARSED]
-        integers = [
-            self.joints,
-            model.size,
-            gains.shape[1],
-            robot.kind,
-            estimator_index(estimator.name),
-            law.uses_model,
-            values["law.anti_windup"] == "conditional",
-            sum(v for v, name in LIMITS.items() if values.get(f"limits.{name}_action") == "stop"),
-            *(_nanoseconds(values[f"watchdog.{name}"]) for name in ("state_hold", "state_stop", "reference")),
-            *rehearsed[:2],
-            of_joints["effort_rate"].any(),
-            values["feedback.effort"] == "measured",
-            bool(np.any(of_joints["min_position"] != of_joints["max_position"]) or np.any(limits)),
-            any(rehearsed),
-            stop == "hold",
-            bool(values["stop.brakes"]),
-            of_joints["plausible_velocity"].any(),
-            robot.inverse,
-            robot.forward,
-            bool(values.get(REJECTION.name, False)),
-            bool(law.uses_model and (of_joints["coulomb"].any() or of_joints["viscous"].any())),
-            any(found.continuous),
-            values[GRAVITY.name] == "added_by_robot",
-            of_joints["external_limit"].any(),
-            *rehearsed[2:],
-            *law_integers(law, values),
-        ]
-        self.integers[: len(integers)] = integers
-        self.floats[:3] = (
-            as_float(values["activation.blend"]),
-            as_float(values["activation.distance"]),
-            stop in ("gravity", "gravity_damping"),
+        bare = found.pack_model(values)
+        gains, own = law.pack(values, self.joints), estimator.pack(values, "estimator", self.joints)
+        of_joints, rehearsed = _of_joints(values, self.joints), _rehearsed(values)
+        watched = [of_joints[name] for name in ("velocity_limit", "tracking_limit", "external_limit")]
+        self.config = ControllerConfig(
+            estimator=estimator_index(estimator.name),
+            uses_model=law.uses_model,
+            freezes=values["law.anti_windup"] == "conditional",
+            stops=sum(v for v, name in LIMITS.items() if values.get(f"limits.{name}_action") == "stop"),
+            state_hold=_nanoseconds(values["watchdog.state_hold"]),
+            state_stop=_nanoseconds(values["watchdog.state_stop"]),
+            reference_timeout=_nanoseconds(values["watchdog.reference"]),
+            rate_limited=_any(of_joints["effort_rate"]),
+            feeds_back=values["feedback.effort"] == "measured",
+            watches=_any(of_joints["min_position"] != of_joints["max_position"], *watched),
+            rehearses=any(rehearsed.values()),
+            holds=values["stop.effort"] == "hold",
+            brakes=bool(values["stop.brakes"]),
+            compensates=law.uses_model and _any(of_joints["coulomb"], of_joints["viscous"]),
+            rejects=bool(values.get(REJECTION.name, False)),
+            doubts=_any(of_joints["plausible_velocity"]),
+            turns=any(found.continuous),
+            feels=_any(of_joints["external_limit"]),
+            robot_adds_gravity=values[GRAVITY.name] == "added_by_robot",
+            law_integers=law_integers(law, values),
+            blend=as_float(values["activation.blend"]),
+            distance=as_float(values["activation.distance"]),
+            gravity=float(values["stop.effort"] in ("gravity", "gravity_damping")),
+            stop_bandwidth=as_float(values["stop.bandwidth"]),
+            fade=as_float(values["stop.fade"]),
+            model=make_model(found, found.with_payload(bare.copy(), payload_of(values))),
+            firmware=make_model(found, bare.copy()),
+            law=gains,
+            estimator_parameters=own,
+            turn=np.where(found.continuous, 2.0 * math.pi, 0.0) if found.continuous else np.zeros(self.joints),
+            **rehearsed,
+            **of_joints,
         )
-        self.floats[4:6] = as_float(values["stop.bandwidth"]), as_float(values["stop.fade"])
-        self.config, self.state = unpack(self.floats, self.integers)
-        config = self.config
-        config.model.parameters[:] = model
-        config.firmware.parameters[:] = found.pack_model(values)
-        config.law[:] = gains
-        config.estimator_parameters[:] = estimator.pack(values, "estimator", self.joints)
-        config.turn[:] = np.where(found.continuous, 2.0 * math.pi, 0.0) if found.continuous else 0.0
-        for field, array in of_joints.items():
-            getattr(config, field)[:] = array
-        if stop not in ("damping", "gravity_damping"):
-            config.damping[:] = 0.0
-        # The model has scratch space in the configuration; and a payload that changes needs another effort.
-        arrays = (config.estimator_parameters, config.law_integers, config.coulomb, config.viscous)
-        self._demanding = (found.pack_model(values), gains, *(array.copy() for array in arrays))
+        # Not the configuration's: its model has scratch space. A payload that changes needs another effort.
+        integers, coulomb, viscous = self.config.law_integers, of_joints["coulomb"], of_joints["viscous"]
+        self._demanding = (bare, gains, own, integers, coulomb, viscous)
 
     def reset(self) -> None:
         """Return to the initial state; measurements and reference are kept."""
@@ -166,9 +159,9 @@ class Controller:
     def compile(self) -> None:
         """Compile everything that a step may call, before the loop; afterwards the state is the initial one."""
         with first_compilation():
-            respond(self.floats, self.integers, 0, -1, self.effort, self.signals)
-            stop_now(self.floats, self.integers, int(Fault.STATE_STALE), 0, self.effort, self.signals)
-            leave_now(self.floats, self.integers, self.effort, self.signals)
+            respond(self.address, 0, -1, self.effort, self.signals)
+            stop_now(self.address, int(Fault.STATE_STALE), 0, self.effort, self.signals)
+            leave_now(self.address, self.effort, self.signals)
             part.prepare()
         set_clock(self.state, 0)
         reset_fault(self.config, self.state)
@@ -184,15 +177,15 @@ class Controller:
         Returns:
             The status, in the order of `Status`.
         """
-        return respond(self.floats, self.integers, stamp, reference_stamp, self.effort, self.signals)
+        return respond(self.address, stamp, reference_stamp, self.effort, self.signals)
 
     def stop(self, fault: int, elapsed: int) -> None:
         """Write the safe effort, `elapsed` (ns) after the last joint state; see `stop_now`."""
-        stop_now(self.floats, self.integers, int(fault), elapsed, self.effort, self.signals)
+        stop_now(self.address, int(fault), elapsed, self.effort, self.signals)
 
     def leave(self) -> None:
         """Write the last effort, which remains applied after the controller ends; see `leave_now`."""
-        leave_now(self.floats, self.integers, self.effort, self.signals)
+        leave_now(self.address, self.effort, self.signals)
 
     @property
     def state_stop(self) -> int:
@@ -293,15 +286,29 @@ class Controller:
         """
         self.state.measured[:] = q
         self.state.desired[:] = desired
-        tick_now(self.floats, self.integers, dt)
+        tick_now(self.address, dt)
         return self.state.signals
 
 
-def _packed(values: Mapping[str, Value], joints: int) -> tuple[Array, Array]:
-    """Parameters of the model, with the known payload, and of the law, as compiled code reads them."""
-    robot = find_robot(values)
-    model = robot.with_payload(robot.pack_model(values), payload_of(values))
-    return model, LAWS[str(values["law.name"])].pack(values, joints)
+def _of_joints(values: Mapping[str, Value], joints: int) -> dict[str, Any]:
+    """Fields of `ControllerConfig` with a number for each joint."""
+    found = {field: joint_array(values.get(name, 0.0), joints) for field, name in _OF_JOINTS.items()}
+    fastest = np.where(found["velocity_limit"] > 0.0, found["velocity_limit"], math.inf)
+    found["free_velocity"] = np.minimum(found["free_velocity"], _SHARE_OF_VELOCITY * fastest)
+    found["resistance"] = found["resistance"] * found["effort_limit"]
+    if values["stop.effort"] not in ("damping", "gravity_damping"):
+        found["damping"] = np.zeros(joints)
+    return found
+
+
+def _rehearsed(values: Mapping[str, Value]) -> dict[str, Any]:
+    """Fields of `ControllerConfig` with the times of what is rehearsed, ns."""
+    return {field: _nanoseconds(values[f"rehearsal.{name}"]) for field, name in _REHEARSED.items()}
+
+
+def _any(*arrays: Array) -> bool:
+    """Whether a number is not zero."""
+    return any(bool(array.any()) for array in arrays)
 
 
 def _nanoseconds(value: Value) -> int:

@@ -29,8 +29,8 @@ class PayloadBlend:
         """
         robot = find_robot(values)
         self.payload = payload
-        self._model = controller.config.model.parameters
-        self._before = self._model.copy()
+        self._controller = controller
+        self._before = controller.config.model.parameters.copy()
         self._after = robot.with_payload(robot.pack_model(values), payload)
         self._passed = 0.0
 
@@ -44,4 +44,4 @@ class PayloadBlend:
         self._passed = min(self._passed + dt, DURATION)
         s = self._passed / DURATION
         share = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-        np.copyto(self._model, self._before + share * (self._after - self._before))
+        np.copyto(self._controller.config.model.parameters, self._before + share * (self._after - self._before))

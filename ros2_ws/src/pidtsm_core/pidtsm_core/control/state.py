@@ -1,14 +1,14 @@
-"""Configuration and state of the controller, and the two arrays that contain them."""
+"""Configuration and state of the controller, in memory that compiled code finds by address."""
 
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.compiled import inlined
 from pidtsm_core.family import SLOTS
-from pidtsm_core.laws import LAW_INTEGERS, STATE_SLOTS, Integers
+from pidtsm_core.laws import STATE_SLOTS, Integers
+from pidtsm_core.memory import Layout
 from pidtsm_core.parameters import Array
 from pidtsm_core.parts import PartOf
 from pidtsm_core.robots import Model
@@ -216,174 +216,86 @@ class ControllerState(NamedTuple):
 
 HISTORY = 16
 """Rows of the history of measured positions."""
-_CONFIG_INTEGERS = 30  # lengths, and the integers of `ControllerConfig` except the law's
-_FEEDS_BACK = 14
-_CLOCK, _STATUS = len(Clock), len(Status)
-_SCALARS = 10
-# Rows of the table at the end of the floats, one number per joint: configuration, state, signals, scratch.
-_EXTERNAL = 37
-_HOLD = _EXTERNAL + len(External) + 1
-_STILL = _HOLD + len(Hold)
-_HISTORY = _STILL + len(Still)
-_HISTORY_EFFORTS = _HISTORY + HISTORY
-_HANDOVER = _HISTORY_EFFORTS + HISTORY
-_CONFIG, _MOTION, _SCRATCH = 14, _HANDOVER + 1, 13
-_ROWS = _CONFIG + _MOTION + len(Signal) + _SCRATCH
 
 
-def floats_size(joints: int, model: int, law: int) -> int:
-    """Length of the floats of `unpack`, for the numbers of parameters of the model and of the law (per joint)."""
-    return _SCALARS + 2 * model + joints * (law + SLOTS + SLOTS + STATE_SLOTS + joints + _ROWS)
+class ControllerMemory(NamedTuple):
+    """All that the controller's compiled code reads and changes."""
+
+    config: ControllerConfig
+    state: ControllerState
 
 
-def integers_size() -> int:
-    """Length of the integers of `unpack`."""
-    return _CONFIG_INTEGERS + LAW_INTEGERS + _CLOCK + _STATUS + HISTORY
-
-
-@inlined
-def _config(floats: Array, rows: Array, integers: Integers) -> ControllerConfig:
-    """The configuration in the arrays of `unpack`; `rows` is the table at their end, shape (_ROWS, joints)."""
-    joints, model, law = integers[0], integers[1], integers[2]
-    a = _SCALARS + 2 * model
-    b = a + joints * law
-    return ControllerConfig(
-        estimator=integers[4],
-        uses_model=integers[5] != 0,
-        freezes=integers[6] != 0,
-        stops=integers[7],
-        state_hold=integers[8],
-        state_stop=integers[9],
-        reference_timeout=integers[10],
-        reset_at=integers[11],
-        restart_at=integers[12],
-        rate_limited=integers[13] != 0,
-        feeds_back=integers[_FEEDS_BACK] != 0,
-        watches=integers[15] != 0,
-        rehearses=integers[16] != 0,
-        holds=integers[17] != 0,
-        brakes=integers[18] != 0,
-        compensates=integers[23] != 0,
-        rejects=integers[22] != 0,
-        doubts=integers[19] != 0,
-        turns=integers[24] != 0,
-        robot_adds_gravity=integers[25] != 0,
-        feels=integers[26] != 0,
-        free_at=integers[27],
-        hold_at=integers[28],
-        follow_at=integers[29],
-        law_integers=integers[_CONFIG_INTEGERS : _CONFIG_INTEGERS + LAW_INTEGERS],
-        blend=floats[0],
-        distance=floats[1],
-        gravity=floats[2],
-        stop_bandwidth=floats[4],
-        fade=floats[5],
-        model=Model(integers[3], integers[20], integers[21], floats[_SCALARS : _SCALARS + model]),
-        firmware=Model(integers[3], integers[20], integers[21], floats[_SCALARS + model : a]),
-        law=floats[a:b].reshape((joints, law)),
-        estimator_parameters=floats[b : b + joints * SLOTS].reshape((joints, SLOTS)),
-        effort_limit=rows[0],
-        effort_rate=rows[1],
-        min_position=rows[2],
-        max_position=rows[3],
-        velocity_limit=rows[4],
-        tracking_limit=rows[5],
-        damping=rows[6],
-        plausible_velocity=rows[7],
-        coulomb=rows[8],
-        viscous=rows[9],
-        turn=rows[10],
-        external_limit=rows[11],
-        free_velocity=rows[12],
-        resistance=rows[13],
-    )
-
-
-@inlined
-def _state(floats: Array, rows: Array, integers: Integers) -> ControllerState:
-    """The state in the arrays of `unpack`; `rows` as for `_config`."""
-    joints = integers[0]
-    c = _SCALARS + 2 * integers[1] + joints * (integers[2] + SLOTS)
-    d = c + joints * SLOTS
-    e = d + joints * STATE_SLOTS
-    clock = _CONFIG_INTEGERS + LAW_INTEGERS
-    status = clock + _CLOCK
-    motion = rows[_CONFIG : _CONFIG + _MOTION]
-    scratch = rows[_ROWS - _SCRATCH :]
+def new_state(joints: int, feeds_back: bool) -> ControllerState:
+    """The state of a controller that has not begun; `feeds_back` as in its configuration."""
+    measured, given, motion = np.zeros((2, joints)), np.zeros((4, joints)), np.zeros((3, joints))
     return ControllerState(
-        clock=integers[clock:status],
-        status=integers[status : status + _STATUS],
-        history_stamps=integers[status + _STATUS :],
-        measured=motion[0],
-        applied=motion[1],
-        reference=motion[2:5],
-        feedforward=motion[5],
-        given=motion[2:6],
-        held=motion[6:9],
-        base=motion[9:12],
-        desired=motion[12:15],
-        way=motion[15:21],
-        way_duration=floats[3:4],
-        braking=motion[31:37],
-        braking_duration=floats[6:7],
-        hold_pace=floats[7:8],
-        hold_bandwidth=floats[8:9],
-        hold_energy=floats[9:10],
-        estimator=floats[c:d].reshape((joints, SLOTS)),
-        law=floats[d:e].reshape((joints, STATE_SLOTS)),
-        inertia=floats[e : e + joints * joints].reshape((joints, joints)),
-        signals=rows[_CONFIG + _MOTION : _ROWS - _SCRATCH],
-        sent=motion[21],
-        added=motion[22],
-        turned=motion[23],
-        referred=motion[24],
-        output=motion[25],
-        doubted=motion[26],
-        fed=motion[27],
-        fed_before=motion[28],
-        handed=motion[29],
-        handed_before=motion[30],
-        external=motion[_EXTERNAL : _HOLD - 1],
-        rejected=motion[_HOLD - 1],
-        hold=motion[_HOLD:_STILL],
-        still=motion[_STILL:_HISTORY],
-        history=motion[_HISTORY:_HISTORY_EFFORTS],
-        history_efforts=motion[_HISTORY_EFFORTS:_HANDOVER],
-        handover=motion[_HANDOVER],
-        truth=scratch[:2],
-        torque=scratch[2],
-        received=motion[: 1 + integers[_FEEDS_BACK]],
-        accelerations=scratch[3:5],
-        motion=scratch[3:6],
-        scratch=scratch[6:12],
-        net=scratch[12],
+        clock=np.zeros(len(Clock), np.int64),
+        status=np.zeros(len(Status), np.int64),
+        history_stamps=np.zeros(HISTORY, np.int64),
+        measured=measured[0],
+        applied=measured[1],
+        reference=given[:3],
+        feedforward=given[3],
+        given=given,
+        held=np.zeros((3, joints)),
+        base=np.zeros((3, joints)),
+        desired=np.zeros((3, joints)),
+        way=np.zeros((6, joints)),
+        way_duration=np.zeros(1),
+        braking=np.zeros((6, joints)),
+        braking_duration=np.zeros(1),
+        hold_pace=np.zeros(1),
+        hold_energy=np.zeros(1),
+        hold_bandwidth=np.zeros(1),
+        estimator=np.zeros((joints, SLOTS)),
+        law=np.zeros((joints, STATE_SLOTS)),
+        inertia=np.zeros((joints, joints)),
+        signals=np.zeros((len(Signal), joints)),
+        sent=np.zeros(joints),
+        added=np.zeros(joints),
+        turned=np.zeros(joints),
+        referred=np.zeros(joints),
+        output=np.zeros(joints),
+        doubted=np.zeros(joints),
+        fed=np.zeros(joints),
+        fed_before=np.zeros(joints),
+        handed=np.zeros(joints),
+        handed_before=np.zeros(joints),
+        hold=np.zeros((len(Hold), joints)),
+        still=np.zeros((len(Still), joints)),
+        history=np.zeros((HISTORY, joints)),
+        history_efforts=np.zeros((HISTORY, joints)),
+        handover=np.zeros(joints),
+        external=np.zeros((len(External), joints)),
+        rejected=np.zeros(joints),
+        truth=np.zeros((2, joints)),
+        torque=np.zeros(joints),
+        received=measured[: 1 + feeds_back],
+        accelerations=motion[:2],
+        motion=motion,
+        scratch=np.zeros((6, joints)),
+        net=np.zeros(joints),
     )
 
 
-@inlined
-def unpack(floats: Array, integers: Integers) -> tuple[ControllerConfig, ControllerState]:
-    """A controller's configuration and state as views of its two arrays.
-
-    A node calls compiled code a thousand times per second with cold processor caches, and each array argument then
-    costs about a microsecond. Therefore two arrays contain the whole controller.
-
-    Args:
-        floats: shape (floats_size,): scalars, model, law, the estimator's parameters, the states of estimator and law,
-            and a table of the values with one number per joint.
-        integers: shape (integers_size,): joints, lengths of model and law, the integers of `ControllerConfig` in their
-            order, clock, status.
-    """
-    joints = integers[0]
-    rows = floats[floats.size - joints * _ROWS :].reshape((_ROWS, joints))
-    return _config(floats, rows, integers), _state(floats, rows, integers)
+def _example() -> ControllerMemory:
+    """The memory of a controller with one joint."""
+    model = Model(0, 0, 0, np.zeros(1))
+    by_kind: dict[Any, Any] = {
+        bool: False,
+        int: 0,
+        float: 0.0,
+        Array: np.zeros(1),
+        Integers: np.zeros(1, np.int64),
+        Model: model,
+    }
+    values = {name: by_kind[kind] for name, kind in get_type_hints(ControllerConfig).items()}
+    tables = {name: np.zeros((1, 1)) for name in ("law", "estimator_parameters")}
+    return ControllerMemory(ControllerConfig(**{**values, **tables}), new_state(1, feeds_back=False))
 
 
-def _example() -> tuple[ControllerConfig, ControllerState]:
-    """Configuration and state of a controller with one joint."""
-    integers = np.zeros(integers_size(), dtype=np.int64)
-    integers[:3] = 1
-    return unpack(np.zeros(floats_size(1, 1, 1)), integers)
-
-
-part = PartOf(lambda: _example()[0], lambda: _example()[1])
+LAYOUT = Layout(_example)
+memory_at = LAYOUT.at
+"""In compiled code, the `ControllerMemory` at an address."""
+part = PartOf(lambda: _example().config, lambda: _example().state)
 """Decorates a function of the controller that is compiled on its own, see `parts`: what few steps need."""

@@ -1,6 +1,5 @@
 """The step of the controller: everything between a measured position and the commanded effort."""
 
-from pidtsm_core.by_reference import reference
 from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_base
 from pidtsm_core.control.effect import distrust_idle, watch_effect
@@ -17,12 +16,11 @@ from pidtsm_core.control.state import (
     ControllerState,
     External,
     Handover,
+    memory_at,
     part,
-    unpack,
 )
 from pidtsm_core.control.tick import tick
 from pidtsm_core.control.turns import distance, unwind_measurement
-from pidtsm_core.laws import Integers
 from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Fault, Limited, Mode, Request, Signal, Status, Violation
 from pidtsm_core.timing import NANOSECONDS, seconds, track_period
@@ -289,13 +287,12 @@ def _keep_up(config: ControllerConfig, state: ControllerState, stamp: int, behin
 
 @njit
 def respond(
-    floats: Array, integers: Integers, stamp: int, reference_stamp: int, effort: Array, signals: Array
+    address: int, stamp: int, reference_stamp: int, effort: Array, signals: Array
 ) -> tuple[int, int, int, int, int]:
-    """`step` for Python, with few arguments: see `unpack`.
+    """`step` for Python.
 
     Args:
-        floats: floats of the controller, see `unpack`.
-        integers: likewise.
+        address: of the `ControllerMemory`.
         stamp: see `step`.
         reference_stamp: likewise.
         effort: result, shape (joints,), N m.
@@ -304,26 +301,24 @@ def respond(
     Returns:
         The status, in the order of `Status`.
     """
-    config_values, state_values = unpack(floats, integers)
-    config, state = reference(config_values), reference(state_values)
-    step(config, state, stamp, reference_stamp)
-    return _copy_result(state, effort, signals)
+    memory = memory_at(address)
+    step(memory.config, memory.state, stamp, reference_stamp)
+    return _copy_result(memory.state, effort, signals)
 
 
 @njit
-def stop_now(floats: Array, integers: Integers, fault: int, elapsed: int, effort: Array, signals: Array) -> None:
+def stop_now(address: int, fault: int, elapsed: int, effort: Array, signals: Array) -> None:
     """Replace the effort of the last step with the safe one while no joint state arrives; may be called repeatedly.
 
     Args:
-        floats: floats of the controller, see `unpack`.
-        integers: likewise.
+        address: of the `ControllerMemory`.
         fault: fault that is latched, unless there is one already.
         elapsed: time since the last step, ns.
         effort: result, shape (joints,), N m.
         signals: result, shape (len(Signal), joints).
     """
-    config_values, state_values = unpack(floats, integers)
-    config, state = reference(config_values), reference(state_values)
+    memory = memory_at(address)
+    config, state = memory.config, memory.state
     clock = state.clock
     stop(state, fault, 0)
     if clock[Clock.SILENT_SINCE] == 0:
@@ -338,20 +333,19 @@ def stop_now(floats: Array, integers: Integers, fault: int, elapsed: int, effort
 
 
 @njit
-def leave_now(floats: Array, integers: Integers, effort: Array, signals: Array) -> None:
+def leave_now(address: int, effort: Array, signals: Array) -> None:
     """Replace the effort of the last step with the one that remains after the controller ends; see `stop_now`."""
-    config_values, state_values = unpack(floats, integers)
-    config, state = reference(config_values), reference(state_values)
-    leave(config, state)
-    write_command(config, state)
-    _copy_result(state, effort, signals)
+    memory = memory_at(address)
+    leave(memory.config, memory.state)
+    write_command(memory.config, memory.state)
+    _copy_result(memory.state, effort, signals)
 
 
 @njit
-def tick_now(floats: Array, integers: Integers, dt: float) -> None:
+def tick_now(address: int, dt: float) -> None:
     """`tick` for Python; see `respond`."""
-    config, state = unpack(floats, integers)
-    tick(reference(config), reference(state), dt)
+    memory = memory_at(address)
+    tick(memory.config, memory.state, dt)
 
 
 @inlined

@@ -3,7 +3,6 @@
 import numpy as np
 from numba import typeof, types
 
-from pidtsm_core.by_reference import Reference, reference
 from pidtsm_core.compiled import njit
 from pidtsm_core.estimators.base import DISTURBANCE, Estimator, Sample
 from pidtsm_core.estimators.exact import EXACT
@@ -13,17 +12,18 @@ from pidtsm_core.estimators.robust_differentiator import ROBUST_DIFFERENTIATOR
 from pidtsm_core.family import Family
 from pidtsm_core.parameters import Array
 from pidtsm_core.parts import FLOAT, ROW, ROWS, by_index
+from pidtsm_core.pointers import Pointer, lend
 from pidtsm_core.robots import Model
 
 __all__ = ["DISTURBANCE", "ESTIMATORS", "Estimator", "Sample", "estimate", "estimator_index"]
 
 ESTIMATORS: Family[Estimator] = Family.of(Estimator, globals())
 
-_MODEL = Reference(typeof(Model(0, 0, 0, np.zeros(1))))
+_MODEL = Pointer(typeof(Model(0, 0, 0, np.zeros(1))))
 _SAMPLE = types.NamedTuple((ROW, ROWS, FLOAT, ROW, _MODEL), Sample)
 _estimate = by_index(
     [estimator.estimate for estimator in ESTIMATORS.members],
-    types.none(Reference(_SAMPLE), ROWS, ROWS, ROWS),
+    types.none(Pointer(_SAMPLE), ROWS, ROWS, ROWS),
 )
 
 
@@ -37,5 +37,5 @@ def estimator_index(name: str) -> int:
 @njit
 def estimate(index: int, sample: Sample, p: Array, x: Array, estimates: Array) -> None:
     """Write q, q', q'': see `Estimator.estimate`; `index` is the estimator's place in `ESTIMATORS`."""
-    own = Sample(sample.q, sample.truth, sample.dt, sample.effort, reference(sample.model))
-    _estimate(index, reference(own), p, x, estimates)
+    own = Sample(sample.q, sample.truth, sample.dt, sample.effort, lend(sample.model))
+    _estimate(index, lend(own), p, x, estimates)

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.by_reference import reference
 from pidtsm_core.compiled import inlined, njit
 from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
+from pidtsm_core.memory import Layout
 from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float, joint_array, resolve
 from pidtsm_core.parts import PartOf
 from pidtsm_core.robots import (
@@ -154,10 +154,20 @@ def _acceleration(
     forward_dynamics(model, q, dq, net, ddq)
 
 
-def _example() -> Any:
-    return Plant(resolve(plant_schema, {}, 2))
+class PlantMemory(NamedTuple):
+    """All that the compiled code of a plant reads and changes."""
+
+    config: PlantConfig
+    state: PlantState
 
 
+def _example() -> PlantMemory:
+    return Plant(resolve(plant_schema, {}, 2)).memory
+
+
+_LAYOUT = Layout(_example)
+plant_at = _LAYOUT.at
+"""In compiled code, the `PlantMemory` at an address."""
 part = PartOf(lambda: _example().config, lambda: _example().state)
 
 
@@ -271,9 +281,10 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
 
 
 @njit
-def _step_now(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: float) -> None:
-    """`step` for Python."""
-    step(reference(config), reference(state), effort, t, dt)
+def _step_now(address: int, effort: Array, t: float, dt: float) -> None:
+    """`step` for Python; `address`: of `PlantMemory`."""
+    memory = plant_at(address)
+    step(memory.config, memory.state, effort, t, dt)
 
 
 _NO_TOOL = Tool(np.zeros(0), -1, np.zeros(3))
@@ -319,7 +330,7 @@ class Plant:
             )
         self._accelerations = accelerations
         self.mujoco: MujocoArm | None = None
-        self.set_parameters(values)
+        self._configure(values)
         check_friction(values, self._inertia(values), 1.0 / as_float(values["rate"]))
         self.state = PlantState(
             position=joint_array(values["initial_position"], self.joints),
@@ -330,9 +341,24 @@ class Plant:
             placements=np.zeros((self.joints, 3, 4)),
             mujoco=self.mujoco.state if self.mujoco else no_state(),
         )
+        self._memory = _LAYOUT.store(self.memory)
+
+    @property
+    def memory(self) -> PlantMemory:
+        """What compiled code reads and changes."""
+        return PlantMemory(self.config, self.state)
+
+    @property
+    def address(self) -> int:
+        """Where compiled code finds `memory`."""
+        return self._memory.address
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
         """Use other parameters from the next step on; the state is kept."""
+        self._configure(values)
+        self._memory.write(self.memory)
+
+    def _configure(self, values: Mapping[str, Value]) -> None:
         robot = find_robot(values)
         factors = {quantity: 1.0 + as_float(values[f"model_error.{quantity}"]) for quantity in _QUANTITIES}
         model = robot.pack_model(values, factors=factors)
@@ -374,4 +400,4 @@ class Plant:
 
     def step(self, effort: Array, t: float, dt: float) -> None:
         """Hold `effort` (shape (joints,), N m, finite) from t to t + dt (s)."""
-        _step_now(self.config, self.state, effort, t, dt)
+        _step_now(self.address, effort, t, dt)

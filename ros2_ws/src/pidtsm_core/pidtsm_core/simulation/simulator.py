@@ -5,12 +5,12 @@ One sample is `sense`, then the controller's step, then `act`.
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.by_reference import reference
 from pidtsm_core.compiled import inlined, njit
+from pidtsm_core.memory import Layout
 from pidtsm_core.parameters import Array, Parameter, Value, as_float, joint_array, resolve
 from pidtsm_core.parts import PartOf
 from pidtsm_core.robots import GRAVITY, Model, find_robot, inverse_dynamics, make_model
@@ -73,10 +73,21 @@ class SimulatorState(NamedTuple):
     arm: PlantState
 
 
-def _example() -> Any:
-    return SimulatedRobot(resolve(simulator_schema, {}, 2))
+class SimulatorMemory(NamedTuple):
+    """All that the simulated robot's compiled code reads and changes."""
+
+    config: SimulatorConfig
+    state: SimulatorState
+    measured: Array  # result of `_sense_now`, shape (joints,), rad
+    applied: Array  # likewise: the effort that the drives report, shape (joints,), N m
 
 
+def _example() -> SimulatorMemory:
+    return SimulatedRobot(resolve(simulator_schema, {}, 2)).memory
+
+
+_LAYOUT = Layout(_example)
+_memory_at = _LAYOUT.at
 part = PartOf(lambda: _example().config, lambda: _example().state)
 """Decorates a function of the simulated robot that is compiled on its own, see `parts`."""
 
@@ -122,14 +133,13 @@ def sense(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: 
 
 
 @njit
-def _sense_into(
-    config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int, measured: Array, applied: Array
-) -> int:
-    """`sense` for Python, which must not receive views created by compiled code."""
-    acquired, q, _, effort = sense(reference(config), reference(state), draws, sample)
+def _sense_now(address: int, draws: Array, sample: int) -> int:
+    """`sense` for Python, which must not receive views created by compiled code; `address`: of `SimulatorMemory`."""
+    memory = _memory_at(address)
+    acquired, q, _, effort = sense(memory.config, memory.state, draws, sample)
     for j in range(q.size):
-        measured[j] = q[j]
-        applied[j] = effort[j]
+        memory.measured[j] = q[j]
+        memory.applied[j] = effort[j]
     return acquired
 
 
@@ -223,24 +233,10 @@ def act(
 
 
 @njit
-def _act_now(
-    config: SimulatorConfig,
-    state: SimulatorState,
-    draws: Array,
-    sample: int,
-    commanded: bool,
-    effort: Array,
-    t: float,
-    dt: float,
-) -> None:
-    """`act` for Python."""
-    act(reference(config), reference(state), draws, sample, commanded, effort, t, dt)
-
-
-@njit
-def _brake_now(config: SimulatorConfig, state: SimulatorState, t: float, dt: float) -> None:
-    """`_brake` for Python."""
-    _brake(reference(config), reference(state), t, dt)
+def _act_now(address: int, draws: Array, sample: int, commanded: bool, effort: Array, t: float, dt: float) -> None:
+    """`act` for Python; `address`: of `SimulatorMemory`."""
+    memory = _memory_at(address)
+    act(memory.config, memory.state, draws, sample, commanded, effort, t, dt)
 
 
 class SimulatedRobot:
@@ -280,12 +276,18 @@ class SimulatedRobot:
             arm=self._plant.state,
         )
         self.randomness = Randomness(values, joints)
-        self._draws = np.empty(0)
+        self._draws = np.zeros(columns(joints))
         self._measured, self.applied = np.zeros(joints), np.zeros(joints)
+        self._memory = _LAYOUT.store(self.memory)
+
+    @property
+    def memory(self) -> SimulatorMemory:
+        """What compiled code reads and changes."""
+        return SimulatorMemory(self.config, self.state, self._measured, self.applied)
 
     def _configure(self, values: Mapping[str, Value]) -> None:
         robot = find_robot(values)
-        self.config = config = SimulatorConfig(
+        self.config = SimulatorConfig(
             sensor=sensor_config(values, self.joints),
             measurements=channel_config(values, ""),
             commands=channel_config(values, "command_"),
@@ -295,15 +297,12 @@ class SimulatedRobot:
             firmware=make_model(robot, robot.pack_model(values)),
             plant=self._plant.config,
         )
-        # Ideal hardware skips the compiled functions: passing their many arguments takes longer than the work itself.
-        self._ideal = (
-            config.sensor.ideal and config.measurements.direct and config.commands.direct and config.actuator.ideal
-        ) and not config.adds_gravity
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
         """Use other parameters from the next sample on; the state is kept."""
         self._plant.set_parameters(values)
         self._configure(values)
+        self._memory.write(self.memory)
         self.randomness.set_parameters(values)
 
     def compile(self) -> None:
@@ -311,11 +310,8 @@ class SimulatedRobot:
 
         This moves the arm.
         """
-        draws, effort = np.zeros(columns(self.joints)), self.state.effort
-        _sense_into(self.config, self.state, draws, 0, self._measured, self.applied)
-        _act_now(self.config, self.state, draws, 0, True, effort, 0.0, self._dt)
-        self._plant.step(effort, 0.0, self._dt)
-        _brake_now(self.config, self.state, 0.0, self._dt)
+        _sense_now(self._memory.address, self._draws, 0)
+        _act_now(self._memory.address, self._draws, 0, True, self.state.effort, 0.0, self._dt)
         for each in (part, actuator.part, friction.part, plant.part):
             each.prepare()
 
@@ -378,23 +374,10 @@ class SimulatedRobot:
             The sample at which the measurement that reaches the controller was acquired, -1 if none arrives; measured
             q, shape (joints,), rad, valid until the next call.
         """
-        if self._ideal:
-            self.applied[:] = self.state.arm.effort
-            return sample, self.state.arm.position
         self._draws = self.randomness.next()
-        acquired = _sense_into(self.config, self.state, self._draws, sample, self._measured, self.applied)
-        return acquired, self._measured
+        return _sense_now(self._memory.address, self._draws, sample), self._measured
 
     def act(self, sample: int, commanded: bool, effort: Array) -> None:
         """Move the arm to the next sample, see `act`."""
-        t, dt = seconds(sample * self._period), self._dt
-        if self._ideal:
-            watch(self.config.patience, self.state.brakes, commanded)
-            if commanded:
-                _take(self.state, effort)
-            if self.state.brakes.released[0]:
-                self._plant.step(effort, t, dt)
-            else:
-                _brake_now(self.config, self.state, t, dt)
-            return
-        _act_now(self.config, self.state, self._draws, sample, commanded, effort, t, dt)
+        t = seconds(sample * self._period)
+        _act_now(self._memory.address, self._draws, sample, commanded, effort, t, self._dt)

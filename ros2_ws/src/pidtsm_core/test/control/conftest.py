@@ -115,8 +115,8 @@ class Loop:
 
 def _arrays(loop: Loop) -> Iterator[NDArray[Any]]:
     """Everything that a loop changes, except the time."""
-    yield from (loop.controller.floats, loop.controller.integers, loop.controller.effort, loop.controller.signals)
-    yield from _members(loop.robot.state)
+    controller = loop.controller
+    yield from _members((controller.config, controller.state, controller.effort, controller.signals, loop.robot.state))
 
 
 def _members(state: Any) -> Iterator[NDArray[Any]]:
