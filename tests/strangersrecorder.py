@@ -2,7 +2,8 @@
 
     python strangersrecorder.py FOLDER TOPIC=TYPE ...
 
-They record to FOLDER/mcap.mcap and to the rosbag2 folder FOLDER/sqlite until SIGINT; nothing of ours is imported.
+They record to FOLDER/mcap.mcap and to the rosbag2 folder FOLDER/sqlite until SIGINT, and then what has arrived; nothing
+of ours is imported.
 """
 
 import importlib
@@ -23,6 +24,8 @@ from mcap.writer import Writer
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
+SILENCE = 0.5
+"""s without a message after which everything has arrived."""
 RELIABLE = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABLE)
 SCHEMA = """
 CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
@@ -61,6 +64,7 @@ class McapRecorder(Node):
 
     def __init__(self, file: Path, topics: Mapping[str, str]) -> None:
         super().__init__("mcap_recorder")
+        self.messages = 0
         self.stream = file.open("wb")
         self.writer = Writer(self.stream)
         self.writer.start("ros2")
@@ -70,6 +74,7 @@ class McapRecorder(Node):
             self.create_subscription(message(kind), topic, partial(self.write, channel), RELIABLE, raw=True)
 
     def write(self, channel: int, data: bytes) -> None:
+        self.messages += 1
         now = time.time_ns()
         self.writer.add_message(channel, now, bytes(data), now)
 
@@ -83,6 +88,7 @@ class SqliteRecorder(Node):
 
     def __init__(self, folder: Path, topics: Mapping[str, str]) -> None:
         super().__init__("sqlite_recorder")
+        self.messages = 0
         folder.mkdir()
         self.folder, self.topics = folder, topics
         self.database = sqlite3.connect(folder / "sqlite_0.db3")
@@ -95,6 +101,7 @@ class SqliteRecorder(Node):
             self.database.execute("INSERT INTO message_definitions VALUES (NULL, ?, 'ros2msg', ?, '')", row)
 
     def write(self, topic: int, data: bytes) -> None:
+        self.messages += 1
         row = (topic, time.time_ns(), bytes(data))
         self.database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)", row)
 
@@ -152,8 +159,12 @@ def main(folder: Path, topics: Mapping[str, str]) -> None:
     ended: list[int] = []
     signal.signal(signal.SIGINT, lambda number, _frame: ended.append(number))
     parent = os.getppid()
-    while not ended and os.getppid() == parent:
+    heard = time.monotonic()
+    while os.getppid() == parent and not (ended and time.monotonic() - heard > SILENCE):
+        before = [recorder.messages for recorder in recorders]
         executor.spin_once(timeout_sec=0.1)
+        if before != [recorder.messages for recorder in recorders]:
+            heard = time.monotonic()
     for recorder in recorders:
         recorder.close()
 

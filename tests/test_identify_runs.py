@@ -29,7 +29,8 @@ ROBOT, SEED = "panda", 0
 RATE, DURATION = 500.0, 12.0
 """Hz and s: half the rate and a fifth of the time of the page's figures."""
 CARRYING = 6.0  # s
-CARRIED = {"payload.mass": 1.2, "payload.center_of_mass": [0.02, -0.03, 0.04]}
+MASS, CENTRE = 1.2, [0.02, -0.03, 0.04]
+"""Of the payload, kg and m."""
 
 
 def told(row: str) -> list[float]:
@@ -92,10 +93,11 @@ def test_the_commands_find_arm_and_payload_in_such_bags(
     errors = json.loads(told_us.out)["torque_error"]
     assert (np.array(errors["after"]) < 0.1 * np.array(errors["before"])).all()
     identified = found / "identified.urdf"
-    carrying = record(tmp_path / "carrying", read_description(identified.read_text("utf-8")), CARRYING, CARRIED)
+    carried = {"payload.mass": MASS, "payload.center_of_mass": CENTRE}
+    carrying = record(tmp_path / "carrying", read_description(identified.read_text("utf-8")), CARRYING, carried)
     assert main(["identify-payload", str(carrying), "--robot", str(identified), "--json"]) == 0
     payload = json.loads(capsys.readouterr().out)
     mass, centre = told("payload of an identified arm, largest error of mass and centre")[:2]
-    assert payload["mass"] == pytest.approx(CARRIED["payload.mass"], rel=1.2e-2 * mass)
-    distance = np.linalg.norm(np.subtract(payload["center_of_mass"], CARRIED["payload.center_of_mass"]))
+    assert payload["mass"] == pytest.approx(MASS, rel=1.2e-2 * mass)
+    distance = np.linalg.norm(np.subtract(payload["center_of_mass"], CENTRE))
     assert 1e3 * distance <= 1.2 * centre
