@@ -36,28 +36,39 @@ def content(message: Any, fields: Any) -> Any:
     return [content(each, like) for each, like in zip(message, fields, strict=True)]
 
 
-def messages(bag: Path) -> Iterator[tuple[str, str, bytes, Any, Any]]:
+Period = tuple[int | None, int | None]
+"""Of the reception of messages: from, and until before, ns; None: all."""
+ALWAYS: Period = (None, None)
+
+
+def messages(bag: Path, period: Period = ALWAYS) -> Iterator[tuple[str, str, bytes, Any, Any]]:
     """Topic, type, bytes, and what rosbags alone and mcap-ros2-support alone make of each message."""
     (file,) = bag.glob("*.mcap")
     with (
         AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
         file.open("rb") as stream,
     ):
-        ours = sorted(reader.messages(), key=lambda each: (each[1], each[0].topic))
-        theirs = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+        ours = sorted(reader.messages((), *period), key=lambda each: (each[1], each[0].topic))
+        theirs = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(None, *period)
         decoded = sorted(theirs, key=lambda each: (each[2].log_time, each[1].topic))
         for (connection, time, data), (_, channel, message, value) in zip(ours, decoded, strict=True):
             assert (time, connection.topic, data) == (message.log_time, channel.topic, message.data)
             yield connection.topic, connection.msgtype, data, reader.deserialize(data, connection.msgtype), value
 
 
-def judged(bag: Path) -> Counter[str]:
+def received(bag: Path, topic: str) -> list[int]:
+    """When the messages of a topic were received, ns."""
+    with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        return [time for _, time, _ in reader.messages([each for each in reader.connections if each.topic == topic])]
+
+
+def judged(bag: Path, period: Period = ALWAYS) -> Counter[str]:
     """The number of messages of each topic, by its name without the first slash.
 
     All three libraries read the same numbers from every message, whose bytes are all part of it.
     """
     counts: Counter[str] = Counter()
-    for topic, kind, data, of_rosbags, of_mcap in messages(bag):
+    for topic, kind, data, of_rosbags, of_mcap in messages(bag, period):
         message = deserialize_message(data, get_message(kind))
         expected = content(message, message)
         assert content(of_rosbags, message) == expected == content(of_mcap, message), topic
