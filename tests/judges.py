@@ -3,8 +3,9 @@
 import importlib
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from mcap.reader import make_reader
@@ -13,6 +14,7 @@ from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from pidtsm_experiments.bags.recovery import readable
 from pidtsm_ros.serialization import serialize
 
 
@@ -41,13 +43,20 @@ Period = tuple[int | None, int | None]
 ALWAYS: Period = (None, None)
 
 
+@contextmanager
+def opened(bag: Path) -> Iterator[tuple[AnyReader, IO[bytes]]]:
+    """A bag of one file in rosbags' reader, and the file; also one whose recorder was killed on a busy machine."""
+    with readable(bag) as rest:
+        (path,) = rest.files
+        (file,) = path.glob("*.mcap") if path.is_dir() else [path]
+        store = get_typestore(Stores.ROS2_JAZZY)
+        with AnyReader([path], default_typestore=store) as reader, file.open("rb") as stream:
+            yield reader, stream
+
+
 def messages(bag: Path, period: Period = ALWAYS) -> Iterator[tuple[str, str, bytes, Any, Any]]:
     """Topic, type, bytes, and what rosbags alone and mcap-ros2-support alone make of each message."""
-    (file,) = bag.glob("*.mcap")
-    with (
-        AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader,
-        file.open("rb") as stream,
-    ):
+    with opened(bag) as (reader, stream):
         ours = sorted(reader.messages((), *period), key=lambda each: (each[1], each[0].topic))
         theirs = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(None, *period)
         decoded = sorted(theirs, key=lambda each: (each[2].log_time, each[1].topic))
@@ -58,7 +67,7 @@ def messages(bag: Path, period: Period = ALWAYS) -> Iterator[tuple[str, str, byt
 
 def received(bag: Path, topic: str) -> list[int]:
     """When the messages of a topic were received, ns."""
-    with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+    with opened(bag) as (reader, _):
         return [time for _, time, _ in reader.messages([each for each in reader.connections if each.topic == topic])]
 
 
