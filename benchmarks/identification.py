@@ -1,17 +1,20 @@
 """Identification of arms whose truth is known: intervals, errors on unseen motion, consistency, payload, time.
 
     ./pidtsm shell -c "python benchmarks/identification.py --seeds 200 --out identification.json"
+    ./pidtsm shell -c "python benchmarks/identification.py --robot panda --seeds 2 --nodes"
 
 Each seed is another arm: its description is up to 30 % wrong, its friction and rotors are unknown. It moves on the
 exciting motion with the practical set of the controller, which knows the wrong description only, with encoders of 14
-bits, 1 ms of delay and noise of the torque. Even seeds are simulated by our engine, odd ones by MuJoCo.
+bits, 1 ms of delay and noise of the torque. Even seeds are simulated by our engine, odd ones by MuJoCo. With --nodes,
+the motion is not a rollout, but runs over real nodes in lockstep, and what is identified is the bag of the recorder.
 """
 
 import argparse
 import json
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from pidtsm_core.closed_loop import rollout
-from pidtsm_core.experiment import Experiment
+from pidtsm_core.experiment import Experiment, make_experiment
 from pidtsm_core.identification.corrected_urdf import carriers, corrected_urdf
 from pidtsm_core.identification.excitation import excitation
 from pidtsm_core.identification.identification import Identification, IdentificationError, identify
@@ -30,11 +33,12 @@ from pidtsm_core.identification.pseudo_inertia import is_consistent
 from pidtsm_core.identification.regressor import LINK, described_parameters
 from pidtsm_core.parameters import Array
 from pidtsm_core.polynomials import add_quintic, quintic
-from pidtsm_core.recording import Recording
 from pidtsm_core.robots import Description, find_description
 from pidtsm_core.robots.description import read_description
 from pidtsm_core.robots.tree.layout import steiner
 from pidtsm_core.trajectories.limits import motion_limits
+from pidtsm_experiments.bags.measurements import read_measurement
+from pidtsm_experiments.runs.runner import run
 from pidtsm_studies.score.tasks import find_task
 
 ROBOTS = ("two_link", "ur5", "panda")
@@ -48,6 +52,8 @@ NOISE = 0.005
 """Standard deviation of the torque's noise, as a share of the effort limit."""
 WRONG = 0.3
 BITS = 14
+Measure = Callable[[Experiment, Array, int], Measurement]
+"""What is measured of an experiment, of the efforts' limits (N m, shape (joints,)) and of a seed."""
 
 
 @cache
@@ -120,7 +126,7 @@ def closed_loop(
     motion: Array,
     seed: int,
     carried: Mapping[str, Any] | None = None,
-) -> Recording:
+) -> Experiment:
     """The closed loop: a true arm, which may carry something, and a controller that knows another description."""
     true, known = descriptions
     file, joints = folder / "motion.csv", list(true.joints)
@@ -138,16 +144,29 @@ def closed_loop(
     trajectory = {"joints": joints, "reference.name": "csv", "reference.file": str(file)}
     controller = {"robot.description": known.text, "limits.velocity_action": "warn"}
     settings = {"simulator": simulator, "controller": controller, "trajectory": trajectory}
-    return rollout(Experiment("excitation", "piddtsm", float(times[-1]), settings), params="practical")
+    return make_experiment(Experiment("excitation", "piddtsm", float(times[-1]), settings), params="practical")
 
 
-def measurement(recording: Recording, limit: Array, seed: int) -> Measurement:
+def measurement(experiment: Experiment, limit: Array, seed: int) -> Measurement:
     """What joint states contain: the torque of the last period with noise, and what the encoder reads."""
-    random, step = np.random.default_rng(seed), 2.0 * np.pi / 2**BITS
+    recording, step = rollout(experiment), 2.0 * np.pi / 2**BITS
     effort = np.vstack([recording.effort[:1], recording.effort[:-1]])
-    effort = effort + NOISE * limit * random.normal(size=effort.shape)
     position = step * np.round(recording.position / step)
-    return Measurement(recording.joints, recording.time, position, effort, np.full(limit.size, np.inf))
+    exact = Measurement(recording.joints, recording.time, position, effort, np.full(limit.size, np.inf))
+    return with_noise(exact, limit, seed)
+
+
+def recorded(experiment: Experiment, limit: Array, seed: int) -> Measurement:
+    """The joint states in the bag of a run over real nodes in lockstep, with the same noise of the torque."""
+    with tempfile.TemporaryDirectory() as folder:
+        bag = run(experiment, "lockstep", Path(folder), lambda _time: None)
+        return with_noise(read_measurement(bag)[0], limit, seed)
+
+
+def with_noise(measured: Measurement, limit: Array, seed: int) -> Measurement:
+    """The same with noise of the torque."""
+    noise = np.random.default_rng(seed).normal(size=measured.effort.shape)
+    return replace(measured, effort=measured.effort + NOISE * limit * noise)
 
 
 def judge(found: Identification, truth: Array, measured: Measurement) -> dict[str, Any]:
@@ -172,11 +191,13 @@ def tracking(folder: Path, true: Description, known: Description, robot: str, se
     """Root mean square error of the unseen motion, all joints."""
     times, motion = motions(robot)
     last = times >= EXCITED + CHANGE
-    recording = closed_loop(folder, (true, known), times[last] - times[last][0], motion[:, last], seed)
+    recording = rollout(closed_loop(folder, (true, known), times[last] - times[last][0], motion[:, last], seed))
     return float(np.sqrt(np.mean(recording.error[recording.time > 2.0] ** 2)))
 
 
-def payload(folder: Path, true: Description, known: Description, robot: str, seed: int) -> dict[str, float]:
+def payload(
+    folder: Path, true: Description, known: Description, robot: str, seed: int, measure: Measure = measurement
+) -> dict[str, float]:
     """Errors of mass (relative) and centre (m) of a payload, from ten seconds of motion.
 
     Coordinates of the centre that no motion of the arm shows have wide intervals, and do not count.
@@ -186,8 +207,8 @@ def payload(folder: Path, true: Description, known: Description, robot: str, see
     times, motion = motions(robot)
     first = times <= CARRYING
     carried = {"payload.mass": mass, "payload.center_of_mass": center.tolist()}
-    recording = closed_loop(folder, (true, known), times[first], motion[:, first], seed, carried)
-    found = identify_payload(known, measurement(recording, np.minimum(true.effort, 100.0), seed))
+    experiment = closed_loop(folder, (true, known), times[first], motion[:, first], seed, carried)
+    found = identify_payload(known, measure(experiment, np.minimum(true.effort, 100.0), seed))
     shown = found.center_interval < SHOWN
     return {
         "mass": abs(found.mass / mass - 1.0),
@@ -196,12 +217,11 @@ def payload(folder: Path, true: Description, known: Description, robot: str, see
     }
 
 
-def one(folder: Path, robot: str, seed: int, tracks: bool) -> dict[str, Any]:
+def one(folder: Path, robot: str, seed: int, tracks: bool, measure: Measure = measurement) -> dict[str, Any]:
     """One arm."""
     true, truth, known = arms(robot, seed)
     times, motion = motions(robot)
-    recording = closed_loop(folder, (true, known), times, motion, seed)
-    measured = measurement(recording, np.minimum(true.effort, 100.0), seed)
+    measured = measure(closed_loop(folder, (true, known), times, motion, seed), np.minimum(true.effort, 100.0), seed)
     start = time.perf_counter()
     try:
         found = identify(known, [measured])
@@ -212,7 +232,7 @@ def one(folder: Path, robot: str, seed: int, tracks: bool) -> dict[str, Any]:
         better = read_description(corrected_urdf(known, found.parameters))
         errors = [tracking(folder, true, each, robot, seed) for each in (known, better, true)]
         result["tracking"] = [each / errors[-1] for each in errors]
-        result["payload"] = payload(folder, true, better, robot, seed)
+        result["payload"] = payload(folder, true, better, robot, seed, measure)
     return result
 
 
@@ -223,12 +243,14 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--robot", action="append", choices=ROBOTS)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--nodes", action="store_true", help="measure in bags of runs over real nodes")
     options = parser.parse_args()
+    measure = recorded if options.nodes else measurement
     results = []
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(options.first, options.first + options.seeds):
             for robot in options.robot or ROBOTS:
-                results.append(one(Path(folder), robot, seed, seed % 20 < 2))
+                results.append(one(Path(folder), robot, seed, seed % 20 < 2, measure))
                 if options.out:
                     options.out.write_text(json.dumps(results) + "\n", encoding="utf-8")
     for robot in options.robot or ROBOTS:

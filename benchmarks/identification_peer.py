@@ -76,8 +76,8 @@ def by_figaroh(
 def compare(python: str, folder: Path, robot: str, seed: int) -> dict[str, object]:
     """One arm."""
     true, truth, known = arms(robot, seed)
-    recording = closed_loop(folder, (true, known), *motions(robot), seed)
-    measured = measurement(recording, np.minimum(true.effort, 100.0), seed)
+    experiment = closed_loop(folder, (true, known), *motions(robot), seed)
+    measured = measurement(experiment, np.minimum(true.effort, 100.0), seed)
     begin = time.perf_counter()
     found = identify(known, [measured])
     seconds = time.perf_counter() - begin

@@ -53,11 +53,14 @@ class StrangersPlant:
     """An arm by Lagrange's equations with friction; it moves when the command for its last state has come.
 
     Attributes:
+        KEPT: states that are sent again to those who lack them.
         now: simulated time, ns.
         last: stamp of the last state, ns.
         off: what the sensor adds, rad.
         times, positions, efforts: s, rad and N m, of every state that was answered.
     """
+
+    KEPT = 10
 
     def __init__(self, testbed: Testbed, rate: int = 1000, heavier: float = 0.0, jitter: float = 0.0) -> None:
         self.testbed = testbed
@@ -70,7 +73,7 @@ class StrangersPlant:
         self.positions: list[Vector] = []
         self.efforts: list[Vector] = []
         self.answers: list[JointState] = []
-        self.states = testbed.node.create_publisher(JointState, "joint_states", 10)
+        self.states = testbed.node.create_publisher(JointState, "joint_states", self.KEPT)
         self.references: list[JointReference] = []
         testbed.node.create_subscription(JointState, "joint_commands", self.answers.append, 10)
         testbed.node.create_subscription(JointReference, "reference", self.references.append, 10)
@@ -135,22 +138,37 @@ class StrangersPlant:
         return float(np.abs(np.diff(self.efforts[since:], axis=0)).max())
 
 
-def start(testbed: Testbed, plant: StrangersPlant, **parameters: object) -> dict[str, Process]:
-    """Our controller and trajectory in realtime, which the plant's time has nothing to do with."""
+def start(testbed: Testbed, plant: StrangersPlant, recorders: int = 0, **parameters: object) -> dict[str, Process]:
+    """Our controller and trajectory in realtime, which the plant's time has nothing to do with.
+
+    Args:
+        testbed: where they run.
+        plant: the arm.
+        recorders: number of recorders that have been started; they get every message.
+        parameters: of the controller, and of the trajectory node those of the reference; ``__`` for a dot.
+    """
     given = {"watchdog.state_stop": 5.0, **{name.replace("__", "."): value for name, value in parameters.items()}}
+    reference = {name: given.pop(name) for name in list(given) if name.startswith("reference.")}
     # The test needs every answer.
     reliable = "qos_overrides./{}.subscription.reliability:=reliable"
     nodes = {
         "controller": testbed.start(
             "controller",
+            f"start.subscribers:={1 + recorders}",
             *(f"{name}:={value}" for name, value in given.items()),
             *(reliable.format(topic) for topic in ("joint_states", "reference")),
         ),
         # It waits for the controller and the test, so that no reference is lost.
-        "trajectory": testbed.start("trajectory", reliable.format("joint_states"), "start.subscribers:=2"),
+        "trajectory": testbed.start(
+            "trajectory",
+            reliable.format("joint_states"),
+            f"start.subscribers:={2 + recorders}",
+            *(f"{name}:={value}" for name, value in reference.items()),
+        ),
     }
+    readers = 2 + recorders
     testbed.spin_until(
-        lambda: plant.states.get_subscription_count() == 2 and testbed.node.count_subscribers("reference") == 2,
-        "controller and trajectory",
+        lambda: plant.states.get_subscription_count() == testbed.node.count_subscribers("reference") == readers,
+        "controller, trajectory and recorders",
     )
     return nodes

@@ -65,6 +65,16 @@ def test_tracks_as_well_as_the_article(demo: Recording) -> None:
     assert max(metrics["adaptive_gain"]) <= 20.0
 
 
+def test_identify_names_what_the_demo_does_to_its_arm(
+    demo_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Case 1 has a disturbance, which no parameters explain."""
+    assert main(["identify", str(demo_bag), "--robot", "two_link", "--out", str(tmp_path / "identified")]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "truth: joint_states, positions and efforts" in told
+    assert "did something else act on the arm, such as a disturbance" in told
+
+
 def test_bag_holds_every_sample(demo_bag: Path, demo: Recording) -> None:
     stamps: dict[str, Counter[int]] = defaultdict(Counter)
     with AnyReader([demo_bag]) as reader:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import pytest
 from ament_index_python.packages import get_package_prefix
+from judges import judged, received
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from liveclient import LiveClient, live_client
@@ -23,6 +24,7 @@ from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.node_parameters import NODE_SCHEMAS
 from pidtsm_experiments.bags.reader import read_recording
+from pidtsm_experiments.bags.recorder_node import TOPICS
 
 EVENTS = int(os.environ.get("PIDTSM_LIVE_EVENTS", "300"))
 """Number of random events."""
@@ -130,13 +132,24 @@ def test_a_frozen_controller_goes_on(live: Live) -> None:
     live.follows()
 
 
-def test_a_recording_can_be_read(live: Live) -> None:
+def test_a_recording_can_be_read_by_everyone(live: Live) -> None:
+
+    def samples() -> int:
+        found = re.search(r"recording, (\d+) samples", live.text('id="bag"'))
+        return int(found[1]) if found else 0
+
     live.client.press("Record")
-    until(lambda: re.search(r"recording, [1-9]\d+ samples", live.text('id="bag"')), "samples")
+    before = until(samples, "samples")
+    live.client.press("Push")
+    # A push lasts for 0.3 s.
+    until(lambda: samples() > before + 500, "more of them")
     live.client.press("End the recording")
     text = until(lambda: "recorded: " in live.text('id="bag"') and live.text('id="bag"'), "its end")
-    recording = read_recording(Path(text.partition("recorded: ")[2].strip()))
-    assert recording.joints == ("joint1", "joint2")
+    bag = Path(text.partition("recorded: ")[2].strip())
+    first, *_ = received(bag, "/simulator/push")
+    counts = judged(bag, (first, first + 300_000_000))
+    assert min(counts[topic] for topic in TOPICS) >= 10
+    assert read_recording(bag).joints == ("joint1", "joint2")
 
 
 def test_a_new_start_keeps_the_gains_and_saved_gains_can_be_run(live: Live) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
+from threadpoolctl import threadpool_limits
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.base_parameters import BaseParameters, base_parameters
@@ -131,8 +132,10 @@ def excitation(arm: Description, limits: MotionLimits, duration: float = 60.0, p
 
     random = np.random.default_rng(0)
     guesses = random.normal(size=(_GUESSES, series.free * len(arm.joints)))
-    best = min(guesses, key=cost)
-    best = minimize(cost, best, method="L-BFGS-B", options={"maxiter": _STEPS, "maxfun": 10**6}).x
+    # The matrices are small: several threads of BLAS wait for each other, on a busy machine 20 times as long.
+    with threadpool_limits(limits=1, user_api="blas"):
+        best = min(guesses, key=cost)
+        best = minimize(cost, best, method="L-BFGS-B", options={"maxiter": _STEPS, "maxfun": 10**6}).x
     numbers = best.reshape(-1, len(arm.joints))
     count = max(1, int(duration / period + 1e-9))
     for slower in _SLOWER ** np.arange(_TRIES):

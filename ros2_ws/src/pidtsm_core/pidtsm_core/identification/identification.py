@@ -229,7 +229,8 @@ def _warnings(arm: Description, found: Fit, distance: float, check: Check, free:
     disagreement = f"data and description disagree {distance:.1f} times as much as they should"
     if distance > _ANOTHER:
         raise IdentificationError(
-            f"{disagreement}: is this the bag of another robot, or does the description have other lengths or axes?"
+            f"{disagreement}: is this the bag of another robot, does the description have other lengths or axes, or "
+            "did something else act on the arm, such as a disturbance or a contact?"
         )
     ratio = np.sqrt(np.mean((after / size) ** 2) / np.mean((any_numbers / size) ** 2))
     if ratio > _IMPOSSIBLE:

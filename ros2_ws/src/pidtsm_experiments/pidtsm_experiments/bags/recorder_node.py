@@ -230,7 +230,9 @@ class RecorderNode(Node):
     def counts(self) -> str:
         """How many messages each topic has, and which topics have none."""
         received = {name: self._topics[name].received if name in self._topics else 0 for name in TOPICS}
-        there = _counts({name: count for name, count in received.items() if count})
+        own = self.get_namespace().rstrip("/") + "/"
+        others = {topic.subscription.topic_name.removeprefix(own): topic.received for topic in self._others}
+        there = _counts({name: count for name, count in (received | others).items() if count})
         nothing = [name for name, count in received.items() if not count]
         return "; ".join([*([there] if there else []), *([f"nothing of {', '.join(nothing)}"] if nothing else [])])
 

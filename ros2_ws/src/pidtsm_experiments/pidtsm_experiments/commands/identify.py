@@ -2,11 +2,13 @@
 
 import argparse
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from pidtsm_core.errors import UsageError
@@ -25,7 +27,7 @@ fifth of each is not fitted, but judges the result. docs/identify.md walks from 
 
 examples:
   ./pidtsm excite --robot panda --out panda.yaml
-  ./pidtsm run --scenario panda.yaml --clock lockstep --out results/panda
+  ./pidtsm run --scenario panda.yaml --params practical --clock lockstep --out results/panda
   ./pidtsm identify results/panda/bag --robot panda --out results/identified
   ./pidtsm gains --robot results/identified/identified.urdf
 """
@@ -66,7 +68,8 @@ def execute(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(result, allow_nan=False))
     else:
-        Console().print(_table(result))
+        for table in _tables(result):
+            Console().print(table)
     for warning in found.warnings:
         CONSOLE.print(f"pidtsm: warning: {warning}", highlight=False)
     CONSOLE.print(f"{options.out}: {URDF} {PARAMETERS} identification.html identification.json", highlight=False)
@@ -102,13 +105,15 @@ def _parameter_file(found: Identification, urdf: Path) -> str:
     ) + ros_parameters("simulator", {**common, "friction.coulomb": coulomb, "friction.viscous": viscous})
 
 
-def _table(result: dict[str, Any]) -> Table:
-    """Errors of the torque, and friction."""
-    table = Table(title="torque on data kept apart, and friction", title_style="bold", box=box.SIMPLE_HEAD)
-    for column in ("joint", "error before", "error after", "Coulomb", "viscous", "armature", "offset"):
-        table.add_column(column, justify="left" if column == "joint" else "right")
-    errors = result["torque_error"]
-    columns = (errors["before"], errors["after"], *(result[n] for n in ("coulomb", "viscous", "armature", "offset")))
-    for joint, *values in zip(result["joints"], *columns, strict=True):
-        table.add_row(joint, *(f"{value:.3g}" for value in values))
-    return table
+def _tables(result: dict[str, Any]) -> Iterator[Table]:
+    """Errors of the torque, and friction; each as wide as names of joints of 20 letters need in 80 columns."""
+    errors = {"error before": result["torque_error"]["before"], "error after": result["torque_error"]["after"]}
+    friction = {name: result[name.lower()] for name in ("Coulomb", "viscous", "armature", "offset")}
+    for title, columns in (("torque on data kept apart", errors), ("friction and armature", friction)):
+        table = Table(title=title, title_style="bold", box=box.SIMPLE_HEAD)
+        table.add_column("joint", overflow="fold")
+        for column in columns:
+            table.add_column(column, justify="right")
+        for joint, *values in zip(result["joints"], *columns.values(), strict=True):
+            table.add_row(escape(joint), *(f"{value:.3g}" for value in values))
+        yield table
