@@ -276,7 +276,8 @@ def test_a_command_loses_nothing_that_is_not_ours(
 
 def test_two_at_once_lose_nothing(root: Path) -> None:
     foreign(root)
-    before, begin, errors = foreign_things(root), threading.Barrier(2), set()
+    before, begin = foreign_things(root), threading.Barrier(2)
+    errors: set[str] = set()
 
     def repeat(as_new: bool) -> None:
         begin.wait()
