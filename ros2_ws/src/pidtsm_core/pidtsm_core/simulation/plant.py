@@ -236,16 +236,9 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
     loaded = config.payload_begin <= t < config.payload_end
     model = config.loaded_model if loaded else config.model
     q, dq, held = state.position, state.derivatives[0], state.effort
-    net, stage_q, stage_dq, k1, k2, k3, k4, pushed = (
-        state.work[0],
-        state.work[1],
-        state.work[2],
-        state.work[3],
-        state.work[4],
-        state.work[5],
-        state.work[6],
-        state.work[7],
-    )
+    work = state.work
+    net, stage_q, stage_dq, pushed = work[0], work[1], work[2], work[7]
+    k1, k2, k3, k4 = work[3], work[4], work[5], work[6]
     for j in range(joints):
         limit = config.effort_limit[j]
         held[j] = min(max(effort[j], -limit), limit)
