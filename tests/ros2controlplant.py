@@ -27,7 +27,6 @@ EPOCH = 1_700_000_000 * SECOND
 """ns; time of its first joint state."""
 FRICTION, ROTOR = 0.2, 0.1
 """N m, and kg m^2: of every joint; the URDF of the Panda has them for our simulator only."""
-REPORT = 1.0  # s
 
 
 class EffortController:
@@ -63,10 +62,11 @@ class Ros2Control:
 
     Attributes:
         now: time since the first joint state, ns.
-        awaits: whether a cycle takes as long as our controller needs for its command.
+        awaits: whether a cycle takes as long as our controller needs for its command, while it is heard.
+        ended: our controller commands no more.
         dead: the arm answers no more, and the hardware repeats what it heard last, with new stamps.
         commands: every command of ours, N m.
-        positions, velocities, efforts: of the arm in every cycle; rad, rad/s, N m.
+        positions, efforts: of the arm in every cycle, rad and N m; nan: it holds itself.
     """
 
     def __init__(self, testbed: Testbed, urdf: Path, joints: list[str], start: list[float], zeroes: bool) -> None:
@@ -81,9 +81,9 @@ class Ros2Control:
         self.controller = EffortController(len(joints), zeroes)
         self.now, self.awaits, self.dead, self.noise = 0, False, False, 0.0
         self.random = np.random.default_rng(1)
+        self.ended: Callable[[], bool] = lambda: False
         self.commands: list[Vector] = []
         self.positions: list[Vector] = []
-        self.velocities: list[Vector] = []
         self.efforts: list[Vector] = []
         self.node = Node("controller_manager", context=testbed.context)
         testbed.executor.add_node(self.node)
@@ -98,10 +98,9 @@ class Ros2Control:
     def switch(self, on: bool) -> None:
         """Activate or deactivate the effort controller."""
         self.controller.switch(on)
-        self.report()
 
     def report(self) -> None:
-        """What the manager says of its controllers, every second and after a change."""
+        """What the manager says of its controllers, once a second."""
         state = "active" if self.controller.active else "inactive"
         values = [KeyValue(key="effort_controller.state", value=state)]
         status = DiagnosticStatus(name="controller_manager: Controllers Activity", values=values)
@@ -117,18 +116,18 @@ class Ros2Control:
         applied = self.controller.interface
         held = not self.controller.active or np.isnan(applied).any()
         self.positions.append(self.arm.qpos.copy())
-        self.velocities.append(self.arm.qvel.copy())
-        self.efforts.append(np.zeros_like(applied) if held else applied)
+        self.efforts.append(np.full_like(applied, np.nan) if held else applied)
         if held or self.dead:
             self.arm.qvel[:] = 0.0
         else:
             self.arm.qfrc_applied[:] = applied
             mujoco.mj_step(self.model, self.arm)
         self.now += round(PERIOD * SECOND)
-        if self.now % round(REPORT * SECOND) == 0:
+        if self.now % SECOND == 0:
             self.report()
-        if self.awaits and count:
-            self.testbed.spin_until(lambda: len(self.commands) > count, f"a command at {self.now / SECOND} s")
+        if self.awaits:
+            answered = lambda: len(self.commands) > count or self.ended()
+            self.testbed.spin_until(answered, f"a command at {self.now / SECOND} s")
         else:
             self.testbed.executor.spin_once(timeout_sec=PERIOD)
 
