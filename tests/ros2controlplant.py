@@ -17,7 +17,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from testbed import Testbed
 
-from pidtsm_ros.stamps import set_stamp
+from pidtsm_msgs.msg import JointReference
+from pidtsm_ros.stamps import nanoseconds, set_stamp
 
 Vector = NDArray[np.float64]
 
@@ -89,11 +90,16 @@ class Ros2Control:
         testbed.executor.add_node(self.node)
         self.diagnostics = self.node.create_publisher(DiagnosticArray, "/diagnostics", 1)
         self.states = self.node.create_publisher(JointState, "joint_states", 10)
+        self.referred = 0  # stamp of the last reference, ns
+        self.node.create_subscription(JointReference, "reference", self._refer, 10)
         self.node.create_subscription(Float64MultiArray, "effort_controller/commands", self._receive, 10)
 
     def _receive(self, message: Float64MultiArray) -> None:
         self.commands.append(np.array(message.data))
         self.controller.receive(message)
+
+    def _refer(self, message: JointReference) -> None:
+        self.referred = nanoseconds(message.header.stamp)
 
     def switch(self, on: bool) -> None:
         """Activate or deactivate the effort controller."""
@@ -109,8 +115,12 @@ class Ros2Control:
     def cycle(self) -> None:
         """Read, update, write; then the arm moves until the next cycle."""
         count = len(self.commands)
-        message = JointState(name=self.joints, position=(self.arm.qpos + self.noise * self.random.standard_normal(len(self.joints))).tolist())
-        set_stamp(message.header.stamp, EPOCH + self.now)
+        message = JointState(
+            name=self.joints,
+            position=(self.arm.qpos + self.noise * self.random.standard_normal(len(self.joints))).tolist(),
+        )
+        stamp = EPOCH + self.now
+        set_stamp(message.header.stamp, stamp)
         self.states.publish(message)
         self.controller.update()
         applied = self.controller.interface
@@ -126,8 +136,11 @@ class Ros2Control:
         if self.now % SECOND == 0:
             self.report()
         if self.awaits:
-            answered = lambda: len(self.commands) > count or self.ended()
-            self.testbed.spin_until(answered, f"a command at {self.now / SECOND} s")
+            # Faster than the trajectory node can answer nobody need be.
+            self.testbed.spin_until(
+                lambda: self.ended() or (len(self.commands) > count and self.referred >= stamp),
+                f"a command at {self.now / SECOND} s",
+            )
         else:
             self.testbed.executor.spin_once(timeout_sec=PERIOD)
 
