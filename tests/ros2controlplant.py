@@ -65,6 +65,7 @@ class Ros2Control:
         now: time since the first joint state, ns.
         awaits: whether a cycle takes as long as our controller needs for its command, while it is heard.
         ended: our controller commands no more.
+        noise: standard deviation of the measured positions, rad.
         dead: the arm answers no more, and the hardware repeats what it heard last, with new stamps.
         commands: every command of ours, N m.
         positions, efforts: of the arm in every cycle, rad and N m; nan: it holds itself.

@@ -68,7 +68,7 @@ def test_it_deactivates_itself_when_they_are_applied_no_more(
 def test_it_believes_no_report_that_may_be_of_another_arms_manager(graph: Callable[..., Any]) -> None:
     made, node, manager = configured(graph)
     made.until(lambda: node.refusal() == SAYS, lambda: manager.report("inactive"))
-    namesakes = [Node("manager", namespace=arm) for arm in ("left", "right")]
+    namesakes = [Node("manager", namespace=arm, use_global_arguments=False) for arm in ("left", "right")]
     for namesake in namesakes:
         namesake.create_publisher(DiagnosticArray, "/diagnostics", 10)
     made.until(lambda: not node.refusal(), lambda: manager.report("inactive"))
