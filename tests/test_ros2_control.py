@@ -33,6 +33,7 @@ STARTS = dict(re.findall(r"^ *\$ ros2 run pidtsm_controller (\w+) --ros-args (.*
 GAINS = re.findall(r"`\./pidtsm (gains .*?)`", TEXT)[0]
 JOINTS = list(find_robot({"robot.description": "panda"}).joints)
 URDF = Path(pidtsm_core.__file__).parent / "robots" / "arms" / "panda.urdf"
+RELIABLE = "qos_overrides./{}.subscription.reliability:=reliable"
 STEP = 1.0
 """N m; the gravity that the arm carries is 19 N m."""
 STILL = 2e-3  # rad
@@ -97,12 +98,14 @@ class Rig:
         self.running: dict[str, Process] = {}
         self.goals = ActionClient(testbed.node, FollowJointTrajectory, "trajectory/follow_joint_trajectory")
 
-    def start(self, *more: str) -> None:
-        """The commands of the page; `more` are parameters of the controller."""
+    def start(self) -> None:
+        """The commands of the page."""
         for node, words in STARTS.items():
             arguments = [str(self._folder / word) if word in (*FILES, "gains.yaml") else word for word in words.split()]
-            # The plant waits for every command, however long the machine takes.
-            given = ("watchdog.state_stop:=5.0", *more) if node == "controller" else ()
+            # The plant needs every answer, however long the machine takes.
+            given = [RELIABLE.format("joint_states")]
+            if node == "controller":
+                given += [RELIABLE.format("reference"), "watchdog.state_stop:=5.0"]
             arguments += [word for parameter in given for word in ("-p", parameter)]
             log = self.testbed.folder / f"{node}.log"
             self.running[node] = self.testbed.processes.start(node, arguments, self.testbed.environment, log)

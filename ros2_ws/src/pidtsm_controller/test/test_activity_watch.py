@@ -54,11 +54,13 @@ def test_it_deactivates_itself_when_they_are_applied_no_more(
     graph: Callable[..., Any], capfd: pytest.CaptureFixture[str]
 ) -> None:
     made, node, manager = configured(graph)
+    watch = node._activity
+    assert watch is not None
     # It may be about to become active: one report is not enough.
     assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
-    made.until(lambda: node._activity._state == "inactive", lambda: manager.report("inactive"))
+    made.until(lambda: watch._state == "inactive", lambda: manager.report("inactive"))
     manager.report("active")
-    made.until(lambda: node._activity._state == "active")
+    made.until(lambda: watch._state == "active")
     assert node.active
     manager.report("inactive")
     made.until(lambda: not node.active)
