@@ -113,7 +113,7 @@ class Rig:
     def follow(self) -> None:
         """Until the arm follows its reference."""
         count = len(self.plant.commands)
-        self.plant.go_on(60.0, lambda: len(self.plant.commands) > count)
+        self.plant.go_on(60.0, lambda: len(self.plant.commands) > count and self.plant.referred)
         self.plant.awaits = True
         self.plant.go_on(1.0)
 
