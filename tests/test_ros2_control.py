@@ -109,11 +109,12 @@ class Rig:
             arguments += [word for parameter in given for word in ("-p", parameter)]
             log = self.testbed.folder / f"{node}.log"
             self.running[node] = self.testbed.processes.start(node, arguments, self.testbed.environment, log)
+            self.plant.go_on(60.0, lambda: self.plant.referred)  # So that no reference is lost.
 
     def follow(self) -> None:
         """Until the arm follows its reference."""
         count = len(self.plant.commands)
-        self.plant.go_on(60.0, lambda: len(self.plant.commands) > count and self.plant.referred)
+        self.plant.go_on(60.0, lambda: len(self.plant.commands) > count)
         self.plant.awaits = True
         self.plant.go_on(1.0)
 
