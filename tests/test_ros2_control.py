@@ -213,7 +213,8 @@ def test_goals_within_the_limits_of_the_arm_are_followed_and_others_refused(make
     rig.plant.switch(True)
     rig.start()
     rig.follow()
-    assert rig.outcome(0.05) == (True, Result.SUCCESSFUL, "")
+    accepted, code, text = rig.outcome(0.05)
+    assert (accepted, code) == (True, Result.SUCCESSFUL), text
     assert farthest(rig.plant.positions) > 0.04
     accepted, code, _ = rig.outcome(BEYOND)
     assert not accepted or code == Result.INVALID_GOAL
