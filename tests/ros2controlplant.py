@@ -66,6 +66,7 @@ class Ros2Control:
         awaits: whether a cycle takes as long as our controller needs for its command, while it is heard.
         ended: our controller commands no more.
         noise: standard deviation of the measured positions, rad.
+        silent: the manager reports nothing.
         dead: the arm answers no more, and the hardware repeats what it heard last, with new stamps.
         commands: every command of ours, N m.
         positions, efforts: of the arm in every cycle, rad and N m; nan: it holds itself.
@@ -83,6 +84,7 @@ class Ros2Control:
         self.controller = EffortController(len(joints), zeroes)
         self.now, self.awaits, self.dead, self.noise = 0, False, False, 0.0
         self.random = np.random.default_rng(1)
+        self.silent = False
         self.ended: Callable[[], bool] = lambda: False
         self.commands: list[Vector] = []
         self.positions: list[Vector] = []
@@ -134,7 +136,7 @@ class Ros2Control:
             self.arm.qfrc_applied[:] = applied
             mujoco.mj_step(self.model, self.arm)
         self.now += round(PERIOD * SECOND)
-        if self.now % SECOND == 0:
+        if self.now % SECOND == 0 and not self.silent:
             self.report()
         if self.awaits:
             # Faster than the trajectory node can answer nobody need be.
