@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, Float64MultiArray
 
+from pidtsm_controller.activity_watch import ActivityWatch
 from pidtsm_controller.payload_watch import PayloadWatch
 from pidtsm_controller.watchdog import CHECK, Watchdog
 from pidtsm_core.arrivals import Arrivals, Stamp
@@ -96,6 +97,7 @@ class ControllerNode(ManagedNode):
         self._states = self.advertise(ControllerState, "~/state")
         self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
         self._payload = PayloadWatch(self, self._controller) if self.values[PAYLOAD_OBSERVED.name] else None
+        self._activity = ActivityWatch(self, topic.name) if topic.message_type is Float64MultiArray else None
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset_fault", self._reset_fault)
         self.offer_switch("~/freedrive", lambda on: self._request(Request.FREE if on else Request.HOLD))
@@ -114,6 +116,8 @@ class ControllerNode(ManagedNode):
         age = self._watchdog.age
         if not self.lockstep and age > self._controller.state_stop:
             return f"the last joint state was received {age * 1e-9:.3g} s ago (watchdog.state_stop)"
+        if not self.active and self._activity and (trouble := self._activity.trouble):
+            return trouble
         follows = not self.active or self._controller.clock(Clock.REQUEST) == Request.FOLLOW
         return self._controller.refusal(follows and self._reference_arrivals.last >= 0)
 
@@ -125,6 +129,8 @@ class ControllerNode(ManagedNode):
         self._controller.reset()
         if self._payload is not None:
             self._payload.reset()
+        if self._activity is not None:
+            self._activity.begin()
         self._reported = _Reported()
         self._status = None
         self._waiting_stamp = self._state_arrivals.last
