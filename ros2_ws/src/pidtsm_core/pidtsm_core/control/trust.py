@@ -50,14 +50,17 @@ def used_position_of(state: ControllerState, joint: int) -> float:
 def _watch(config: ControllerConfig, state: ControllerState, joint: int, dt: float) -> None:
     """Use the measurements of a blind joint again if they have been steady for long enough.
 
-    Measurements that have stopped changing while the effort changed are steady, too, but never used again.
+    Measurements that have stopped changing while the effort changed are not used as long as they stay the same. If they
+    change, the encoder lives: the arm was locked, or not powered.
     """
     hold, q = state.hold, state.measured[joint]
     jumps = abs(q - hold[Hold.SEEN, joint]) > SLACK + config.plausible_velocity[joint] * dt
     hold[Hold.SEEN, joint] = q
     hold[Hold.STEADY, joint] = 0.0 if jumps else hold[Hold.STEADY, joint] + dt
+    if state.status[Status.FAULT] == Fault.NO_EFFECT and q == hold[Hold.STEADY_FROM, joint]:
+        hold[Hold.STEADY, joint] = 0.0
     time = hold[Hold.STEADY, joint]
-    if time == 0.0 or state.status[Status.FAULT] == Fault.NO_EFFECT:
+    if time == 0.0:
         hold[Hold.STEADY_FROM, joint] = q
     elif time >= _LONG:
         velocity = (q - hold[Hold.STEADY_FROM, joint]) / time
@@ -121,7 +124,7 @@ def distrust(state: ControllerState, joint: int) -> None:
     if state.hold[Hold.DISTRUSTED, joint] == 0.0:
         trust(state, joint)
         state.hold[Hold.DISTRUSTED, joint] = 1.0
-        state.hold[Hold.SEEN, joint] = state.measured[joint]
+        state.hold[Hold.SEEN, joint] = state.hold[Hold.STEADY_FROM, joint] = state.measured[joint]
 
 
 @inlined

@@ -52,9 +52,9 @@ class Loop:
         """Every parameter of the controller."""
         return self.arm.values(controller_schema, self._settings)
 
-    def freeze(self) -> None:
-        """Hold the arm where it is, whatever the torques are."""
-        self._frozen = True
+    def freeze(self, frozen: bool = True) -> None:
+        """Hold the arm where it is, whatever the torques are, or let it go."""
+        self._frozen = frozen
 
     def continue_from(self, other: "Loop") -> None:
         """Continue, with the same parameters, where another loop is."""

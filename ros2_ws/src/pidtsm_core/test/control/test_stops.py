@@ -65,6 +65,22 @@ def test_a_source_that_repeats_its_last_positions_is_noticed(loop_of: Any, law: 
     assert demanded[-1].max() < 0.35 * demanded[stopped].max() + 0.3
 
 
+@pytest.mark.parametrize("law", ["computed_torque", "piddtsm"])
+@pytest.mark.parametrize("locked", [2000, 3500])
+def test_an_arm_that_was_locked_is_held_when_it_can_move_again(loop_of: Any, law: str, locked: int) -> None:
+    """As one whose torques another controller had kept from it, or whose motors had no power."""
+    loop = loop_of(RUNNING, law=law)
+    loop.freeze()
+    loop.go_on(locked)
+    assert loop.controller.fault == Fault.NO_EFFECT
+    loop.freeze(False)
+    before = len(loop.positions)
+    loop.go_on(2000)
+    way = np.abs(np.array(loop.positions[before:]) - loop.positions[before - 1]).max()
+    assert way < NEAR, "rad or m"
+    assert loop.drift() < 0.01
+
+
 @pytest.mark.parametrize("bits", [10, 12, 14])
 def test_an_arm_at_rest_or_with_slow_joints_is_no_source_that_repeats_its_positions(loop_of: Any, bits: int) -> None:
     loop = loop_of(law="piddtsm")
