@@ -34,7 +34,8 @@ import pidtsm_core
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 
 from stopcases import Case, case_of, ordinary_case_of  # In the folder of the tests, as the next one.
-from stopjudge import CRITERIA, Allowed, Outcome, Run, energy, judge
+from stopjudge import CRITERIA, Allowed, Outcome, energy, judge
+from stoprun import Run
 
 ROOT = Path(__file__).resolve().parents[1]
 _CHUNK = 10

@@ -33,32 +33,16 @@ only after the delays of sensors and drives. Friction does not help it.
 A joint that slides has m instead of rad.
 """
 
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from stopcases import ARMS, Case, case_of
-from stoploop import (
-    Braking,
-    Kind,
-    LoopParts,
-    brake,
-    falsified,
-    first_samples,
-    kinetic,
-    simulate,
-    trace_of,
-)
+from stopcases import case_of
+from stoploop import STEP, Braking, brake, kinetic
+from stoprun import Run
 
-from pidtsm_core.control import Controller, controller_schema
-from pidtsm_core.estimators import ESTIMATORS
-from pidtsm_core.parameters import Array, as_float, joint_array, resolve
-from pidtsm_core.references import ReferenceMotion, reference_schema
+from pidtsm_core.parameters import Array
 from pidtsm_core.robots import Model, inverse_dynamics
-from pidtsm_core.signals import Fault
-from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
-from pidtsm_core.timing import period_nanoseconds
 
 CRITERIA = ("travel", "speed", "energy", "step", "torque", "finite")
 ALLOWED_WAY, TIMES_WAY = 0.05, 2.0
@@ -69,8 +53,6 @@ _RELEASED = (0.271, 0.231)
 """Distance and speed after a step of a torque, with poles at -1: maxima of t^2 exp(-t) / 2 and of its derivative."""
 _GROWS, _SHARE = 0.05, 0.05
 """s, and share of the energy."""
-STEP = 0.1
-"""Share of the limit of a torque."""
 _ROUNDING = 1e-9
 _RESTED = 0.3
 """s at the end over which the place of rest is averaged."""
@@ -113,82 +95,13 @@ class Outcome:
         return asdict(self)
 
 
-class Run:
-    """A case that has been simulated.
-
-    Attributes:
-        case: the case.
-        trace: what happened, as far as it is finite.
-        stopped: sample of the stop; -1: none.
-        finite: whether everything was.
-        dt: period, s.
-        limit: of the torques, shape (joints,), N m.
-        true: the true arm.
-    """
-
-    def __init__(self, case: Case) -> None:
-        arm, self.case = ARMS[case.arm], case
-        settings = {"robot.description": arm.description}
-        known = resolve(controller_schema, {**settings, **case.controller}, arm.joints)
-        values = resolve(simulator_schema, {**settings, **case.simulator}, arm.joints)
-        controller = Controller(known)
-        robot = SimulatedRobot(values, ESTIMATORS[str(known["estimator.name"])].needs_truth)
-        motion = ReferenceMotion(resolve(reference_schema, {"joints": arm.names, **case.trajectory}, arm.joints))
-        rate = int(as_float(values["rate"]))
-        self.dt, n = 1.0 / rate, arm.joints
-        parts = LoopParts(
-            floats=controller.floats,
-            integers=controller.integers,
-            position=controller.position,
-            measured_effort=controller.measured[1] if len(controller.measured) > 1 else np.zeros(n),
-            desired=controller.reference,
-            effort=controller.effort,
-            signals=controller.signals,
-            state_stop=controller.state_stop,
-            hardware=robot.config,
-            robot=robot.state,
-            motion=motion.config,
-            period=period_nanoseconds(rate),
-        )
-        until, after = round(case.until * rate), round(case.after * rate)
-        trace = trace_of(until + after, n)
-        draws = robot.randomness.draw(until + after)
-        count, self.stopped = simulate(parts, draws, falsified(_table(case, rate)), until, after, trace)
-        self.trace = first_samples(trace, count)
-        ended = self.stopped + after if self.stopped >= 0 else until
-        self.finite = count >= ended and bool(np.isfinite(trace.command[:count]).all())
-        self.limit = np.minimum(joint_array(values["limits.effort"], n), joint_array(known["limits.effort"], n))
-        plant, last = robot.config.plant, self.dt * max(self.stopped, 0)
-        self.true: Model = plant.loaded_model if plant.payload_begin <= last else plant.model
-        self.bandwidth = as_float(known["stop.bandwidth"])
-        lag = float(joint_array(values["actuator.lag"], n).max())
-        delays = as_float(values["delay.samples"]) + as_float(values["delay.command_samples"])
-        self.late = int(delays) + int(np.ceil(lag * rate))
-        self.fault = Fault(int(self.trace.fault[self.stopped])).name if self.stopped >= 0 else ""
-
-    def stretches(self) -> Iterator[slice]:
-        """Samples after the stop without a push, at least 10 ms each."""
-        free = np.flatnonzero(~self.trace.push[self.stopped :].any(axis=1)) + self.stopped
-        for part in np.split(free, np.flatnonzero(np.diff(free) > 1) + 1):
-            if part.size * self.dt > 0.01:
-                yield slice(int(part[0]), int(part[-1]) + 1)
-
-
-def _table(case: Case, rate: int) -> list[tuple[float, ...]]:
-    rows: list[tuple[float, ...]] = []
-    for kind, joint, begin, lasts, size in case.events:
-        first = round(begin * rate)
-        rows.append((float(Kind[kind]), float(joint), float(first), first + max(1.0, round(lasts * rate)), size))
-    return rows
-
-
 def best_braking(run: Run, first: int) -> tuple[Array, Array]:
     """Way and largest speed of each joint in the best braking from sample `first` on, rad and rad/s."""
     trace, n = run.trace, run.limit.size
     applied = trace.applied[max(first - 1, 0)]
     state = np.array([trace.position[first], trace.velocity[first], applied])
     way, fastest = np.zeros(n), np.zeros(n)
-    brake(run.true, Braking(run.limit, STEP, run.dt, run.late), state, way, fastest, np.zeros((6, n)))
+    brake(run.true, Braking(run.limit, STEP, run.dt, run.late), state, way, fastest, np.zeros((7, n)))
     return way, fastest
 
 

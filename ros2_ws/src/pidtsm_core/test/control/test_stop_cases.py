@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from stopcases import ARMS, Case, case_of, ordinary_case_of
-from stopjudge import CRITERIA, STEP, Run, judge
-from stoploop import Braking, brake
+from stopjudge import CRITERIA, judge
+from stoploop import STEP, Braking, brake
+from stoprun import Run
 from testarms import ROTOR
 
 GOOD = Case(
@@ -102,7 +103,7 @@ def test_the_best_braking_takes_the_known_way(rate: int) -> None:
     for torque, ramp in ((-arm.limits[0], 0.0), (0.0, 1.0 / STEP / rate)):
         way, fastest = np.zeros(1), np.zeros(1)
         state = np.array([[0.3], [speed], [torque]])
-        brake(arm.free, Braking(arm.limits, STEP, 1.0 / rate, 0), state, way, fastest, np.zeros((6, 1)))
+        brake(arm.free, Braking(arm.limits, STEP, 1.0 / rate, 0), state, way, fastest, np.zeros((7, 1)))
         # On a ramp from 0, the mean deceleration is half of the largest.
         after = speed - 0.5 * most * ramp
         expected = speed * ramp - most * ramp**2 / 6.0 + after**2 / (2.0 * most)
