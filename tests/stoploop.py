@@ -219,18 +219,27 @@ def _decelerate(model: Model, limit: Array, period: float, state: Array, work: A
         wanted[j] = min(max(torque, -limit[j]), limit[j])
 
 
-@njit
 def stop_ideally(
     parts: LoopParts, draws: Array, happening: Falsified, progress: NDArray[np.int64], end: int, results: Trace
 ) -> bool:
-    """As `simulate` after a stop, but the torque is that of the best braking, of which the step alone is limited.
+    """As `simulate` after a stop, but the torque is that of the best braking, which knows the true arm and its motion."""
+    return bool(_stop_ideally(parts, draws, happening, progress, end, results, np.zeros((7, parts.effort.size))))
 
-    It knows the true arm and its true motion, and its drives are ideal. `draws` is not used where they are.
-    """
+
+@njit
+def _stop_ideally(
+    parts: LoopParts,
+    draws: Array,
+    happening: Falsified,
+    progress: NDArray[np.int64],
+    end: int,
+    results: Trace,
+    scratch: Array,
+) -> bool:
     loop, events, trace = reference(parts), reference(happening), reference(results)
     period, arm, push, plant = loop.period, loop.robot.arm, loop.hardware.plant.push, loop.hardware.plant
     dt, k, n = seconds(period), progress[0], loop.effort.size
-    state, work, wanted, finite = np.zeros((2, n)), np.zeros((4, n)), np.zeros(n), True
+    state, work, wanted, finite = scratch[:2], scratch[2:6], scratch[6], True
     while k < end:
         for j in range(n):
             if not (math.isfinite(arm.position[j]) and abs(arm.derivatives[0, j]) < 1e4):

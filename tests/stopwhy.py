@@ -1,0 +1,187 @@
+"""Why a stop is bad: which condition must go, so that it is good?
+
+A bad stop is simulated again from the sample of the stop on, each time without one of the conditions in `CONDITIONS`,
+and judged as before. The first condition without which the stop is good explains it (a counterfactual, "but for"). If
+no single one does, the smallest set of them does. Before all that, the best braking takes the place of the
+controller: it knows the true arm and its true motion without delay, and only the limits of the torques and of their
+steps bind it. If it is bad, too, no controller could have done better: ``limits``.
+
+If the stop is bad even without any of the conditions, the controller is to blame: ``controller``.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from stopjudge import judge
+from stoploop import Kind, stop_ideally
+from stoprun import Run
+
+from pidtsm_core.control import Clock
+from pidtsm_core.control.state import HISTORY, Held, Hold, Still
+from pidtsm_core.robots import inverse_dynamics
+from pidtsm_core.signals import Signal, Status, Stop
+
+Change = Callable[[Run], None]
+_FAST = 1000
+"""Hz."""
+_SAME = 0.1
+"""s; a stop of the same fault that is nearer in time is the same stop."""
+
+
+def _end(run: Run, *kinds: Kind) -> None:
+    table = run.events.table
+    for kind in kinds:
+        rows = table[:, 0] == kind
+        table[rows, 3] = np.minimum(table[rows, 3], run.stopped + 1)
+
+
+def _outage(run: Run) -> None:
+    _end(run, Kind.LOSS)
+
+
+def _lie(run: Run) -> None:
+    _end(run, Kind.OFF, Kind.MIRRORED, Kind.NEGATED, Kind.FROZEN)
+    _believe(run)
+
+
+def _believe(run: Run) -> None:
+    state = run.controller.state
+    state.hold[Hold.DISTRUSTED : Hold.REVERSED + 1] = 0.0
+    state.still[Still.SAMPLES] = 0.0
+
+
+def _push(run: Run) -> None:
+    _end(run, Kind.PUSH)
+
+
+def _begin(run: Run) -> None:
+    """The stop begins with the true motion, at the next sample."""
+    state, k, trace = run.controller.state, run.stopped, run.trace
+    state.signals[Signal.POSITION], state.signals[Signal.VELOCITY] = trace.position[k], trace.velocity[k]
+    state.measured[:] = trace.position[k]
+    state.hold[Hold.BEFORE] = trace.velocity[k]
+    first = max(state.clock[Clock.NOTES] - HISTORY, 0)
+    for note in range(first, state.clock[Clock.NOTES]):
+        row = note % HISTORY
+        age = (state.clock[Clock.LAST] - state.history_stamps[row]) / 1e9
+        state.history[row] = trace.position[max(k - round(age / run.dt), 0)]
+    _believe(run)
+    _again(run)
+
+
+def _again(run: Run) -> None:
+    """The stop begins again at the next sample."""
+    state = run.controller.state
+    state.clock[Clock.HELD] = Held.ELSEWHERE
+    state.hold[Hold.INTEGRAL] = state.doubted[:] = 0.0
+    state.status[Status.STOP_STAGE] = Stop.HOLD
+
+
+def _sensors(run: Run) -> None:
+    hardware = run.parts.hardware
+    sensor, channel = hardware.sensor._replace(ideal=True), hardware.measurements._replace(direct=True)
+    run.parts = run.parts._replace(hardware=hardware._replace(sensor=sensor, measurements=channel))
+
+
+def _drives(run: Run) -> None:
+    hardware = run.parts.hardware
+    drives, channel = hardware.actuator._replace(ideal=True), hardware.commands._replace(direct=True)
+    run.parts = run.parts._replace(hardware=hardware._replace(actuator=drives, commands=channel))
+
+
+def _friction(run: Run) -> None:
+    hardware = run.parts.hardware
+    plant = hardware.plant._replace(friction=hardware.plant.friction._replace(none=True))
+    run.parts = run.parts._replace(hardware=hardware._replace(plant=plant))
+
+
+def _load(run: Run) -> None:
+    """The hold knows what carries the true arm."""
+    q = run.trace.position[run.stopped]
+    none, carries = np.zeros((1, q.size)), np.zeros((2, q.size))
+    inverse_dynamics(run.true, q, none[0], none, carries[:1])
+    inverse_dynamics(run.controller.config.model, q, none[0], none, carries[1:])
+    run.controller.state.hold[Hold.LEARNT] = carries[0] - carries[1]
+    run.controller.state.hold[Hold.INTEGRAL] = 0.0
+
+
+def _model(run: Run) -> None:
+    """The controller knows the true arm."""
+    model = run.controller.config.model.parameters
+    model[:] = run.true.parameters
+    run.controller.state.hold[Hold.LEARNT] = 0.0
+    _again(run)
+
+
+def _rate_limit(run: Run) -> None:
+    run.controller.config.effort_rate[:] = 0.0
+
+
+CONDITIONS: dict[str, tuple[Change, str]] = {
+    "outage": (_outage, "joint states are lost after the stop"),
+    "lie": (_lie, "an encoder lies after the stop"),
+    "push": (_push, "something still pushes after the stop"),
+    "begin": (_begin, "the motion at the stop is not known"),
+    "load": (_load, "the load is not known"),
+    "model": (_model, "the model is not exact"),
+    "sensors": (_sensors, "resolution, noise, delay and losses of the measurements"),
+    "drives": (_drives, "lag, delay and losses of the drives"),
+    "friction": (_friction, "friction"),
+    "rate limit": (_rate_limit, "the limit of the torque's rate"),
+}
+"""What a controller cannot change: how to take it away at the stop, and what it is."""
+PERIOD = "period"
+"""The explanation of a stop that is good, from the beginning of the case on, with joint states at 1 kHz."""
+LIMITS, CONTROLLER = "limits", "controller"
+
+
+def _good(run: Run, names: tuple[str, ...]) -> bool:
+    def change(other: Run) -> None:
+        for name in names:
+            CONDITIONS[name][0](other)
+
+    return not judge(run.with_other(change)).why
+
+
+def _nothing(_run: Run) -> None:
+    pass
+
+
+def _ideal(run: Run) -> None:
+    for name in ("drives",):
+        CONDITIONS[name][0](run)
+
+
+def _in_time(run: Run) -> bool:
+    """Whether the same stop with joint states at 1 kHz is good."""
+    rate = run.case.simulator["rate"]
+    if rate >= _FAST:
+        return False
+    faster = Run(replace(run.case, simulator=run.case.simulator | {"rate": _FAST}))
+    same = faster.fault == run.fault and abs(faster.stopped * faster.dt - run.stopped * run.dt) < _SAME
+    return same and not judge(faster).why
+
+
+def _sets(several: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+    for size in range(2, len(several)):
+        yield from combinations(several, size)
+
+
+def explain(run: Run) -> str:
+    """The explanation of a bad stop: names of conditions, joined by a plus; `LIMITS`, `PERIOD` or `CONTROLLER`."""
+    if judge(run.with_other(_ideal, stop_ideally)).why:
+        return LIMITS
+    names = tuple(CONDITIONS)
+    for name in names:
+        if _good(run, (name,)):
+            return name
+    if _in_time(run):
+        return PERIOD
+    if not _good(run, names):
+        return CONTROLLER
+    for some in _sets(names):
+        if _good(run, some):
+            return "+".join(some)
+    return "+".join(names)
