@@ -14,16 +14,20 @@ from pidtsm_core.control.effort import LARGEST_CHANGE, added_gravity, carry, lim
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold, part
 from pidtsm_core.control.stopping import DETOUR, SLOWEST, begin_hold, learn
 from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
-from pidtsm_core.control.trust import reverse, used_position
+from pidtsm_core.control.trust import is_doubtful, reverse, used_position
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal, Status, Stop
-from pidtsm_core.timing import seconds
+from pidtsm_core.timing import NANOSECONDS, seconds
 
 _CUTOFF = 10.0
 """Cutoff of the velocity filter, as a multiple of the bandwidth of the position control."""
 _LONGEST_CHANGE = 0.01
 """s; longest time between two commands that counts for this."""
 _AT_REST = 0.02  # rad/s
+_SETTLES, _WEIGHS, _WEIGHING = 0.03, 0.3, 2.0
+"""s, s; the load is weighed between these times after the stop. Rate, relative to the bandwidth of the hold."""
+_LONGEST_PERIOD = NANOSECONDS // 300
+"""ns; an arm that is measured less often is not weighed."""
 _SHARE_OF_RATE = 0.5
 """Share of a rate limit in which the difference fades."""
 
@@ -155,6 +159,8 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
     else:
         efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EQUIVALENT_EFFORT + 1]
         inverse_dynamics(config.model, hold[Hold.POSITION], state.desired[1], state.desired[2:], efforts)
+        if state.clock[Clock.PERIOD] <= _LONGEST_PERIOD:
+            weigh_load(config, state, dt)
         pull = state.accelerations[1]
         for j in range(pull.size):
             e, de = hold[Hold.POSITION, j] - state.desired[0, j], hold[Hold.VELOCITY, j] - state.desired[1, j]
@@ -168,6 +174,35 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
     limit_effort(config, state)
     go_gently(config, state, stamp, begins)
     _integrate(state, dt)
+
+
+@part
+def weigh_load(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Learn the load from what the arm does in the first moments of a stop, dt (s) after the last sample.
+
+    The load approaches the effort that neither the model nor the motion explains. This effort is filtered as the
+    velocity is, and so comes as late. While a joint is doubtful or at its limit, none is weighed: its motion, or what
+    keeps it from moving as desired, would count as a load of the others.
+    """
+    hold, filtered = state.hold, -math.expm1(-_CUTOFF * state.hold_bandwidth[0] * dt)
+    rate, weighs = _WEIGHING * state.hold_bandwidth[0], True
+    for j in range(state.measured.size):
+        weighs = weighs and not is_doubtful(state, j) and abs(state.sent[j]) < config.effort_limit[j]
+    for j in range(state.measured.size):
+        needed, spent = state.signals[Signal.EQUIVALENT_EFFORT, j], 0.0
+        for k in range(state.measured.size):
+            needed -= state.inertia[j, k] * state.desired[2, k]
+            spent += state.inertia[j, k] * (hold[Hold.VELOCITY, k] - hold[Hold.LAST, k])
+        if hold[Hold.WEIGHED, j] == 0.0:
+            hold[Hold.NET, j] = state.sent[j] - needed
+        hold[Hold.NET, j] += filtered * (state.sent[j] - needed - hold[Hold.NET, j])
+        if weighs and _SETTLES < hold[Hold.WEIGHED, j] < _WEIGHS:
+            unexplained = (hold[Hold.NET, j] - hold[Hold.LEARNT, j]) * dt - spent
+            learnt = hold[Hold.LEARNT, j] + rate * unexplained
+            hold[Hold.LEARNT, j] = min(max(learnt, -config.effort_limit[j]), config.effort_limit[j])
+        hold[Hold.WEIGHED, j] += max(dt, 1e-9)
+    for j in range(state.measured.size):
+        hold[Hold.LAST, j] = hold[Hold.VELOCITY, j]
 
 
 @inlined

@@ -90,6 +90,9 @@ class Hold(IntEnum):
     SHIFT = 17  # its position is SIGN times the measured one, plus this, rad
     TREND = 18  # velocity beside the desired one, filtered more, rad/s
     REVERSED = 19  # how often SIGN was changed
+    WEIGHED = 20  # time for which its load has been weighed, s
+    NET = 21  # effort beyond what the model needs at rest, filtered as its velocity, N m
+    LAST = 22  # its velocity at the last sample, rad/s
 
 
 class Still(IntEnum):
