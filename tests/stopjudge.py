@@ -101,7 +101,7 @@ def best_braking(run: Run, first: int) -> tuple[Array, Array]:
     applied = trace.applied[max(first - 1, 0)]
     state = np.array([trace.position[first], trace.velocity[first], applied])
     way, fastest = np.zeros(n), np.zeros(n)
-    brake(run.true, Braking(run.limit, STEP, run.dt, run.late), state, way, fastest, np.zeros((7, n)))
+    brake(run.true(first), Braking(run.limit, STEP, run.dt, run.late), state, way, fastest, np.zeros((7, n)))
     return way, fastest
 
 
@@ -114,15 +114,23 @@ def inertia(model: Model, q: Array) -> Array:
 
 
 def released(run: Run, first: int) -> Array:
-    """Acceleration of each joint by what still opposes a push that has just ended, rad/s^2, positive."""
+    """Acceleration of each joint by what has just changed outside, rad/s^2, positive.
+
+    This is what still opposes a push that has ended, or the weight of a load that has been picked up.
+    """
     trace, q = run.trace, run.trace.position[first]
-    push = trace.push[max(first - 1, 0)]
-    if not push.any():
-        return np.zeros_like(q)
-    gravity = np.zeros((1, q.size))
-    inverse_dynamics(run.true, q, np.zeros(q.size), np.zeros((1, q.size)), gravity)
-    remains = np.clip(-np.sign(push) * (trace.applied[first - 1] - gravity[0]), 0.0, np.abs(push))
-    return np.asarray(np.abs(np.linalg.solve(inertia(run.true, q), np.sign(push) * remains)))
+    push, true = trace.push[max(first - 1, 0)], run.true(first)
+    torque = np.sign(push) * np.clip(-np.sign(push) * (trace.applied[first - 1] - gravity(true, q)), 0.0, np.abs(push))
+    if first == run.picked > run.stopped:
+        torque = torque + gravity(true, q) - gravity(run.true(first - 1), q)
+    return np.asarray(np.abs(np.linalg.solve(inertia(true, q), torque))) if torque.any() else torque
+
+
+def gravity(model: Model, q: Array) -> Array:
+    """Torque that carries the arm at rest, shape (joints,), N m."""
+    torque = np.zeros((1, q.size))
+    inverse_dynamics(model, np.ascontiguousarray(q), np.zeros(q.size), np.zeros((1, q.size)), torque)
+    return torque[0]
 
 
 def energy(run: Run, stretch: slice) -> Array:
@@ -130,9 +138,10 @@ def energy(run: Run, stretch: slice) -> Array:
     trace = run.trace
     q, dq = (np.ascontiguousarray(table[stretch]) for table in (trace.position, trace.velocity))
     rest = np.median(q[-max(1, round(_RESTED / run.dt)) :], axis=0)
-    stiffness = 3.0 * run.bandwidth**2 * inertia(run.true, rest)
+    true = run.true(stretch.start)
+    stiffness = 3.0 * run.bandwidth**2 * inertia(true, rest)
     result = np.zeros(len(q))
-    kinetic(run.true, q, dq, np.zeros((4, q.shape[1])), result)
+    kinetic(true, q, dq, np.zeros((4, q.shape[1])), result)
     away = q - rest
     spring = 0.5 * np.einsum("ki,ij,kj->k", away, stiffness, away)
     return np.asarray(result + spring)
@@ -218,7 +227,7 @@ def _judge_motion(run: Run, worst: dict[str, float], why: list[str]) -> float:
             worst[name] = max(worst[name], ratio)
         if len(positions) * run.dt < 2.0 * _RESTED:
             continue  # The arm has not come to rest before the next push.
-        floor = 0.5 * float(np.diag(inertia(run.true, positions[-1])) @ allowed.faster**2)
+        floor = 0.5 * float(np.diag(inertia(run.true(stretch.start), positions[-1])) @ allowed.faster**2)
         growth = _growth(energy(run, stretch), round(_GROWS / run.dt), floor)
         if growth > max(1.0, worst["energy"]):
             why.append(f"energy: grows by {growth:.3g} times what is allowed, from {since}")

@@ -1,6 +1,7 @@
 """A case of a stop, simulated: up to the stop, and from there on as often as one likes, each time with other conditions."""
 
 import copy
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -37,7 +38,7 @@ class Run:
         finite: whether everything was.
         dt: period, s.
         limit: of the torques, shape (joints,), N m.
-        true: the true arm.
+        picked: first sample at which the arm carries its payload.
         bandwidth: of the hold, by the parameters, rad/s.
         late: samples between a motion of the arm and the torque that answers it.
         fault: its name; empty: none.
@@ -65,12 +66,16 @@ class Run:
         self._progress, self._whole = nothing_so_far(), trace_of(until + self._after, arm.joints)
         self.finite = self._simulate(until, simulate)
         self.stopped = int(self._progress[Progress.STOPPED])
-        plant, last = robot.config.plant, self.dt * max(self.stopped, 0)
-        self.true: Model = plant.loaded_model if plant.payload_begin <= last else plant.model
+        self.picked = max(0, math.ceil(robot.config.plant.payload_begin / self.dt - 1e-6))
         self.fault = Fault(int(self._whole.fault[self.stopped])).name if self.stopped >= 0 else ""
         self._at_stop = _copies(self._changing)
         if self.stopped >= 0 and self.finite:
             self.finite = self._simulate(self.stopped + self._after, simulate)
+
+    def true(self, sample: int) -> Model:
+        """The true arm at a sample."""
+        plant = self.parts.hardware.plant
+        return plant.loaded_model if sample >= self.picked else plant.model
 
     @property
     def _changing(self) -> Any:
@@ -107,9 +112,10 @@ class Run:
         return other
 
     def stretches(self) -> Iterator[slice]:
-        """Samples after the stop without a push, at least 10 ms each."""
+        """Samples after the stop in which no outside force acts or changes, at least 10 ms each."""
         free = np.flatnonzero(~self.trace.push[self.stopped :].any(axis=1)) + self.stopped
-        for part in np.split(free, np.flatnonzero(np.diff(free) > 1) + 1):
+        ends = np.union1d(np.flatnonzero(np.diff(free) > 1) + 1, np.flatnonzero(free == self.picked))
+        for part in np.split(free, ends):
             if part.size * self.dt > 0.01:
                 yield slice(int(part[0]), int(part[-1]) + 1)
 

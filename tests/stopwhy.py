@@ -14,18 +14,20 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from stopjudge import judge
+from stopjudge import gravity, judge
 from stoploop import Kind, stop_ideally
 from stoprun import Run
 
 from pidtsm_core.control import Clock
 from pidtsm_core.control.state import HISTORY, Held, Hold, Still
-from pidtsm_core.robots import inverse_dynamics
+from pidtsm_core.robots import Model
 from pidtsm_core.signals import Signal, Status, Stop
 
 Change = Callable[[Run], None]
 _FAST = 1000
 """Hz."""
+_SOON = 0.05
+"""s; a load that is picked up so soon after the stop counts as picked up."""
 _SAME = 0.1
 """s; a stop of the same fault that is nearer in time is the same stop."""
 
@@ -97,20 +99,23 @@ def _friction(run: Run) -> None:
     run.parts = run.parts._replace(hardware=hardware._replace(plant=plant))
 
 
+def _carried(run: Run) -> Model:
+    """The true arm, with what it will pick up soon."""
+    return run.true(run.stopped + round(_SOON / run.dt))
+
+
 def _load(run: Run) -> None:
     """The hold knows what carries the true arm."""
     q = run.trace.position[run.stopped]
-    none, carries = np.zeros((1, q.size)), np.zeros((2, q.size))
-    inverse_dynamics(run.true, q, none[0], none, carries[:1])
-    inverse_dynamics(run.controller.config.model, q, none[0], none, carries[1:])
-    run.controller.state.hold[Hold.LEARNT] = carries[0] - carries[1]
+    known, carried = run.controller.config.model, _carried(run)
+    run.controller.state.hold[Hold.LEARNT] = gravity(carried, q) - gravity(known, q)
     run.controller.state.hold[Hold.INTEGRAL] = 0.0
 
 
 def _model(run: Run) -> None:
     """The controller knows the true arm."""
     model = run.controller.config.model.parameters
-    model[:] = run.true.parameters
+    model[:] = _carried(run).parameters
     run.controller.state.hold[Hold.LEARNT] = 0.0
     _again(run)
 

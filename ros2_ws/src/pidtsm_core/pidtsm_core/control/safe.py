@@ -12,7 +12,7 @@ from pidtsm_core.compiled import inlined
 from pidtsm_core.control.desired import write_desired
 from pidtsm_core.control.effort import LARGEST_CHANGE, added_gravity, carry, limit_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold, part
-from pidtsm_core.control.stopping import DETOUR, SLOWEST, begin_hold, learn
+from pidtsm_core.control.stopping import DETOUR, SLOWEST, begin_hold, learn, resume_hold
 from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
 from pidtsm_core.control.trust import is_doubtful, reverse, used_position
 from pidtsm_core.robots import inverse_dynamics
@@ -70,7 +70,7 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     _fade(config, state, left)
     limit_effort(config, state)
     go_gently(config, state, now, begins)
-    clock[Clock.HELD] = Held.ELSEWHERE
+    clock[Clock.HELD] = Held.UNSEEN
     state.status[Status.STOP_STAGE] = Stop.BLIND
 
 
@@ -150,7 +150,8 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
     y, hold = state.signals, state.hold
     begins = state.clock[Clock.HELD] != Held.HERE
     if begins:
-        begin_hold(config, state, stamp)
+        if state.clock[Clock.HELD] != Held.UNSEEN or not resume_hold(config, state, stamp):
+            begin_hold(config, state, stamp)
         dt = 0.0
     w = state.hold_bandwidth[0]
     _filter_motion(config, state, dt)
@@ -193,14 +194,14 @@ def weigh_load(config: ControllerConfig, state: ControllerState, dt: float) -> N
         for k in range(state.measured.size):
             needed -= state.inertia[j, k] * state.desired[2, k]
             spent += state.inertia[j, k] * (hold[Hold.VELOCITY, k] - hold[Hold.LAST, k])
-        if hold[Hold.WEIGHED, j] == 0.0:
-            hold[Hold.NET, j] = state.sent[j] - needed
+        if dt == 0.0:  # The hold begins, perhaps not for the first time.
+            hold[Hold.NET, j], spent = state.sent[j] - needed, 0.0
         hold[Hold.NET, j] += filtered * (state.sent[j] - needed - hold[Hold.NET, j])
         if weighs and _SETTLES < hold[Hold.WEIGHED, j] < _WEIGHS:
             unexplained = (hold[Hold.NET, j] - hold[Hold.LEARNT, j]) * dt - spent
             learnt = hold[Hold.LEARNT, j] + rate * unexplained
             hold[Hold.LEARNT, j] = min(max(learnt, -config.effort_limit[j]), config.effort_limit[j])
-        hold[Hold.WEIGHED, j] += max(dt, 1e-9)
+        hold[Hold.WEIGHED, j] += dt
     for j in range(state.measured.size):
         hold[Hold.LAST, j] = hold[Hold.VELOCITY, j]
 

@@ -65,6 +65,7 @@ class Held(IntEnum):
     NOT = 0
     HERE = 1  # at the end of its way to rest
     ELSEWHERE = 2  # the arm may have moved since, and will be held at its new position
+    UNSEEN = 3  # there was no joint state for a while; an arm that is near its place will be held there
 
 
 class Hold(IntEnum):
