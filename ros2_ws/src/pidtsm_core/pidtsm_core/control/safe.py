@@ -12,7 +12,7 @@ from pidtsm_core.compiled import inlined
 from pidtsm_core.control.desired import write_desired
 from pidtsm_core.control.effort import LARGEST_CHANGE, added_gravity, carry, limit_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold, part
-from pidtsm_core.control.stopping import DETOUR, SLOWEST, begin_hold, learn, resume_hold
+from pidtsm_core.control.stopping import DETOUR, QUICKEST, SLOWEST, begin_hold, learn, resume_hold
 from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
 from pidtsm_core.control.trust import is_doubtful, reverse, used_position
 from pidtsm_core.robots import inverse_dynamics
@@ -28,6 +28,8 @@ _SETTLES, _WEIGHS, _WEIGHING = 0.03, 0.3, 2.0
 """s, s; the load is weighed between these times after the stop. Rate, relative to the bandwidth of the hold."""
 _LONGEST_PERIOD = NANOSECONDS // 300
 """ns; an arm that is measured less often is not weighed."""
+_MOVES = 0.005
+"""rad; largest way that the difference between the last command and the safe effort alone would move the arm."""
 _SHARE_OF_RATE = 0.5
 """Share of a rate limit in which the difference fades."""
 
@@ -244,6 +246,7 @@ def go_gently(config: ControllerConfig, state: ControllerState, now: int, begins
     if begins:
         for j in range(efforts.size):
             offset[j] = state.sent[j] - efforts[j]
+        _hurry(config, state)
         _judge_rate_limit(config, state)
     since = min(max(seconds(now - state.clock[Clock.SENT]), 0.0), _LONGEST_CHANGE)
     for j in range(efforts.size):
@@ -254,6 +257,16 @@ def go_gently(config: ControllerConfig, state: ControllerState, now: int, begins
         wanted = efforts[j] + offset[j]
         efforts[j] = min(max(wanted, low), high)
         state.clock[Clock.SLEWING] |= int(efforts[j] != wanted)
+
+
+@inlined
+def _hurry(config: ControllerConfig, state: ControllerState) -> None:
+    """Let the difference fade so soon that it does not move the arm by much, see `_judge_rate_limit`."""
+    for j in range(state.sent.size):
+        off, inertia = abs(state.hold[Hold.OFFSET, j]), state.inertia[j, j]
+        if inertia > 0.0 and off > 0.0:
+            rate = math.sqrt(off * off * off / (6.0 * inertia * _MOVES))
+            state.hold_pace[0] = max(min(state.hold_pace[0], config.effort_limit[j] / rate), QUICKEST)
 
 
 @inlined

@@ -27,7 +27,7 @@ from pidtsm_core.robots import forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Fault, Signal, Status, Stop
 from pidtsm_core.timing import NANOSECONDS
 
-_QUICKEST, SLOWEST = 0.02, 0.125
+QUICKEST, SLOWEST = 0.02, 0.125
 """s; time in which a difference as large as the effort limit fades, so that a stop causes no jolt."""
 _FADES_OVER = 0.015
 """rad; way of the arm in this time: an arm that moves fast needs the safe effort sooner."""
@@ -92,7 +92,7 @@ def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> 
         state.desired[2, j] = 0.0
     if time_of_change(state) > _LONG_CHANGE:
         _continue_acceleration(config, state)
-    state.hold_pace[0] = min(max(_FADES_OVER / max(fastest, 1e-9), _QUICKEST), SLOWEST)
+    state.hold_pace[0] = min(max(_FADES_OVER / max(fastest, 1e-9), QUICKEST), SLOWEST)
     _plan_stop(config, state, stamp, fastest)
     _weigh(config, state)
     _choose_bandwidth(config, state)
