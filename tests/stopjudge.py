@@ -68,6 +68,7 @@ class Outcome:
         worst: by name in `CRITERIA`, the largest value relative to what is allowed; more than 1 is a violation.
         moved: largest distance of a joint from where it was, rad or m.
         why: for each violation, what exceeded what; empty: none.
+        explanation: without what it would be good, see `stopwhy`; empty: not asked.
     """
 
     index: int
@@ -80,6 +81,7 @@ class Outcome:
     worst: dict[str, float]
     moved: float
     why: list[str]
+    explanation: str = ""
 
     @property
     def stopped(self) -> bool:

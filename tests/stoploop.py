@@ -222,7 +222,7 @@ def _decelerate(model: Model, limit: Array, period: float, state: Array, work: A
 def stop_ideally(
     parts: LoopParts, draws: Array, happening: Falsified, progress: NDArray[np.int64], end: int, results: Trace
 ) -> bool:
-    """As `simulate` after a stop, but the torque is that of the best braking, which knows the true arm and its motion."""
+    """As `simulate` after a stop, with the torque of the best braking, which knows the true arm and its motion."""
     return bool(_stop_ideally(parts, draws, happening, progress, end, results, np.zeros((7, parts.effort.size))))
 
 
@@ -293,11 +293,11 @@ def brake(model: Model, braking: Braking, state: Array, way: Array, fastest: Arr
         How long it took, s.
     """
     q, dq, torque = state[0], state[1], state[2]
-    ddq, efforts, acceleration, first, wanted = work[:2], work[2:4], work[4], work[5], work[6]
+    acceleration, first, wanted = work[4], work[5], work[6]
     inner = max(1, math.ceil(braking.period / 1e-3))
     dt = braking.period / inner
     for j in range(q.size):
-        first[j], way[j], fastest[j], ddq[0, j] = q[j], 0.0, abs(dq[j]), 0.0
+        first[j], way[j], fastest[j] = q[j], 0.0, abs(dq[j])
     commands = int(_LONGEST / braking.period)
     for command in range(commands):
         _decelerate(model, braking.limit, braking.period, state, work, wanted)

@@ -1,4 +1,4 @@
-"""A case of a stop, simulated: up to the stop, and from there on as often as one likes, each time with other conditions."""
+"""A case of a stop, simulated up to the stop, and from there on again and again with other conditions."""
 
 import copy
 import math

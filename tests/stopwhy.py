@@ -2,14 +2,14 @@
 
 A bad stop is simulated again from the sample of the stop on, each time without one of the conditions in `CONDITIONS`,
 and judged as before. The first condition without which the stop is good explains it (a counterfactual, "but for"). If
-no single one does, the smallest set of them does. Before all that, the best braking takes the place of the
-controller: it knows the true arm and its true motion without delay, and only the limits of the torques and of their
-steps bind it. If it is bad, too, no controller could have done better: ``limits``.
+no single one does, pairs and triples are tried. Before all that, the best braking takes the place of the controller: it
+knows the true arm and its true motion without delay, and only the limits of the torques and of their steps bind it. If
+it is bad, too, no controller could have done better: ``limits``.
 
-If the stop is bad even without any of the conditions, the controller is to blame: ``controller``.
+What is left is the controller's own: ``controller``.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import combinations
 
@@ -26,6 +26,8 @@ from pidtsm_core.signals import Signal, Status, Stop
 Change = Callable[[Run], None]
 _FAST = 1000
 """Hz."""
+_USUAL = 2.5
+"""rad/s or m/s; velocity limit of an arm that has none."""
 _SOON = 0.05
 """s; a load that is picked up so soon after the stop counts as picked up."""
 _SAME = 0.1
@@ -124,6 +126,21 @@ def _rate_limit(run: Run) -> None:
     run.controller.config.effort_rate[:] = 0.0
 
 
+def _speed(run: Run) -> None:
+    limit, velocity = run.controller.config.velocity_limit, run.parts.robot.arm.derivatives[0]
+    most = np.where(limit > 0.0, limit, _USUAL)
+    velocity[:] /= max(1.0, float((np.abs(velocity) / most).max()))
+
+
+def _torque(run: Run) -> None:
+    run.controller.config.effort_limit[:] *= 2.0
+    run.parts.hardware.plant.effort_limit[:] *= 2.0
+
+
+def _stiffness(run: Run) -> None:
+    run.controller.state.hold_bandwidth[0] *= 2.0
+
+
 CONDITIONS: dict[str, tuple[Change, str]] = {
     "outage": (_outage, "joint states are lost after the stop"),
     "lie": (_lie, "an encoder lies after the stop"),
@@ -135,32 +152,33 @@ CONDITIONS: dict[str, tuple[Change, str]] = {
     "drives": (_drives, "lag, delay and losses of the drives"),
     "friction": (_friction, "friction"),
     "rate limit": (_rate_limit, "the limit of the torque's rate"),
+    "speed": (_speed, "at the stop, the arm is faster than its velocity limit"),
 }
 """What a controller cannot change: how to take it away at the stop, and what it is."""
-PERIOD = "period"
-"""The explanation of a stop that is good, from the beginning of the case on, with joint states at 1 kHz."""
-LIMITS, CONTROLLER = "limits", "controller"
+CHOICES: dict[str, tuple[Change, str]] = {
+    "torque": (_torque, "motors: with twice the torque the stop is good"),
+    "soft": (_stiffness, "the hold is soft: with twice its bandwidth the stop is good"),
+}
+"""What an arm or its parameters choose, likewise."""
+LIMITS, PERIOD, CONTROLLER = "limits", "period", "controller"
+OTHERS = {
+    LIMITS: "the best braking is bad, too",
+    PERIOD: "joint states come rarely: the same stop is good at 1 kHz",
+    CONTROLLER: "none of these: the controller is to blame",
+}
+_MOST = 3
+"""Conditions that together are an explanation."""
 
 
-def _good(run: Run, names: tuple[str, ...]) -> bool:
+def _good(run: Run, changes: Iterable[Change]) -> bool:
     def change(other: Run) -> None:
-        for name in names:
-            CONDITIONS[name][0](other)
+        for each in changes:
+            each(other)
 
     return not judge(run.with_other(change)).why
 
 
-def _nothing(_run: Run) -> None:
-    pass
-
-
-def _ideal(run: Run) -> None:
-    for name in ("drives",):
-        CONDITIONS[name][0](run)
-
-
-def _in_time(run: Run) -> bool:
-    """Whether the same stop with joint states at 1 kHz is good."""
+def _good_at_a_fast_rate(run: Run) -> bool:
     rate = run.case.simulator["rate"]
     if rate >= _FAST:
         return False
@@ -169,24 +187,20 @@ def _in_time(run: Run) -> bool:
     return same and not judge(faster).why
 
 
-def _sets(several: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
-    for size in range(2, len(several)):
-        yield from combinations(several, size)
-
-
 def explain(run: Run) -> str:
-    """The explanation of a bad stop: names of conditions, joined by a plus; `LIMITS`, `PERIOD` or `CONTROLLER`."""
-    if judge(run.with_other(_ideal, stop_ideally)).why:
+    """The explanation of a bad stop: names of `CONDITIONS` joined by a plus, or one of `CHOICES` or `OTHERS`."""
+    if judge(run.with_other(_drives, stop_ideally)).why:
         return LIMITS
-    names = tuple(CONDITIONS)
-    for name in names:
-        if _good(run, (name,)):
+    for name, (change, _) in CONDITIONS.items():
+        if _good(run, [change]):
             return name
-    if _in_time(run):
+    if _good_at_a_fast_rate(run):
         return PERIOD
-    if not _good(run, names):
-        return CONTROLLER
-    for some in _sets(names):
-        if _good(run, some):
-            return "+".join(some)
-    return "+".join(names)
+    for name, (change, _) in CHOICES.items():
+        if _good(run, [change]):
+            return name
+    for size in range(2, _MOST + 1):
+        for some in combinations(CONDITIONS, size):
+            if _good(run, [CONDITIONS[name][0] for name in some]):
+                return "+".join(some)
+    return CONTROLLER
