@@ -94,6 +94,7 @@ class Hold(IntEnum):
     WEIGHED = 20  # time for which its load has been weighed, s
     NET = 21  # effort beyond what the model needs at rest, filtered as its velocity, N m
     LAST = 22  # its velocity at the last sample, rad/s
+    DAMPED = 23  # 1: SIGN was changed because damping has accelerated it
 
 
 class Still(IntEnum):
