@@ -245,14 +245,16 @@ def _report_stops(search: Search, options: argparse.Namespace) -> bool:
 
 
 def _report_alarms(search: Search, options: argparse.Namespace) -> bool:
-    """Print the false alarms; return whether there are any."""
-    stops = [outcome for outcome in search.outcomes.values() if outcome.stopped or outcome.why]
+    """Print the false alarms; return whether there are any. It is no false one that a locked arm does not obey."""
+    every = [outcome for outcome in search.outcomes.values() if outcome.stopped or outcome.why]
+    stops = [outcome for outcome in every if (outcome.cause, outcome.fault) != ("locked", "NO_EFFECT")]
     faults = Counter(f"{o.cause}; {o.fault}; {o.kind['set']}; {o.kind['hardware']}" for o in stops)
     if options.json:
         rows = [o.as_dict for o in stops]
         print(json.dumps({"runs": len(search.outcomes), "alarms": len(stops), "stops": rows}, indent=1))
         return bool(stops)
     print(f"{len(search.outcomes)} ordinary runs, {len(stops)} false alarms (0 expected)")
+    print(f"{len(every) - len(stops)} arms that were locked for 1.5 s were rightly found to have no effect")
     for name, count in faults.most_common():
         print(f"{count:6}  {name}")
     for o in sorted(stops, key=lambda o: o.index)[: None if options.all else _SHOWN]:
