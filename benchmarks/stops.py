@@ -11,7 +11,8 @@ what was found is kept.
 
 The table has a row for each cause: how many cases, how many of them stopped, and for each criterion the number of
 violations and the largest value relative to what is allowed. Blind cases, in which an encoder lies or no joint state
-comes back, have a table of their own.
+comes back, have a table of their own. Every exception is explained by what must be taken away to make the stop good
+(tests/stopwhy.py).
 """
 
 import argparse
@@ -23,6 +24,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +36,9 @@ import pidtsm_core
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 
 from stopcases import Case, case_of, ordinary_case_of  # In the folder of the tests, as the next one.
-from stopjudge import CRITERIA, Allowed, Outcome, Run, energy, judge
+from stopjudge import CRITERIA, Allowed, Outcome, energy, judge
+from stoprun import Run
+from stopwhy import CHOICES, CONDITIONS, OTHERS, explain
 
 ROOT = Path(__file__).resolve().parents[1]
 _CHUNK = 10
@@ -45,8 +49,15 @@ _MAKERS: dict[str, Callable[[int, int], Case]] = {"stops": case_of, "alarms": or
 
 
 def judged(search: str, seed: int, indices: range) -> list[dict[str, Any]]:
-    """Outcomes of cases, see `Outcome`."""
-    return [judge(Run(_MAKERS[search](seed, index))).as_dict for index in indices]
+    """Outcomes of cases, see `Outcome`; bad stops are explained."""
+    outcomes = []
+    for index in indices:
+        run = Run(_MAKERS[search](seed, index))
+        outcome = judge(run)
+        if outcome.stopped and outcome.why and search == "stops":
+            outcome = replace(outcome, explanation=explain(run))
+        outcomes.append(outcome.as_dict)
+    return outcomes
 
 
 def _judged_in_a_process(search: str, seed: int, indices: range) -> list[dict[str, Any]]:
@@ -168,6 +179,33 @@ def classes(found: Iterable[Outcome]) -> list[tuple[str, int]]:
     return names.most_common()
 
 
+def explanations(found: Iterable[Outcome]) -> dict[str, Counter[str]]:
+    """By explanation, the most frequent first: how many exceptions have it, by cause."""
+    by_name: dict[str, Counter[str]] = {}
+    for outcome in found:
+        by_name.setdefault(outcome.explanation, Counter())[outcome.cause] += 1
+    return dict(sorted(by_name.items(), key=lambda item: -item[1].total()))
+
+
+def _print_explanations(title: str, found: list[Outcome]) -> None:
+    print(f"\n{title}: without what the {len(found)} exceptions would be good, and how many of each cause")
+    texts = {name: text for name, (_, text) in (CONDITIONS | CHOICES).items()} | OTHERS
+    for name, causes in explanations(found).items():
+        print(f"{causes.total():6}  {name}" + (f": {texts[name]}" if name in texts else ""))
+        print(f"{'':8}" + ", ".join(f"{cause} {count}" for cause, count in causes.most_common()))
+
+
+def _write_list(found: list[Outcome], file: Path) -> None:
+    """Write a row of comma-separated values for each exception."""
+    rows = ["index,arm,cause,blind,fault,criteria,ratio,explanation"]
+    for o in sorted(found, key=lambda o: o.index):
+        criteria = "+".join(dict.fromkeys(reason.split(":")[0] for reason in o.why))
+        ratio = f"{max(value for name, value in o.worst.items() if value > 1.0):.3g}"
+        cells = (str(o.index), o.arm, o.cause, str(int(o.blind)), o.fault, criteria, ratio, o.explanation)
+        rows.append(",".join(cells))
+    file.write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
 def _print_exceptions(found: list[Outcome], everything: bool) -> None:
     print(f"\n{len(found)} exceptions, by class (cause; fault; criteria):")
     for name, count in classes(found):
@@ -191,6 +229,8 @@ def _report_stops(search: Search, options: argparse.Namespace) -> bool:
         with options.worst_file.open("w", encoding="utf-8") as file:
             for outcome in [o for o in found if not o.blind][: options.worst]:
                 file.write(case_of(options.seed, outcome.index).text + "\n")
+    if options.list:
+        _write_list([outcome for outcome in found if outcome.stopped], options.list)
     if options.json:
         tables = {"seen": table(seen), "blind": table(blind)}
         rows = [outcome.as_dict for outcome in found]
@@ -198,19 +238,23 @@ def _report_stops(search: Search, options: argparse.Namespace) -> bool:
     else:
         _print_table("arms that can be seen", table(seen))
         _print_table("blind", table(blind))
+        for title, sort in (("arms that can be seen", False), ("blind", True)):
+            _print_explanations(title, [outcome for outcome in found if outcome.stopped and outcome.blind == sort])
         _print_exceptions(found, options.all)
     return any(not outcome.blind for outcome in found)
 
 
 def _report_alarms(search: Search, options: argparse.Namespace) -> bool:
-    """Print the false alarms; return whether there are any."""
-    stops = [outcome for outcome in search.outcomes.values() if outcome.stopped or outcome.why]
+    """Print the false alarms; return whether there are any. It is no false one that a locked arm does not obey."""
+    every = [outcome for outcome in search.outcomes.values() if outcome.stopped or outcome.why]
+    stops = [outcome for outcome in every if (outcome.cause, outcome.fault) != ("locked", "NO_EFFECT")]
     faults = Counter(f"{o.cause}; {o.fault}; {o.kind['set']}; {o.kind['hardware']}" for o in stops)
     if options.json:
         rows = [o.as_dict for o in stops]
         print(json.dumps({"runs": len(search.outcomes), "alarms": len(stops), "stops": rows}, indent=1))
         return bool(stops)
     print(f"{len(search.outcomes)} ordinary runs, {len(stops)} false alarms (0 expected)")
+    print(f"{len(every) - len(stops)} arms that were locked for 1.5 s were rightly found to have no effect")
     for name, count in faults.most_common():
         print(f"{count:6}  {name}")
     for o in sorted(stops, key=lambda o: o.index)[: None if options.all else _SHOWN]:
@@ -253,6 +297,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--replay", type=Path, metavar="FILE", help="judge the cases in a file written by --worst")
     parser.add_argument("--worst", type=int, default=0, metavar="N", help="write the N worst cases that are not blind")
     parser.add_argument("--worst-file", type=Path, default=Path("worst_stops.jsonl"), help="file for --worst")
+    parser.add_argument("--list", type=Path, metavar="FILE", help="write every exception with its explanation as CSV")
     parser.add_argument("--all", action="store_true", help="print every exception")
     parser.add_argument("--json", action="store_true", help="print the tables and exceptions as JSON")
     return parser.parse_args()

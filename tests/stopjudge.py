@@ -33,32 +33,16 @@ only after the delays of sensors and drives. Friction does not help it.
 A joint that slides has m instead of rad.
 """
 
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from stopcases import ARMS, Case, case_of
-from stoploop import (
-    Braking,
-    Kind,
-    LoopParts,
-    brake,
-    falsified,
-    first_samples,
-    kinetic,
-    simulate,
-    trace_of,
-)
+from stopcases import case_of
+from stoploop import STEP, Braking, brake, kinetic
+from stoprun import Run
 
-from pidtsm_core.control import Controller, controller_schema
-from pidtsm_core.estimators import ESTIMATORS
-from pidtsm_core.parameters import Array, as_float, joint_array, resolve
-from pidtsm_core.references import ReferenceMotion, reference_schema
+from pidtsm_core.parameters import Array
 from pidtsm_core.robots import Model, inverse_dynamics
-from pidtsm_core.signals import Fault
-from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
-from pidtsm_core.timing import period_nanoseconds
 
 CRITERIA = ("travel", "speed", "energy", "step", "torque", "finite")
 ALLOWED_WAY, TIMES_WAY = 0.05, 2.0
@@ -69,8 +53,6 @@ _RELEASED = (0.271, 0.231)
 """Distance and speed after a step of a torque, with poles at -1: maxima of t^2 exp(-t) / 2 and of its derivative."""
 _GROWS, _SHARE = 0.05, 0.05
 """s, and share of the energy."""
-STEP = 0.1
-"""Share of the limit of a torque."""
 _ROUNDING = 1e-9
 _RESTED = 0.3
 """s at the end over which the place of rest is averaged."""
@@ -86,6 +68,7 @@ class Outcome:
         worst: by name in `CRITERIA`, the largest value relative to what is allowed; more than 1 is a violation.
         moved: largest distance of a joint from where it was, rad or m.
         why: for each violation, what exceeded what; empty: none.
+        explanation: without what it would be good, see `stopwhy`; empty: not asked.
     """
 
     index: int
@@ -98,6 +81,7 @@ class Outcome:
     worst: dict[str, float]
     moved: float
     why: list[str]
+    explanation: str = ""
 
     @property
     def stopped(self) -> bool:
@@ -113,81 +97,13 @@ class Outcome:
         return asdict(self)
 
 
-class Run:
-    """A case that has been simulated.
-
-    Attributes:
-        case: the case.
-        trace: what happened, as far as it is finite.
-        stopped: sample of the stop; -1: none.
-        finite: whether everything was.
-        dt: period, s.
-        limit: of the torques, shape (joints,), N m.
-        true: the true arm.
-    """
-
-    def __init__(self, case: Case) -> None:
-        arm, self.case = ARMS[case.arm], case
-        settings = {"robot.description": arm.description}
-        known = resolve(controller_schema, {**settings, **case.controller}, arm.joints)
-        values = resolve(simulator_schema, {**settings, **case.simulator}, arm.joints)
-        controller = Controller(known)
-        robot = SimulatedRobot(values, ESTIMATORS[str(known["estimator.name"])].needs_truth)
-        motion = ReferenceMotion(resolve(reference_schema, {"joints": arm.names, **case.trajectory}, arm.joints))
-        rate = int(as_float(values["rate"]))
-        self.dt, n = 1.0 / rate, arm.joints
-        parts = LoopParts(
-            controller=controller.address,
-            position=controller.position,
-            measured_effort=controller.measured[1] if len(controller.measured) > 1 else np.zeros(n),
-            desired=controller.reference,
-            effort=controller.effort,
-            signals=controller.signals,
-            state_stop=controller.state_stop,
-            hardware=robot.config,
-            robot=robot.state,
-            motion=motion.config,
-            period=period_nanoseconds(rate),
-        )
-        until, after = round(case.until * rate), round(case.after * rate)
-        trace = trace_of(until + after, n)
-        draws = robot.randomness.draw(until + after)
-        count, self.stopped = simulate(parts, draws, falsified(_table(case, rate)), until, after, trace)
-        self.trace = first_samples(trace, count)
-        ended = self.stopped + after if self.stopped >= 0 else until
-        self.finite = count >= ended and bool(np.isfinite(trace.command[:count]).all())
-        self.limit = np.minimum(joint_array(values["limits.effort"], n), joint_array(known["limits.effort"], n))
-        plant, last = robot.config.plant, self.dt * max(self.stopped, 0)
-        self.true: Model = plant.loaded_model if plant.payload_begin <= last else plant.model
-        self.bandwidth = as_float(known["stop.bandwidth"])
-        lag = float(joint_array(values["actuator.lag"], n).max())
-        delays = as_float(values["delay.samples"]) + as_float(values["delay.command_samples"])
-        self.late = int(delays) + int(np.ceil(lag * rate))
-        self.fault = Fault(int(self.trace.fault[self.stopped])).name if self.stopped >= 0 else ""
-
-    def stretches(self) -> Iterator[slice]:
-        """Samples after the stop without a push, at least 10 ms each."""
-        free = np.flatnonzero(~self.trace.push[self.stopped :].any(axis=1)) + self.stopped
-        for part in np.split(free, np.flatnonzero(np.diff(free) > 1) + 1):
-            if part.size * self.dt > 0.01:
-                yield slice(int(part[0]), int(part[-1]) + 1)
-
-
-def _table(case: Case, rate: int) -> list[tuple[float, ...]]:
-    rows: list[tuple[float, ...]] = []
-    for kind, joint, begin, lasts, size in case.events:
-        first = round(begin * rate)
-        rows.append((float(Kind[kind]), float(joint), float(first), first + max(1.0, round(lasts * rate)), size))
-    return rows
-
-
 def best_braking(run: Run, first: int) -> tuple[Array, Array]:
     """Way and largest speed of each joint in the best braking from sample `first` on, rad and rad/s."""
     trace, n = run.trace, run.limit.size
     applied = trace.applied[max(first - 1, 0)]
     state = np.array([trace.position[first], trace.velocity[first], applied])
     way, fastest = np.zeros(n), np.zeros(n)
-    brake(run.true, Braking(run.limit, STEP, run.dt, run.late), state, way, fastest, np.zeros((6, n)))
+    brake(run.true(first), Braking(run.limit, STEP, run.dt, run.late), state, way, fastest, np.zeros((7, n)))
     return way, fastest
 
 
@@ -200,15 +116,23 @@ def inertia(model: Model, q: Array) -> Array:
 
 
 def released(run: Run, first: int) -> Array:
-    """Acceleration of each joint by what still opposes a push that has just ended, rad/s^2, positive."""
+    """Acceleration of each joint by what has just changed outside, rad/s^2, positive.
+
+    This is what still opposes a push that has ended, or the weight of a load that has been picked up.
+    """
     trace, q = run.trace, run.trace.position[first]
-    push = trace.push[max(first - 1, 0)]
-    if not push.any():
-        return np.zeros_like(q)
-    gravity = np.zeros((1, q.size))
-    inverse_dynamics(run.true, q, np.zeros(q.size), np.zeros((1, q.size)), gravity)
-    remains = np.clip(-np.sign(push) * (trace.applied[first - 1] - gravity[0]), 0.0, np.abs(push))
-    return np.asarray(np.abs(np.linalg.solve(inertia(run.true, q), np.sign(push) * remains)))
+    push, true = trace.push[max(first - 1, 0)], run.true(first)
+    torque = np.sign(push) * np.clip(-np.sign(push) * (trace.applied[first - 1] - gravity(true, q)), 0.0, np.abs(push))
+    if first == run.picked > run.stopped:
+        torque = torque + gravity(true, q) - gravity(run.true(first - 1), q)
+    return np.asarray(np.abs(np.linalg.solve(inertia(true, q), torque))) if torque.any() else torque
+
+
+def gravity(model: Model, q: Array) -> Array:
+    """Torque that carries the arm at rest, shape (joints,), N m."""
+    torque = np.zeros((1, q.size))
+    inverse_dynamics(model, np.ascontiguousarray(q), np.zeros(q.size), np.zeros((1, q.size)), torque)
+    return torque[0]
 
 
 def energy(run: Run, stretch: slice) -> Array:
@@ -216,9 +140,10 @@ def energy(run: Run, stretch: slice) -> Array:
     trace = run.trace
     q, dq = (np.ascontiguousarray(table[stretch]) for table in (trace.position, trace.velocity))
     rest = np.median(q[-max(1, round(_RESTED / run.dt)) :], axis=0)
-    stiffness = 3.0 * run.bandwidth**2 * inertia(run.true, rest)
+    true = run.true(stretch.start)
+    stiffness = 3.0 * run.bandwidth**2 * inertia(true, rest)
     result = np.zeros(len(q))
-    kinetic(run.true, q, dq, np.zeros((4, q.shape[1])), result)
+    kinetic(true, q, dq, np.zeros((4, q.shape[1])), result)
     away = q - rest
     spring = 0.5 * np.einsum("ki,ij,kj->k", away, stiffness, away)
     return np.asarray(result + spring)
@@ -304,7 +229,7 @@ def _judge_motion(run: Run, worst: dict[str, float], why: list[str]) -> float:
             worst[name] = max(worst[name], ratio)
         if len(positions) * run.dt < 2.0 * _RESTED:
             continue  # The arm has not come to rest before the next push.
-        floor = 0.5 * float(np.diag(inertia(run.true, positions[-1])) @ allowed.faster**2)
+        floor = 0.5 * float(np.diag(inertia(run.true(stretch.start), positions[-1])) @ allowed.faster**2)
         growth = _growth(energy(run, stretch), round(_GROWS / run.dt), floor)
         if growth > max(1.0, worst["energy"]):
             why.append(f"energy: grows by {growth:.3g} times what is allowed, from {since}")

@@ -26,6 +26,8 @@ _EVERY = 5_000_000
 """ns between two safe torques without a joint state."""
 _SLOW, _LONGEST = 0.02, 2.0
 """rad/s or m/s, and s: when the best braking ends."""
+STEP = 0.1
+"""Largest change of a torque from one command to the next, as a share of its limit."""
 
 
 class Kind(IntEnum):
@@ -115,33 +117,50 @@ def _disturb(events: Falsified, k: int, push: Array) -> bool:
     return locked
 
 
+class Progress(IntEnum):
+    """Indices of the integers that a simulation continues from."""
+
+    SAMPLE = 0  # the next one
+    STOPPED = 1  # sample of the stop, -1: none so far
+    ANSWERED = 2  # time of the last joint state, ns, -1: none so far
+    ASKED = 3  # time of the last safe torque without one, ns
+    USUAL = 4  # period of joint states, ns
+
+
+def nothing_so_far() -> NDArray[np.int64]:
+    """The `Progress` of a simulation that has not begun."""
+    return np.array([0, -1, -1, 0, 0], dtype=np.int64)
+
+
 @njit
 def simulate(
-    parts: LoopParts, draws: Array, happening: Falsified, until: int, after: int, results: Trace
-) -> tuple[int, int]:
-    """Run the loop until `until` or, if the controller stops, for `after` samples more.
+    parts: LoopParts, draws: Array, happening: Falsified, progress: NDArray[np.int64], end: int, results: Trace
+) -> bool:
+    """Continue the loop up to sample `end`, or until the controller stops.
 
     Args:
         parts: the loop, which is read and changed.
         draws: random numbers of `Randomness`, one row per sample.
         happening: what happens.
-        until: last sample without a stop.
-        after: samples after a stop.
+        progress: from where it continues, and how far it got, see `Progress`.
+        end: exclusive.
         results: filled.
 
     Returns:
-        Number of samples that are finite, and the sample of the stop, -1 without one.
+        Whether everything was finite.
     """
     loop, events, trace = lend(parts), lend(happening), lend(results)
     period, arm, push = loop.period, loop.robot.arm, loop.hardware.plant.push
-    dt, stopped, answered, asked, end, usual = seconds(period), -1, -1, 0, until, 0
-    k = 0
-    while k < end and k < trace.fault.size:
+    k, stopped, answered, asked, usual = progress[0], progress[1], progress[2], progress[3], progress[4]
+    dt, running, finite = seconds(period), stopped < 0, True
+    while k < end and (stopped < 0 or not running):
         for j in range(push.size):
             if not (math.isfinite(arm.position[j]) and abs(arm.derivatives[0, j]) < 1e4):
-                return k, stopped
+                finite = False
             trace.position[k, j] = arm.position[j]
             trace.velocity[k, j] = arm.derivatives[0, j]
+        if not finite:
+            break
         now, sent, fault = k * period, False, 0 if stopped < 0 else int(trace.fault[k - 1])
         sample, measured, _, applied = sense(loop.hardware, loop.robot, draws[k], k)
         for j in range(push.size):
@@ -159,7 +178,7 @@ def simulate(
             asked, sent = now, True
             fault = fault if fault else _STALE
         if fault and stopped < 0:
-            stopped, end = k, k + after
+            stopped = k
         locked = _disturb(events, k, push)
         act(loop.hardware, loop.robot, draws[k], k, sent and not locked, loop.effort, seconds(now), dt)
         for j in range(push.size):
@@ -168,7 +187,84 @@ def simulate(
             trace.push[k, j] = push[j]
         trace.sent[k], trace.fault[k] = sent, fault
         k += 1
-    return k, stopped
+    progress[0], progress[1], progress[2], progress[3], progress[4] = k, stopped, answered, asked, usual
+    return finite
+
+
+@njit
+def _decelerate(model: Model, limit: Array, period: float, state: Array, work: Array, wanted: Array) -> None:
+    """Write the torque that decelerates all joints in proportion to their velocities, as strongly as limits allow.
+
+    Args:
+        model: the true arm.
+        limit: of the torques, N m, shape (joints,).
+        period: time between two commands, s.
+        state: q, q', shape (2 or more, joints).
+        work: scratch, shape (4 or more, joints).
+        wanted: result, N m.
+    """
+    q, dq, ddq, efforts = state[0], state[1], work[:2], work[2:4]
+    for j in range(q.size):
+        ddq[0, j], ddq[1, j] = 0.0, dq[j]
+    inverse_dynamics(model, q, dq, ddq, efforts)
+    share = 0.5 / period
+    for j in range(q.size):
+        needed = efforts[1, j] - efforts[0, j]
+        if needed != 0.0:
+            share = min(share, (efforts[0, j] + math.copysign(limit[j], needed)) / needed)
+    share = max(share, 0.0)
+    for j in range(q.size):
+        torque = efforts[0, j] - share * (efforts[1, j] - efforts[0, j])
+        wanted[j] = min(max(torque, -limit[j]), limit[j])
+
+
+def stop_ideally(
+    parts: LoopParts, draws: Array, happening: Falsified, progress: NDArray[np.int64], end: int, results: Trace
+) -> bool:
+    """As `simulate` after a stop, with the torque of the best braking, which knows the true arm and its motion."""
+    return bool(_stop_ideally(parts, draws, happening, progress, end, results, np.zeros((7, parts.effort.size))))
+
+
+@njit
+def _stop_ideally(
+    parts: LoopParts,
+    draws: Array,
+    happening: Falsified,
+    progress: NDArray[np.int64],
+    end: int,
+    results: Trace,
+    scratch: Array,
+) -> bool:
+    loop, events, trace = lend(parts), lend(happening), lend(results)
+    period, arm, push, plant = loop.period, loop.robot.arm, loop.hardware.plant.push, loop.hardware.plant
+    dt, k, n = seconds(period), progress[0], loop.effort.size
+    state, work, wanted, finite = scratch[:2], scratch[2:6], scratch[6], True
+    while k < end:
+        for j in range(n):
+            if not (math.isfinite(arm.position[j]) and abs(arm.derivatives[0, j]) < 1e4):
+                finite = False
+            trace.position[k, j] = state[0, j] = arm.position[j]
+            trace.velocity[k, j] = state[1, j] = arm.derivatives[0, j]
+        if not finite:
+            break
+        now = seconds(k * period)
+        if plant.payload_begin <= now < plant.payload_end:
+            _decelerate(plant.loaded_model, plant.effort_limit, dt, state, work, wanted)
+        else:
+            _decelerate(plant.model, plant.effort_limit, dt, state, work, wanted)
+        for j in range(n):
+            most = STEP * plant.effort_limit[j]
+            loop.effort[j] += min(max(wanted[j] - loop.effort[j], -most), most)
+        locked = _disturb(events, k, push)
+        act(loop.hardware, loop.robot, draws[k], k, not locked, loop.effort, now, dt)
+        for j in range(n):
+            trace.command[k, j] = loop.effort[j]
+            trace.applied[k, j] = arm.effort[j]
+            trace.push[k, j] = push[j]
+        trace.sent[k], trace.fault[k] = True, trace.fault[k - 1]
+        k += 1
+    progress[0] = k
+    return finite
 
 
 class Braking(NamedTuple):
@@ -190,32 +286,23 @@ def brake(model: Model, braking: Braking, state: Array, way: Array, fastest: Arr
         state: q, q' and the torque applied at first, shape (3, joints); changed.
         way: largest distance of each joint from its first position, filled.
         fastest: largest speed of each joint, filled.
-        work: scratch, shape (6, joints).
+        work: scratch, shape (7, joints).
 
     Returns:
         How long it took, s.
     """
     q, dq, torque = state[0], state[1], state[2]
-    ddq, efforts, acceleration, first = work[:2], work[2:4], work[4], work[5]
+    acceleration, first, wanted = work[4], work[5], work[6]
     inner = max(1, math.ceil(braking.period / 1e-3))
     dt = braking.period / inner
     for j in range(q.size):
-        first[j], way[j], fastest[j], ddq[0, j] = q[j], 0.0, abs(dq[j]), 0.0
+        first[j], way[j], fastest[j] = q[j], 0.0, abs(dq[j])
     commands = int(_LONGEST / braking.period)
     for command in range(commands):
+        _decelerate(model, braking.limit, braking.period, state, work, wanted)
+        free, moving = True, 0.0
         for j in range(q.size):
-            ddq[1, j] = dq[j]
-        inverse_dynamics(model, q, dq, ddq, efforts)
-        share = 0.5 / braking.period
-        for j in range(q.size):
-            needed, limit = efforts[1, j] - efforts[0, j], braking.limit[j]
-            if needed != 0.0:
-                share = min(share, (efforts[0, j] + math.copysign(limit, needed)) / needed)
-        share, free, moving = max(share, 0.0), True, 0.0
-        for j in range(q.size):
-            wanted = efforts[0, j] - share * (efforts[1, j] - efforts[0, j])
-            wanted = min(max(wanted, -braking.limit[j]), braking.limit[j])
-            change, most = wanted - torque[j], braking.step * braking.limit[j]
+            change, most = wanted[j] - torque[j], braking.step * braking.limit[j]
             free = free and abs(change) <= most
             if command >= braking.late:
                 torque[j] += min(max(change, -most), most)

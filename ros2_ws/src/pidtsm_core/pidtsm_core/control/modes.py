@@ -42,6 +42,13 @@ def hold_elsewhere(state: ControllerState) -> None:
         state.clock[Clock.HELD] = Held.ELSEWHERE
 
 
+@inlined
+def hold_unseen(state: ControllerState) -> None:
+    """Because a stopped arm that is held was not seen for a while, hold it at its place only if it is near."""
+    if state.clock[Clock.HELD] == Held.HERE:
+        state.clock[Clock.HELD] = Held.UNSEEN
+
+
 @part
 def begin_afresh(state: ControllerState) -> None:
     """Forget the motion so far and start from where the arm is. A fault stays, and so does the effort."""

@@ -12,18 +12,24 @@ from pidtsm_core.compiled import inlined
 from pidtsm_core.control.desired import write_desired
 from pidtsm_core.control.effort import LARGEST_CHANGE, added_gravity, carry, limit_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold, part
-from pidtsm_core.control.stopping import DETOUR, SLOWEST, begin_hold, learn
+from pidtsm_core.control.stopping import DETOUR, QUICKEST, SLOWEST, begin_hold, learn, resume_hold
 from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
-from pidtsm_core.control.trust import reverse, used_position
+from pidtsm_core.control.trust import is_doubtful, reverse, used_position
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal, Status, Stop
-from pidtsm_core.timing import seconds
+from pidtsm_core.timing import NANOSECONDS, seconds
 
 _CUTOFF = 10.0
 """Cutoff of the velocity filter, as a multiple of the bandwidth of the position control."""
 _LONGEST_CHANGE = 0.01
 """s; longest time between two commands that counts for this."""
 _AT_REST = 0.02  # rad/s
+_SETTLES, _WEIGHS, _WEIGHING = 0.03, 0.3, 2.0
+"""s, s; the load is weighed between these times after the stop. Rate, relative to the bandwidth of the hold."""
+_LONGEST_PERIOD = NANOSECONDS // 300
+"""ns; an arm that is measured less often is not weighed."""
+_MOVES = 0.005
+"""rad; largest way that the difference between the last command and the safe effort alone would move the arm."""
 _SHARE_OF_RATE = 0.5
 """Share of a rate limit in which the difference fades."""
 
@@ -66,7 +72,7 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     _fade(config, state, left)
     limit_effort(config, state)
     go_gently(config, state, now, begins)
-    clock[Clock.HELD] = Held.ELSEWHERE
+    clock[Clock.HELD] = Held.UNSEEN
     state.status[Status.STOP_STAGE] = Stop.BLIND
 
 
@@ -146,7 +152,8 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
     y, hold = state.signals, state.hold
     begins = state.clock[Clock.HELD] != Held.HERE
     if begins:
-        begin_hold(config, state, stamp)
+        if state.clock[Clock.HELD] != Held.UNSEEN or not resume_hold(config, state, stamp):
+            begin_hold(config, state, stamp)
         dt = 0.0
     w = state.hold_bandwidth[0]
     _filter_motion(config, state, dt)
@@ -155,6 +162,8 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
     else:
         efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EQUIVALENT_EFFORT + 1]
         inverse_dynamics(config.model, hold[Hold.POSITION], state.desired[1], state.desired[2:], efforts)
+        if state.clock[Clock.PERIOD] <= _LONGEST_PERIOD:
+            weigh_load(config, state, dt)
         pull = state.accelerations[1]
         for j in range(pull.size):
             e, de = hold[Hold.POSITION, j] - state.desired[0, j], hold[Hold.VELOCITY, j] - state.desired[1, j]
@@ -168,6 +177,35 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
     limit_effort(config, state)
     go_gently(config, state, stamp, begins)
     _integrate(state, dt)
+
+
+@part
+def weigh_load(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Learn the load from what the arm does in the first moments of a stop, dt (s) after the last sample.
+
+    The load approaches the effort that neither the model nor the motion explains. This effort is filtered as the
+    velocity is, and so comes as late. While a joint is doubtful or at its limit, none is weighed: its motion, or what
+    keeps it from moving as desired, would count as a load of the others.
+    """
+    hold, filtered = state.hold, -math.expm1(-_CUTOFF * state.hold_bandwidth[0] * dt)
+    rate, weighs = _WEIGHING * state.hold_bandwidth[0], True
+    for j in range(state.measured.size):
+        weighs = weighs and not is_doubtful(state, j) and abs(state.sent[j]) < config.effort_limit[j]
+    for j in range(state.measured.size):
+        needed, spent = state.signals[Signal.EQUIVALENT_EFFORT, j], 0.0
+        for k in range(state.measured.size):
+            needed -= state.inertia[j, k] * state.desired[2, k]
+            spent += state.inertia[j, k] * (hold[Hold.VELOCITY, k] - hold[Hold.LAST, k])
+        if dt == 0.0:  # The hold begins, perhaps not for the first time.
+            hold[Hold.NET, j], spent = state.sent[j] - needed, 0.0
+        hold[Hold.NET, j] += filtered * (state.sent[j] - needed - hold[Hold.NET, j])
+        if weighs and _SETTLES < hold[Hold.WEIGHED, j] < _WEIGHS:
+            unexplained = (hold[Hold.NET, j] - hold[Hold.LEARNT, j]) * dt - spent
+            learnt = hold[Hold.LEARNT, j] + rate * unexplained
+            hold[Hold.LEARNT, j] = min(max(learnt, -config.effort_limit[j]), config.effort_limit[j])
+        hold[Hold.WEIGHED, j] += dt
+    for j in range(state.measured.size):
+        hold[Hold.LAST, j] = hold[Hold.VELOCITY, j]
 
 
 @inlined
@@ -208,6 +246,7 @@ def go_gently(config: ControllerConfig, state: ControllerState, now: int, begins
     if begins:
         for j in range(efforts.size):
             offset[j] = state.sent[j] - efforts[j]
+        _hurry(config, state)
         _judge_rate_limit(config, state)
     since = min(max(seconds(now - state.clock[Clock.SENT]), 0.0), _LONGEST_CHANGE)
     for j in range(efforts.size):
@@ -218,6 +257,16 @@ def go_gently(config: ControllerConfig, state: ControllerState, now: int, begins
         wanted = efforts[j] + offset[j]
         efforts[j] = min(max(wanted, low), high)
         state.clock[Clock.SLEWING] |= int(efforts[j] != wanted)
+
+
+@inlined
+def _hurry(config: ControllerConfig, state: ControllerState) -> None:
+    """Let the difference fade so soon that it does not move the arm by much, see `_judge_rate_limit`."""
+    for j in range(state.sent.size):
+        off, inertia = abs(state.hold[Hold.OFFSET, j]), state.inertia[j, j]
+        if inertia > 0.0 and off > 0.0:
+            rate = math.sqrt(off * off * off / (6.0 * inertia * _MOVES))
+            state.hold_pace[0] = max(min(state.hold_pace[0], config.effort_limit[j] / rate), QUICKEST)
 
 
 @inlined

@@ -65,6 +65,7 @@ class Held(IntEnum):
     NOT = 0
     HERE = 1  # at the end of its way to rest
     ELSEWHERE = 2  # the arm may have moved since, and will be held at its new position
+    UNSEEN = 3  # there was no joint state for a while; an arm that is near its place will be held there
 
 
 class Hold(IntEnum):
@@ -90,6 +91,10 @@ class Hold(IntEnum):
     SHIFT = 17  # its position is SIGN times the measured one, plus this, rad
     TREND = 18  # velocity beside the desired one, filtered more, rad/s
     REVERSED = 19  # how often SIGN was changed
+    WEIGHED = 20  # time for which its load has been weighed, s
+    NET = 21  # effort beyond what the model needs at rest, filtered as its velocity, N m
+    LAST = 22  # its velocity at the last sample, rad/s
+    DAMPED = 23  # 1: SIGN was changed because damping has accelerated it
 
 
 class Still(IntEnum):

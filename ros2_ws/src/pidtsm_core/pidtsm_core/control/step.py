@@ -7,7 +7,7 @@ from pidtsm_core.control.effort import carry, limit_rate, rate_delay, write_comm
 from pidtsm_core.control.freedrive import hand_over, make_free
 from pidtsm_core.control.handover import begin_handover, fade_handover
 from pidtsm_core.control.history import note
-from pidtsm_core.control.modes import hold_elsewhere, request, reset_fault, stop
+from pidtsm_core.control.modes import hold_elsewhere, hold_unseen, request, reset_fault, stop
 from pidtsm_core.control.plausibility import doubt
 from pidtsm_core.control.safe import leave, make_safe, make_safe_blindly
 from pidtsm_core.control.state import (
@@ -128,7 +128,7 @@ def _watch_gaps(config: ControllerConfig, state: ControllerState, period: int) -
         clock[Clock.LATE] += 1
     if period > stop_after(config.state_stop, clock[Clock.PERIOD]):
         stop(state, Fault.STATE_STALE, 0)
-        hold_elsewhere(state)
+        hold_unseen(state)
     clock[Clock.PERIOD] = track_period(clock[Clock.PERIOD], period)
 
 

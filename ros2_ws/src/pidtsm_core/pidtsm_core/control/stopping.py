@@ -25,8 +25,9 @@ from pidtsm_core.control.state import (
 from pidtsm_core.control.trust import is_doubtful
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Fault, Signal, Status, Stop
+from pidtsm_core.timing import NANOSECONDS
 
-_QUICKEST, SLOWEST = 0.02, 0.125
+QUICKEST, SLOWEST = 0.02, 0.125
 """s; time in which a difference as large as the effort limit fades, so that a stop causes no jolt."""
 _FADES_OVER = 0.015
 """rad; way of the arm in this time: an arm that moves fast needs the safe effort sooner."""
@@ -42,6 +43,9 @@ _SHARE_OF_LIMIT, _AWAY = 0.5, 0.05
 effort is at its limits swings."""
 _WAY_TO_REST, _SHORTEST_REST, _LONGEST_REST = 0.03, 0.02, 0.1
 """rad; way to rest that is short enough for the most gentle stop; s, s; times to rest that are tried first."""
+_LONG_GAP = 3 * NANOSECONDS // 20  # ns
+_NEAR = 0.05
+"""rad; an arm that was not seen for a while, and is nearer to its place, is held there again."""
 DETOUR = 0.02
 """rad; if a rate limit makes the way to rest longer by more, it is suspended."""
 _LARGEST_VELOCITY = 1.5
@@ -80,6 +84,7 @@ def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> 
         fastest = max(fastest, abs(velocity))
         if clock[Clock.HELD] == Held.NOT:
             state.hold[Hold.BEFORE, j] = velocity
+            state.hold[Hold.WEIGHED, j] = state.hold[Hold.DAMPED, j] = 0.0
         state.hold[Hold.VELOCITY, j] = velocity
         state.hold[Hold.POSITION, j] = position
         state.desired[0, j] = position
@@ -87,12 +92,31 @@ def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> 
         state.desired[2, j] = 0.0
     if time_of_change(state) > _LONG_CHANGE:
         _continue_acceleration(config, state)
-    state.hold_pace[0] = min(max(_FADES_OVER / max(fastest, 1e-9), _QUICKEST), SLOWEST)
+    state.hold_pace[0] = min(max(_FADES_OVER / max(fastest, 1e-9), QUICKEST), SLOWEST)
     _plan_stop(config, state, stamp, fastest)
     _weigh(config, state)
     _choose_bandwidth(config, state)
     state.clock[Clock.HELD] = Held.HERE
     state.status[Status.STOP_STAGE] = Stop.HOLD
+
+
+@part
+def resume_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> bool:
+    """Hold an arm that was not seen for a while where it was held before; return whether it is near enough.
+
+    With a new place after each of several gaps, it would go astray. After a long one, it is not pulled back.
+    """
+    if state.clock[Clock.GAP] > _LONG_GAP:
+        return False
+    for j in range(state.measured.size):
+        position, _ = _present_motion(config, state, stamp, j)
+        if not abs(position - state.desired[0, j]) < _NEAR:
+            return False
+    for j in range(state.measured.size):
+        state.hold[Hold.POSITION, j], state.hold[Hold.VELOCITY, j] = _present_motion(config, state, stamp, j)
+    state.clock[Clock.HELD] = Held.HERE
+    state.status[Status.STOP_STAGE] = Stop.HOLD
+    return True
 
 
 @inlined

@@ -10,6 +10,7 @@ import math
 from pidtsm_core.compiled import inlined
 from pidtsm_core.control.effort import carry
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold, part
+from pidtsm_core.control.trust import REVERSALS, change_sign
 from pidtsm_core.signals import Signal, Status, Stop
 from pidtsm_core.timing import NANOSECONDS
 
@@ -42,8 +43,8 @@ def supervise(state: ControllerState, stamp: int) -> None:
     if stage == Stop.HOLD:
         if _leaves(state):
             _enter(state, Stop.DAMPING, stamp)
-    elif stage == Stop.DAMPING and _accelerates(state):
-        _enter(state, Stop.GRAVITY, stamp)
+    elif _accelerates(state):
+        _enter(state, Stop.DAMPING if _changes_sign(state) else Stop.GRAVITY, stamp)
     elif state.clock[Clock.RESTED] < _LARGEST_COUNT:
         since = stamp + 1 - state.clock[Clock.DEGRADED_SINCE]
         if _fastest(state) < _SLOW or (stage == Stop.DAMPING and since > _PATIENCE):
@@ -93,6 +94,25 @@ def _accelerates(state: ControllerState) -> bool:
     grown = grown and energy > _GROWN_ENERGY * state.hold_energy[0]
     state.hold_energy[0] = min(state.hold_energy[0], energy)
     return grown
+
+
+@inlined
+def _changes_sign(state: ControllerState) -> bool:
+    """Change the sign of a measured motion whose damping accelerates its joint, once; return whether it does.
+
+    Damping takes energy out, so the velocity that it acts on has the wrong sign. A joint whose measurement has never
+    jumped keeps its sign: something may push it.
+    """
+    changes, hold = False, state.hold
+    for j in range(state.measured.size):
+        grown = abs(hold[Hold.VELOCITY, j]) > _GROWN * hold[Hold.SLOWEST, j] + _GROWN_BY
+        if grown and hold[Hold.DISTRUSTED, j] == 0.0 and hold[Hold.SIGN, j] != 0.0 and hold[Hold.DAMPED, j] == 0.0:
+            change_sign(state, j)
+            hold[Hold.DAMPED, j] = 1.0
+            hold[Hold.REVERSED, j] = REVERSALS  # Now the sign is known.
+            hold[Hold.INTEGRAL, j] = 0.0
+            changes = True
+    return changes
 
 
 @inlined

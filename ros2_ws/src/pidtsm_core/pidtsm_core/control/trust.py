@@ -24,7 +24,7 @@ _SLOW = 0.1
 _STRAYED, _GROWS, _TREND = 0.02, 1.3, 0.02
 """rad, factor, s: a joint farther from its desired position departs from it if its velocity has grown by this factor,
 compared with that filtered over this time."""
-_REVERSALS = 3
+REVERSALS = 3
 
 
 @inlined
@@ -102,13 +102,20 @@ def reverse(state: ControllerState, dt: float) -> None:
             away = de * math.copysign(1.0, e)
             grows = away > _GROWS * abs(hold[Hold.TREND, j]) and away > state.hold_bandwidth[0] * abs(e)
             hold[Hold.TREND, j] += min(dt / _TREND, 1.0) * (de - hold[Hold.TREND, j])
-            if abs(e) > _STRAYED and grows and hold[Hold.REVERSED, j] < _REVERSALS:
-                hold[Hold.SIGN, j] = -hold[Hold.SIGN, j]
-                hold[Hold.SHIFT, j] = hold[Hold.POSITION, j] - hold[Hold.SIGN, j] * state.measured[j]
-                hold[Hold.VELOCITY, j] = -hold[Hold.VELOCITY, j]
+            if abs(e) > _STRAYED and grows and hold[Hold.REVERSED, j] < REVERSALS:
+                change_sign(state, j)
                 hold[Hold.TREND, j] = -de
                 hold[Hold.INTEGRAL, j] = 0.0
                 hold[Hold.REVERSED, j] += 1.0
+
+
+@inlined
+def change_sign(state: ControllerState, joint: int) -> None:
+    """Use the measured motion of a joint with the other sign; its position stays as it is taken to be."""
+    hold = state.hold
+    hold[Hold.SIGN, joint] = 1.0 if hold[Hold.SIGN, joint] < 0.0 else -1.0
+    hold[Hold.SHIFT, joint] = hold[Hold.POSITION, joint] - hold[Hold.SIGN, joint] * state.measured[joint]
+    hold[Hold.VELOCITY, joint] = -hold[Hold.VELOCITY, joint]
 
 
 @inlined

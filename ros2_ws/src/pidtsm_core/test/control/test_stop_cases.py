@@ -1,13 +1,17 @@
 """The judge of stops finds what is bad, and only that."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from stopcases import ARMS, Case, case_of, ordinary_case_of
-from stopjudge import CRITERIA, STEP, Run, judge
-from stoploop import Braking, brake
+from stopcauses import Event
+from stopjudge import CRITERIA, judge, released
+from stoploop import STEP, Braking, brake
+from stoprun import Run
+from stopwhy import LIMITS, explain
 from testarms import ROTOR
 
 GOOD = Case(
@@ -102,12 +106,46 @@ def test_the_best_braking_takes_the_known_way(rate: int) -> None:
     for torque, ramp in ((-arm.limits[0], 0.0), (0.0, 1.0 / STEP / rate)):
         way, fastest = np.zeros(1), np.zeros(1)
         state = np.array([[0.3], [speed], [torque]])
-        brake(arm.free, Braking(arm.limits, STEP, 1.0 / rate, 0), state, way, fastest, np.zeros((6, 1)))
+        brake(arm.free, Braking(arm.limits, STEP, 1.0 / rate, 0), state, way, fastest, np.zeros((7, 1)))
         # On a ramp from 0, the mean deceleration is half of the largest.
         after = speed - 0.5 * most * ramp
         expected = speed * ramp - most * ramp**2 / 6.0 + after**2 / (2.0 * most)
         assert way[0] == pytest.approx(expected, rel=0.02 + 20.0 / rate)
         assert fastest[0] == pytest.approx(speed)
+
+
+def test_a_load_that_is_picked_up_after_a_stop_is_a_force_from_outside() -> None:
+    picked = Run(replace(GOOD, simulator=GOOD.simulator | {"payload.mass": 1.0, "payload.time": 1.5}))
+    stretches = list(picked.stretches())
+    assert [stretch.start for stretch in stretches] == [picked.stopped, round(1.5 / picked.dt)]
+    assert not released(picked, stretches[0].start).any()
+    assert released(picked, stretches[1].start).max() > 1.0
+
+
+@pytest.mark.parametrize(
+    ("events", "simulator", "explanation"),
+    [
+        ([("LOSS", 0, 0.3, 100.0, 0.0)], {}, "outage"),
+        ([("FROZEN", 0, 0.3, 100.0, 0.0)], {}, "lie"),
+        ([], {"payload.mass": 4.0}, "load"),
+        ([], {"limits.effort": [12.0, 4.0]}, LIMITS),
+    ],
+    ids=["outage", "lie", "load", "limits"],
+)
+def test_a_bad_stop_is_explained_by_what_makes_it_bad(
+    events: list[Event], simulator: dict[str, object], explanation: str
+) -> None:
+    run = Run(replace(GOOD, events=events, simulator=GOOD.simulator | simulator))
+    assert judge(run).why
+    assert explain(run) == explanation
+
+
+def test_a_run_continues_from_its_stop_as_often_as_one_likes() -> None:
+    run = Run(GOOD)
+    again = [run.with_other(lambda _: None) for _ in range(2)]
+    for other in again:
+        np.testing.assert_array_equal(other.trace.position, run.trace.position)
+        np.testing.assert_array_equal(other.trace.command, run.trace.command)
 
 
 CURED = [Case.from_text(line) for line in (Path(__file__).parent / "cured_stops.jsonl").read_text().splitlines()]

@@ -1,0 +1,206 @@
+"""Why a stop is bad: which condition must go, so that it is good?
+
+A bad stop is simulated again from the sample of the stop on, each time without one of the conditions in `CONDITIONS`,
+and judged as before. The first condition without which the stop is good explains it (a counterfactual, "but for"). If
+no single one does, pairs and triples are tried. Before all that, the best braking takes the place of the controller: it
+knows the true arm and its true motion without delay, and only the limits of the torques and of their steps bind it. If
+it is bad, too, no controller could have done better: ``limits``.
+
+What is left is the controller's own: ``controller``.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from stopjudge import gravity, judge
+from stoploop import Kind, stop_ideally
+from stoprun import Run
+
+from pidtsm_core.control import Clock
+from pidtsm_core.control.state import HISTORY, Held, Hold, Still
+from pidtsm_core.robots import Model
+from pidtsm_core.signals import Signal, Status, Stop
+
+Change = Callable[[Run], None]
+_FAST = 1000
+"""Hz."""
+_USUAL = 2.5
+"""rad/s or m/s; velocity limit of an arm that has none."""
+_SOON = 0.05
+"""s; a load that is picked up so soon after the stop counts as picked up."""
+_SAME = 0.1
+"""s; a stop of the same fault that is nearer in time is the same stop."""
+
+
+def _end(run: Run, *kinds: Kind) -> None:
+    table = run.events.table
+    for kind in kinds:
+        rows = table[:, 0] == kind
+        table[rows, 3] = np.minimum(table[rows, 3], run.stopped + 1)
+
+
+def _outage(run: Run) -> None:
+    _end(run, Kind.LOSS)
+
+
+def _lie(run: Run) -> None:
+    _end(run, Kind.OFF, Kind.MIRRORED, Kind.NEGATED, Kind.FROZEN)
+    _believe(run)
+
+
+def _believe(run: Run) -> None:
+    state = run.controller.state
+    state.hold[Hold.DISTRUSTED : Hold.REVERSED + 1] = 0.0
+    state.still[Still.SAMPLES] = 0.0
+
+
+def _push(run: Run) -> None:
+    _end(run, Kind.PUSH)
+
+
+def _begin(run: Run) -> None:
+    """The stop begins with the true motion, at the next sample."""
+    state, k, trace = run.controller.state, run.stopped, run.trace
+    state.signals[Signal.POSITION], state.signals[Signal.VELOCITY] = trace.position[k], trace.velocity[k]
+    state.measured[:] = trace.position[k]
+    state.hold[Hold.BEFORE] = trace.velocity[k]
+    first = max(state.clock[Clock.NOTES] - HISTORY, 0)
+    for note in range(first, state.clock[Clock.NOTES]):
+        row = note % HISTORY
+        age = (state.clock[Clock.LAST] - state.history_stamps[row]) / 1e9
+        state.history[row] = trace.position[max(k - round(age / run.dt), 0)]
+    _believe(run)
+    _again(run)
+
+
+def _again(run: Run) -> None:
+    """The stop begins again at the next sample."""
+    state = run.controller.state
+    state.clock[Clock.HELD] = Held.ELSEWHERE
+    state.hold[Hold.INTEGRAL] = state.doubted[:] = 0.0
+    state.status[Status.STOP_STAGE] = Stop.HOLD
+
+
+def _sensors(run: Run) -> None:
+    hardware = run.parts.hardware
+    sensor, channel = hardware.sensor._replace(ideal=True), hardware.measurements._replace(direct=True)
+    run.parts = run.parts._replace(hardware=hardware._replace(sensor=sensor, measurements=channel))
+
+
+def _drives(run: Run) -> None:
+    hardware = run.parts.hardware
+    drives, channel = hardware.actuator._replace(ideal=True), hardware.commands._replace(direct=True)
+    run.parts = run.parts._replace(hardware=hardware._replace(actuator=drives, commands=channel))
+
+
+def _friction(run: Run) -> None:
+    hardware = run.parts.hardware
+    plant = hardware.plant._replace(friction=hardware.plant.friction._replace(none=True))
+    run.parts = run.parts._replace(hardware=hardware._replace(plant=plant))
+
+
+def _carried(run: Run) -> Model:
+    """The true arm, with what it will pick up soon."""
+    return run.true(run.stopped + round(_SOON / run.dt))
+
+
+def _load(run: Run) -> None:
+    """The hold knows what carries the true arm."""
+    q = run.trace.position[run.stopped]
+    known, carried = run.controller.config.model, _carried(run)
+    run.controller.state.hold[Hold.LEARNT] = gravity(carried, q) - gravity(known, q)
+    run.controller.state.hold[Hold.INTEGRAL] = 0.0
+
+
+def _model(run: Run) -> None:
+    """The controller knows the true arm."""
+    model = run.controller.config.model.parameters
+    model[:] = _carried(run).parameters
+    run.controller.state.hold[Hold.LEARNT] = 0.0
+    _again(run)
+
+
+def _rate_limit(run: Run) -> None:
+    run.controller.config.effort_rate[:] = 0.0
+
+
+def _speed(run: Run) -> None:
+    limit, velocity = run.controller.config.velocity_limit, run.parts.robot.arm.derivatives[0]
+    most = np.where(limit > 0.0, limit, _USUAL)
+    velocity[:] /= max(1.0, float((np.abs(velocity) / most).max()))
+
+
+def _torque(run: Run) -> None:
+    run.controller.config.effort_limit[:] *= 2.0
+    run.parts.hardware.plant.effort_limit[:] *= 2.0
+
+
+def _stiffness(run: Run) -> None:
+    run.controller.state.hold_bandwidth[0] *= 2.0
+
+
+CONDITIONS: dict[str, tuple[Change, str]] = {
+    "outage": (_outage, "joint states are lost after the stop"),
+    "lie": (_lie, "an encoder lies after the stop"),
+    "push": (_push, "something still pushes after the stop"),
+    "begin": (_begin, "the motion at the stop is not known"),
+    "load": (_load, "the load is not known"),
+    "model": (_model, "the model is not exact"),
+    "sensors": (_sensors, "resolution, noise, delay and losses of the measurements"),
+    "drives": (_drives, "lag, delay and losses of the drives"),
+    "friction": (_friction, "friction"),
+    "rate limit": (_rate_limit, "the limit of the torque's rate"),
+    "speed": (_speed, "at the stop, the arm is faster than its velocity limit"),
+}
+"""What a controller cannot change: how to take it away at the stop, and what it is."""
+CHOICES: dict[str, tuple[Change, str]] = {
+    "torque": (_torque, "motors: with twice the torque the stop is good"),
+    "soft": (_stiffness, "the hold is soft: with twice its bandwidth the stop is good"),
+}
+"""What an arm or its parameters choose, likewise."""
+LIMITS, PERIOD, CONTROLLER = "limits", "period", "controller"
+OTHERS = {
+    LIMITS: "the best braking is bad, too",
+    PERIOD: "joint states come rarely: the same stop is good at 1 kHz",
+    CONTROLLER: "none of these: the controller is to blame",
+}
+_MOST = 3
+"""Conditions that together are an explanation."""
+
+
+def _good(run: Run, changes: Iterable[Change]) -> bool:
+    def change(other: Run) -> None:
+        for each in changes:
+            each(other)
+
+    return not judge(run.with_other(change)).why
+
+
+def _good_at_a_fast_rate(run: Run) -> bool:
+    rate = run.case.simulator["rate"]
+    if rate >= _FAST:
+        return False
+    faster = Run(replace(run.case, simulator=run.case.simulator | {"rate": _FAST}))
+    same = faster.fault == run.fault and abs(faster.stopped * faster.dt - run.stopped * run.dt) < _SAME
+    return same and not judge(faster).why
+
+
+def explain(run: Run) -> str:
+    """The explanation of a bad stop: names of `CONDITIONS` joined by a plus, or one of `CHOICES` or `OTHERS`."""
+    if judge(run.with_other(_drives, stop_ideally)).why:
+        return LIMITS
+    for name, (change, _) in CONDITIONS.items():
+        if _good(run, [change]):
+            return name
+    if _good_at_a_fast_rate(run):
+        return PERIOD
+    for name, (change, _) in CHOICES.items():
+        if _good(run, [change]):
+            return name
+    for size in range(2, _MOST + 1):
+        for some in combinations(CONDITIONS, size):
+            if _good(run, [CONDITIONS[name][0] for name in some]):
+                return "+".join(some)
+    return CONTROLLER
