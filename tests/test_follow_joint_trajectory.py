@@ -33,6 +33,8 @@ Vector = NDArray[np.float64]
 Result = FollowJointTrajectory.Result
 NAMES = ["joint1", "joint2"]
 PERIOD = 0.004
+SOON = 25 * PERIOD
+"""s of the arm; a result is on its way for some periods, during which the arm goes on."""
 REST = [0.0, 0.0]
 SETTINGS = {"joints": NAMES, "robot.description": TURNTABLE, "reference.name": "sines"}
 LIMITS: MotionLimits = motion_limits(resolve(trajectory_node_schema, SETTINGS, 2))
@@ -291,7 +293,7 @@ def here(rig: "Rig") -> Sent:
     """One point at time 0 where the arm is, which is not quite where the reference is; the arm is there at once."""
     sent, before = Sent(rig, goal(point(0.0, (rig.reference[0] + rig.offset).tolist()))), rig.t
     rig.until(sent.done)
-    assert rig.t - before < 3.0 * PERIOD, "at once"
+    assert rig.t - before < SOON, "at once, but for the way of the messages"
     return sent
 
 
@@ -553,9 +555,11 @@ def test_a_goal_of_many_points_is_followed_like_one_of_few(rig: Rig) -> None:
         dq, ddq = x**2 * (30.0 - x * (60.0 - 30.0 * x)), x * (60.0 - x * (180.0 - 120.0 * x))
         points.append(point(x, *([0.2 * value, 0.0] for value in (q, dq, ddq))))
     assert rig.finish(goal(*points)).outcome == SUCCESS
-    t = rig.path[:, 0]
-    x = np.clip(t - (t[-1] - 1.0), 0.0, 1.0)
-    np.testing.assert_allclose(rig.path[:, 1], 0.2 * x**3 * (10.0 - x * (15.0 - 6.0 * x)), atol=0.2 * 2.0 * 2 * PERIOD)
+    t, q = rig.path[:, 0], rig.path[:, 1]
+    half = int(np.searchsorted(q, 0.1))
+    middle = np.interp(0.1, q[half - 1 : half + 1], t[half - 1 : half + 1])
+    x = np.clip(t - (middle - 0.5), 0.0, 1.0)
+    np.testing.assert_allclose(q, 0.2 * x**3 * (10.0 - x * (15.0 - 6.0 * x)), atol=1e-4)
     np.testing.assert_allclose(rig.reference[0], [0.2, 0.0], atol=1e-12)
     rig.check_smooth()
 
