@@ -38,11 +38,6 @@ def content(message: Any, fields: Any) -> Any:
     return [content(each, like) for each, like in zip(message, fields, strict=True)]
 
 
-Period = tuple[int | None, int | None]
-"""Of the reception of messages: from, and until before, ns; None: all."""
-ALWAYS: Period = (None, None)
-
-
 @contextmanager
 def opened(bag: Path) -> Iterator[tuple[AnyReader, IO[bytes]]]:
     """A bag of one file in rosbags' reader, and the file; also one whose recorder was killed on a busy machine."""
@@ -54,11 +49,16 @@ def opened(bag: Path) -> Iterator[tuple[AnyReader, IO[bytes]]]:
             yield reader, stream
 
 
-def messages(bag: Path, period: Period = ALWAYS) -> Iterator[tuple[str, str, bytes, Any, Any]]:
-    """Topic, type, bytes, and what rosbags alone and mcap-ros2-support alone make of each message."""
+def messages(bag: Path, before: int | None = None) -> Iterator[tuple[str, str, bytes, Any, Any]]:
+    """Topic, type, bytes, and what rosbags alone and mcap-ros2-support alone make of each message.
+
+    Args:
+        bag: of one file.
+        before: only messages received before this time, ns.
+    """
     with opened(bag) as (reader, stream):
-        ours = sorted(reader.messages((), *period), key=lambda each: (each[1], each[0].topic))
-        theirs = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(None, *period)
+        ours = sorted(reader.messages(stop=before), key=lambda each: (each[1], each[0].topic))
+        theirs = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(ending_before=before)
         decoded = sorted(theirs, key=lambda each: (each[2].log_time, each[1].topic))
         for (connection, time, data), (_, channel, message, value) in zip(ours, decoded, strict=True):
             assert (time, connection.topic, data) == (message.log_time, channel.topic, message.data)
@@ -71,13 +71,13 @@ def received(bag: Path, topic: str) -> list[int]:
         return [time for _, time, _ in reader.messages([each for each in reader.connections if each.topic == topic])]
 
 
-def judged(bag: Path, period: Period = ALWAYS) -> Counter[str]:
-    """The number of messages of each topic, by its name without the first slash.
+def judged(bag: Path, before: int | None = None) -> Counter[str]:
+    """The number of messages of each topic, by its name without the first slash; `before`: see `messages`.
 
     All three libraries read the same numbers from every message, whose bytes are all part of it.
     """
     counts: Counter[str] = Counter()
-    for topic, kind, data, of_rosbags, of_mcap in messages(bag, period):
+    for topic, kind, data, of_rosbags, of_mcap in messages(bag, before):
         message = deserialize_message(data, get_message(kind))
         expected = content(message, message)
         assert content(of_rosbags, message) == expected == content(of_mcap, message), topic

@@ -57,7 +57,6 @@ class LoopParts(NamedTuple):
     measured_effort: Array  # what the drives report, shape (joints,)
     desired: Array
     effort: Array
-    signals: Array
     state_stop: int  # ns
     hardware: SimulatorConfig
     robot: SimulatorState
@@ -170,11 +169,11 @@ def simulate(
         if sample >= 0 and not lost:
             evaluate_motion(loop.motion, seconds(sample * period), loop.desired)
             stamp = sample * period
-            status = respond(loop.controller, stamp, stamp, loop.effort, loop.signals)
+            status = respond(loop.controller, stamp, stamp)
             usual = track_period(usual, now - answered if answered >= 0 else 0)
             answered, sent, fault = now, True, status[1]
         elif answered >= 0 and now - answered > stop_after(loop.state_stop, usual) and now - asked >= _EVERY:
-            stop_now(loop.controller, _STALE, now - answered, loop.effort, loop.signals)
+            stop_now(loop.controller, _STALE, now - answered)
             asked, sent = now, True
             fault = fault if fault else _STALE
         if fault and stopped < 0:

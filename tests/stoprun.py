@@ -129,7 +129,6 @@ def _parts(controller: Controller, robot: SimulatedRobot, motion: ReferenceMotio
         measured_effort=measured[1] if len(measured) > 1 else np.zeros(controller.joints),
         desired=controller.reference,
         effort=controller.effort,
-        signals=controller.signals,
         state_stop=controller.state_stop,
         hardware=robot.config,
         robot=robot.state,

@@ -24,7 +24,7 @@ from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.node_parameters import NODE_SCHEMAS
 from pidtsm_experiments.bags.reader import read_recording
-from pidtsm_experiments.bags.recorder_node import TOPICS
+from pidtsm_experiments.bags.recorder_node import BARRIER, TOPICS
 
 EVENTS = int(os.environ.get("PIDTSM_LIVE_EVENTS", "300"))
 """Number of random events."""
@@ -141,14 +141,14 @@ def test_a_recording_can_be_read_by_everyone(live: Live) -> None:
     live.client.press("Record")
     before = until(samples, "samples")
     live.client.press("Push")
-    # A push lasts for 0.3 s.
     until(lambda: samples() > before + 500, "more of them")
     live.client.press("End the recording")
     text = until(lambda: "recorded: " in live.text('id="bag"') and live.text('id="bag"'), "its end")
     bag = Path(text.partition("recorded: ")[2].strip())
-    first, *_ = received(bag, "/simulator/push")
-    counts = judged(bag, (first, first + 300_000_000))
-    assert min(counts[topic] for topic in TOPICS) >= 10
+    # The beginning, of whatever length: a busy recorder receives many messages at one moment.
+    counts = judged(bag, 1 + max(received(bag, "/simulator/push")[0], received(bag, f"/{BARRIER}")[100]))
+    assert min(counts[topic] for topic in TOPICS) >= 100
+    assert counts["simulator/push"] >= 1
     assert read_recording(bag).joints == ("joint1", "joint2")
 
 

@@ -15,8 +15,8 @@ from pidtsm_core.control import Controller, ControllerConfig, ControllerState, c
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.experiment import Experiment, make_experiment
 from pidtsm_core.joints import JointOrder
-from pidtsm_core.memory import Layout, Stored
 from pidtsm_core.parameters import Array, ParameterError, Value, as_float, names
+from pidtsm_core.pointers import lend
 from pidtsm_core.recording import Recording
 from pidtsm_core.references import (
     MotionConfig,
@@ -76,7 +76,6 @@ class _Loop(NamedTuple):
     motion: MotionConfig
     places: Places  # of the controller's joints among the simulator's and the trajectory's, shape (2, joints)
     period: int  # ns
-    samples: _Samples
 
 
 @inlined
@@ -137,24 +136,18 @@ def _answer(loop: _Loop, sample: int, referred: int, measured: Array, derivative
         state.torque[places[0, j]] = state.output[j]
 
 
-def _example() -> _Loop:
-    return _prepared(measuring(make_experiment(None)).resolved(SCHEMAS), 1e-3)[0].value
-
-
-_LAYOUT = Layout(_example)
-_loop_at = _LAYOUT.at
-
-
 @njit
-def _simulate(address: int, draws: Array) -> int:
+def _simulate(values: _Loop, draws: Array, results: _Samples) -> int:
     """Run the loop; return the number of samples with finite values.
 
+    By value, because this is called once a rollout: the loop is a quarter faster than at an address.
+
     Args:
-        address: of the `_Loop`, which is read and changed.
+        values: the loop, which is read and changed.
         draws: random numbers of `Randomness`, one row per sample.
+        results: filled.
     """
-    loop = _loop_at(address)
-    samples = loop.samples
+    loop, samples = lend(values), lend(results)
     period, arm, state = loop.period, loop.robot.arm, loop.state
     dt = seconds(period)
     last = -1  # sample of the last measurement that reached the controller
@@ -235,17 +228,16 @@ def rollout(
     experiment = make_experiment(scenario, law, duration, params, given, robot).without_node_parameters()
     values = measuring(experiment).resolved(SCHEMAS)
     with first_compilation():
-        loop, draws = _prepared(values, experiment.duration)
-        done = _simulate(loop.address, draws)
-    samples, period = loop.value.samples, loop.value.period
+        loop, draws, samples = _prepared(values, experiment.duration)
+        done = _simulate(loop, draws, samples)
     if done < samples.time.size:
-        raise DivergedError(f"the loop is not finite any more after {seconds(done * period):g} s")
+        raise DivergedError(f"the loop is not finite any more after {seconds(done * loop.period):g} s")
     _reorder(samples, {node: names(values[node]["joints"]) for node in SCHEMAS})
     arm = find_robot(values["simulator"])
     return Recording(
         joints=names(values["simulator"]["joints"]),
         **samples._asdict(),
-        stamps_ns=np.arange(samples.time.size) * period,
+        stamps_ns=np.arange(samples.time.size) * loop.period,
         compute_time=np.empty(0),
         scenario=experiment.scenario,
         law=experiment.law,
@@ -293,8 +285,8 @@ def measuring(experiment: Experiment) -> Experiment:
     return replace(experiment, settings=settings)
 
 
-def _prepared(values: Mapping[str, Mapping[str, Value]], duration: float) -> tuple[Stored[_Loop], Array]:
-    """The loop at its start, and random numbers, one row per sample.
+def _prepared(values: Mapping[str, Mapping[str, Value]], duration: float) -> tuple[_Loop, Array, _Samples]:
+    """The loop at its start, random numbers, one row per sample, and arrays for the samples.
 
     Raises:
         ParameterError: the start, the duration or its memory, see `rollout`.
@@ -309,6 +301,7 @@ def _prepared(values: Mapping[str, Mapping[str, Value]], duration: float) -> tup
     if not duration * 1e9 / period >= 0.5 or duration > LONGEST_RUN:
         raise ParameterError(f"duration: {duration} s is not a time from one sample to {LONGEST_RUN:g} s")
     count = round(duration * 1e9 / period)
+    samples = _blank(robot.joints, count)
     loop = _Loop(
         controller=controller.config,
         state=controller.state,
@@ -317,9 +310,8 @@ def _prepared(values: Mapping[str, Mapping[str, Value]], duration: float) -> tup
         motion=motion.config,
         places=places,
         period=period,
-        samples=_blank(robot.joints, count),
     )
-    return _LAYOUT.store(loop), robot.randomness.draw(count)
+    return loop, robot.randomness.draw(count), samples
 
 
 def _reorder(samples: _Samples, joints: Mapping[str, tuple[str, ...]]) -> None:

@@ -12,6 +12,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numba import typeof
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
 from pidtsm_core.pointers import Pointer
 
@@ -41,12 +42,17 @@ class Layout(Generic[_Tuple]):
     @cached_property
     def kind(self) -> Any:
         """Numba's type of the tuples."""
-        return typeof(self._make_example())
+        return typeof(self.example)
+
+    @cached_property
+    def example(self) -> _Tuple:
+        """A tuple of the type."""
+        return self._make_example()
 
     @cached_property
     def form(self) -> Any:
-        """The same as a structure of C, which has the sizes and gaps that compiled code expects."""
-        return _form(self._make_example())
+        """The type as a structure of C, which has the sizes and gaps that compiled code expects."""
+        return _form(self.example)
 
     def store(self, value: _Tuple) -> "Stored[_Tuple]":
         """Put a tuple into memory of its own, which is filled when its address is first needed."""
@@ -84,13 +90,14 @@ class Stored(Generic[_Tuple]):
             TypeError: its type is not that of the layout; compiled code would misread it.
         """
         if self._memory is not None:
-            if typeof(value) != self._layout.kind:
-                raise TypeError(f"{type(value).__name__}: {typeof(value)} is not {self._layout.kind}")
+            _check(value, self._layout.example, type(value).__name__)
             _fill(self._memory, value)
         self.value = value
 
 
 _NUMBERS = {bool: ctypes.c_bool, int: ctypes.c_int64, float: ctypes.c_double}
+_NUMBER_OF = {**{kind: kind for kind in _NUMBERS}, np.bool_: bool, np.int64: int, np.float64: float}
+"""Python's type of a number, by its type."""
 
 
 def _form(value: Any) -> Any:
@@ -107,10 +114,38 @@ def _form(value: Any) -> Any:
     return type(type(value).__name__, (ctypes.Structure,), {"_fields_": fields})
 
 
+def _check(value: Any, example: Any, name: str) -> None:
+    """Check that compiled code may read the value as it reads the example; `typeof` takes a millisecond for this.
+
+    Raises:
+        TypeError: it has not.
+    """
+    if isinstance(example, tuple):
+        if type(value) is not type(example) or len(value) != len(example):
+            raise TypeError(f"{name} is a {type(value).__name__}, not a {type(example).__name__}")
+        for i, (mine, known) in enumerate(zip(value, example, strict=True)):
+            _check(mine, known, f"{name}.{getattr(example, '_fields', range(len(example)))[i]}")
+    elif isinstance(example, np.ndarray):
+        ordered = example.flags.c_contiguous
+        if (
+            not isinstance(value, np.ndarray)
+            or _type_of(value) != _type_of(example)
+            or ordered > value.flags.c_contiguous
+        ):
+            order = ", in C order" if ordered else ""
+            raise TypeError(f"{name} is not an array of {example.ndim} dimensions and type {example.dtype}{order}")
+    elif _NUMBER_OF.get(type(value)) is not type(example):
+        raise TypeError(f"{name} is a {type(value).__name__}, not a {type(example).__name__}")
+
+
+def _type_of(array: NDArray[Any]) -> tuple[Any, ...]:
+    return array.dtype, array.ndim, array.flags.writeable, array.flags.aligned
+
+
 def _fill(memory: Any, value: Any) -> None:
     """Write a value to a structure."""
     if isinstance(value, np.ndarray):
-        memory.items, memory.item_size, memory.data = value.size, value.itemsize, value.ctypes.data
+        memory.items, memory.item_size, memory.data = value.size, value.itemsize, value.__array_interface__["data"][0]
         memory.shape[:], memory.strides[:] = value.shape, value.strides
         return
     for i, each in enumerate(value):

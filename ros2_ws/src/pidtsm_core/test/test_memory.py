@@ -25,12 +25,14 @@ class Outer(NamedTuple):
     size: float
     table: Array
     flags: NDArray[np.bool_]
+    apart: Array  # its elements need not be neighbours
     ends: bool
 
 
 def outer(number: int = 3, size: float = 0.5) -> Outer:
     table = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
-    return Outer(True, Inner(False, number, True), size, table, np.array([False, True]), False)
+    apart = np.arange(6.0)[::2]
+    return Outer(True, Inner(False, number, True), size, table, np.array([False, True]), apart, False)
 
 
 LAYOUT = Layout(outer)
@@ -45,25 +47,25 @@ def read(address: int, numbers: Array) -> int:
     number = 0
     for flag in flags:
         number = 2 * number + flag
-    numbers[0], numbers[1], numbers[2] = inner.number, found.size, found.table[1, 2]
+    numbers[0], numbers[1], numbers[2], numbers[3] = inner.number, found.size, found.table[1, 2], found.apart[2]
     found.table[0, 1] = -1.0
     return number
 
 
 def test_compiled_code_finds_what_python_has_stored_and_both_share_the_arrays() -> None:
-    stored, numbers = LAYOUT.store(outer()), np.zeros(3)
+    stored, numbers = LAYOUT.store(outer()), np.zeros(4)
     assert read(stored.address, numbers) == 0b101010
-    assert numbers.tolist() == [3.0, 0.5, 6.0]
+    assert numbers.tolist() == [3.0, 0.5, 6.0, 4.0]
     assert stored.value.table[0, 1] == -1.0
 
 
 def test_what_is_written_again_is_found_at_the_same_address() -> None:
-    stored, numbers = LAYOUT.store(outer()), np.zeros(3)
+    stored, numbers = LAYOUT.store(outer()), np.zeros(4)
     address = stored.address
-    stored.write(outer(number=-7, size=np.float64(1e300)))
+    stored.write(outer(number=-7, size=np.float64(1e300))._replace(apart=np.array([7.0, 8.0, 9.0])))
     assert stored.address == address
     read(address, numbers)
-    assert numbers.tolist() == [-7.0, 1e300, 6.0]
+    assert numbers.tolist() == [-7.0, 1e300, 6.0, 9.0]
 
 
 def test_the_structure_of_c_has_the_size_that_numba_gives_the_tuple() -> None:
@@ -90,4 +92,4 @@ def test_what_compiled_code_would_misread_is_refused(change: dict[str, Any]) -> 
     address = stored.address
     with pytest.raises(TypeError, match="Outer"):
         stored.write(wrong)
-    assert read(address, np.zeros(3)) == 0b101010
+    assert read(address, np.zeros(4)) == 0b101010

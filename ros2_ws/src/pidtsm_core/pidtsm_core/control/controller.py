@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -68,7 +69,6 @@ class Controller:
         effort: the result of the last step, shape (joints,), N m.
         signals: likewise, shape (len(Signal), joints), order of `Signal`.
         config, state: what a step reads, and what it changes.
-        address: of both, for compiled code that calls `respond`.
     """
 
     def __init__(self, values: Mapping[str, Value], effort: Array | None = None, signals: Array | None = None) -> None:
@@ -86,10 +86,19 @@ class Controller:
         self.signals = np.zeros((len(Signal), self.joints)) if signals is None else signals
         self.state = new_state(self.joints, feeds_back=values["feedback.effort"] == "measured")
         self._configure(values)
-        self._memory = LAYOUT.store(ControllerMemory(self.config, self.state))
-        self.address = self._memory.address
+        self._memory = LAYOUT.store(self.memory)
         self.position, self.measured = self.state.measured, self.state.received
         self.reference, self.given = self.state.reference, self.state.given
+
+    @property
+    def memory(self) -> ControllerMemory:
+        """What compiled code reads and changes."""
+        return ControllerMemory(self.config, self.state, self.effort, self.signals)
+
+    @cached_property
+    def address(self) -> int:
+        """Where compiled code that calls `respond` finds `memory`; it never changes."""
+        return self._memory.address
 
     def set_parameters(self, values: Mapping[str, Value]) -> None:
         """Use other parameters from the next step on; the state is kept.
@@ -99,7 +108,7 @@ class Controller:
         """
         before = self._demanding
         self._configure(values)
-        self._memory.write(ControllerMemory(self.config, self.state))
+        self._memory.write(self.memory)
         if any(not np.array_equal(a, b) for a, b in zip(before, self._demanding, strict=True)):
             expect_handover(self.state)
 
@@ -159,9 +168,9 @@ class Controller:
     def compile(self) -> None:
         """Compile everything that a step may call, before the loop; afterwards the state is the initial one."""
         with first_compilation():
-            respond(self.address, 0, -1, self.effort, self.signals)
-            stop_now(self.address, int(Fault.STATE_STALE), 0, self.effort, self.signals)
-            leave_now(self.address, self.effort, self.signals)
+            respond(self.address, 0, -1)
+            stop_now(self.address, int(Fault.STATE_STALE), 0)
+            leave_now(self.address)
             part.prepare()
         set_clock(self.state, 0)
         reset_fault(self.config, self.state)
@@ -177,15 +186,15 @@ class Controller:
         Returns:
             The status, in the order of `Status`.
         """
-        return respond(self.address, stamp, reference_stamp, self.effort, self.signals)
+        return respond(self.address, stamp, reference_stamp)
 
     def stop(self, fault: int, elapsed: int) -> None:
         """Write the safe effort, `elapsed` (ns) after the last joint state; see `stop_now`."""
-        stop_now(self.address, int(fault), elapsed, self.effort, self.signals)
+        stop_now(self.address, int(fault), elapsed)
 
     def leave(self) -> None:
         """Write the last effort, which remains applied after the controller ends; see `leave_now`."""
-        leave_now(self.address, self.effort, self.signals)
+        leave_now(self.address)
 
     @property
     def state_stop(self) -> int:

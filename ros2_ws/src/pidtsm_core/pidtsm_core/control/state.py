@@ -228,6 +228,8 @@ class ControllerMemory(NamedTuple):
 
     config: ControllerConfig
     state: ControllerState
+    effort: Array  # result for Python, shape (joints,), N m
+    signals: Array  # likewise, shape (len(Signal), joints), rows of any distance: those of a message
 
 
 def new_state(joints: int, feeds_back: bool) -> ControllerState:
@@ -296,7 +298,9 @@ def _example() -> ControllerMemory:
     }
     values = {name: by_kind[kind] for name, kind in get_type_hints(ControllerConfig).items()}
     tables = {name: np.zeros((1, 1)) for name in ("law", "estimator_parameters")}
-    return ControllerMemory(ControllerConfig(**{**values, **tables}), new_state(1, feeds_back=False))
+    config = ControllerConfig(**{**values, **tables})
+    apart = np.zeros((len(Signal), 2))[:, :1]
+    return ControllerMemory(config, new_state(1, feeds_back=False), np.zeros(1), apart)
 
 
 LAYOUT = Layout(_example)

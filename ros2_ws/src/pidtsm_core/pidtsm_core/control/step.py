@@ -13,6 +13,7 @@ from pidtsm_core.control.safe import leave, make_safe, make_safe_blindly
 from pidtsm_core.control.state import (
     Clock,
     ControllerConfig,
+    ControllerMemory,
     ControllerState,
     External,
     Handover,
@@ -21,7 +22,6 @@ from pidtsm_core.control.state import (
 )
 from pidtsm_core.control.tick import tick
 from pidtsm_core.control.turns import distance, unwind_measurement
-from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Fault, Limited, Mode, Request, Signal, Status, Violation
 from pidtsm_core.timing import NANOSECONDS, seconds, track_period
 
@@ -286,36 +286,30 @@ def _keep_up(config: ControllerConfig, state: ControllerState, stamp: int, behin
 
 
 @njit
-def respond(
-    address: int, stamp: int, reference_stamp: int, effort: Array, signals: Array
-) -> tuple[int, int, int, int, int]:
-    """`step` for Python.
+def respond(address: int, stamp: int, reference_stamp: int) -> tuple[int, int, int, int, int]:
+    """`step` for Python; the results are ``effort`` and ``signals`` of the memory.
 
     Args:
         address: of the `ControllerMemory`.
         stamp: see `step`.
         reference_stamp: likewise.
-        effort: result, shape (joints,), N m.
-        signals: result, shape (len(Signal), joints).
 
     Returns:
         The status, in the order of `Status`.
     """
     memory = memory_at(address)
     step(memory.config, memory.state, stamp, reference_stamp)
-    return _copy_result(memory.state, effort, signals)
+    return _copy_result(memory)
 
 
 @njit
-def stop_now(address: int, fault: int, elapsed: int, effort: Array, signals: Array) -> None:
+def stop_now(address: int, fault: int, elapsed: int) -> None:
     """Replace the effort of the last step with the safe one while no joint state arrives; may be called repeatedly.
 
     Args:
         address: of the `ControllerMemory`.
         fault: fault that is latched, unless there is one already.
         elapsed: time since the last step, ns.
-        effort: result, shape (joints,), N m.
-        signals: result, shape (len(Signal), joints).
     """
     memory = memory_at(address)
     config, state = memory.config, memory.state
@@ -329,16 +323,16 @@ def stop_now(address: int, fault: int, elapsed: int, effort: Array, signals: Arr
         _limit_rate(config, state, now, seconds(max(now - clock[Clock.SENT], 0)))
     clock[Clock.SENT] = now
     write_command(config, state)
-    _copy_result(state, effort, signals)
+    _copy_result(memory)
 
 
 @njit
-def leave_now(address: int, effort: Array, signals: Array) -> None:
+def leave_now(address: int) -> None:
     """Replace the effort of the last step with the one that remains after the controller ends; see `stop_now`."""
     memory = memory_at(address)
     leave(memory.config, memory.state)
     write_command(memory.config, memory.state)
-    _copy_result(memory.state, effort, signals)
+    _copy_result(memory)
 
 
 @njit
@@ -349,8 +343,9 @@ def tick_now(address: int, dt: float) -> None:
 
 
 @inlined
-def _copy_result(state: ControllerState, effort: Array, signals: Array) -> tuple[int, int, int, int, int]:
-    """Copy the result to the arrays of the caller."""
+def _copy_result(memory: ControllerMemory) -> tuple[int, int, int, int, int]:
+    """Copy the result to the arrays of the caller; return the status."""
+    state, effort, signals = memory.state, memory.effort, memory.signals
     y, status = state.signals, state.status
     for i in range(y.shape[0]):
         for j in range(y.shape[1]):

@@ -156,7 +156,7 @@ class RecorderNode(Node):
         self.connected = False
         self.without: list[str] = []
         self._joined = 0.0  # when somebody was first seen to publish the joint states; 0: not yet
-        self._with_contacts = False
+        self._contacts: list[_RecordedTopic] | None = None  # None: not known yet
         self._topics = {topic: self._record(topic) for topic in TOPICS if topic != BARRIER}
         self._others = [
             self._subscribe(DIAGNOSTICS, DiagnosticArray, RELIABLE_READER),
@@ -192,9 +192,8 @@ class RecorderNode(Node):
         They are not if there are joint states, but after `_ALONE` no ground truth, or after `_PATIENCE` not the others.
         """
         truth = self._topics[TRUTH].subscription.get_publisher_count() > 0
-        if truth and not self._with_contacts:
-            self._others += self._contacts()
-            self._with_contacts = True
+        if truth and self._contacts is None:
+            self._contacts = self._record_contacts()
         if self.connected:
             return
         without = self.missing()
@@ -215,12 +214,12 @@ class RecorderNode(Node):
             self._joined = now
         return self._joined > 0.0 and now - self._joined > (_PATIENCE if truth else _ALONE)
 
-    def _contacts(self) -> list[_RecordedTopic]:
+    def _record_contacts(self) -> list[_RecordedTopic]:
         """Subscribe to the contact forces of the simulated arm."""
         folder = f"{self.get_namespace().rstrip('/')}/{CONTACTS}"
         found = self.get_topic_names_and_types()
         names = sorted(name for name, types in found if name.startswith(folder) and _WRENCH in types)
-        return [self._subscribe(name, WrenchStamped, RELIABLE_READER) for name in names]
+        return [self._subscribe(name, WrenchStamped, RECORDER) for name in names]
 
     def missing(self) -> list[str]:
         """Topics without a publisher."""
@@ -230,8 +229,8 @@ class RecorderNode(Node):
     def counts(self) -> str:
         """How many messages each topic has, and which topics have none."""
         received = {name: self._topics[name].received if name in self._topics else 0 for name in TOPICS}
-        own = self.get_namespace().rstrip("/") + "/"
-        others = {topic.subscription.topic_name.removeprefix(own): topic.received for topic in self._others}
+        beside = (*(self._contacts or ()), *self._others)
+        others = {self._name_of(topic): topic.received for topic in beside}
         there = _counts({name: count for name, count in (received | others).items() if count})
         nothing = [name for name, count in received.items() if not count]
         return "; ".join([*([there] if there else []), *([f"nothing of {', '.join(nothing)}"] if nothing else [])])
@@ -244,7 +243,7 @@ class RecorderNode(Node):
         """Write all messages that have arrived to the bag."""
         with self._writing():
             received = self._received()
-            for topic in (*self._topics.values(), *self._others):
+            for topic in (*self._topics.values(), *(self._contacts or ()), *self._others):
                 while (data := topic.take()) is not None:
                     if self.failure:
                         self._unwritten += 1
@@ -305,7 +304,11 @@ class RecorderNode(Node):
         return f"{path} is on a disk with {free / 1e6:.1f} MB free, min_free_space is {self._reserve / 1e6:.1f} MB"
 
     def _lost(self) -> dict[str, int]:
-        return {name: topic.lost for name, topic in self._topics.items() if topic.lost}
+        topics = (*self._topics.values(), *(self._contacts or ()))
+        return {self._name_of(topic): topic.lost for topic in topics if topic.lost}
+
+    def _name_of(self, topic: _RecordedTopic) -> str:
+        return topic.subscription.topic_name.removeprefix(self.get_namespace().rstrip("/") + "/")
 
 
 def _never_called(message: bytes) -> None:
