@@ -1,6 +1,8 @@
 """An arm that the project does not know, from its URDF: commands, nodes, bag, figures and report."""
 
 import json
+import os
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -35,6 +37,7 @@ ARM = "".join(
     )
 )
 ROTORS = "controller.robot.armature=[0.2, 5.0, 0.1]", "simulator.robot.armature=[0.2, 5.0, 0.1]"
+ROOT = Path(__file__).resolve().parents[1]
 Call = Callable[..., tuple[int, str, str]]
 
 
@@ -49,6 +52,29 @@ def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
         return main([*words, *rotors]), *capsys.readouterr()
 
     return call
+
+
+def test_packages_of_the_user_are_found_through_the_launcher(tmp_path: Path) -> None:
+    """``$(find)`` and ``package://`` of a workspace that the user has sourced."""
+    prefix = tmp_path / "install" / "my_arm"
+    share, index = prefix / "share" / "my_arm", prefix / "share" / "ament_index" / "resource_index" / "packages"
+    for folder in (share, index):
+        folder.mkdir(parents=True)
+    (index / "my_arm").touch()
+    (share / "crane.xacro").write_text(ARM.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"'))
+    file = tmp_path / "mine.urdf.xacro"
+    file.write_text(
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="mine">'
+        '<xacro:include filename="$(find my_arm)/crane.xacro"/></robot>'
+    )
+    done = subprocess.run(
+        [ROOT / "pidtsm", "rollout", "--robot", file, "--duration", "0.05", "--json"],
+        env={**os.environ, "AMENT_PREFIX_PATH": str(prefix)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode in (0, 1), done.stderr
+    assert json.loads(done.stdout)["joints"] == ["slew", "lift", "tilt"]
 
 
 def test_it_tracks_in_a_rollout(call: Call) -> None:

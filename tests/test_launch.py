@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ament_index_python.packages import get_package_share_directory
+from launching import PROGRAM
 from testbed import DEADLINE, Testbed
 
 from pidtsm_core.closed_loop import rollout
@@ -20,17 +21,6 @@ pytestmark = pytest.mark.skipif(
 )
 
 LAUNCH_FILE = Path(get_package_share_directory("pidtsm_experiments"), "launch", "arm.launch.py")
-# What `ros2 launch` does; ros2 itself need not be there.
-PROGRAM = """
-import sys
-from launch import LaunchDescription, LaunchService
-from launch.actions import IncludeLaunchDescription
-arguments = [word.split(":=", 1) for word in sys.argv[2:]]
-service = LaunchService(noninteractive=True)
-included = IncludeLaunchDescription(sys.argv[1], launch_arguments=arguments)
-service.include_launch_description(LaunchDescription([included]))
-sys.exit(service.run())
-"""
 
 
 PARENT = """
@@ -97,7 +87,7 @@ def refused(testbed: Testbed, argument: str) -> str:
     ("argument", "cause"),
     [
         ("law:=nonsense", "unknown law nonsense; known: "),
-        ("durations:=1.0", "unknown argument durations; known: scenario, law, robot, duration, clock"),
+        ("durations:=1.0", "unknown argument durations; known: scenario, law, robot, engine, duration, clock"),
         ("duration:=abc", "duration: 'abc' is not a positive number of seconds"),
         ("duration:=-1", "duration: '-1' is not a positive number of seconds"),
         ("clock:=sundial", "clock: 'sundial' must be one of realtime, lockstep"),

@@ -152,6 +152,14 @@ def test_a_recording_can_be_read_by_everyone(live: Live) -> None:
     assert read_recording(bag).joints == ("joint1", "joint2")
 
 
+def test_a_bag_whose_recorder_was_killed_is_not_called_recorded(live: Live) -> None:
+    live.client.press("Record")
+    until(lambda: "recording, " in live.text('id="bag"'), "its begin")
+    live.system.kill("recorder")
+    cause = "recorded without its end, because the recorder was killed by signal 9: "
+    until(lambda: cause in live.text('id="bag"'), lambda: live.text('id="bag"'))
+
+
 def test_a_new_start_keeps_the_gains_and_saved_gains_can_be_run(live: Live) -> None:
     live.client.enter("k1", "3.5, 2.5")
     live.client.submit("law")

@@ -1,7 +1,11 @@
 """docs/ros2-control.md: its files fit each other and our nodes, which run with them as it says."""
 
+import importlib.util
 import re
 import shlex
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,11 +16,12 @@ import pytest
 import yaml
 from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
+from launching import PROGRAM
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
 from ros2controlplant import SECOND, Ros2Control
-from testbed import Testbed, open_testbed
+from testbed import DEADLINE, Testbed, open_testbed
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 import pidtsm_core
@@ -82,6 +87,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     words[words.index("--out") + 1] = str(folder / words[words.index("--out") + 1])
     assert main(words) == 0
     return folder
+
+
+LAUNCH = ElementTree.fromstring(FILES["panda.launch.xml"])
+
+
+def test_the_launch_file_starts_what_the_commands_start() -> None:
+    started = {}
+    for node in LAUNCH.iterfind("node"):
+        files = [f"--params-file {param.get('from', '')}" for param in node.iterfind("param")]
+        prefix = f'--prefix "{node.get("launch-prefix")}" ' if node.get("launch-prefix") else ""
+        command = f"{prefix}{node.get('pkg')} {node.get('exec')} {node.get('args', '')}".strip()
+        started[node.get("exec")] = " ".join([command, *(["--ros-args", *files] if files else [])])
+    told = re.findall(r"^ *\$ ros2 run (.*?)(?: &)?$", TEXT, re.M)
+    spawned = [words for words in told if " spawner " in words]
+    assert started.pop("spawner").split()[2:4] == [words.split()[2] for words in reversed(spawned)]
+    assert sorted(words.replace("$(dirname)/", "") for words in started.values()) == sorted(set(told) - set(spawned))
 
 
 class Rig:
@@ -208,6 +229,63 @@ def test_in_the_order_of_the_page_nothing_jumps(make_rig: Any) -> None:
     assert farthest(plant.positions) < STILL
 
 
+STAND_IN = """#!{python}
+import os, sys, time
+from pathlib import Path
+with Path("started").open("a") as file:
+    print(Path(sys.argv[0]).name, *sys.argv[1:], file=file)
+while Path(sys.argv[0]).name not in ("chrt", "spawner"):
+    time.sleep(1.0)
+if Path(sys.argv[0]).name == "chrt":
+    os.execvp(sys.argv[3], sys.argv[3:])
+"""
+"""What the test starts in place of the programs of ros2_control; the plant, in this process, plays them."""
+
+
+@pytest.mark.skipif(importlib.util.find_spec("launch_ros") is None, reason="launch_ros is not installed")
+def test_the_launch_file_of_the_page_starts_an_arm_that_does_not_jump(make_rig: Any, folder: Path) -> None:
+    rig: Rig = make_rig()
+    plant, testbed = rig.plant, rig.testbed
+    place = testbed.folder / "launched"
+    prefix = place / "prefix"
+    for name in (node for node in LAUNCH.iterfind("node") if node.get("pkg") != "pidtsm_controller"):
+        package, program = name.get("pkg", ""), name.get("exec", "")
+        index = prefix / "share" / "ament_index" / "resource_index" / "packages" / package
+        for path in (index, prefix / "lib" / package / program, place / "bin" / "chrt"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(STAND_IN.format(python=sys.executable))
+            path.chmod(0o755)
+    for file in folder.iterdir():
+        (place / file.name).write_bytes(file.read_bytes())
+    # The plant needs every answer, however long the machine takes.
+    ours = yaml.safe_load(FILES["pidtsm.yaml"])
+    for parameters in ours.values():
+        for topic in ("joint_states", "reference"):
+            parameters["ros__parameters"][f"qos_overrides./{topic}.subscription.reliability"] = "reliable"
+    del ours["trajectory"]["ros__parameters"]["qos_overrides./reference.subscription.reliability"]
+    ours["controller"]["ros__parameters"]["watchdog.state_stop"] = 5.0
+    (place / "pidtsm.yaml").write_text(yaml.safe_dump(ours))
+    environment = testbed.environment
+    environment["AMENT_PREFIX_PATH"] = f"{prefix}:{environment['AMENT_PREFIX_PATH']}"
+    environment["PATH"] = f"{place / 'bin'}:{environment['PATH']}"
+    started = place / "started"
+    command = [sys.executable, "-c", PROGRAM, str(place / "panda.launch.xml")]
+    with (
+        (testbed.folder / "launch.log").open("w") as log,
+        subprocess.Popen(command, env=environment, cwd=place, stdout=log, stderr=log) as launched,
+    ):
+        testbed.spin_until(lambda: started.exists() and "spawner" in started.read_text(), "the spawner")
+        plant.switch(True)
+        rig.follow()
+        launched.send_signal(signal.SIGINT)
+        assert launched.wait(DEADLINE) == 0, (testbed.folder / "launch.log").read_text()
+    lines = {line.split()[0]: line for line in started.read_text().splitlines()}
+    assert "-f 45" in lines["chrt"]
+    assert "ros2_controllers.yaml" in lines["ros2_control_node"]
+    assert steps(plant.efforts) < STEP, "from the first torque on"
+    assert farthest(plant.positions) < STILL
+
+
 def test_goals_within_the_limits_of_the_arm_are_followed_and_others_refused(make_rig: Any) -> None:
     rig: Rig = make_rig()
     rig.plant.switch(True)
@@ -249,7 +327,7 @@ def test_an_effort_controller_that_is_switched_off_is_named_and_returns_without_
     assert largest(plant.commands) < 0.7 * EFFORT
 
     assert not rig.change(Transition.TRANSITION_ACTIVATE)
-    assert rig.says("controller", "not activated: effort_controller is inactive")
+    assert rig.says("controller", "not activated: controller_manager reports that effort_controller is inactive")
     plant.switch(True)
     again = len(plant.efforts)
     plant.go_on(0.3)

@@ -1,6 +1,6 @@
-"""Whether ros2_control applies the torques of this node: its controller manager says so on /diagnostics.
+"""Whether ros2_control applies the torques of this node, which its controller manager reports on /diagnostics.
 
-The manager also publishes ``~/activity``, whose message the wheels of ROS 2 lack. /diagnostics says the same, once a
+The manager also publishes ``~/activity``, whose message the wheels of ROS 2 lack. /diagnostics has the same, once a
 second, in a message that every ROS 2 has.
 """
 
@@ -18,7 +18,7 @@ _KEYS = ("{}.state", "{}")
 """Keys of the state of a controller, in Jazzy and before."""
 _ACTIVE = "active"
 _VALID = 3.0
-"""s; a manager that has been silent for so long says nothing any more."""
+"""s for which a report counts."""
 _STARTING = 2
 """Reports after which a controller that has never been active is not just about to become active."""
 
@@ -44,7 +44,7 @@ class ActivityWatch:
         """Why no torque reaches the arm; empty if it does, or if nothing is known."""
         if self._state in ("", _ACTIVE) or time.monotonic() - self._heard > _VALID:
             return ""
-        return f"{self._controller} is {self._state}, says {self._manager}: activate it, then this node"
+        return f"{self._manager} reports that {self._controller} is {self._state}: activate it, then this node"
 
     def begin(self) -> None:
         """The node becomes active."""

@@ -1,4 +1,4 @@
-"""What a goal of the action FollowJointTrajectory says, and which goals are rejected."""
+"""The content of a goal of FollowJointTrajectory, and which goals are rejected."""
 
 import struct
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What the controller manager of ros2_control says decides whether the controller may be active."""
+"""What the controller manager of ros2_control reports decides whether the controller may be active."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 
 from pidtsm_controller.controller_node import ControllerNode
 
-SAYS = "effort_controller is inactive, says manager: activate it, then this node"
+TROUBLE = "manager reports that effort_controller is inactive: activate it, then this node"
 
 
 class Manager:
@@ -44,7 +44,7 @@ def configured(graph: Callable[..., Any]) -> tuple[Any, ControllerNode, Manager]
 def test_it_becomes_active_only_when_its_torques_are_applied(graph: Callable[..., Any], key: str) -> None:
     made, node, _ = configured(graph)
     manager = Manager(made, key)
-    made.until(lambda: node.refusal() == SAYS, lambda: manager.report("inactive"))
+    made.until(lambda: node.refusal() == TROUBLE, lambda: manager.report("inactive"))
     assert node.trigger_activate() == TransitionCallbackReturn.FAILURE
     made.until(lambda: not node.refusal(), lambda: manager.report("active"))
     assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
@@ -64,12 +64,12 @@ def test_it_deactivates_itself_when_they_are_applied_no_more(
     assert node.active
     manager.report("inactive")
     made.until(lambda: not node.active)
-    assert f"deactivated, because no torque reaches the arm: {SAYS}" in capfd.readouterr().err
+    assert f"deactivated, because no torque reaches the arm: {TROUBLE}" in capfd.readouterr().err
 
 
 def test_it_believes_no_report_that_may_be_of_another_arms_manager(graph: Callable[..., Any]) -> None:
     made, node, manager = configured(graph)
-    made.until(lambda: node.refusal() == SAYS, lambda: manager.report("inactive"))
+    made.until(lambda: node.refusal() == TROUBLE, lambda: manager.report("inactive"))
     namesakes = [Node("manager", namespace=arm, use_global_arguments=False) for arm in ("left", "right")]
     for namesake in namesakes:
         namesake.create_publisher(DiagnosticArray, "/diagnostics", 10)

@@ -30,7 +30,11 @@ class Recorded:
         """Show where the recording is."""
         bag, samples = self._recording.bag, self._recording.samples
         if bag is not None:
-            what = f"recording, {samples} samples so far" if self._recording.on else "recorded"
+            what = "recorded"
+            if self._recording.on:
+                what = f"recording, {samples} samples so far"
+            elif why := self._recording.incomplete:
+                what = f"recorded without its end, because {why}"
             self._path.content = (
                 f'<div id="bag" style="padding:0.5em 0.75em;overflow-wrap:anywhere">{what}: {bag}</div>'
             )

@@ -35,6 +35,7 @@ class Recording:
         """
         self.bag: Path | None = None
         self._samples = 0
+        self._lost = ""
         self._folder, self._namespace = folder, namespace
         self._environment = {**os.environ, **(surroundings or {})}
         self._processes = Processes()
@@ -63,6 +64,11 @@ class Recording:
         process = self._processes.running.get("recorder")
         code = None if process is None else process.process.poll()
         return "" if code is None else how_ended(code)
+
+    @property
+    def incomplete(self) -> str:
+        """Why the bag that was written last lacks its end; empty: it does not."""
+        return self._lost or (self.ended and f"the recorder {self.ended}")
 
     def start(self, scenario: str, values: Mapping[str, Mapping[str, Value]]) -> Path:
         """Begin a bag; returns its folder.
@@ -93,7 +99,7 @@ class Recording:
             self._processes.start("recorder", words, self._environment, bag.with_suffix(".log"))
         except (OSError, RunError, UsageError) as error:
             raise RefusedError(f"cannot record: {error}") from None
-        self.bag, self._samples = bag, 0
+        self.bag, self._samples, self._lost = bag, 0, ""
         return bag
 
     async def stop(self) -> Path:
@@ -109,6 +115,7 @@ class Recording:
         code = await asyncio.to_thread(process.wait)
         self._processes.running.pop("recorder", None)
         if code:
+            self._lost = f"the recorder {how_ended(code)}"
             raise RefusedError(f"the bag {self.bag} is incomplete: {_last_line(process)}")
         return self.bag
 
