@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Signal, Status
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.recorder_node import FLUSH_PERIOD, MAX_BAG_DURATION, MAX_BAG_SIZE
@@ -28,7 +28,7 @@ with AnyReader([bag], default_typestore=typestore()) as reader:
 _MEASURE = """
 import json, sys, time
 from pathlib import Path
-import pidtsm_core.summary
+import pidtsm_core.recording.summary
 bag = Path(sys.argv[1])
 begin = time.perf_counter()
 {work}

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterator
 
-from pidtsm_core.batches import Settings, batch
+from pidtsm_core.rollouts.batches import Settings, batch
 from pidtsm_experiments.commands.bench import Row, medians
 
 TAKES = 180.0  # s

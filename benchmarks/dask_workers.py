@@ -8,7 +8,7 @@ import joblib
 import numpy as np
 from distributed import LocalCluster
 
-from pidtsm_core.batches import Settings, batch
+from pidtsm_core.rollouts.batches import Settings, batch
 from pidtsm_experiments.commands.bench import Row, medians
 from pidtsm_experiments.commands.cluster import workers
 from pidtsm_studies.score.tasks import find_task

@@ -6,12 +6,12 @@ from itertools import count as count_from
 import mujoco
 import numpy as np
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.control import Clock, Controller, controller_schema
 from pidtsm_core.experiment import PRACTICAL
 from pidtsm_core.parameters import resolve
 from pidtsm_core.robots import find_robot, robot_schema, tree
 from pidtsm_core.robots.source import read_source
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.commands.bench import Row, medians
 
 try:

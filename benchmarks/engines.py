@@ -9,8 +9,8 @@ from typing import Any
 
 from rosbags.highlevel import AnyReader
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import Experiment, make_experiment
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.simulation.mujoco_model import ENGINE
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.commands.bench import Row, medians

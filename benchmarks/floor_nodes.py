@@ -19,13 +19,13 @@ from sensor_msgs.msg import JointState
 
 from pidtsm_controller.controller_node import ControllerNode
 from pidtsm_controller.trajectory_node import TrajectoryNode
-from pidtsm_core.cdr import serialized_nanoseconds
-from pidtsm_core.node_parameters import AUTOSTART, PRIORITY
+from pidtsm_core.experiment.node_parameters import AUTOSTART, PRIORITY
 from pidtsm_core.parameters import Parameter, as_float, names
 from pidtsm_core.robots import DESCRIPTION, find_robot
 from pidtsm_core.signals import Signal
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros import process
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import OutgoingMessage

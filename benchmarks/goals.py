@@ -30,15 +30,15 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from pidtsm_core.cdr import serialized_nanoseconds
+from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import PRACTICAL, make_experiment
-from pidtsm_core.parameter_files import ros_parameters
-from pidtsm_core.parameters import Array
+from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.trajectories.limits import MotionLimits, motion_limits
 from pidtsm_experiments.runs.domain import own_domain
 from pidtsm_experiments.runs.runner import Processes, node_parameters
 from pidtsm_msgs.msg import JointReference
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.middleware import set_defaults
 from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, RECORDER
 from pidtsm_ros.wire import IncomingMessages

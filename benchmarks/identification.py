@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import Experiment, make_experiment
 from pidtsm_core.identification.corrected_urdf import carriers, corrected_urdf
 from pidtsm_core.identification.excitation import excitation
@@ -31,11 +31,11 @@ from pidtsm_core.identification.measurement import Measurement, filtered
 from pidtsm_core.identification.payload import identify_payload
 from pidtsm_core.identification.pseudo_inertia import is_consistent
 from pidtsm_core.identification.regressor import LINK, described_parameters
-from pidtsm_core.parameters import Array
-from pidtsm_core.polynomials import add_quintic, quintic
+from pidtsm_core.references.polynomials import add_quintic, quintic
 from pidtsm_core.robots import Description, find_description
 from pidtsm_core.robots.description import read_description
 from pidtsm_core.robots.tree.layout import steiner
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.trajectories.limits import motion_limits
 from pidtsm_experiments.bags.measurements import read_measurement
 from pidtsm_experiments.runs.runner import run

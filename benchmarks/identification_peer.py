@@ -22,12 +22,12 @@ from typing import Any
 import numpy as np
 from identification import ROBOTS, arms, closed_loop, measurement, motions
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.identification.identification import Identification, identify
 from pidtsm_core.identification.least_squares import motion_regressor
 from pidtsm_core.identification.measurement import Measurement, Piece, filtered
 from pidtsm_core.identification.pseudo_inertia import is_consistent
 from pidtsm_core.identification.regressor import LINK
-from pidtsm_core.parameters import Array
 from pidtsm_core.robots import Description
 
 _OWN = ("VIRTUAL_ENV", "PYTHONPATH", "LD_LIBRARY_PATH", "PYTHONNOUSERSITE")

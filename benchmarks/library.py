@@ -9,8 +9,9 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from pidtsm_core import closed_loop, rollout
+from pidtsm_core import rollout
 from pidtsm_core.experiment import make_experiment
+from pidtsm_core.rollouts import closed_loop
 from pidtsm_experiments.commands.bench import Row, medians
 
 ROLLOUT = "import pidtsm_core; pidtsm_core.rollout('case1', duration=1.0)"

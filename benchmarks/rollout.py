@@ -18,8 +18,8 @@ from opensmc.simulator import Simulator
 from opensmc.surfaces import NonsingularTerminalSurface
 from scipy.integrate import solve_ivp
 
-from pidtsm_core.closed_loop import rollout
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.commands.bench import Row
 
 DT = 1e-3

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from ros_loop import ANSWERERS, Parameters, round_trips
 
-from pidtsm_core.default_motion import default_motion
+from pidtsm_core.experiment.default_motion import default_motion
 from pidtsm_core.robots import find_robot
 from pidtsm_experiments.commands.bench import Row
 

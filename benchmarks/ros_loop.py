@@ -21,7 +21,7 @@ from rosbags.highlevel import AnyReader
 from watching import FLOOR_NODES, watched
 
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.parameter_files import ros_parameters
+from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.commands.bench import Row

@@ -6,10 +6,11 @@ from itertools import count as count_from
 import numba
 import numpy as np
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Clock, Controller, controller_schema
 from pidtsm_core.control import step as controller_step
 from pidtsm_core.control.state import memory_at
-from pidtsm_core.parameters import Array, resolve
+from pidtsm_core.parameters import resolve
 from pidtsm_core.simulation.plant import Plant, plant_at, plant_schema, step
 from pidtsm_experiments.commands.bench import Row, medians
 

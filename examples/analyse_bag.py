@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pidtsm_core as pidtsm
-from pidtsm_core.outcome import what_happened
+from pidtsm_core.recording.outcome import what_happened
 from pidtsm_experiments.bags.reader import read_recording
 
 recording = read_recording(Path(sys.argv[1]))

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import PRACTICAL, make_experiment
 from pidtsm_core.robots import find_robot
 from pidtsm_core.robots.source import ARMS, rated_payload
+from pidtsm_core.rollouts.closed_loop import rollout
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "arms.md"
 

@@ -14,9 +14,9 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import PRACTICAL, Experiment, make_experiment
 from pidtsm_core.recording import Recording
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Status
 from pidtsm_studies.reports.figures import STYLE, finished, line, panels
 

@@ -7,15 +7,15 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from pidtsm_core.disturbances import DISTURBANCES
 from pidtsm_core.estimators import ESTIMATORS
-from pidtsm_core.family import Family
+from pidtsm_core.experiment.node_parameters import NODE_ONLY, NODE_SCHEMAS
 from pidtsm_core.laws import LAWS
-from pidtsm_core.node_parameters import NODE_ONLY, NODE_SCHEMAS
+from pidtsm_core.laws.reaching import REACHING_LAWS
+from pidtsm_core.laws.surfaces import SURFACES
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, Value
-from pidtsm_core.reaching import REACHING_LAWS
+from pidtsm_core.parameters.family import Family
 from pidtsm_core.references import REFERENCES
-from pidtsm_core.surfaces import SURFACES
+from pidtsm_core.simulation.disturbances import DISTURBANCES
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "reference.md"

@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_ros.middleware import on_this_machine
 
 DEADLINE = 180.0

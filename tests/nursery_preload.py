@@ -10,8 +10,8 @@ import pidtsm_experiments.bags.recorder_node  # noqa: F401
 import two_link_sim.simulator_node
 import two_link_sim.visualization_node  # noqa: F401
 from pidtsm_core.control import Controller
-from pidtsm_core.node_parameters import NODE_SCHEMAS
-from pidtsm_core.node_settings import resolve_nodes
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
+from pidtsm_core.experiment.node_settings import resolve_nodes
 from pidtsm_core.references import ReferenceMotion
 from pidtsm_core.signals import Signal
 from pidtsm_core.simulation.simulator import SimulatedRobot

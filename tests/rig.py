@@ -19,11 +19,11 @@ from std_srvs.srv import Trigger
 from testarms import TWO_LINK, UNLIMITED, Arm
 from testbed import Testbed, open_testbed
 
-from pidtsm_core.cdr import serialized_nanoseconds
-from pidtsm_core.node_parameters import simulator_node_schema
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.experiment.node_parameters import simulator_node_schema
 from pidtsm_core.simulation.simulator import SimulatedRobot
 from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.qos import RECORDER
 from pidtsm_ros.stamps import nanoseconds, set_stamp
 

@@ -9,9 +9,10 @@ import numpy as np
 from stoploop import Kind
 from testarms import Arm
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import controller_schema
 from pidtsm_core.laws import LAWS
-from pidtsm_core.parameters import Array, as_float, resolve
+from pidtsm_core.parameters import as_float, resolve
 from pidtsm_core.robots import Model, inverse_dynamics, make_model
 from pidtsm_core.robots.payload import payload_of
 from pidtsm_core.robots.source import rated_payload

@@ -41,7 +41,7 @@ from stopcases import case_of
 from stoploop import STEP, Braking, brake, kinetic
 from stoprun import Run
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots import Model, inverse_dynamics
 
 CRITERIA = ("travel", "speed", "energy", "step", "torque", "finite")

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
+from pidtsm_core.compiling.pointers import lend
 from pidtsm_core.control.step import respond, stop_after, stop_now
-from pidtsm_core.parameters import Array
-from pidtsm_core.pointers import lend
 from pidtsm_core.references import MotionConfig, evaluate_motion
 from pidtsm_core.robots import Model, forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Fault

@@ -12,8 +12,8 @@ from rcl_interfaces.srv import GetParameters
 from std_msgs.msg import String
 from testbed import Testbed
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import PRACTICAL, make_experiment
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.cli import main
 from pidtsm_ros.qos import KEPT

@@ -15,7 +15,7 @@ from testbed import Testbed, open_testbed
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_core.experiment import PRACTICAL, make_experiment
-from pidtsm_core.parameter_files import ros_parameters
+from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_core.signals import Mode
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.runner import node_parameters

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from pidtsm_core.cdr import serialized_nanoseconds
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import Experiment, make_experiment
 from pidtsm_core.recording import Recording
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.runner import run
+from pidtsm_ros.cdr import serialized_nanoseconds
 
 SAMPLES = 30_000
 

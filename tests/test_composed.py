@@ -8,8 +8,8 @@ import pytest
 from lifecycle_msgs.srv import GetState
 from testbed import Testbed
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.runs.runner import run
 

@@ -10,8 +10,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from testbed import Testbed
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_msgs.msg import ControllerState
 from pidtsm_ros.qos import RECORDER
 from pidtsm_ros.stamps import nanoseconds

@@ -20,7 +20,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rig import MS, SECOND, ControllerRig, Rigs, SimulatorRig, document_rows, safe_effort
 from testarms import CRANE, PANDA, Arm
 
-from pidtsm_core.node_parameters import controller_node_schema
+from pidtsm_core.experiment.node_parameters import controller_node_schema
 from pidtsm_msgs.msg import ControllerState
 
 PAGE = Path(__file__).parents[1] / "docs" / "faults.md"

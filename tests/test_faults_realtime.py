@@ -24,8 +24,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from testbed import Testbed
 
-from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.stamps import nanoseconds
 
 PAGE = Path(__file__).parents[1] / "docs" / "faults.md"

@@ -22,7 +22,7 @@ from testarms import TURNTABLE
 from testbed import Testbed, open_testbed
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJointTrajectoryPoint
 
-from pidtsm_core.node_parameters import trajectory_node_schema
+from pidtsm_core.experiment.node_parameters import trajectory_node_schema
 from pidtsm_core.parameters import resolve
 from pidtsm_core.trajectories.limits import MotionLimits, motion_limits
 from pidtsm_core.trajectories.stopping import stop

@@ -25,8 +25,8 @@ from testbed import DEADLINE, Testbed
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_core.experiment import PRACTICAL_FILE
-from pidtsm_core.node_parameters import NODE_SCHEMAS
-from pidtsm_core.parameter_files import load_ros_parameters
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
+from pidtsm_core.parameters.files import load_ros_parameters
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.stamps import nanoseconds
 

@@ -15,9 +15,9 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 
 from identification import arms, closed_loop, judge, motions, with_noise  # noqa: E402
 
+from pidtsm_core.arrays import Array  # noqa: E402
 from pidtsm_core.experiment import make_experiment  # noqa: E402
 from pidtsm_core.identification.identification import identify  # noqa: E402
-from pidtsm_core.parameters import Array  # noqa: E402
 from pidtsm_core.robots import Description  # noqa: E402
 from pidtsm_core.robots.description import read_description  # noqa: E402
 from pidtsm_experiments.bags.measurements import read_measurement  # noqa: E402

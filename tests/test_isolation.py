@@ -11,8 +11,8 @@ from rig import Watch
 from sensor_msgs.msg import JointState
 from testbed import Testbed
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.cli import main

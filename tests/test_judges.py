@@ -19,12 +19,11 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from strangersplant import StrangersPlant, start
 from testbed import open_testbed
 
-from pidtsm_core.cdr import serialized_nanoseconds
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import PRACTICAL_FILE, Experiment, make_experiment
 from pidtsm_core.identification.excitation import excitation
-from pidtsm_core.parameter_files import load_ros_parameters
+from pidtsm_core.parameters.files import load_ros_parameters
 from pidtsm_core.robots import find_description
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Signal
 from pidtsm_core.trajectories.limits import motion_limits
 from pidtsm_experiments.bags.message_types import typestore
@@ -33,6 +32,7 @@ from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs import runner
 from pidtsm_experiments.runs.runner import Process, run
 from pidtsm_msgs.msg import ControllerState
+from pidtsm_ros.cdr import serialized_nanoseconds
 
 LOOP = ("simulator/ground_truth", "controller/state", "joint_commands", "reference", "joint_states")
 CONTACTS = "simulator/contact/"

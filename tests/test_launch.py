@@ -12,8 +12,8 @@ from ament_index_python.packages import get_package_share_directory
 from launching import PROGRAM
 from testbed import DEADLINE, Testbed
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.bags.reader import read_recording
 
 pytestmark = pytest.mark.skipif(

@@ -22,7 +22,7 @@ from testbed import Testbed, open_testbed
 
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.bags.recorder_node import BARRIER, TOPICS
 

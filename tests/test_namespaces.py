@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from testbed import Testbed
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.parameter_files import ros_parameters
+from pidtsm_core.parameters.files import ros_parameters
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.runs.runner import Process, Processes, bag_metadata, node_parameters
 

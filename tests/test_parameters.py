@@ -101,7 +101,7 @@ def test_setting_a_parameter_that_does_not_exist_names_it(testbed: Testbed) -> N
 
 @pytest.mark.parametrize("node", ["simulator", "controller", "trajectory"])
 def test_every_parameter_describes_itself(testbed: Testbed, node: str) -> None:
-    from pidtsm_core.node_parameters import NODE_SCHEMAS
+    from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
 
     testbed.start(node)
     schema = NODE_SCHEMAS[node]({})

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import PRACTICAL, make_experiment
-from pidtsm_core.metrics import metrics
-from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
+from pidtsm_core.recording.metrics import metrics
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Signal
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.runs.runner import run

@@ -17,10 +17,10 @@ from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 from testbed import Testbed
 
-from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_experiments.bags.recorder_node import TOPICS
 from pidtsm_experiments.bags.recovery import readable
 from pidtsm_experiments.runs.runner import Process
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.middleware import RECEIVERS
 from pidtsm_ros.qos import PUBLISHER
 from pidtsm_ros.stamps import set_stamp

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.reproduction import Planned, plan

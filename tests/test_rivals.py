@@ -13,10 +13,10 @@ from rig import SECOND, Judged, Rigs, Watch, document_rows, judge
 from sensor_msgs.msg import JointState
 from testbed import Testbed
 
-from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_experiments.runs import runner
 from pidtsm_experiments.runs.runner import Process
 from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.stamps import nanoseconds
 
 PAGE = Path(__file__).parents[1] / "docs" / "faults.md"

@@ -25,7 +25,7 @@ from testbed import DEADLINE, Testbed, open_testbed
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 import pidtsm_core
-from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import resolve
 from pidtsm_core.robots import find_robot
 from pidtsm_experiments.cli import main

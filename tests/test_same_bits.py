@@ -17,20 +17,20 @@ from sensor_msgs.msg import JointState
 
 from pidtsm_controller.controller_node import ControllerNode
 from pidtsm_controller.trajectory_node import TrajectoryNode
-from pidtsm_core.cdr import serialized_nanoseconds
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.arrays import Array
 from pidtsm_core.control.parameters import LAW_NAME
 from pidtsm_core.experiment import Experiment, make_experiment
+from pidtsm_core.experiment.node_parameters import AUTOSTART
 from pidtsm_core.laws import LAWS
-from pidtsm_core.node_parameters import AUTOSTART
-from pidtsm_core.parameter_files import ros_parameters
-from pidtsm_core.parameters import Array
+from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status, Violation
 from pidtsm_experiments.runs.domain import own_domain
 from pidtsm_experiments.runs.runner import node_parameters
 from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run_nodes
 from pidtsm_ros.stop import Stop

@@ -11,10 +11,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from testbed import Testbed
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.node_parameters import simulator_node_schema
+from pidtsm_core.experiment.node_parameters import simulator_node_schema
 from pidtsm_core.parameters import resolve
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.simulation.simulator import SimulatedRobot
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.reader import read_recording

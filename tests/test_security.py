@@ -15,7 +15,7 @@ from testbed import Testbed
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.parameter_files import load_ros_parameters
+from pidtsm_core.parameters.files import load_ros_parameters
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.runner import EXECUTABLES
 from pidtsm_ros.security import ENCLAVES, SecurityError, require_security

@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from testbed import Testbed
 
-from pidtsm_core.node_parameters import simulator_node_schema
+from pidtsm_core.experiment.node_parameters import simulator_node_schema
 from pidtsm_core.parameters import resolve
 from pidtsm_core.simulation.simulator import SimulatedRobot
 from pidtsm_ros.stamps import nanoseconds

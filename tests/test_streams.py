@@ -14,8 +14,8 @@ from testbed import Testbed, open_testbed
 from trajectory_msgs.msg import JointTrajectory
 from trajectory_rig import NAMES, PERMUTED, PRACTICAL, Rig, point, sine, trajectory
 
-from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_msgs.msg import JointReference
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.stamps import nanoseconds, set_stamp
 
 Vector = NDArray[np.float64]

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema
-from pidtsm_core.default_motion import default_motion
 from pidtsm_core.experiment import practical_settings
-from pidtsm_core.node_parameters import controller_node_schema
-from pidtsm_core.parameters import Array, Schema, Value, resolve
+from pidtsm_core.experiment.default_motion import default_motion
+from pidtsm_core.experiment.node_parameters import controller_node_schema
+from pidtsm_core.parameters import Schema, Value, resolve
 from pidtsm_core.robots import Model, Robot, find_robot, inverse_dynamics, make_model
 from pidtsm_core.robots.tree.layout import Column, rows
 

@@ -14,7 +14,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.stamps import set_stamp
 
-PRACTICAL = Path(__file__).parents[1] / "ros2_ws/src/pidtsm_core/pidtsm_core/params/practical.yaml"
+PRACTICAL = Path(__file__).parents[1] / "ros2_ws/src/pidtsm_core/pidtsm_core/experiment/params/practical.yaml"
 NAMES = ["joint1", "joint2"]
 PERMUTED = ["joint2", "joint1"]
 FIELDS = ("positions", "velocities", "accelerations")

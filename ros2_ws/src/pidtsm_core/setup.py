@@ -6,8 +6,8 @@ NAME = "pidtsm_core"
 
 
 def files(folder: str) -> list[str]:
-    """Parameter files in a folder of the package."""
-    return sorted(map(str, Path(NAME, folder).glob("*.yaml")))
+    """Parameter files in a folder of the experiments."""
+    return sorted(map(str, Path(NAME, "experiment", folder).glob("*.yaml")))
 
 
 setup(
@@ -15,7 +15,13 @@ setup(
     version="0.2.0",
     packages=find_packages(exclude=["test"]),
     package_data={
-        NAME: ["py.typed", "scenarios/*.yaml", "params/**/*.yaml", "robots/arms/*.urdf", "robots/arms/*.yaml"]
+        NAME: [
+            "py.typed",
+            "experiment/scenarios/*.yaml",
+            "experiment/params/**/*.yaml",
+            "robots/arms/*.urdf",
+            "robots/arms/*.yaml",
+        ]
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

@@ -11,16 +11,16 @@ from std_msgs.msg import Bool, Float64MultiArray
 from pidtsm_controller.activity_watch import ActivityWatch
 from pidtsm_controller.payload_watch import PayloadWatch
 from pidtsm_controller.watchdog import CHECK, Watchdog
-from pidtsm_core.arrivals import Arrivals, Stamp
-from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.control import Clock, Controller
-from pidtsm_core.gaps import Continuation, continuation
-from pidtsm_core.joints import MessageError
-from pidtsm_core.node_parameters import PAYLOAD_OBSERVED, controller_node_schema
+from pidtsm_core.experiment.node_parameters import PAYLOAD_OBSERVED, controller_node_schema
+from pidtsm_core.messages.arrivals import Arrivals, Stamp
+from pidtsm_core.messages.gaps import Continuation, continuation
 from pidtsm_core.parameters import as_float, names
+from pidtsm_core.parameters.joints import MessageError
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.signals import Fault, Mode, Request, Signal, Status
 from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.diagnostics import Diagnostics, Reading, loop_readings
 from pidtsm_ros.effort_topics import EFFORT_TOPICS
 from pidtsm_ros.loop_statistics import LoopStatistics

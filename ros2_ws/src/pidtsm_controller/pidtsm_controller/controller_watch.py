@@ -1,9 +1,9 @@
 """Whether the controller follows references."""
 
-from pidtsm_core.cdr import serialized_nanoseconds
 from pidtsm_core.control.report import cause
 from pidtsm_core.signals import Mode
 from pidtsm_msgs.msg import ControllerState
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.wire import deserialize
 
 _PERIOD = 10_000_000

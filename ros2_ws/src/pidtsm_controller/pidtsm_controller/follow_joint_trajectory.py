@@ -16,8 +16,9 @@ from pidtsm_controller.goal_content import GoalContent, read_goal, rejection
 from pidtsm_controller.goal_planning import GoalError, Plan, Splice, plan_goal
 from pidtsm_controller.planning_thread import planning_thread
 from pidtsm_controller.serialized_goals import serialized_request
-from pidtsm_core.joints import MessageError
-from pidtsm_core.parameters import Array, as_float
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import as_float
+from pidtsm_core.parameters.joints import MessageError
 from pidtsm_core.timing import NANOSECONDS, seconds
 from pidtsm_core.trajectories.feed_forward import FeedForward, fade
 from pidtsm_core.trajectories.limits import MotionLimits

@@ -9,10 +9,10 @@ import numpy as np
 from control_msgs.action import FollowJointTrajectory
 
 from pidtsm_controller.trajectory_points import MOST, times_of
-from pidtsm_core.cdr import STAMP_BEGIN, serialized_nanoseconds
-from pidtsm_core.joints import MessageError
+from pidtsm_core.parameters.joints import MessageError
 from pidtsm_core.timing import NANOSECONDS, seconds
-from pidtsm_core.trajectory_cdr import FIELDS, Scan, read_names, scan
+from pidtsm_ros.cdr import STAMP_BEGIN, serialized_nanoseconds
+from pidtsm_ros.trajectory_cdr import FIELDS, Scan, read_names, scan
 from pidtsm_ros.wire import deserialize
 
 _LARGEST_REST = 100_000

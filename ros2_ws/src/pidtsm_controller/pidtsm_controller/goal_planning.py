@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from pidtsm_controller.goal_content import GoalContent
 from pidtsm_controller.trajectory_points import check_extent, efforts_of, places, states_of
-from pidtsm_core.joints import MessageError
-from pidtsm_core.parameters import Array, Value, as_float, joint_array
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Value, as_float, joint_array
+from pidtsm_core.parameters.joints import MessageError
 from pidtsm_core.timing import NANOSECONDS, seconds
 from pidtsm_core.trajectories.checking import check
 from pidtsm_core.trajectories.errors import StartError, TrajectoryError

@@ -6,7 +6,8 @@ import numpy as np
 from control_msgs.msg import JointTrajectoryControllerState
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from pidtsm_core.parameters import Array, as_float
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import as_float
 from pidtsm_core.timing import NANOSECONDS
 from pidtsm_core.trajectories.limits import MotionLimits
 from pidtsm_ros.managed_node import ManagedNode

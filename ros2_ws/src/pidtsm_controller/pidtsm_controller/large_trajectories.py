@@ -11,16 +11,17 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_controller.planning_thread import planning_thread
 from pidtsm_controller.trajectory_points import check_extent, places, read_points
-from pidtsm_core.cdr import serialized_nanoseconds
-from pidtsm_core.joints import ABSURD, MessageError
-from pidtsm_core.parameters import Array, as_float
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import as_float
+from pidtsm_core.parameters.joints import ABSURD, MessageError
 from pidtsm_core.timing import seconds
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import MotionLimits
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 from pidtsm_core.trajectories.splice import MotionUnderWay, plan_from
-from pidtsm_core.trajectory_cdr import read_serialized
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.trajectory_cdr import read_serialized
 from pidtsm_ros.wire import deserialize
 
 LARGE = 16_384

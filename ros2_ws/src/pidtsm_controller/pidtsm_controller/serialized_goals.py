@@ -14,7 +14,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.serialization import deserialize_message
 from rclpy.type_support import check_for_type_support
 
-from pidtsm_core.cdr import STAMP_BEGIN
+from pidtsm_ros.cdr import STAMP_BEGIN
 from pidtsm_ros.serialization import serialize
 
 _ID = 16

@@ -7,8 +7,8 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from pidtsm_controller.trajectory_points import places, read_points
-from pidtsm_core.joints import ABSURD, MessageError
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters.joints import ABSURD, MessageError
 from pidtsm_core.timing import NANOSECONDS, seconds
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import MotionLimits

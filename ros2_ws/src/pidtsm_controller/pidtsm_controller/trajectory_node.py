@@ -14,11 +14,11 @@ from pidtsm_controller.controller_watch import ControllerWatch
 from pidtsm_controller.large_trajectories import LARGE, LargeTrajectories
 from pidtsm_controller.streams import Streams
 from pidtsm_controller.trajectory_points import places, read_points
-from pidtsm_core.arrivals import Arrivals, Stamp
-from pidtsm_core.cdr import serialized_nanoseconds
-from pidtsm_core.joints import MessageError
-from pidtsm_core.node_parameters import trajectory_node_schema
-from pidtsm_core.parameters import Array, as_float, names
+from pidtsm_core.arrays import Array
+from pidtsm_core.experiment.node_parameters import trajectory_node_schema
+from pidtsm_core.messages.arrivals import Arrivals, Stamp
+from pidtsm_core.parameters import as_float, names
+from pidtsm_core.parameters.joints import MessageError
 from pidtsm_core.references import ReferenceMotion, reference_joints
 from pidtsm_core.timing import seconds
 from pidtsm_core.trajectories.checking import prepare
@@ -27,6 +27,7 @@ from pidtsm_core.trajectories.limits import motion_limits
 from pidtsm_core.trajectories.motion import Rest
 from pidtsm_core.trajectories.splice import MotionUnderWay
 from pidtsm_msgs.msg import ControllerState, JointReference
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.diagnostics import Diagnostics, Reading
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run_nodes, spin_for

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from trajectory_msgs.msg import JointTrajectory
 
-from pidtsm_core.joints import ABSURD, JointOrder, MessageError
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters.joints import ABSURD, JointOrder, MessageError
 from pidtsm_core.timing import NANOSECONDS
-from pidtsm_core.trajectory_cdr import FIELDS, Scan
+from pidtsm_ros.trajectory_cdr import FIELDS, Scan
 
 MOST = 50_000
 """Number of points that are accepted; to receive as many as a goal holds the loop up for some 30 ms."""

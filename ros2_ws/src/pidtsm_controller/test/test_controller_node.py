@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
 from pidtsm_controller.controller_node import ControllerNode
-from pidtsm_core.node_parameters import controller_node_schema
+from pidtsm_core.experiment.node_parameters import controller_node_schema
 from pidtsm_msgs.msg import ControllerState, JointReference
 
 NAMES = ["joint1", "joint2"]

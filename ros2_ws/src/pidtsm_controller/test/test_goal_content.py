@@ -15,7 +15,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJ
 from pidtsm_controller.goal_content import GoalContent, read_goal
 from pidtsm_controller.serialized_goals import serialized_request
 from pidtsm_controller.trajectory_points import MOST, efforts_of, read_points, states_of
-from pidtsm_core.joints import MessageError
+from pidtsm_core.parameters.joints import MessageError
 
 Request = FollowJointTrajectory.Impl.SendGoalService.Request
 FIELDS = ("positions", "velocities", "accelerations", "effort")

@@ -11,8 +11,8 @@ from rclpy.serialization import serialize_message
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_controller.trajectory_points import read_points
-from pidtsm_core.trajectory_cdr import read_serialized
 from pidtsm_ros.stamps import nanoseconds
+from pidtsm_ros.trajectory_cdr import read_serialized
 
 FIELDS = ("positions", "velocities", "accelerations", "effort")
 

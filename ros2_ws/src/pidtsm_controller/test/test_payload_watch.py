@@ -12,8 +12,9 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from pidtsm_controller.controller_node import ControllerNode
-from pidtsm_core.node_parameters import controller_node_schema
-from pidtsm_core.parameters import Array, ParameterError, names, resolve
+from pidtsm_core.arrays import Array
+from pidtsm_core.experiment.node_parameters import controller_node_schema
+from pidtsm_core.parameters import ParameterError, names, resolve
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.stamps import set_stamp

@@ -12,9 +12,9 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_controller.trajectory_node import TrajectoryNode
-from pidtsm_core.joints import MessageError
-from pidtsm_core.node_parameters import trajectory_node_schema
+from pidtsm_core.experiment.node_parameters import trajectory_node_schema
 from pidtsm_core.parameters import resolve
+from pidtsm_core.parameters.joints import MessageError
 from pidtsm_core.references import ReferenceMotion
 from pidtsm_msgs.msg import JointReference
 

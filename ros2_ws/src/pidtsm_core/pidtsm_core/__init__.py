@@ -13,22 +13,23 @@ and N m is N.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from pidtsm_core.version import __version__ as __version__
-
 if TYPE_CHECKING:
-    from pidtsm_core.batches import BatchResult, Trajectory, batch
-    from pidtsm_core.closed_loop import DivergedError, make_controller, rollout
     from pidtsm_core.control.controller import Controller
     from pidtsm_core.errors import UsageError
     from pidtsm_core.experiment import Experiment, make_experiment, scenario_names
     from pidtsm_core.parameters import ParameterError
     from pidtsm_core.recording import Recording
+    from pidtsm_core.rollouts.batches import BatchResult, Trajectory, batch
+    from pidtsm_core.rollouts.closed_loop import DivergedError, make_controller, rollout
     from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 
+__version__ = "0.2.0"
+"""Defined here alone; a test compares what the packages say with it."""
+
 _MODULES = {
-    "BatchResult": "batches",
+    "BatchResult": "rollouts.batches",
     "Controller": "control.controller",
-    "DivergedError": "closed_loop",
+    "DivergedError": "rollouts.closed_loop",
     "Experiment": "experiment",
     "Fault": "signals",
     "Limited": "signals",
@@ -37,12 +38,12 @@ _MODULES = {
     "Recording": "recording",
     "Signal": "signals",
     "Status": "signals",
-    "Trajectory": "batches",
+    "Trajectory": "rollouts.batches",
     "UsageError": "errors",
-    "batch": "batches",
-    "make_controller": "closed_loop",
+    "batch": "rollouts.batches",
+    "make_controller": "rollouts.closed_loop",
     "make_experiment": "experiment",
-    "rollout": "closed_loop",
+    "rollout": "rollouts.closed_loop",
     "scenario_names": "experiment",
 }
 """Module of each public name: imported when it is first used, because importing the compiler takes half a second."""

@@ -1,6 +1,6 @@
 """Time as integer nanoseconds, and its only conversion to seconds (nodes and rollout must agree to the last bit)."""
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.compiling.decorators import inlined
 
 NANOSECONDS = 1_000_000_000
 LONGEST_RUN = 1e9

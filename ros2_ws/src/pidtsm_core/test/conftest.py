@@ -7,8 +7,8 @@ import pytest
 from hypothesis import Phase, settings
 from testarms import ARMS, Arm
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.recording import Recording
+from pidtsm_core.rollouts.closed_loop import rollout
 
 settings.register_profile("compiled", deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
 settings.load_profile("compiled")

@@ -17,14 +17,14 @@ import numpy as np
 import pytest
 from hostile import Judge, little_memory
 
-from pidtsm_core.closed_loop import SCHEMAS, DivergedError, rollout
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.robots import find_robot
 from pidtsm_core.robots.source import read_source
+from pidtsm_core.rollouts.closed_loop import SCHEMAS, DivergedError, rollout
 
 NUMBERS = (
     math.nan,

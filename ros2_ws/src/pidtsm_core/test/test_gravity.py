@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot, inverse_dynamics, make_model
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Signal
 
 GRAVITY = "output.gravity"

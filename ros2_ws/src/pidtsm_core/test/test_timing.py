@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.timing import period_nanoseconds, seconds
 
 

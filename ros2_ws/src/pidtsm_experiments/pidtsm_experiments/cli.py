@@ -11,8 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
+from pidtsm_core import __version__
 from pidtsm_core.errors import UsageError
-from pidtsm_core.version import __version__
 from pidtsm_experiments.errors import OF_THE_DISK, RunError
 
 _INTERRUPTED = 130

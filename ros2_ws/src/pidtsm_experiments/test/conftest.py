@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.recording import Recording
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Signal
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.metadata import METADATA_KEY

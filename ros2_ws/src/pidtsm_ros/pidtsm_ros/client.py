@@ -18,8 +18,8 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control.report import cause
-from pidtsm_core.parameters import Array
 from pidtsm_core.robots import DESCRIPTION
 from pidtsm_core.signals import Mode
 from pidtsm_core.timing import NANOSECONDS

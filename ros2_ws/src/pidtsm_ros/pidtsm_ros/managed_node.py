@@ -17,10 +17,10 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from std_srvs.srv import SetBool, Trigger
 
-from pidtsm_core.joints import MessageError
-from pidtsm_core.node_parameters import PRIORITY
-from pidtsm_core.one_publisher import OnePublisher
+from pidtsm_core.experiment.node_parameters import PRIORITY
+from pidtsm_core.messages.one_publisher import OnePublisher
 from pidtsm_core.parameters import ParameterError, Schema, Value, as_float, resolve
+from pidtsm_core.parameters.joints import MessageError
 from pidtsm_ros.parameters import CheckedParameterService, declare
 from pidtsm_ros.qos import LOCKSTEP_PUBLISHER, OVERRIDABLE, PUBLISHER, READER, RELIABLE_READER
 from pidtsm_ros.serialization import ExactPublisher

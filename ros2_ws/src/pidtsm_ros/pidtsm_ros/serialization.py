@@ -21,7 +21,7 @@ from rosidl_parser.definition import (
     NamespacedType,
 )
 
-from pidtsm_core.cdr import STAMP_BEGIN
+from pidtsm_ros.cdr import STAMP_BEGIN
 
 _HEADER = bytes((0, sys.byteorder == "little", 0, 0))
 _FORMATS = {

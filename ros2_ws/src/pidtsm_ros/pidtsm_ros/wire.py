@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
-from pidtsm_core.cdr import DOUBLE, ENCODING, LEAD, STAMP, STAMP_BEGIN, STAMP_END, aligned, places_of_numbers
-from pidtsm_core.compiled import njit
-from pidtsm_core.joints import ABSURD, JointOrder, MessageError
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
+from pidtsm_core.parameters.joints import ABSURD, JointOrder, MessageError
 from pidtsm_core.timing import NANOSECONDS
+from pidtsm_ros.cdr import DOUBLE, ENCODING, LEAD, STAMP, STAMP_BEGIN, STAMP_END, aligned, places_of_numbers
 from pidtsm_ros.serialization import serialize, serialize_checked
 
 _STAMPED = ("std_msgs/Header", "builtin_interfaces/Time")

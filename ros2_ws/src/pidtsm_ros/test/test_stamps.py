@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
-from pidtsm_core.cdr import serialized_nanoseconds
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.stamps import nanoseconds, set_stamp
 
 STAMPS = st.integers(min_value=0, max_value=(2**31 - 1) * 10**9 + 999_999_999)

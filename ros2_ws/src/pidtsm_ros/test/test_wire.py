@@ -14,7 +14,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from pidtsm_core.joints import MessageError
+from pidtsm_core.parameters.joints import MessageError
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.serialization import serialize
 from pidtsm_ros.stamps import nanoseconds, set_stamp

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import Experiment
-from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.simulation.mujoco_model import ENGINE, MUJOCO
 from pidtsm_core.units import alike
 from pidtsm_studies.reports.figures import envelope, finished, line, logarithmic, panels, save_figures

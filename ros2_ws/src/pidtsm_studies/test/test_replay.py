@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import SCHEMAS, measuring, rollout
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.parameters import Value
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_description
 from pidtsm_core.robots.placement import link_placements
+from pidtsm_core.rollouts.closed_loop import SCHEMAS, measuring, rollout
 from pidtsm_studies.replay import HEIGHT, RATE, WIDTH, Replay, check_video, check_viewer
 
 SCENE = """<mujoco><worldbody><geom type="plane" size="2 2 0.1"/>
@@ -30,7 +30,7 @@ try:
 except UsageError as error:
     print(error)
     sys.exit({LACKS_OPENGL})
-from pidtsm_core.closed_loop import SCHEMAS, measuring, rollout
+from pidtsm_core.rollouts.closed_loop import SCHEMAS, measuring, rollout
 from pidtsm_core.experiment import make_experiment
 experiment = make_experiment(None, duration=0.5, robot="panda")
 write_video(rollout(experiment), measuring(experiment).resolved(SCHEMAS)["simulator"], Path(sys.argv[1]))

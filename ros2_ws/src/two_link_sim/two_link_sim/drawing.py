@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.description import Links
 from pidtsm_core.robots.picture import effort_arc, effort_arrow, effort_color, effort_shares

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 
 from sensor_msgs.msg import JointState
 
-from pidtsm_core.node_parameters import EFFORT_REPORTED, VELOCITY_CUTOFF, VELOCITY_REPORTED
-from pidtsm_core.parameters import Array, Value, as_float
+from pidtsm_core.arrays import Array
+from pidtsm_core.experiment.node_parameters import EFFORT_REPORTED, VELOCITY_CUTOFF, VELOCITY_REPORTED
+from pidtsm_core.parameters import Value, as_float
 from pidtsm_core.simulation.drive_velocity import DriveVelocity
 from pidtsm_core.timing import seconds
 from pidtsm_ros.wire import OutgoingMessage

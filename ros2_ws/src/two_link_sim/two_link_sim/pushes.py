@@ -3,8 +3,8 @@
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
 
-from pidtsm_core.joints import ABSURD, MessageError
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters.joints import ABSURD, MessageError
 from pidtsm_core.simulation.simulator import SimulatedRobot
 from pidtsm_core.timing import NANOSECONDS
 

@@ -8,13 +8,13 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from pidtsm_core.cdr import serialized_nanoseconds
-from pidtsm_core.joints import JointOrder
-from pidtsm_core.node_parameters import simulator_node_schema
+from pidtsm_core.experiment.node_parameters import simulator_node_schema
 from pidtsm_core.parameters import as_float, names
+from pidtsm_core.parameters.joints import JointOrder
 from pidtsm_core.robots import find_robot, robot_joints
 from pidtsm_core.simulation.simulator import SimulatedRobot
 from pidtsm_core.timing import period_nanoseconds, seconds
+from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.diagnostics import Diagnostics, Reading, loop_readings
 from pidtsm_ros.effort_topics import EFFORT_TOPICS
 from pidtsm_ros.loop_statistics import LoopStatistics

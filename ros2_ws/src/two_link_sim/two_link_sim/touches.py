@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
 from std_msgs.msg import Header
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import set_stamp
 

@@ -17,7 +17,8 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pidtsm_core.parameters import Array, ParameterError, names
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import ParameterError, names
 from pidtsm_core.robots import description_schema, find_description, robot_joints
 from pidtsm_core.robots.picture import reach
 from pidtsm_core.robots.placement import joint_placements, link_placements

@@ -8,9 +8,9 @@ changes it by much and keeps the arm from tracking.
 
 import math
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, External
-from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Signal, Status, Violation
 
 _MEAN = 0.05

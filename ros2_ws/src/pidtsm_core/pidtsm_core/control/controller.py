@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.compilation import first_compilation
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.compilation import first_compilation
 from pidtsm_core.control.freedrive import refusal as cannot_be_free
 from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.modes import begin_afresh, request, reset_fault, set_clock
@@ -18,7 +19,7 @@ from pidtsm_core.control.step import leave_now, respond, stop_after, stop_now, t
 from pidtsm_core.control.turns import distance
 from pidtsm_core.estimators import ESTIMATORS, estimator_index
 from pidtsm_core.laws import LAWS, law_integers
-from pidtsm_core.parameters import Array, Value, as_float, joint_array, names
+from pidtsm_core.parameters import Value, as_float, joint_array, names
 from pidtsm_core.robots import GRAVITY, find_robot, make_model, payload_of
 from pidtsm_core.signals import Fault, Request, Signal, Status
 from pidtsm_core.timing import NANOSECONDS

@@ -8,14 +8,14 @@ Along the way, the effort that is fed forward fades to that of the reference, or
 
 import math
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.effort import time_of_change, write_net_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, part
 from pidtsm_core.control.turns import turn_reference
 from pidtsm_core.laws import command
-from pidtsm_core.parameters import Array
-from pidtsm_core.polynomials import add_quintic, quintic
 from pidtsm_core.references import extrapolate
+from pidtsm_core.references.polynomials import add_quintic, quintic
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Adaptation, Mode, Request, Signal, Status
 from pidtsm_core.timing import seconds

@@ -6,7 +6,7 @@ move its load. A wall or static friction holds a joint, too, but it yields or sl
 much. An arm of which no joint moves is noticed sooner: its source may send its last state again and again.
 """
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, External, Still, part
 from pidtsm_core.control.trust import distrust
 from pidtsm_core.timing import seconds

@@ -2,9 +2,9 @@
 
 import math
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, part
-from pidtsm_core.parameters import Array
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Limited, Signal
 from pidtsm_core.timing import seconds

@@ -39,11 +39,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.effort import friction, limit_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Hold, part
 from pidtsm_core.control.stopping import learn
-from pidtsm_core.parameters import Array
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Signal
 from pidtsm_core.timing import seconds

@@ -6,7 +6,7 @@ and fades, slowly enough for the law to take over.
 
 import math
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Handover, part
 from pidtsm_core.control.tick import demand_again
 from pidtsm_core.signals import Signal

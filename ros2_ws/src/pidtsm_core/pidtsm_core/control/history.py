@@ -1,6 +1,6 @@
 """The last measured positions: they tell how the arm moves even if the newest measurement is wrong."""
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.state import HISTORY, Clock, ControllerState, part
 from pidtsm_core.signals import Signal
 from pidtsm_core.timing import NANOSECONDS, seconds

@@ -1,6 +1,6 @@
 """What the controller does: follow, hold, be free or stop; and how it begins afresh or goes on."""
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.desired import begin_at
 from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.history import shift_history

@@ -1,6 +1,6 @@
 """Detection of implausible measurements: a single sample that is far off must not move the arm."""
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold
 from pidtsm_core.control.trust import SLACK, distrust, is_doubtful
 from pidtsm_core.signals import Signal

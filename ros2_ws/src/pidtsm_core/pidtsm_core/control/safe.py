@@ -8,7 +8,7 @@ load put in. Where the arm does not obey, supervision.py gives up holding.
 
 import math
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.desired import write_desired
 from pidtsm_core.control.effort import LARGEST_CHANGE, added_gravity, carry, limit_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold, part

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.family import SLOTS
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.memory import Layout
+from pidtsm_core.compiling.parts import PartOf
 from pidtsm_core.laws import STATE_SLOTS, Integers
-from pidtsm_core.memory import Layout
-from pidtsm_core.parameters import Array
-from pidtsm_core.parts import PartOf
+from pidtsm_core.parameters.family import SLOTS
 from pidtsm_core.robots import Model
 from pidtsm_core.signals import Signal, Status
 

@@ -1,6 +1,6 @@
 """The step of the controller: everything between a measured position and the commanded effort."""
 
-from pidtsm_core.compiled import inlined, njit
+from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_base
 from pidtsm_core.control.effect import distrust_idle, watch_effect
 from pidtsm_core.control.effort import carry, limit_rate, rate_delay, write_command

@@ -6,7 +6,7 @@ wrong.
 
 import math
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.desired import come_to_rest, learnt_acceleration
 from pidtsm_core.control.effort import carry, time_of_change

@@ -7,7 +7,7 @@ carried by the model, with weak damping. An arm that has come to rest is held ag
 
 import math
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.effort import carry
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold, part
 from pidtsm_core.control.trust import REVERSALS, change_sign

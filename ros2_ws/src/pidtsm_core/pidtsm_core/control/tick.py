@@ -1,12 +1,12 @@
 """Estimator, law and robot model: from measured position and desired motion to effort."""
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.contact import in_contact, sense_contact
 from pidtsm_core.control.effort import friction, limit_effort, write_net_effort
 from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Handover, part
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
-from pidtsm_core.parameters import Array
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal, Status
 

@@ -7,7 +7,7 @@ follows from the motion before; if the hold drives the joint away, it was wrong.
 
 import math
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.state import ControllerConfig, ControllerState, Hold
 from pidtsm_core.signals import Fault, Status
 

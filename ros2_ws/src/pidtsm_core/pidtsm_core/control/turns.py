@@ -2,9 +2,9 @@
 
 import math
 
-from pidtsm_core.compiled import inlined, njit
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.control.state import ControllerConfig, ControllerState, part
-from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Signal
 
 

@@ -3,16 +3,16 @@
 import numpy as np
 from numba import typeof, types
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
+from pidtsm_core.compiling.parts import FLOAT, ROW, ROWS, by_index
+from pidtsm_core.compiling.pointers import Pointer, lend
 from pidtsm_core.estimators.base import DISTURBANCE, Estimator, Sample
 from pidtsm_core.estimators.exact import EXACT
 from pidtsm_core.estimators.extended_state import EXTENDED_STATE_OBSERVER
 from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
 from pidtsm_core.estimators.robust_differentiator import ROBUST_DIFFERENTIATOR
-from pidtsm_core.family import Family
-from pidtsm_core.parameters import Array
-from pidtsm_core.parts import FLOAT, ROW, ROWS, by_index
-from pidtsm_core.pointers import Pointer, lend
+from pidtsm_core.parameters.family import Family
 from pidtsm_core.robots import Model
 
 __all__ = ["DISTURBANCE", "ESTIMATORS", "Estimator", "Sample", "estimate", "estimator_index"]

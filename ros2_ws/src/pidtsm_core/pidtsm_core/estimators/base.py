@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from pidtsm_core.family import Member
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters.family import Member
 from pidtsm_core.robots import Model
 
 DISTURBANCE = 2

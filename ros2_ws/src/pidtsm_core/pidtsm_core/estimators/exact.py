@@ -1,8 +1,8 @@
 """True derivatives from the simulation, as the article assumes; no sensor delivers them."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.estimators.base import Estimator, Sample
-from pidtsm_core.parameters import Array
 
 
 @njit

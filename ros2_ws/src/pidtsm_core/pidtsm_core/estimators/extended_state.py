@@ -26,9 +26,10 @@ state observer", American Control Conference 2006.
 
 import math
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.estimators.base import DISTURBANCE, Estimator, Sample
-from pidtsm_core.parameters import Array, Parameter
+from pidtsm_core.parameters import Parameter
 from pidtsm_core.robots import forward_dynamics
 
 # State x: q, q', d (column DISTURBANCE), 1 after the first sample.

@@ -2,9 +2,10 @@
 
 import math
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.estimators.base import Estimator, Sample
-from pidtsm_core.parameters import Array, Parameter
+from pidtsm_core.parameters import Parameter
 
 # State x: last q, last estimate of q', last estimate of q'', 1 after the first sample; then for each filter
 # -cutoff * dt and its exponential, which change only with the period.

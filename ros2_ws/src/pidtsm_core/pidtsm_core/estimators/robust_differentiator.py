@@ -24,9 +24,10 @@ differentiators: design and comparative analysis", hal-02960923, 2020.
 
 import math
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.estimators.base import Estimator, Sample
-from pidtsm_core.parameters import Array, Parameter
+from pidtsm_core.parameters import Parameter
 
 # State x: y1, y2, y3, the last two periods (newest first), 1 after the first sample.
 

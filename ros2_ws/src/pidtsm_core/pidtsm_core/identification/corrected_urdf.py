@@ -5,10 +5,10 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.pseudo_inertia import moved
 from pidtsm_core.identification.regressor import LINK
-from pidtsm_core.parameters import Array
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.tree.layout import Column, rows, steiner
 

@@ -7,12 +7,12 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import nnls
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.identification.base_parameters import base_parameters
 from pidtsm_core.identification.consistency import Prior, expectation
 from pidtsm_core.identification.least_squares import motion_regressor
 from pidtsm_core.identification.measurement import Measurement, Motion
 from pidtsm_core.identification.regressor import LINK, regressor
-from pidtsm_core.parameters import Array
 from pidtsm_core.robots.tree.layout import GRAVITY
 
 _LEAST_MOTION = 0.05

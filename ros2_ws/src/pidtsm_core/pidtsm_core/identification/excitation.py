@@ -7,10 +7,10 @@ import numpy as np
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.base_parameters import BaseParameters, base_parameters
 from pidtsm_core.identification.regressor import described_parameters, regressor
-from pidtsm_core.parameters import Array
 from pidtsm_core.references.piecewise import piecewise
 from pidtsm_core.robots import Description
 from pidtsm_core.trajectories.checking import check

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.base_parameters import BaseParameters, base_parameters
 from pidtsm_core.identification.consistency import Prior, consistent_parameters, expectation
@@ -15,7 +16,6 @@ from pidtsm_core.identification.data_faults import gravity_faults, limited, reco
 from pidtsm_core.identification.least_squares import Fit, fit, motion_regressor
 from pidtsm_core.identification.measurement import Measurement, Piece, bandwidth, filtered
 from pidtsm_core.identification.regressor import described_parameters
-from pidtsm_core.parameters import Array
 from pidtsm_core.robots import Description, tree
 
 _APART = 0.8

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 from scipy.signal import butter, sosfiltfilt, welch
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.identification.regressor import REVERSAL, coulomb_column
-from pidtsm_core.parameters import Array
 
 _LONGEST_GAP = 0.02
 """s; longer gaps between samples, of more than three periods, separate a recording into pieces."""

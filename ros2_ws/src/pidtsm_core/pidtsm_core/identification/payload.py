@@ -8,6 +8,7 @@ from scipy.optimize import least_squares
 from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.identification.base_parameters import base_parameters
 from pidtsm_core.identification.consistency import body
 from pidtsm_core.identification.corrected_urdf import mass_and_center
@@ -17,7 +18,6 @@ from pidtsm_core.identification.least_squares import CONFIDENCE, Expectation, Fi
 from pidtsm_core.identification.measurement import Measurement, bandwidth
 from pidtsm_core.identification.pseudo_inertia import moved
 from pidtsm_core.identification.regressor import LINK, described_parameters
-from pidtsm_core.parameters import Array
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.tree.layout import Column, rows
 

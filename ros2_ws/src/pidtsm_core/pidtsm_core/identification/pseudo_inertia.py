@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 
 
 def pseudo_inertia(link: Array) -> Array:

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pidtsm_core.compiled import inlined, njit
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.robots.tree.layout import ROW, SPACE, Column, Scratch, axis_of, parent_of, place_of, rows, scratch
 from pidtsm_core.robots.tree.motion import accelerate_link, load_parent, move_links, multiply_inertia
 

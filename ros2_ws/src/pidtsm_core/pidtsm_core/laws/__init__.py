@@ -7,19 +7,20 @@ import numpy as np
 from numba.core.types import none
 from numba.core.types.containers import UniTuple
 
-from pidtsm_core.compiled import njit
-from pidtsm_core.family import Family
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
+from pidtsm_core.compiling.parts import FLOAT, INTEGER, ROW, by_index
 from pidtsm_core.laws.base import LAW_INTEGERS, OWN_INTEGERS, STATE_SLOTS, Integers, Law
 from pidtsm_core.laws.computed_torque import COMPUTED_TORQUE
 from pidtsm_core.laws.dtsm import DTSM
 from pidtsm_core.laws.pid import PID
 from pidtsm_core.laws.piddtsm import PIDDTSM
 from pidtsm_core.laws.pidnftsm import PIDNFTSM
+from pidtsm_core.laws.reaching import INTERVAL, Interval
 from pidtsm_core.laws.sliding_mode import KERNELS, SLIDING_MODE
 from pidtsm_core.laws.super_twisting import SUPER_TWISTING
-from pidtsm_core.parameters import Array, Value
-from pidtsm_core.parts import FLOAT, INTEGER, ROW, by_index
-from pidtsm_core.reaching import INTERVAL, Interval
+from pidtsm_core.parameters import Value
+from pidtsm_core.parameters.family import Family
 
 __all__ = ["LAWS", "LAW_INTEGERS", "STATE_SLOTS", "Integers", "Interval", "Law", "advance", "command", "law_integers"]
 

@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.family import SLOTS
-from pidtsm_core.parameters import Array, Parameter, Value
-from pidtsm_core.reaching import Interval
+from pidtsm_core.arrays import Array
+from pidtsm_core.laws.reaching import Interval
+from pidtsm_core.parameters import Parameter, Value
+from pidtsm_core.parameters.family import SLOTS
 
 STATE_SLOTS = 3 + SLOTS
 """Largest number of state variables of a law per joint."""

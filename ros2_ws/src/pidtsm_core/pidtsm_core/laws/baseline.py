@@ -4,10 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pidtsm_core.family import Member
+from pidtsm_core.arrays import Array
 from pidtsm_core.laws.base import OWN_INTEGERS, Advance, Command, Integers, Kernel, Law
 from pidtsm_core.laws.sliding_mode import ANTI_WINDUP
-from pidtsm_core.parameters import Array, Parameter, Value
+from pidtsm_core.parameters import Parameter, Value
+from pidtsm_core.parameters.family import Member
 
 
 def baseline(

@@ -1,10 +1,11 @@
 """Computed torque: inverse dynamics with PD (Spong, Hutchinson and Vidyasagar 2006, section 8.3)."""
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.laws.base import Integers
 from pidtsm_core.laws.baseline import baseline
-from pidtsm_core.parameters import Array, Parameter
-from pidtsm_core.reaching import Interval
+from pidtsm_core.laws.reaching import Interval
+from pidtsm_core.parameters import Parameter
 
 
 @njit

@@ -2,11 +2,12 @@
 
 import math
 
-from pidtsm_core.compiled import njit
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.laws.base import Integers
 from pidtsm_core.laws.baseline import baseline
-from pidtsm_core.parameters import Array, Parameter
-from pidtsm_core.reaching import Interval
+from pidtsm_core.laws.reaching import Interval
+from pidtsm_core.parameters import Parameter
 
 # State x: int e, filtered e', 1 after the first sample.
 

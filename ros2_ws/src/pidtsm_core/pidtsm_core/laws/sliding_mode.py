@@ -18,12 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.compiled import inlined
-from pidtsm_core.family import SLOTS
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.laws.base import Integers, Kernel, Law
-from pidtsm_core.parameters import Array, Parameter, Value, chosen, joint_array, prefixed
-from pidtsm_core.reaching import REACHING_LAWS, Interval, ReachingLaw
-from pidtsm_core.surfaces import SURFACES, Surface
+from pidtsm_core.laws.reaching import REACHING_LAWS, Interval, ReachingLaw
+from pidtsm_core.laws.surfaces import SURFACES, Surface
+from pidtsm_core.parameters import Parameter, Value, chosen, joint_array, prefixed
+from pidtsm_core.parameters.family import SLOTS
 
 MANIFOLDS = ("none", "pid")
 _PID = MANIFOLDS.index("pid")

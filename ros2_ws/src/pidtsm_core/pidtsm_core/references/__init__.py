@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 from numba.core.types import none
 
-from pidtsm_core.compiled import inlined, njit
-from pidtsm_core.family import Family
-from pidtsm_core.parameters import Array, Parameter, Value, as_float, chosen, joint_array, names, prefixed
-from pidtsm_core.parts import FLOAT, ROWS, by_index
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined, njit
+from pidtsm_core.compiling.parts import FLOAT, ROWS, by_index
+from pidtsm_core.parameters import Parameter, Value, as_float, chosen, joint_array, names, prefixed
+from pidtsm_core.parameters.family import Family
 from pidtsm_core.references.article import ARTICLE
 from pidtsm_core.references.base import Reference
 from pidtsm_core.references.chirp import CHIRP

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, names
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Parameter, ParameterError, Value, names
 from pidtsm_core.references.base import Reference
 from pidtsm_core.references.piecewise import evaluate, piecewise
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pidtsm_core.parameters import Array, Parameter, Value, as_float, joint_array
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Parameter, Value, as_float, joint_array
 from pidtsm_core.references.base import Reference
 from pidtsm_core.references.piecewise import evaluate, piecewise
 

@@ -1,14 +1,14 @@
 """Piecewise polynomial motions, the common form of planned, recorded and commanded motions.
 
 A motion of n segments is an array of shape (joints, 7 n + 1). Each row begins with the n + 1 times at which segments
-begin and end; the coefficients follow, six per segment, as `pidtsm_core.polynomials.quintic` returns them.
+begin and end; the coefficients follow, six per segment, as `pidtsm_core.references.polynomials.quintic` returns them.
 """
 
 import numpy as np
 
-from pidtsm_core.compiled import njit
-from pidtsm_core.parameters import Array
-from pidtsm_core.polynomials import add_quintic, quintic
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
+from pidtsm_core.references.polynomials import add_quintic, quintic
 
 
 def piecewise(times: Array, starts: Array, ends: Array) -> Array:

@@ -2,8 +2,9 @@
 
 import math
 
-from pidtsm_core.compiled import njit
-from pidtsm_core.parameters import Array, Parameter
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
+from pidtsm_core.parameters import Parameter
 from pidtsm_core.references.base import Reference
 
 

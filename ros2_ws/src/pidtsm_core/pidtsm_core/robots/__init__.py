@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 
-from pidtsm_core.compiled import njit
-from pidtsm_core.effort_differences import spread_of_differences
-from pidtsm_core.family import Family, dispatch
-from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, prefixed
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
+from pidtsm_core.parameters import Parameter, ParameterError, Value, prefixed
+from pidtsm_core.parameters.family import Family, dispatch
 from pidtsm_core.robots.address import forward_at, inverse_at
 from pidtsm_core.robots.base import Dynamics, Model, Robot, Tool
 from pidtsm_core.robots.description import Description, read_description
+from pidtsm_core.robots.effort_differences import spread_of_differences
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.payload import check_payload, payload_of, payload_parameters
 from pidtsm_core.robots.source import ARMS, read_source

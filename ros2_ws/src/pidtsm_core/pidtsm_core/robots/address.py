@@ -12,8 +12,8 @@ from numba.core.cgutils import unpack_tuple
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-from pidtsm_core.compiled import inlined
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
 
 _POINTER = types.CPointer(float64)
 SIGNATURE = types.void(_POINTER, _POINTER, _POINTER, int64, int64, _POINTER, int64, _POINTER)

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.family import Member
-from pidtsm_core.parameters import Array, Value, as_float
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Value, as_float
+from pidtsm_core.parameters.family import Member
 from pidtsm_core.robots.payload import Payload
 from pidtsm_core.units import JointUnits, joint_units
 

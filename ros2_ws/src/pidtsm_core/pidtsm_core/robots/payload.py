@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float
 
 _MASS = "payload.mass"
 _CENTER = Parameter(

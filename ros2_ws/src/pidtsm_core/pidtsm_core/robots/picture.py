@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots.description import Description
 from pidtsm_core.robots.placement import link_placements
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots.description import Description
 from pidtsm_core.robots.tree import forward_kinematics
 from pidtsm_core.robots.tree.layout import Column, rows

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots.compiler import compile_spec, load_mujoco, parse
 from pidtsm_core.robots.description import Description, joint_displacement, rotation_of
 from pidtsm_core.robots.errors import DescriptionError

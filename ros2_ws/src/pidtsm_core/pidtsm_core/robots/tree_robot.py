@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numba import carray, cfunc
 
-from pidtsm_core.parameters import Array, Parameter, Value, joint_array
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Parameter, Value, joint_array
 from pidtsm_core.robots import tree
 from pidtsm_core.robots.address import SIGNATURE
 from pidtsm_core.robots.base import Dynamics, Robot, Tool

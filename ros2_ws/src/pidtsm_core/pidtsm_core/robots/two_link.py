@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
-from pidtsm_core.compiled import inlined, njit
-from pidtsm_core.parameters import Array, Parameter
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined, njit
+from pidtsm_core.parameters import Parameter
 from pidtsm_core.robots.base import Dynamics, Robot, Tool
 from pidtsm_core.robots.payload import Payload
 from pidtsm_core.robots.tree.layout import Column, rotation, rows, size

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.compiled import inlined
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.parameters import Parameter, Value, as_float
 from pidtsm_core.simulation.plant import PlantConfig, PlantState, carry
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots.compiler import load_mujoco
 from pidtsm_core.simulation.mujoco_model import MujocoModels
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from pidtsm_core.compiled import njit
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
 
 
 @njit

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float
 from pidtsm_core.robots import DESCRIPTION, DescriptionError, Robot, TreeRobot, find_robot, payload_of
 from pidtsm_core.robots.compiler import compile_spec, load_mujoco, load_spec
 from pidtsm_core.robots.rigid_bodies import (

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots.compiler import load_mujoco
 from pidtsm_core.robots.rigid_bodies import set_inertial
 

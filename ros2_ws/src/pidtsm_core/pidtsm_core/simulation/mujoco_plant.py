@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.compiled import inlined
-from pidtsm_core.parameters import Array, Value
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.parameters import Value
 from pidtsm_core.robots.address import call
 from pidtsm_core.robots.compiler import load_mujoco
 from pidtsm_core.simulation.mujoco_model import SCENE, make_models, steps_of

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.compiled import inlined, njit
-from pidtsm_core.disturbances import DISTURBANCES, add_disturbance
-from pidtsm_core.memory import Layout
-from pidtsm_core.parameters import Array, Parameter, ParameterError, Value, as_float, joint_array, resolve
-from pidtsm_core.parts import PartOf
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined, njit
+from pidtsm_core.compiling.memory import Layout
+from pidtsm_core.compiling.parts import PartOf
+from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float, joint_array, resolve
 from pidtsm_core.robots import (
     Model,
     Robot,
@@ -24,6 +24,7 @@ from pidtsm_core.robots import (
 )
 from pidtsm_core.robots.tree import add_wrench
 from pidtsm_core.simulation import friction as joint_friction
+from pidtsm_core.simulation.disturbances import DISTURBANCES, add_disturbance
 from pidtsm_core.simulation.friction import (
     FrictionConfig,
     add_friction,

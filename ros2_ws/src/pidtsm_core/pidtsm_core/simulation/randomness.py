@@ -5,7 +5,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from pidtsm_core.parameters import Array, Parameter, Value, as_float
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Parameter, Value, as_float
 
 PARAMETERS = (
     Parameter("seed", 0, "seed of all random numbers: the same seed gives the same run", minimum=0, read_only=True),

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.compiled import inlined
-from pidtsm_core.parameters import Array, Parameter, Value, as_float, joint_array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.parameters import Parameter, Value, as_float, joint_array
 from pidtsm_core.robots import find_robot
 from pidtsm_core.simulation.randomness import Column
 

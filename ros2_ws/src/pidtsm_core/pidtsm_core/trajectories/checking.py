@@ -5,13 +5,13 @@ from contextlib import suppress
 
 import numpy as np
 
-from pidtsm_core.compiled import subroutine
-from pidtsm_core.margins import PLANNED_SHARE
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import subroutine
 from pidtsm_core.trajectories.effort_bound import largest_excess
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.extrema import DEPTH, maximum
 from pidtsm_core.trajectories.limits import MotionLimits
+from pidtsm_core.trajectories.margins import PLANNED_SHARE
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 
 _BETWEEN_POINTS = 1.05

@@ -13,8 +13,8 @@ Where the velocity has a step, as between straight lines, the effort is that whi
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.compiled import inlined, subroutine
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined, subroutine
 from pidtsm_core.robots import Model, effort_spread, inverse_dynamics
 
 TOLERANCE = 0.01

@@ -4,8 +4,8 @@ A polynomial on [0, 1] lies within its Bernstein coefficients, and touches the f
 interval brings them together quadratically (Farin, Curves and Surfaces for CAGD, 2002, ch. 5).
 """
 
-from pidtsm_core.compiled import subroutine
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import subroutine
 
 DEPTH = 64
 """Rows of the scratch space: intervals that wait, shape (DEPTH, 8): six coefficients, begin and width."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 
 FADE = 0.5
 """Time in which an effort fades that is no longer commanded, s."""

@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import solve_banded
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.references.piecewise import piecewise
 from pidtsm_core.trajectories.errors import StartError, TrajectoryError
 from pidtsm_core.trajectories.motion import PiecewiseMotion

@@ -5,7 +5,7 @@ from itertools import accumulate
 import numpy as np
 from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 

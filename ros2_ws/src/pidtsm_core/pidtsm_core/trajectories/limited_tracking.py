@@ -10,8 +10,8 @@ rest, at full deceleration, within its limits. Far from a resting target the mot
 import math
 from typing import NamedTuple
 
-from pidtsm_core.compiled import njit
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
 
 POLE = 40.0
 """Of the linear law, rad/s."""

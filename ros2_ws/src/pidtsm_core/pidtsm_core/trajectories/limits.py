@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.margins import PLANNED_EFFORT, PLANNED_SHARE
-from pidtsm_core.parameters import Array, Parameter, ParameterError, joint_array
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Parameter, ParameterError, joint_array
 from pidtsm_core.robots import DESCRIPTION, LOCKED, Model, Robot, find_robot, inverse_dynamics, make_model
+from pidtsm_core.trajectories.margins import PLANNED_EFFORT, PLANNED_SHARE
 from pidtsm_core.units import TURNS, JointUnits
 
 _OF_DESCRIPTION = "; 0: that of robot.description"

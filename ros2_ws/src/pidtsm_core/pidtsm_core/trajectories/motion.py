@@ -4,9 +4,9 @@ from typing import Protocol
 
 import numpy as np
 
-from pidtsm_core.parameters import Array
-from pidtsm_core.polynomials import add_quintic, quintic
+from pidtsm_core.arrays import Array
 from pidtsm_core.references.piecewise import evaluate
+from pidtsm_core.references.polynomials import add_quintic, quintic
 
 _SHORTEST_APPROACH = 1.0  # s
 _APPROACH_VELOCITY = 0.5  # rad/s, mean velocity of the joint that moves farthest

@@ -6,8 +6,8 @@ backward the largest squared speeds from which the end can be reached at rest, t
 
 import math
 
-from pidtsm_core.compiled import subroutine
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import subroutine
 
 _HALVINGS = 100
 _HIGHEST = 1e12

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.timing import seconds
 from pidtsm_core.trajectories.checking import check
 from pidtsm_core.trajectories.errors import TrajectoryError

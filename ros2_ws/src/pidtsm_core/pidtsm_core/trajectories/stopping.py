@@ -3,7 +3,7 @@
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Synchronization
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.references.piecewise import piecewise
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.jerk_limited import fastest

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pidtsm_core.arrivals import Arrivals, Stamp
-from pidtsm_core.compiled import njit
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
+from pidtsm_core.messages.arrivals import Arrivals, Stamp
 from pidtsm_core.timing import NANOSECONDS, seconds
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limited_tracking import track

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pidtsm_core.compiled import njit
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
 
 FADE = 0.08
 """Time in which the curve comes to rest after its last target, s."""

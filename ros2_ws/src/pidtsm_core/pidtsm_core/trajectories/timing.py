@@ -7,7 +7,7 @@ import numpy as np
 from ruckig import InputParameter, Synchronization
 from scipy.interpolate import CubicSpline
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.trajectories.checking import check, excessive_effort
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.interpolation import interpolate

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pidtsm_core.parameters import Array, Value
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Value
 from pidtsm_core.robots import Robot, Tool, TreeRobot
 from pidtsm_core.robots.tree import forward_kinematics
 from pidtsm_core.robots.tree.layout import Column, rows

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.timing import seconds
 
 _SMOOTHING = 0.03

@@ -8,8 +8,9 @@ import pytest
 from numpy.typing import NDArray
 from testarms import Arm, dotted
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema
-from pidtsm_core.parameters import Array, resolve
+from pidtsm_core.parameters import resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.signals import Fault, Signal
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.control import controller_schema
 from pidtsm_core.parameters import resolve
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots.source import ARMS, rated_payload
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Signal, Status, Violation
 
 PUSH = {"push.force": [0.0, 60.0, 0.0], "push.time": 2.0, "push.duration": 1.0}

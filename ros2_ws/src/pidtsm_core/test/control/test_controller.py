@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from testarms import Arm
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Clock, Controller, controller_schema
 from pidtsm_core.laws import LAWS
-from pidtsm_core.parameters import Array
 from pidtsm_core.signals import Fault, Mode, Signal, Status
 
 MS = 1_000_000

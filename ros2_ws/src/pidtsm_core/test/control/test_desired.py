@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from testarms import Arm
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Clock
-from pidtsm_core.parameters import Array
 from pidtsm_core.references import extrapolate
 from pidtsm_core.signals import Adaptation, Mode, Status
 

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 from testarms import TWO_LINK, Arm
 
-from pidtsm_core.arrivals import Arrivals, Stamp
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Clock, Controller, controller_schema
-from pidtsm_core.joints import JointOrder, MessageError
-from pidtsm_core.parameters import Array
+from pidtsm_core.messages.arrivals import Arrivals, Stamp
+from pidtsm_core.parameters.joints import JointOrder, MessageError
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from testarms import Arm
 
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Clock
 from pidtsm_core.laws import LAWS
-from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status, Violation
 
 MS = 1_000_000

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from testarms import ARMS, PANDA, TWO_LINK, Arm, dotted
 
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Clock, Controller
 from pidtsm_core.control.freedrive import refusal
-from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Mode, Request, Signal, Status
 
 MS = 1_000_000

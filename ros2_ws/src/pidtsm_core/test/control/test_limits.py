@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.robots import find_robot
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Signal, Status, Violation
 
 PANDA = {"robot.description": "panda"}

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from testarms import ARMS, TWO_LINK, Arm
 
-from pidtsm_core.closed_loop import rollout
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.recording import Recording
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Limited, Signal, Status
 
 DT = 0.001

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from testarms import ARMS, Arm
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.control import Clock
 from pidtsm_core.laws import LAWS
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Mode, Signal, Status
 
 MS = 1_000_000

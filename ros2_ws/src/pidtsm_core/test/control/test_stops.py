@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Clock
 from pidtsm_core.laws import LAWS
-from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Signal, Status, Stop
 
 RUNNING = 1500  # ms before something happens

@@ -6,10 +6,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from testarms import Arm, dotted
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.laws import LAWS, STATE_SLOTS, Interval, advance, command, law_integers
-from pidtsm_core.parameters import Array, ParameterError, as_float
+from pidtsm_core.parameters import ParameterError, as_float
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Adaptation, Signal
 

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema
-from pidtsm_core.parameters import Array, resolve
+from pidtsm_core.parameters import resolve
 from pidtsm_core.signals import Mode, Signal, Status
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from testarms import Arm
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.estimators import ESTIMATORS, Estimator, Sample, estimate
-from pidtsm_core.family import SLOTS
-from pidtsm_core.parameters import Array
+from pidtsm_core.parameters.family import SLOTS
 
 PROPERTY = settings(deadline=None, max_examples=10)
 EACH = pytest.mark.parametrize("estimator", ESTIMATORS.members, ids=lambda e: e.name)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 from testarms import ROTOR, Arm
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.estimators import Sample
 from pidtsm_core.estimators.extended_state import EXTENDED_STATE_OBSERVER
-from pidtsm_core.family import SLOTS
-from pidtsm_core.parameters import Array
+from pidtsm_core.parameters.family import SLOTS
 from pidtsm_core.robots import Model, forward_dynamics
 
 DT = 0.001

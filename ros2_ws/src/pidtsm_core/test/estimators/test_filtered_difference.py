@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from testarms import Arm
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.estimators import Sample
 from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
-from pidtsm_core.family import SLOTS
-from pidtsm_core.parameters import Array
+from pidtsm_core.parameters.family import SLOTS
 
 DT = 0.001
 

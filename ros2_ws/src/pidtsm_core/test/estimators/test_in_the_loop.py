@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from testarms import TWO_LINK, Arm
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.recording import Recording
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Signal
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from knownarm import KnownArm, known_arm
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import IdentificationError, identify
 from pidtsm_core.identification.measurement import Measurement
 from pidtsm_core.identification.regressor import described_parameters, regressor
-from pidtsm_core.parameters import Array
 from pidtsm_core.robots import find_description
 from pidtsm_core.robots.description import read_description
 

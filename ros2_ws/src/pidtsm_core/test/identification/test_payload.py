@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from knownarm import KnownArm, known_arm
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import IdentificationError
 from pidtsm_core.identification.payload import identify_payload
 from pidtsm_core.identification.regressor import LINK, described_parameters, regressor
-from pidtsm_core.parameters import Array
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.description import read_description
 from pidtsm_core.robots.payload import Payload

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import controller_schema
 from pidtsm_core.identification.payload_observer import PayloadObserver
-from pidtsm_core.parameters import Array, resolve
+from pidtsm_core.parameters import resolve
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import TreeRobot, find_robot
+from pidtsm_core.rollouts.closed_loop import rollout
 
 PICKED_UP = 2.0
 ARM = {"robot.description": "ur5"}

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.identification.base_parameters import base_parameters
 from pidtsm_core.identification.regressor import described_parameters, parameter_names, regressor
-from pidtsm_core.parameters import Array
 from pidtsm_core.robots import NAMES, Description, find_description, find_robot, inverse_dynamics, make_model, tree
 from pidtsm_core.robots.two_link import TWO_LINK
 

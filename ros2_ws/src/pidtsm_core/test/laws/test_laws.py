@@ -13,14 +13,15 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from testarms import Arm
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import controller_schema
-from pidtsm_core.family import SLOTS
 from pidtsm_core.laws import LAWS, STATE_SLOTS, Integers, Interval, advance, command, law_integers
+from pidtsm_core.laws.reaching import REACHING_LAWS
 from pidtsm_core.laws.sliding_mode import ACCELERATION_BOUND, MANIFOLDS
-from pidtsm_core.parameters import Array, Value, as_float
-from pidtsm_core.reaching import REACHING_LAWS
+from pidtsm_core.laws.surfaces import SURFACES, evaluate_surface
+from pidtsm_core.parameters import Value, as_float
+from pidtsm_core.parameters.family import SLOTS
 from pidtsm_core.signals import Adaptation
-from pidtsm_core.surfaces import SURFACES, evaluate_surface
 
 PROPERTY = settings(deadline=None, max_examples=12)
 COMPOSED = [

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.parameters import Array, ParameterError, resolve
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.references import (
     REFERENCES,
     Reference,

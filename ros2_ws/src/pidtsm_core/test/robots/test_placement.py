@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from pidtsm_core import robots
-from pidtsm_core.parameters import Array, ParameterError
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots import ROBOTS, find_description, find_robot
 from pidtsm_core.robots.description import Description, read_description
 from pidtsm_core.robots.placement import joint_placements, link_placements

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.effort_differences import spread_of_differences
-from pidtsm_core.parameters import Array, resolve
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import resolve
 from pidtsm_core.robots import (
     NAMES,
     Robot,
@@ -17,6 +17,7 @@ from pidtsm_core.robots import (
     make_model,
     robot_schema,
 )
+from pidtsm_core.robots.effort_differences import spread_of_differences
 from pidtsm_core.robots.payload import Payload
 from pidtsm_core.simulation.plant import Plant, plant_schema
 

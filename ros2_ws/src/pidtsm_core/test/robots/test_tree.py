@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots import tree
 from pidtsm_core.robots.description import Description, read_description
 from pidtsm_core.robots.source import ARMS, read_source

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots import ROBOTS
 from pidtsm_core.robots.payload import Payload
 from pidtsm_core.robots.two_link import TWO_LINK

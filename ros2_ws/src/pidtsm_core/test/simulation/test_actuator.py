@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from testarms import Arm
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.simulation.actuator import actuator_config, drive
 from pidtsm_core.simulation.randomness import Randomness, columns
 from pidtsm_core.simulation.simulator import simulator_schema

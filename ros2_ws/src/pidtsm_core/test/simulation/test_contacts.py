@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from testarms import PENDULUM, Arm
 
-from pidtsm_core.parameters import Array, ParameterError
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import ParameterError
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 
 # A foot of 2 kg that slides down; its axes are turned by a quarter about x, so that its y axis points up.

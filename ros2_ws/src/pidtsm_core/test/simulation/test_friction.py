@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from testarms import Arm
 
-from pidtsm_core.parameters import Array, ParameterError, resolve
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.simulation.friction import (
     PARAMETERS,
     FrictionConfig,

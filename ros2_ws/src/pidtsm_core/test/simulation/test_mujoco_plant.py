@@ -10,8 +10,9 @@ import pytest
 from scipy.integrate import simpson
 from testarms import PANDA, PENDULUM, TWO_LINK, Arm
 
-from pidtsm_core.closed_loop import DivergedError, rollout
-from pidtsm_core.parameters import Array, ParameterError
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import ParameterError
+from pidtsm_core.rollouts.closed_loop import DivergedError, rollout
 from pidtsm_core.simulation.plant import Plant, plant_schema
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 

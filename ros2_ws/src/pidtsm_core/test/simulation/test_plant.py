@@ -6,10 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from testarms import ARMS, TWO_LINK, Arm, dotted
 
-from pidtsm_core.disturbances import add_disturbance
-from pidtsm_core.parameters import Array, ParameterError
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots import forward_dynamics
 from pidtsm_core.robots.tree.layout import GRAVITY
+from pidtsm_core.simulation.disturbances import add_disturbance
 from pidtsm_core.simulation.plant import Plant, plant_schema
 
 DT = 0.001

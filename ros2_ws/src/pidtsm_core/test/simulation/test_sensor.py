@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from testarms import Arm, dotted
 
-from pidtsm_core.parameters import Array, resolve
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import resolve
 from pidtsm_core.simulation.randomness import Column
 from pidtsm_core.simulation.sensor import PARAMETERS, measure, sensor_config
 

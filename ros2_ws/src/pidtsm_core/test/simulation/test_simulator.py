@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from testarms import Arm, dotted
 
-from pidtsm_core.closed_loop import EXPERIMENT, rollout
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema
-from pidtsm_core.parameters import Array, ParameterError, resolve
+from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.recording import Recording
 from pidtsm_core.references import ReferenceMotion, reference_schema
+from pidtsm_core.rollouts.closed_loop import EXPERIMENT, rollout
 from pidtsm_core.signals import Signal
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 from pidtsm_core.timing import seconds

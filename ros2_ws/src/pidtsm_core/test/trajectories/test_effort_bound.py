@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from testarms import Arm
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import controller_schema
-from pidtsm_core.parameters import Array
 from pidtsm_core.references.piecewise import piecewise
 from pidtsm_core.robots import make_model
 from pidtsm_core.robots.compiler import compile_spec, parse

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.interpolation import Interpolation, interpolate, plan
 from pidtsm_core.trajectories.motion import PiecewiseMotion

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from testarms import CRANE, PANDA, Arm
 
-from pidtsm_core.parameters import Array, ParameterError
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import ParameterError
 from pidtsm_core.trajectories.limits import MotionLimits, limits_schema, motion_limits
 
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from testarms import Arm
 
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import Experiment, make_experiment
-from pidtsm_core.margins import PLANNED_SHARE
-from pidtsm_core.parameters import Array
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Status
 from pidtsm_core.trajectories.checking import check
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import MotionLimits, motion_limits
+from pidtsm_core.trajectories.margins import PLANNED_SHARE
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 from pidtsm_core.trajectories.timing import retime
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.trajectories.path_speed import path_speed
 
 

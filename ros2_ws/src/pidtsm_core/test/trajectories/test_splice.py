@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from pidtsm_core.parameters import Array, resolve
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.interpolation import plan

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.trajectories.limits import MotionLimits, motion_limits
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 from pidtsm_core.trajectories.stopping import stop, stop_at

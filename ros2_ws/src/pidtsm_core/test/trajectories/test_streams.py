@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.margins import PLANNED_SHARE
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import MotionLimits, motion_limits
+from pidtsm_core.trajectories.margins import PLANNED_SHARE
 from pidtsm_core.trajectories.motion import Motion
 from pidtsm_core.trajectories.stopping import stop
 from pidtsm_core.trajectories.streams import StreamFilter

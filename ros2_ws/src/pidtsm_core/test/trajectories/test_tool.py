@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from testarms import TWO_LINK, Arm
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import controller_schema
-from pidtsm_core.parameters import Array
 from pidtsm_core.robots import NAMES, find_robot
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import motion_limits

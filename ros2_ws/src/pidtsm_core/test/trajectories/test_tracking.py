@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.trajectories.tracking import REACHED, VIOLATED, Code, Outcome, Tolerances, Tracking
 
 REACHED_IT = Outcome(Code.SUCCESSFUL, REACHED)

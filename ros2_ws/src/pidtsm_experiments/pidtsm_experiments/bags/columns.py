@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, Nodetype
 
-from pidtsm_core.cdr import DOUBLE, ENCODING, STAMP_BEGIN, STAMP_END, end_of_empty, places_of_numbers, stamps_of
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.recording import Codes, Stamps
 from pidtsm_core.signals import Status
 from pidtsm_experiments.bags.errors import RecordingError, damaged
 from pidtsm_experiments.bags.rejections import rejections
 from pidtsm_experiments.bags.topics import DIAGNOSTICS, MEASURED, REFERENCE, STATE, TRUTH, WantedTopic
+from pidtsm_ros.cdr import DOUBLE, ENCODING, STAMP_BEGIN, STAMP_END, end_of_empty, places_of_numbers, stamps_of
 
 _FLOAT64 = ((Nodetype.BASE, ("float64", 0)), (Nodetype.SEQUENCE, ((Nodetype.BASE, ("float64", 0)), 0)))
 """Field types float64 and float64[] in the notation of rosbags."""

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.recording import Stamps
 from pidtsm_experiments.bags.columns import Columns
 from pidtsm_experiments.bags.errors import RecordingError

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from rosbags.highlevel import AnyReader
 
-from pidtsm_core.outcome import GROUND_TRUTH
 from pidtsm_core.recording import Recording, Stamps
+from pidtsm_core.recording.outcome import GROUND_TRUTH
 from pidtsm_experiments.bags.columns import Columns, read_columns
 from pidtsm_experiments.bags.errors import RecordingError, UnfinishedBag, damaged
 from pidtsm_experiments.bags.measured import held, measured_motion

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.node_parameters import NODE_SCHEMAS
-from pidtsm_core.parameters import Array, ParameterError, names, resolve
+from pidtsm_core.arrays import Array
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
+from pidtsm_core.parameters import ParameterError, names, resolve
 from pidtsm_core.recording import Stamps
 from pidtsm_core.references import ReferenceMotion, reference_joints
 from pidtsm_core.timing import seconds

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.parameters import Array, Value, joint_array, names
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Value, joint_array, names
 from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
 from pidtsm_experiments.bags.message_types import typestore

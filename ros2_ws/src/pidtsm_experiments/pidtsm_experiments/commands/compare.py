@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.outcome import sources
+from pidtsm_core.recording.outcome import sources
 from pidtsm_core.units import joint_units
 from pidtsm_experiments.commands.options import CONSOLE, read
 from pidtsm_experiments.commands.table import FACTOR, ONLY_IF_ANY, ROWS

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pidtsm_core.closed_loop import SCHEMAS, DivergedError
+from pidtsm_core.rollouts.closed_loop import SCHEMAS, DivergedError
 from pidtsm_experiments.commands.options import CONSOLE, add_experiment_arguments, experiment_of
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.origin import MadeOf

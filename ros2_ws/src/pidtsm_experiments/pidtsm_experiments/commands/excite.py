@@ -12,7 +12,7 @@ import yaml
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.identification.excitation import Excitation, excitation
-from pidtsm_core.parameter_files import load_mapping
+from pidtsm_core.parameters.files import load_mapping
 from pidtsm_core.robots import DESCRIPTION, find_description
 from pidtsm_core.trajectories.limits import motion_limits
 from pidtsm_experiments.commands.options import CONSOLE, add_parameter_arguments, add_robot_argument, seconds

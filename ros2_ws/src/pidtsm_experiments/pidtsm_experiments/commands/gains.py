@@ -7,7 +7,7 @@ from textwrap import fill
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import resolved_description
-from pidtsm_core.gains import BITS, DELAY, RATE, Gain, first_gains
+from pidtsm_core.experiment.gains import BITS, DELAY, RATE, Gain, first_gains
 from pidtsm_core.parameters import Value
 from pidtsm_core.robots import DESCRIPTION
 from pidtsm_experiments.commands.options import add_robot_argument

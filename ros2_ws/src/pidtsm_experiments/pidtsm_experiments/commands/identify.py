@@ -15,8 +15,8 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import Identification, identify
 from pidtsm_core.identification.measurement import Measurement
-from pidtsm_core.parameter_files import ros_parameters
 from pidtsm_core.parameters import Value
+from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_core.robots import DESCRIPTION, find_description
 from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument
 from pidtsm_experiments.runs.origin import MadeOf

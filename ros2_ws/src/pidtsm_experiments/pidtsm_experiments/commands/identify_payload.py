@@ -9,7 +9,7 @@ from rich.console import Console
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.payload import CarriedBody, as_parameters, identify_payload
-from pidtsm_core.parameter_files import ros_parameters
+from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_core.robots import DESCRIPTION, find_description
 from pidtsm_experiments.commands.identify import measurement_of
 from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument

@@ -16,9 +16,9 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from pidtsm_core.control import LAW_NAME, Controller
 from pidtsm_core.experiment import DEFAULT_SCENARIO, Experiment, make_experiment, scenario_names
 from pidtsm_core.laws import LAWS
-from pidtsm_core.outcome import why_not_followed
 from pidtsm_core.parameters import Value
 from pidtsm_core.recording import Recording
+from pidtsm_core.recording.outcome import why_not_followed
 from pidtsm_core.robots import NAMES
 from pidtsm_core.simulation.mujoco_model import ENGINE
 from pidtsm_experiments.commands.table import print_metrics

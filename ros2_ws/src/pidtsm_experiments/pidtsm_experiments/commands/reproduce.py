@@ -10,7 +10,7 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from pidtsm_core.outcome import RAN_AWAY
+from pidtsm_core.recording.outcome import RAN_AWAY
 from pidtsm_experiments.commands.options import CONSOLE, add_parameter_arguments, progress_bar, seconds
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.origin import MadeOf

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pidtsm_core.closed_loop import SCHEMAS, DivergedError, measuring, rollout
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import Experiment
 from pidtsm_core.parameters import Value
 from pidtsm_core.recording import Recording
+from pidtsm_core.rollouts.closed_loop import SCHEMAS, DivergedError, measuring, rollout
 from pidtsm_experiments.commands.options import (
     CONSOLE,
     add_experiment_arguments,

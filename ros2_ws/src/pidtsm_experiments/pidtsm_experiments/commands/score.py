@@ -9,10 +9,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from pidtsm_core.closed_loop import SCHEMAS
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import DEFAULT_ROBOT
 from pidtsm_core.laws import LAWS
+from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_experiments.commands.options import CONSOLE, add_parameter_arguments, add_robot_argument, progress_bar
 from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder

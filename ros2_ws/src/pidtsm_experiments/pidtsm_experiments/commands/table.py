@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pidtsm_core.outcome import OF_TRACKING, RAN_AWAY, what_happened
+from pidtsm_core.recording.outcome import OF_TRACKING, RAN_AWAY, what_happened
 from pidtsm_core.units import alike, joint_units
 from pidtsm_studies.reports.labels import value_text
 

@@ -11,10 +11,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from pidtsm_core.closed_loop import SCHEMAS
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import DEFAULT_ROBOT
 from pidtsm_core.laws import LAWS
+from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_experiments.commands.cluster import workers
 from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument, progress_bar
 from pidtsm_experiments.runs.origin import MadeOf

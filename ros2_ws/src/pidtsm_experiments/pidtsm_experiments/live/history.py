@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 
 SPAN = 20.0
 """Length of the curves, s."""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from pidtsm_core.parameter_files import ros_parameters
+from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.live.desk import Desk
 from pidtsm_experiments.live.errors import RefusedError

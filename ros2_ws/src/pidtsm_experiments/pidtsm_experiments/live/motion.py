@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_experiments.live.desk import Desk
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.live.parameters import shown, written

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from pidtsm_core.experiment import Experiment
-from pidtsm_core.node_parameters import NODE_SCHEMAS
-from pidtsm_core.node_settings import resolve_nodes
-from pidtsm_core.parameter_files import ros_parameters
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
+from pidtsm_core.experiment.node_settings import resolve_nodes
 from pidtsm_core.parameters import ParameterError, Value
+from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.runs.runner import Processes, check_security, environment, how_ended, node_parameters
 

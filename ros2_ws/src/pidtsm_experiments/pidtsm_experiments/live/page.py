@@ -7,7 +7,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from pidtsm_core.parameters import Array, ParameterError
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots import Description, description_schema, find_description, find_robot
 from pidtsm_core.signals import Signal
 from pidtsm_core.units import joint_units

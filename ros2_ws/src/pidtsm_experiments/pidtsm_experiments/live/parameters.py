@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import yaml
 from rcl_interfaces.msg import ParameterDescriptor
 
-from pidtsm_core.parameter_files import read_yaml
+from pidtsm_core.parameters.files import read_yaml
 from pidtsm_experiments.live.errors import RefusedError
 
 _CHOICES = "one of "

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from viser import GuiApi, GuiUplotHandle, uplot
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.signals import Signal
 from pidtsm_experiments.live.history import SPAN, Curves
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.parameter_files import ros_parameters
 from pidtsm_core.parameters import Value
+from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.runs.files import write_file

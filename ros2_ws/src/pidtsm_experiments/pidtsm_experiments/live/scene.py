@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from viser import FrameHandle, SceneApi
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.picture import effort_arc, effort_arrow, effort_color, effort_shares, reach
 from pidtsm_core.robots.placement import joint_placements

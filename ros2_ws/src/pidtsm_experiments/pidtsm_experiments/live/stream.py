@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
-from pidtsm_core.cdr import DOUBLE, STAMP_END, places_of_numbers, stamps_of
-from pidtsm_core.joints import MessageError
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters.joints import MessageError
 from pidtsm_core.signals import Signal
 from pidtsm_msgs.msg import ControllerState
+from pidtsm_ros.cdr import DOUBLE, STAMP_END, places_of_numbers, stamps_of
 from pidtsm_ros.qos import READER
 from pidtsm_ros.wire import deserialize
 

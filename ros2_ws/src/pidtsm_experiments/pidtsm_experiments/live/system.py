@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.live.lives import REPORTS_WITHIN, SAMPLES_WITHIN, Condition, Lives, Source, time_of_day
 from pidtsm_experiments.live.parameters import Described

@@ -6,7 +6,7 @@ from html import escape
 import numpy as np
 from viser import GuiTabHandle
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.signals import Signal
 from pidtsm_core.units import JointUnits, either
 from pidtsm_experiments.live.desk import Desk

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pidtsm_core
-from pidtsm_core.parameter_files import load_ros_parameters
+from pidtsm_core import __version__
 from pidtsm_core.parameters import Value
-from pidtsm_core.version import __version__
+from pidtsm_core.parameters.files import load_ros_parameters
 
 ORIGIN = "run.json"
 """File in every result folder."""
@@ -91,7 +91,7 @@ def comment() -> str:
 
 def commit() -> str | None:
     """The commit of the source, with ``+changes`` if files differ from it; None if it is not in a git repository."""
-    if not _git("ls-files", "--error-unmatch", "version.py"):
+    if not _git("ls-files", "--error-unmatch", "__init__.py"):
         return None  # Installed, perhaps in the repository of somebody else.
     head = _git("rev-parse", "HEAD")
     return head + "+changes" if head and _git("status", "--porcelain", "--untracked-files=no") else head or None

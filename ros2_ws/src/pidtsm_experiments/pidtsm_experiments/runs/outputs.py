@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from pidtsm_core.recording import Recording
-from pidtsm_core.summary import write_metrics
+from pidtsm_core.recording.summary import write_metrics
 from pidtsm_studies.reports.figures import write_figures
 from pidtsm_studies.reports.report import write_report
 

@@ -14,8 +14,8 @@ from typing import Any
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import Experiment, article_parameters, make_experiment
-from pidtsm_core.parameter_files import ros_parameters
-from pidtsm_core.summary import write_metrics
+from pidtsm_core.parameters.files import ros_parameters
+from pidtsm_core.recording.summary import write_metrics
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.errors import RunError

@@ -19,13 +19,13 @@ from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
-from pidtsm_core.closed_loop import EXPERIMENT
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import Experiment
-from pidtsm_core.node_parameters import NODE_SCHEMAS
-from pidtsm_core.parameter_files import Settings, ros_parameters
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import Value, as_float, names
+from pidtsm_core.parameters.files import Settings, ros_parameters
 from pidtsm_core.robots import find_robot, robot_parameters
+from pidtsm_core.rollouts.closed_loop import EXPERIMENT
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.domain import own_domain
 from pidtsm_ros.middleware import on_this_machine

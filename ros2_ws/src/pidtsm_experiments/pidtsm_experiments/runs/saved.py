@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.parameter_files import NODES, Settings, load_ros_parameters, ros_parameters
 from pidtsm_core.parameters import Value
+from pidtsm_core.parameters.files import NODES, Settings, load_ros_parameters, ros_parameters
 from pidtsm_core.recording import Recording
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.reader import read_recording

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pidtsm_core.metrics import metrics
 from pidtsm_core.recording import Recording
+from pidtsm_core.recording.metrics import metrics
+from pidtsm_core.recording.summary import write_metrics
 from pidtsm_core.signals import Signal
-from pidtsm_core.summary import write_metrics
 from pidtsm_experiments.bags.analysis import analyze
 from pidtsm_experiments.bags.reader import read_recording
 

@@ -14,10 +14,10 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin
 
-from pidtsm_core.closed_loop import SCHEMAS, rollout
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.parameter_files import NODES
+from pidtsm_core.parameters.files import NODES
+from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
 from pidtsm_experiments.bags.analysis import analyze
 from pidtsm_experiments.bags.errors import RecordingError, UnfinishedBag
 

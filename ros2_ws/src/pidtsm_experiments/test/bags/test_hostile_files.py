@@ -15,9 +15,9 @@ import yaml
 from hostile import Judge, little_memory
 from rosbags.rosbag2 import StoragePlugin
 
-from pidtsm_core.closed_loop import SCHEMAS, rollout
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
+from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
 from pidtsm_experiments.bags.analysis import analyze
 from pidtsm_experiments.bags.errors import RecordingError
 

@@ -20,11 +20,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from pidtsm_core.closed_loop import rollout
-from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import resolve
 from pidtsm_core.recording import Recording
 from pidtsm_core.references import ReferenceMotion
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Mode, Status
 from pidtsm_core.timing import seconds
 from pidtsm_experiments.bags.errors import RecordingError, UnfinishedBag

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from pidtsm_core.batches import batch
+from pidtsm_core.rollouts.batches import batch
 from pidtsm_experiments.commands.cluster import workers
 
 

@@ -7,7 +7,7 @@ import pytest
 from rclpy.parameter import parameter_dict_from_yaml_file
 
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.gains import first_gains
+from pidtsm_core.experiment.gains import first_gains
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.origin import comment
 

@@ -8,10 +8,10 @@ import pytest
 from knownarm import KnownArm, known_arm
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.identification.measurement import Measurement
-from pidtsm_core.parameter_files import load_ros_parameters
+from pidtsm_core.parameters.files import load_ros_parameters
 from pidtsm_core.robots.description import read_description
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.topics import SENSORS
 from pidtsm_experiments.cli import main

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.saved import load_recording
 from pidtsm_studies.reports import figures

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pidtsm_core.metrics import metrics
+from pidtsm_core.recording.metrics import metrics
 from pidtsm_experiments.live.history import SPAN, History, Measurement
 
 MS = 1_000_000

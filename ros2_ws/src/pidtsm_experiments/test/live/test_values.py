@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from rcl_interfaces.msg import ParameterDescriptor
 
-from pidtsm_core.node_parameters import NODE_SCHEMAS
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import resolve
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.live.parameters import Described, shown, written

@@ -44,7 +44,7 @@ def test_a_result_without_a_run_has_its_origin_too(tmp_path: Path) -> None:
 
 
 def test_the_repository_of_somebody_else_is_not_the_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "version.py").touch()
+    (tmp_path / "__init__.py").touch()
     monkeypatch.setattr(origin, "_SOURCE", tmp_path)
     assert origin.commit() is None
     subprocess.run(["git", "init", "--quiet", str(tmp_path)], check=True)

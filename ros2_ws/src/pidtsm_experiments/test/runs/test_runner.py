@@ -3,12 +3,12 @@
 import json
 from pathlib import Path
 
-from pidtsm_core.closed_loop import SCHEMAS
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.node_parameters import NODE_ONLY, NODE_SCHEMAS
-from pidtsm_core.parameter_files import ros_parameters
+from pidtsm_core.experiment.node_parameters import NODE_ONLY, NODE_SCHEMAS
 from pidtsm_core.parameters import resolve
+from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_core.robots import find_robot
+from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_experiments.runs.runner import bag_metadata, node_parameters
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.recording import Recording
 from pidtsm_studies.article.claims import ARTICLE_LAWS, Reproduction, Run, printed_rmse
 from pidtsm_studies.reports.figures import (

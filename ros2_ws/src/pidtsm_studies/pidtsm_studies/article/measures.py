@@ -7,8 +7,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from pidtsm_core.metrics import STEADY_SHARE
 from pidtsm_core.recording import Recording
+from pidtsm_core.recording.metrics import STEADY_SHARE
 from pidtsm_studies.article.printed import PRINTED
 
 Measure: TypeAlias = Callable[[Recording, Mapping[str, Any], int], float | None]

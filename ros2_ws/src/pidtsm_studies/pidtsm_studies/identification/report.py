@@ -8,8 +8,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.identification.identification import Check, Identification
-from pidtsm_core.parameters import Array
 from pidtsm_studies.identification.results import as_json
 from pidtsm_studies.reports.page import Section, write_page
 from pidtsm_studies.reports.plots import colour, set_style

@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.closed_loop import SCHEMAS
+from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import Experiment
-from pidtsm_core.parameters import Array, Value, as_float, joint_array
+from pidtsm_core.parameters import Value, as_float, joint_array
 from pidtsm_core.references import ReferenceMotion
 from pidtsm_core.robots import DESCRIPTION
 from pidtsm_core.robots.two_link import TWO_LINK
+from pidtsm_core.rollouts.closed_loop import SCHEMAS
 
 _HORIZON, _INTERVALS = 2.0, 400
 """s, and number of intervals of constant torque. The arm meets its reference in less than 1.5 s."""

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.parameters import Array, ParameterError
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import ParameterError
 from pidtsm_core.recording import Recording
 from pidtsm_studies.article.claims import Run
 from pidtsm_studies.reports.labels import Entry

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.node_parameters import NODE_ONLY
-from pidtsm_core.parameter_files import NODES, Settings
+from pidtsm_core.experiment.node_parameters import NODE_ONLY
+from pidtsm_core.parameters.files import NODES, Settings
 from pidtsm_core.recording import Recording
 from pidtsm_studies.article.claims import Run
 from pidtsm_studies.reports.labels import NOTHING, run_entries

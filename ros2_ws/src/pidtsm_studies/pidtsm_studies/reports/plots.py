@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
 from pidtsm_studies.article.claims import Run

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, TypeAlias
 
-from pidtsm_core.outcome import OF_TRACKING, RAN_AWAY, what_happened
 from pidtsm_core.parameters import ParameterError
+from pidtsm_core.recording.outcome import OF_TRACKING, RAN_AWAY, what_happened
 from pidtsm_core.units import either
 from pidtsm_studies.article.claims import Run
 from pidtsm_studies.reports.animation import animation

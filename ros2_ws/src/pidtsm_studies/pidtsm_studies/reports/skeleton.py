@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pidtsm_core.parameters import Array, ParameterError, as_float, names, resolve
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import ParameterError, as_float, names, resolve
 from pidtsm_core.robots import TreeRobot, find_robot, robot_schema
 from pidtsm_core.robots.tree.kinematics import forward_kinematics
 from pidtsm_core.robots.tree.layout import Column, rotation, rows, size

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_studies.score.tasks import Task
 
 _CONTENT: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("criteria.yaml").read_text(encoding="utf-8"))

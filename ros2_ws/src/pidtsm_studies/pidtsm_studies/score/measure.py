@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.batches import BatchResult, batch
-from pidtsm_core.closed_loop import SCHEMAS
+from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import Experiment
-from pidtsm_core.metrics import JointMetrics
-from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
+from pidtsm_core.recording.metrics import JointMetrics
+from pidtsm_core.rollouts.batches import BatchResult, batch
+from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_studies.score.criteria import CRITERIA, FULL, HARDWARE, ROUGHNESS, Criterion, Extent, Range
 from pidtsm_studies.score.results import Curve, Entry, Outcome
 from pidtsm_studies.score.tasks import Task, effort_limits

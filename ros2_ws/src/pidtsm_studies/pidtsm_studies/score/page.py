@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_studies.reports.page import Section, write_page
 from pidtsm_studies.reports.plots import colour, dashes, line_style, set_style
 from pidtsm_studies.score.criteria import CRITERIA, HARDWARE, ROUGHNESS, Criterion, Range

@@ -74,8 +74,8 @@ class Entry:
         params, overrides: what the user has chosen, as for `make_experiment`.
         extent: number of runs.
         outcomes: in the order of `CRITERIA`.
-        nominal: rmse, eci and torque_variation (see `pidtsm_core.metrics.metrics`), one value per joint, of the runs
-            ``ideal`` and ``hardware`` (``hardware`` of criteria.yaml); None if the run diverged.
+        nominal: rmse, eci and torque_variation (see `pidtsm_core.recording.metrics.metrics`), one value per joint, of
+            the runs ``ideal`` and ``hardware`` (``hardware`` of criteria.yaml); None if the run diverged.
         succeeds: whether these runs succeeded.
         diverged: number of runs that diverged; they have failed.
         runs: number of all runs.

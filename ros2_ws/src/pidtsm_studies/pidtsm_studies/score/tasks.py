@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from pidtsm_core.closed_loop import SCHEMAS
+from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import DEFAULT_ROBOT, Experiment, make_experiment
-from pidtsm_core.parameters import Array, Value, joint_array
+from pidtsm_core.parameters import Value, joint_array
 from pidtsm_core.robots import Robot, find_robot, payload_of
 from pidtsm_core.robots.source import ARMS, rated_payload
+from pidtsm_core.rollouts.closed_loop import SCHEMAS
 
 _FILE = Path(__file__).with_name("arms.yaml")
 _DEFAULT_PAYLOAD = 1.0

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.batches import batch
-from pidtsm_core.closed_loop import SCHEMAS
+from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import PRACTICAL, Experiment
-from pidtsm_core.metrics import JointMetrics
-from pidtsm_core.parameters import Array
 from pidtsm_core.recording import Recording
+from pidtsm_core.recording.metrics import JointMetrics
+from pidtsm_core.rollouts.batches import batch
+from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_studies.score.criteria import CRITERIA, ROUGHNESS, Extent
 from pidtsm_studies.score.measure import judge
 from pidtsm_studies.score.tasks import Task, effort_limits
@@ -22,7 +22,7 @@ from pidtsm_studies.tuning.definitions import MARGINS, OBJECTIVES, conditions
 
 _SMOOTH, _SMOOTH_EFFORT = 0.002, 0.2
 """Mean change of the effort from sample to sample that costs as much as the reference's RMSE: a share of the effort
-limit, and at most N m or N, as in `pidtsm_core.gains`."""
+limit, and at most N m or N, as in `pidtsm_core.experiment.gains`."""
 _FREE_EFFORT = 1.004
 """ECI of a joint, relative to that of the reference, up to which effort costs nothing."""
 _FAILED, _DIVERGED = 5.0, 100.0

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.parameter_files import ros_parameters
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_studies.tuning.objective import Problem, Result, evaluate, total
 from pidtsm_studies.tuning.search import Generation, best
 from pidtsm_studies.tuning.space import Space

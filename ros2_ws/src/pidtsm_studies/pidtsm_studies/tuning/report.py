@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_studies.limit.known import above_limit
 from pidtsm_studies.reports.labels import label, value_text
 from pidtsm_studies.reports.page import Section, write_page

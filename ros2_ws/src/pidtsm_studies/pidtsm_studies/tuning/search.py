@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
-from pidtsm_core.parameters import Array
 from pidtsm_studies.tuning.objective import Problem, Result, evaluate, total
 from pidtsm_studies.tuning.space import Space
 

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import controller_schema
 from pidtsm_core.experiment import practical_settings
 from pidtsm_core.laws import LAWS
-from pidtsm_core.parameters import Array, Parameter, joint_array
+from pidtsm_core.parameters import Parameter, joint_array
 from pidtsm_core.robots import find_robot
 from pidtsm_studies.score.tasks import Task, effort_limits
 from pidtsm_studies.tuning.definitions import BOUNDS, FIXED

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_studies.article import figures as article_figures
 from pidtsm_studies.article.claims import ARTICLE_LAWS, Run
 from pidtsm_studies.reports.figures import COLOURS, STYLE

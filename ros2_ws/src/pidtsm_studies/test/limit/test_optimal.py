@@ -5,12 +5,12 @@ import sys
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import SCHEMAS, rollout
-from pidtsm_core.disturbances.article import ARTICLE
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.robots import forward_dynamics, make_model
 from pidtsm_core.robots.two_link import TWO_LINK
+from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
+from pidtsm_core.simulation.disturbances.article import ARTICLE
 from pidtsm_studies.limit.optimal import acceleration, find_limit
 
 

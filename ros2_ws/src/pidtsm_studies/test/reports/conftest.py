@@ -7,9 +7,9 @@ from typing import TypeAlias
 
 import pytest
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import PRACTICAL
 from pidtsm_core.recording import Recording
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_studies.article.claims import Run, compare
 from pidtsm_studies.reports.comparison import write_comparison
 from pidtsm_studies.reports.labels import CASES

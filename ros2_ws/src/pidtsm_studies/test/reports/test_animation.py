@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from pidtsm_core.parameters import Array, ParameterError
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import ParameterError
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot
 from pidtsm_core.robots.source import ARMS, read_source

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.parameter_files import Settings
+from pidtsm_core.parameters.files import Settings
 from pidtsm_core.recording import Recording
 from pidtsm_studies.article.claims import Run
 from pidtsm_studies.reports.comparison import check_comparable, differing_parameters, write_comparison

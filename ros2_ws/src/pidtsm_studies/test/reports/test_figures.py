@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.recording import Recording
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Signal, Status
 from pidtsm_studies.reports import figures
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from devtools import CHROMIUM, Page
 
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
 from pidtsm_core.recording import Recording
 from pidtsm_studies.reports.labels import CASES
 from pidtsm_studies.reports.skeleton import find_skeleton

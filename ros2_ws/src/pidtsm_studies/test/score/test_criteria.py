@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.experiment import PRACTICAL
 from pidtsm_core.parameters import ParameterError
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_studies.score.criteria import CRITERIA, FULL, Criterion, Range
 from pidtsm_studies.score.tasks import Task
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.errors import UsageError
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Signal
 from pidtsm_studies.score.criteria import CRITERIA, HARDWARE, QUICK, ROUGHNESS
 from pidtsm_studies.score.measure import Contender, measure

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import SCHEMAS, rollout
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots import NAMES
 from pidtsm_core.robots.source import rated_payload
+from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
 from pidtsm_studies.score.tasks import effort_limits, find_task
 
 ARM = """<robot name="pendulum"><link name="base"/><link name="bob"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_studies.score.criteria import CRITERIA
 from pidtsm_studies.score.tasks import Task
 from pidtsm_studies.tuning.definitions import HARDWARE, MARGINS, conditions

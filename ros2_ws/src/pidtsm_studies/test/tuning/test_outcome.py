@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from devtools import CHROMIUM, Page
 
-from pidtsm_core.parameter_files import load_ros_parameters
+from pidtsm_core.parameters.files import load_ros_parameters
 from pidtsm_studies.limit.known import above_limit
 from pidtsm_studies.score.tasks import Task
 from pidtsm_studies.tuning.objective import Problem, evaluate, make_problem, total

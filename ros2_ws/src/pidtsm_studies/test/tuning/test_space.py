@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pidtsm_core.closed_loop import SCHEMAS
 from pidtsm_core.experiment import practical_settings
 from pidtsm_core.laws import LAWS
 from pidtsm_core.robots import NAMES
+from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_studies.score.tasks import find_task
 from pidtsm_studies.tuning.space import Space, make_space
 

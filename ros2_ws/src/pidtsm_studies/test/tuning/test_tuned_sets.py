@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import pidtsm_core
-from pidtsm_core.closed_loop import rollout
 from pidtsm_core.robots import NAMES
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_studies.limit.known import known_limit
 from pidtsm_studies.score.tasks import find_task
 from pidtsm_studies.tuning.definitions import HARDWARE
 from pidtsm_studies.tuning.objective import Result, evaluate, make_problem, total
 
-TUNED = Path(pidtsm_core.__file__).parent / "params" / "tuned"
+TUNED = Path(pidtsm_core.__file__).parent / "experiment" / "params" / "tuned"
 AFTER = 2.0
 """s from picking up a payload until the error must be small."""
 

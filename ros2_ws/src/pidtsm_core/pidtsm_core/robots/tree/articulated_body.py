@@ -1,7 +1,7 @@
 """Forward dynamics of a tree: articulated-body algorithm, Featherstone (2008), table 7.1."""
 
-from pidtsm_core.compiled import inlined, subroutine
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined, subroutine
 from pidtsm_core.robots.tree.body_inertia import begin_body, join_parent, multiply_subspace
 from pidtsm_core.robots.tree.layout import SPACE, Column, Scratch, axis_of, parent_of, place_of, row_of, scratch
 from pidtsm_core.robots.tree.motion import accelerate_link, load_parent, move_links, velocity_product

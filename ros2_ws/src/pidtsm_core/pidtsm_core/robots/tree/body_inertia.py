@@ -5,8 +5,8 @@ A and C are symmetric: xx, yy, zz, xy, xz, yz. B is general, row by row.
 Shapes in this module: `p`, the tree, (size(joints),); `y`, its scratch, (joints * SPACE,).
 """
 
-from pidtsm_core.compiled import inlined
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.robots.tree.layout import SPACE, Column, Scratch, row_of
 from pidtsm_core.robots.tree.motion import out, put
 

@@ -7,8 +7,8 @@ at most r about an axis moves a vector by at most r times its part across the ax
 
 import math
 
-from pidtsm_core.compiled import inlined, subroutine
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined, subroutine
 from pidtsm_core.robots.tree.layout import GRAVITY, ROW, SPACE, Column, Scratch, axis_of, parent_of, place_of, scratch
 
 # Where the scratch of a link has the changes of its angular velocity, its angular and linear acceleration, and of the

@@ -1,7 +1,7 @@
 """What a wrench on a link of a tree does at the joints."""
 
-from pidtsm_core.compiled import subroutine
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import subroutine
 from pidtsm_core.robots.tree.kinematics import forward_kinematics
 from pidtsm_core.robots.tree.layout import Column, parent_of, place_of, row_of
 

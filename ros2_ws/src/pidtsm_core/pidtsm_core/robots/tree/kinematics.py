@@ -1,7 +1,7 @@
 """Where the links of a tree are, and the energy that they have."""
 
-from pidtsm_core.compiled import subroutine
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import subroutine
 from pidtsm_core.robots.tree.layout import SPACE, Column, Scratch, parent_of, place_of, row_of, scratch
 from pidtsm_core.robots.tree.motion import move_links, multiply_inertia, out, place_link
 

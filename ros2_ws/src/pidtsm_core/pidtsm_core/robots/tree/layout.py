@@ -16,8 +16,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from pidtsm_core.compiled import inlined
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
 
 
 class Column(IntEnum):

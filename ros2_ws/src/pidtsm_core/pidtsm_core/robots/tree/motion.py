@@ -5,8 +5,8 @@ Shapes in this module: `p`, the tree, (size(joints),); `y`, its scratch, (joints
 
 import math
 
-from pidtsm_core.compiled import inlined
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.robots.tree.layout import SPACE, Column, Scratch, axis_of, parent_of, place_of, row_of
 
 

@@ -1,7 +1,7 @@
 """Inverse dynamics of a tree: recursive Newton-Euler algorithm, Featherstone (2008), table 5.1."""
 
-from pidtsm_core.compiled import subroutine
-from pidtsm_core.parameters import Array
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import subroutine
 from pidtsm_core.robots.tree.layout import SPACE, Column, Scratch, axis_of, parent_of, place_of, row_of, scratch
 from pidtsm_core.robots.tree.motion import accelerate_link, load_parent, move_links, multiply_inertia
 

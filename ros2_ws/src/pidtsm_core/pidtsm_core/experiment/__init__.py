@@ -1,0 +1,310 @@
+"""Definition of a run: a scenario, a law, and the resulting parameters of every node."""
+
+import functools
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pidtsm_core.control import LAW_NAME
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment.default_motion import DURATION, default_motion
+from pidtsm_core.experiment.gains import first_gains
+from pidtsm_core.experiment.node_parameters import NODE_ONLY
+from pidtsm_core.experiment.node_settings import resolve_nodes
+from pidtsm_core.laws import LAWS
+from pidtsm_core.parameters import ParameterError, Schema, Value, as_float
+from pidtsm_core.parameters.files import NODES, Settings, flatten, load_mapping, load_ros_parameters, read_yaml
+from pidtsm_core.robots import DESCRIPTION, NAMES, ROBOTS, find_robot
+from pidtsm_core.simulation.plant import RATE
+from pidtsm_core.timing import LONGEST_RUN
+
+ARTICLE = "article"
+"""Name of the parameter set of the article's Table 1."""
+DEFAULT_ROBOT = str(DESCRIPTION.default)
+DEFAULT_SCENARIO = "case1"
+"""Scenario if neither a scenario nor a robot is chosen."""
+PRACTICAL = "practical"
+"""Name of the parameter set for real sensors and drives."""
+TUNED = "tuned_"
+"""Prefix of the names of tuned parameter sets; a class of hardware follows."""
+_SCENARIOS, _PARAMETERS = (Path(__file__).with_name(folder) for folder in ("scenarios", "params"))
+PRACTICAL_FILE = _PARAMETERS / f"{PRACTICAL}.yaml"
+_SCENARIO_KEYS = ("description", "duration", *NODES)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Definition of a run.
+
+    Attributes:
+        scenario: name or file name of the scenario.
+        law: name of the control law.
+        duration: s.
+        settings: parameters that differ from the defaults, by node.
+        files: source file of each setting, by ``NODE.PARAMETER``, for error messages.
+    """
+
+    scenario: str
+    law: str
+    duration: float
+    settings: Settings
+    files: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def event_time(self) -> float | None:
+        """Time at which the plant changes during the run (s), for the metrics; None if it does not."""
+        simulator = self.settings["simulator"]
+        if not simulator.get("payload.mass", 0.0):
+            return None
+        time = float(simulator.get("payload.time", 0.0))
+        return time if 0.0 < time < self.duration else None
+
+    def without_node_parameters(self) -> "Experiment":
+        """The same experiment for a rollout, without parameters that exist in nodes only (clock, autostart ...)."""
+        settings = {}
+        for node, given in self.settings.items():
+            only = {p.name for p in NODE_ONLY.get(node, ())}
+            settings[node] = {name: value for name, value in given.items() if name not in only}
+        return replace(self, settings=settings)
+
+    def resolved(self, schemas: Mapping[str, Schema]) -> dict[str, dict[str, Value]]:
+        """Every parameter of every node, checked.
+
+        Raises:
+            ParameterError: an unknown parameter or an invalid value; the message contains file, node and parameter.
+        """
+        try:
+            for node, given in self.settings.items():
+                _check_integers(node, given)
+            return resolve_nodes(schemas, self.settings)
+        except ParameterError as error:
+            if file := self.files.get(error.parameter):
+                raise ParameterError(f"{file}: {error}", error.parameter) from None
+            raise
+
+
+def _check_integers(node: str, given: Mapping[str, Any]) -> None:
+    """Check that integers are in the range of numbers: those of a file may have any number of digits.
+
+    Raises:
+        ParameterError: one is not.
+    """
+    for name, value in given.items():
+        for each in value if isinstance(value, (list, tuple)) else (value,):
+            if isinstance(each, int) and abs(each) > sys.float_info.max:
+                raise ParameterError(f"{node}.{name}: an integer is too large for a number", f"{node}.{name}")
+
+
+def scenario_names() -> list[str]:
+    """Names of the scenarios included in the package."""
+    return sorted(file.stem for file in _SCENARIOS.glob("*.yaml"))
+
+
+def make_experiment(
+    scenario: str | Experiment | None,
+    law: str | None = None,
+    duration: float | None = None,
+    params: str | Sequence[str] = (),
+    overrides: Sequence[str] | Mapping[str, Mapping[str, Any]] = (),
+    robot: str | None = None,
+) -> Experiment:
+    """Combine the parts of an experiment.
+
+    Later ones override earlier ones: scenario, robot, parameter files, law, overrides.
+
+    Args:
+        scenario: a name from `scenario_names`, the path of a scenario file, or an experiment to vary; None: Case 1, or
+            for another robot, also one among the overrides, its `default_motion`.
+        law: a name in `LAWS`; None: the law of the scenario or parameter files, or else the default law.
+        duration: s; replaces the scenario's if given.
+        params: path of a ROS parameter file, or several. ``article`` is the article's Table 1 for the law (`law` if
+            given, else the one set by the earlier parts), ``practical`` the set for real sensors and drives
+            (`practical_settings`), ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm.
+        overrides: texts ``NODE.PARAMETER=VALUE``, or values by node and name; groups may be nested.
+        robot: ``robot.description`` of simulator and controller, see `find_robot`; None: that of the scenario.
+
+    Raises:
+        UsageError: anything unknown or malformed; the message contains the file, the key and what is allowed.
+    """
+    if law is not None and law not in LAWS.names:
+        raise UsageError(f"unknown law {law}; known: {', '.join(LAWS.names)}")
+    chosen = list(_overrides(overrides))
+    base = scenario if isinstance(scenario, Experiment) else _scenario(scenario, robot or _described(chosen), duration)
+    settings: Settings = {node: {} for node in NODES} | {node: dict(given) for node, given in base.settings.items()}
+    files = dict(base.files)
+
+    def merge(more: Settings, source: Path) -> None:
+        for node, parameters in more.items():
+            settings[node].update(parameters)
+            files.update({f"{node}.{name}": str(source) for name in parameters})
+
+    if robot is not None:
+        description = resolved_description(robot)
+        merge({node: {DESCRIPTION.name: description} for node in ("simulator", "controller")}, Path(robot))
+    for name in [params] if isinstance(params, str) else params:
+        before = settings["controller"].get("law.name")
+        of_law = law or (before if before in LAWS.names else None)
+        if name == PRACTICAL:
+            merge(practical_settings(of_law, _overridden(settings, chosen)), Path(name))
+            continue
+        source = article_parameters(of_law) if name == ARTICLE else Path(name)
+        if name.startswith(TUNED):
+            source = tuned_parameters(name, of_law, _overridden(settings, chosen))
+        merge(load_ros_parameters(source), source)
+    if law is not None:
+        settings["controller"]["law.name"] = law
+    for node, name, value in chosen:
+        settings[node][name] = value
+        files.pop(f"{node}.{name}", None)
+    name_of_law = str(settings["controller"].get("law.name", LAW_NAME.default))
+    seconds = base.duration if duration is None else _positive(duration, "duration")
+    return Experiment(base.scenario, name_of_law, seconds, settings, files)
+
+
+def _overrides(given: Sequence[str] | Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, str, Any]]:
+    """Node, name and value of each override; see `make_experiment`."""
+    if not isinstance(given, Mapping):
+        yield from map(_parse_override, given)
+        return
+    for node, parameters in given.items():
+        if node not in NODES:
+            raise UsageError(f"unknown node {node}; known: {', '.join(NODES)}")
+        for name, value in flatten(dict(parameters), node).items():
+            yield node, name, value
+
+
+def _described(overrides: Iterable[tuple[str, str, Any]]) -> str | None:
+    """The robot that overrides choose for simulator and controller; None if they do not choose the same one."""
+    chosen = {node: value for node, name, value in overrides if name == DESCRIPTION.name}
+    robot = chosen.get("controller")
+    return robot if isinstance(robot, str) and robot == chosen.get("simulator") else None
+
+
+def _overridden(settings: Settings, overrides: Iterable[tuple[str, str, Any]]) -> Settings:
+    """A copy of settings in which overrides (node, name, value) are made."""
+    changed = {node: dict(given) for node, given in settings.items()}
+    for node, name, value in overrides:
+        changed[node][name] = value
+    return changed
+
+
+def resolved_description(robot: str) -> str:
+    """``robot.description`` for a name or path: a path is absolute, because nodes may run in another folder."""
+    return str(Path(robot).resolve()) if robot not in NAMES and Path(robot).is_file() else robot
+
+
+def article_parameters(law: str | None) -> Path:
+    """ROS parameter file with the article's Table 1 for a law (None: the default law).
+
+    Raises:
+        UsageError: the article has no parameters for this law.
+    """
+    file = _PARAMETERS / f"{law or LAW_NAME.default}.yaml"
+    if not file.is_file():
+        raise UsageError(f"the article has no parameters for {law}; omit --params {ARTICLE}, or specify a file")
+    return file
+
+
+def tuned_parameters(name: str, law: str | None, settings: Settings) -> Path:
+    """ROS parameter file of a tuned set.
+
+    Args:
+        name: of the set, such as ``tuned_14bit``.
+        law: name of the law; None: the default law.
+        settings: of the experiment without this set; the arm matters.
+
+    Raises:
+        UsageError: there is none for this arm, hardware and law.
+    """
+    robot, hardware = _robot(settings), name.removeprefix(TUNED)
+    known = {file.stem: file for file in (_PARAMETERS / "tuned").glob("*.yaml")}
+    if law not in (None, LAW_NAME.default) or f"{robot}-{hardware}" not in known:
+        raise UsageError(
+            f"no set {name} for {law or LAW_NAME.default} on {robot}; make one with ./pidtsm tune, or choose one of "
+            f"{', '.join(sorted(known))} ({LAW_NAME.default})"
+        )
+    return known[f"{robot}-{hardware}"]
+
+
+def practical_settings(law: str | None, settings: Settings) -> Settings:
+    """Parameters for real sensors and drives: those of ``practical.yaml``, or for an arm of data its `first_gains`.
+
+    Args:
+        law: name of the law; None: the default law.
+        settings: of the experiment without this set; the arm and the rate matter.
+
+    Raises:
+        UsageError: the law is not the proposed one, or the arm cannot be used.
+    """
+    if law not in (None, LAW_NAME.default):
+        raise UsageError(
+            f"{PRACTICAL} parameters exist only for {LAW_NAME.default}, not for {law}; omit --params {PRACTICAL}, "
+            "or specify a file"
+        )
+    controller = settings["controller"]
+    if _robot(settings) in ROBOTS.names:
+        return load_ros_parameters(PRACTICAL_FILE)
+    gains = first_gains(controller, rate=as_float(RATE.check(settings["simulator"].get("rate", RATE.default), 1)))
+    return {"controller": {gain.name: gain.value for gain in gains}}
+
+
+def _robot(settings: Settings) -> str:
+    """The arm of the controller."""
+    return str(settings["controller"].get(DESCRIPTION.name, DEFAULT_ROBOT))
+
+
+def _scenario_file(scenario: str) -> Path:
+    if scenario in scenario_names():
+        return _SCENARIOS / f"{scenario}.yaml"
+    with suppress(OSError):  # The name is too long, or its folder is not readable.
+        if Path(scenario).is_file():
+            return Path(scenario)
+    raise UsageError(f"no scenario {scenario}: neither a file nor one of {', '.join(scenario_names())}")
+
+
+def _scenario(scenario: str | None, robot: str | None, duration: float | None) -> Experiment:
+    """The experiment that a scenario defines; see `make_experiment`."""
+    if scenario is not None or robot in (None, DEFAULT_ROBOT):
+        file = _scenario_file(scenario or DEFAULT_SCENARIO)
+        content = _load_scenario(file) if file.parent != _SCENARIOS else _packaged(file)
+    else:
+        found = find_robot({DESCRIPTION.name: robot})
+        file, content = Path(found.name), {"duration": DURATION, **default_motion(found)}
+    seconds = _positive(content.get("duration"), f"{file}: duration") if duration is None else duration
+    settings = {node: flatten(content.get(node) or {}, f"{file}: {node}") for node in NODES}
+    files = {f"{node}.{name}": str(file) for node, given in settings.items() for name in given}
+    return Experiment(file.stem, "", seconds, settings, files)
+
+
+def _load_scenario(file: Path) -> dict[str, Any]:
+    content = load_mapping(file)
+    for key in content:
+        if key not in _SCENARIO_KEYS:
+            raise UsageError(f"{file}: unknown key {key}; allowed: {', '.join(_SCENARIO_KEYS)}")
+    return content
+
+
+_packaged = functools.cache(_load_scenario)
+"""Scenarios of the package do not change, and a batch needs one for each run."""
+
+
+def _parse_override(text: str) -> tuple[str, str, Any]:
+    path, equals, value = text.partition("=")
+    node, dot, name = path.partition(".")
+    if not equals or not dot or not name or node not in NODES:
+        raise UsageError(f"--set {text}: must be NODE.PARAMETER=VALUE with NODE one of {', '.join(NODES)}")
+    try:
+        return node, name, read_yaml(value)
+    except yaml.YAMLError:
+        raise UsageError(f"--set {text}: {value!r} is not a valid value") from None
+
+
+def _positive(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= LONGEST_RUN:
+        raise ParameterError(f"{where}: {value!r} must be a positive number of seconds, at most {LONGEST_RUN:g}")
+    return float(value)

@@ -1,0 +1,141 @@
+"""A first set of gains for an arm, from its inertias and the quality of its sensors: `first_gains`."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Value, joint_array, resolve
+from pidtsm_core.robots import Robot, find_robot, robot_joints, robot_schema
+
+BITS, DELAY, RATE = 14, 0.001, 1000.0
+"""Steps of the encoders (2^BITS per revolution, or per metre), s, Hz: hardware that the gains suit by default."""
+
+_NOISE = 0.06
+"""Mean change of the torque from sample to sample, relative to H w^2 step: measured with all arms of the project."""
+_BOUNDS = ("the noise of the torque", "the delay", "the elasticity of arms")
+_ROUGHNESS, _ROUGH = 0.002, 0.2
+"""Tolerated change, as a share of the effort limit, and at most; N m (or N)."""
+_PHASE = 0.6
+"""Largest product of bandwidth and delay, rad; with all arms, and a model 20 % off, the loop oscillates from 0.9 on."""
+_ELASTIC = 60.0
+"""Largest bandwidth, rad/s: about 10 Hz, where the gears and links of many arms begin to resonate."""
+_WAITING = 1.5
+"""Periods that pass between a measurement and the mean effect of its command."""
+_LAW = 8.0 / 60.0
+"""Kp and Ki, relative to the bandwidth of the observer."""
+_DERIVATIVE = 0.5
+"""Kd of the law."""
+_LEAST_ZONE = 0.05
+"""Smallest dead zone of the adaptation, for ideal sensors."""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """One parameter of the controller.
+
+    Attributes:
+        name: its full name.
+        value: one number per joint, or one for all.
+        reason: why it has this value, one sentence.
+    """
+
+    name: str
+    value: Value
+    reason: str
+
+
+def first_gains(
+    settings: Mapping[str, object], bits: int = BITS, delay: float = DELAY, rate: float = RATE
+) -> tuple[Gain, ...]:
+    """Gains of the proposed law with the extended state observer, for an arm with these sensors.
+
+    Because of the steps of its encoder, joint k makes the torque of joint j change by 0.06 |H_jk| w_k^2 step_k from
+    sample to sample, where w_k is the bandwidth of its observer. So the more inertia a joint moves, the lower is its
+    bandwidth, unless the delay or the elasticity of a real arm limits it first.
+
+    Args:
+        settings: parameters of the controller that differ from their defaults; those of the robot matter.
+        bits: resolution of the encoders, 2^bits steps per revolution, or per metre of a sliding joint; 0: ideal.
+        delay: from a position to its joint state, plus from a command to its torque, s.
+        rate: joint states per second.
+
+    Raises:
+        ParameterError: see `find_robot`, or a parameter of the robot is invalid.
+    """
+    robot = find_robot(settings)
+    span = np.where(robot.slides or [False] * len(robot.joints), 1.0, 2.0 * math.pi)
+    steps = span / 2.0**bits if bits else np.zeros_like(span)
+    bandwidth, bounds = _bandwidths(robot, settings, steps, delay + _WAITING / rate)
+    # The estimated acceleration has noise of 0.43 w^2 times that of the position, see `extended_state`.
+    noise = _DERIVATIVE * 0.43 * bandwidth**2 * steps / math.sqrt(12.0)
+    law = _rounded(_LAW * bandwidth)
+    return (
+        Gain("law.name", "piddtsm", "the proposed law"),
+        Gain("estimator.name", "extended_state_observer", "it differentiates without the noise of differences"),
+        Gain(
+            "estimator.bandwidth",
+            _rounded(bandwidth),
+            f"the faster, the better; limited by {_grouped(robot.joints, bounds)}",
+        ),
+        Gain(
+            "law.disturbance_rejection",
+            True,
+            "unknown torques accelerate light joints strongly",
+        ),
+        Gain("law.kp", law, f"{_LAW:.2f} times the bandwidth: the law must be slower than the observer"),
+        Gain("law.ki", law, "the same"),
+        Gain("law.kd", _DERIVATIVE, "as in the article's Table 1"),
+        Gain(
+            "law.upsilon",
+            _rounded(np.maximum(3.0 * noise, _LEAST_ZONE)),
+            "dead zone of the adaptation: three times the noise of sigma, which otherwise makes the gain grow",
+        ),
+        Gain("law.xi", 0.3, "the least switching gain, so that little is left to adapt to"),
+        Gain("law.layer", 0.02, "the sign of sigma would make a large gain chatter"),
+        Gain("law.gain_maximum", 20.0, "the observer leaves little to adapt to, so more would be noise"),
+        Gain(
+            "law.anti_windup",
+            "conditional",
+            "integrals and adaptation pause at the limits of the torque, and in contact",
+        ),
+    )
+
+
+def _bandwidths(robot: Robot, settings: Mapping[str, object], steps: Array, delay: float) -> tuple[Array, list[str]]:
+    """Bandwidths of the observers, shape (joints,), rad/s, and what limits each of them."""
+    limits = joint_array(_checked(settings)["limits.effort"], len(robot.joints))
+    rough = np.minimum(_ROUGHNESS * limits, _ROUGH)
+    with np.errstate(divide="ignore"):
+        of_noise = np.sqrt((rough[:, np.newaxis] / np.abs(_inertia(robot, settings))).min(axis=0) / (_NOISE * steps))
+    of_delay = np.full_like(of_noise, _PHASE / delay)
+    candidates = np.array([of_noise, of_delay, np.full_like(of_noise, _ELASTIC)])
+    return candidates.min(axis=0), [_BOUNDS[i] for i in candidates.argmin(axis=0)]
+
+
+def _grouped(joints: Sequence[str], bounds: Sequence[str]) -> str:
+    """The bounds that apply, each with its joints."""
+    used = {bound: [joint for joint, its in zip(joints, bounds, strict=True) if its == bound] for bound in _BOUNDS}
+    return " and by ".join(f"{bound} ({', '.join(names)})" for bound, names in used.items() if names)
+
+
+def _checked(settings: Mapping[str, object]) -> Mapping[str, Value]:
+    """Every parameter of the robot."""
+    known = {p.name for p in robot_schema(settings)}
+    return resolve(robot_schema, {n: v for n, v in settings.items() if n in known}, robot_joints(settings))
+
+
+def _inertia(robot: Robot, settings: Mapping[str, object]) -> Array:
+    """The inertia matrix in the middle of the range, shape (joints, joints), kg m^2."""
+    q = np.array(robot.initial_position)
+    p, n = robot.pack_model(_checked(settings)), q.size
+    accelerations, efforts = np.vstack([np.zeros(n), np.eye(n)]), np.zeros((n + 1, n))
+    robot.dynamics.inverse_dynamics(q, np.zeros(n), accelerations, p, efforts)
+    return efforts[1:] - efforts[0]
+
+
+def _rounded(values: Array) -> tuple[float, ...]:
+    """Two significant digits, which is all that such a rule can promise."""
+    return tuple(float(f"{value:.2g}") for value in values)

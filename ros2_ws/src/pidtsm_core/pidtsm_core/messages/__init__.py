@@ -1,0 +1,1 @@
+"""Judging messages by their stamps and publishers, without ROS."""

@@ -1,0 +1,1 @@
+"""Rollouts: the closed loop in one compiled function, and many of them."""

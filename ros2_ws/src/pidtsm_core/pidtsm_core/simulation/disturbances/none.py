@@ -1,0 +1,13 @@
+"""No disturbance."""
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
+from pidtsm_core.simulation.disturbances.base import Disturbance
+
+
+@njit
+def add(q: Array, dq: Array, effort: Array) -> None:
+    """Add nothing."""
+
+
+NONE = Disturbance(name="none", summary="no disturbance", parameters=(), joints=0, add=add)

@@ -1,0 +1,83 @@
+"""The first gains of an arm keep what they promise, and follow from its sensors."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.control import controller_schema
+from pidtsm_core.experiment import PRACTICAL_FILE, make_experiment
+from pidtsm_core.experiment.gains import first_gains
+from pidtsm_core.parameters import resolve
+from pidtsm_core.parameters.files import load_ros_parameters
+from pidtsm_core.robots.source import ARMS, rated_payload
+from pidtsm_core.rollouts.closed_loop import rollout
+from pidtsm_core.signals import Status
+
+
+def value(robot: str, name: str, **sensors: Any) -> Array:
+    (found,) = (gain.value for gain in first_gains({"robot.description": robot}, **sensors) if gain.name == name)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize(("bits", "delay"), [(12, 1), (14, 5), (17, 10)])
+@pytest.mark.parametrize("error", [-0.2, 0.2])
+def test_they_suit_the_sensors_whatever_the_load(arm: str, bits: int, delay: int, error: float) -> None:
+    gains = {gain.name: gain.value for gain in first_gains({"robot.description": arm}, bits, delay * 1e-3)}
+    experiment = make_experiment(None, robot=arm)
+    settings = experiment.settings
+    settings["controller"] |= gains
+    settings["simulator"] |= {
+        "encoder.bits": bits,
+        "delay.samples": delay,
+        "model_error.mass": error,
+        "model_error.inertia": error,
+        "payload.mass": 0.4 * rated_payload(arm),
+        "payload.time": 2.0,
+    }
+    run = rollout(experiment, duration=5.0)
+    assert not run.status[:, Status.FAULT].any()
+    assert np.abs(run.position - run.reference[:, 0])[4000:].max() < 6e-3
+    assert np.abs(np.diff(run.effort[4000:], axis=0)).mean(axis=0).max() < 0.3
+
+
+@given(bits=st.integers(8, 24), delay=st.floats(0.0, 0.05), rate=st.floats(100.0, 4000.0))
+def test_worse_sensors_never_make_the_observer_faster(bits: int, delay: float, rate: float) -> None:
+    def bandwidth(**sensors: Any) -> Array:
+        return value("panda", "estimator.bandwidth", **sensors)
+
+    here = bandwidth(bits=bits, delay=delay, rate=rate)
+    assert (bandwidth(bits=bits - 1, delay=delay, rate=rate) <= here).all()
+    assert (bandwidth(bits=bits, delay=delay + 0.01, rate=rate) <= here).all()
+    assert (bandwidth(bits=bits, delay=delay, rate=0.5 * rate) <= here).all()
+    assert (here > 0.0).all()
+
+
+def test_heavier_rotors_make_it_slower() -> None:
+    light, heavy = (
+        {g.name: g.value for g in first_gains({"robot.description": "panda", "robot.armature": rotor})}
+        for rotor in (0.1, 2.0)
+    )
+    assert (np.array(heavy["estimator.bandwidth"]) < np.array(light["estimator.bandwidth"])).all()
+
+
+@pytest.mark.parametrize("arm", [*ARMS, "two_link"])
+@pytest.mark.parametrize("bits", [0, 14])
+def test_every_gain_is_a_parameter_and_has_a_reason(arm: str, bits: int) -> None:
+    robot = {"robot.description": arm}
+    gains = first_gains(robot, bits)
+    resolve(controller_schema, {**robot, **{g.name: g.value for g in gains}}, len(value(arm, "law.kp")))
+    assert all(gain.reason for gain in gains)
+    assert len({gain.name for gain in gains}) == len(gains)
+
+
+def test_for_the_arm_of_the_article_they_are_near_those_tuned_by_hand() -> None:
+    tuned = load_ros_parameters(PRACTICAL_FILE)["controller"]
+    for name, factor in (("estimator.bandwidth", 1.4), ("law.upsilon", 5.0)):
+        ratio = value("two_link", name) / np.array(tuned[name])
+        assert (1.0 / factor < ratio).all()
+        assert (ratio < factor).all()
