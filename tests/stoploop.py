@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.addresses import lend
 from pidtsm_core.compiling.decorators import njit
-from pidtsm_core.compiling.pointers import lend
 from pidtsm_core.control.step import respond, stop_after, stop_now
 from pidtsm_core.references import MotionConfig, evaluate_motion
 from pidtsm_core.robots import Model, forward_dynamics, inverse_dynamics

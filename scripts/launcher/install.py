@@ -115,6 +115,9 @@ class Installer(NamedTuple):
         for share in self.layout.workspace.glob("install/*/share"):
             if share.parent.name not in map(os.path.basename, packages):  # no longer built
                 shutil.rmtree(share.parent)
+        for path in self.layout.workspace.glob("install/**/*"):
+            if path.is_symlink() and not path.exists():  # its file has moved; colcon would not replace it
+                path.unlink()
         cmake = ["--cmake-args", "-G", "Ninja", f"-DPython3_EXECUTABLE={self.layout.python}"]
         self._run("building the workspace", ["colcon", "build", "--symlink-install", "--base-paths", *packages, *cmake])
         env = {name: os.pathsep.join(entries) for name, entries in self._paths().items()}

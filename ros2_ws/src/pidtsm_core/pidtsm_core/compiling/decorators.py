@@ -16,16 +16,16 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from types import CodeType
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core import event
 from numba.extending import register_jitable
+
+from pidtsm_core.compiling.events import OWN_OPTIONS
 
 _KEPT_CACHES = 6
 _UNUSED = 3600.0
@@ -81,30 +81,6 @@ def cache_folder() -> Path:
     return folder
 
 
-class _OwnOptions(event.Listener):
-    """Options of Numba that hold while one of the functions in `own` is compiled.
-
-    Loops run over a few joints: checking whether they can be vectorised takes longer than vectorising saves, by 4 % of
-    a rollout. Everything small is inlined anyway; more optimisation takes longer and makes nothing faster.
-    """
-
-    def __init__(self) -> None:
-        self.own: set[CodeType] = set()
-        self._before: list[tuple[Any, Any]] = []
-
-    def on_start(self, event: event.Event) -> None:
-        config = numba.config
-        self._before.append((config.OPT, config.LOOP_VECTORIZE))
-        if event.data["dispatcher"].py_func.__code__ in self.own:
-            config.OPT, config.LOOP_VECTORIZE = type(config.OPT)(1), 0
-
-    def on_end(self, _event: event.Event) -> None:  # Also if the compilation failed.
-        numba.config.OPT, numba.config.LOOP_VECTORIZE = self._before.pop()
-
-
-_OWN_OPTIONS = _OwnOptions()
-event.register("numba:compile", _OWN_OPTIONS)
-
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 _OPTIONS = {"error_model": "numpy", "_nrt": False, "forceinline": True}
@@ -114,7 +90,7 @@ INSIDE = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 def compiled(function: _Function, *signature: Any, **options: Any) -> Any:
     """Compile `function` as `njit` does, but with other options, and now if there is a signature."""
-    _OWN_OPTIONS.own.add(function.__code__)
+    OWN_OPTIONS.functions.add(function.__code__)
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
     try:
         return numba.njit(*signature, cache=True, nogil=True, **options)(function)
@@ -145,5 +121,36 @@ def inlined(function: _Function) -> _Function:
 
     It is not stored, because its callers are.
     """
-    _OWN_OPTIONS.own.add(function.__code__)
+    OWN_OPTIONS.functions.add(function.__code__)
     return cast(_Function, register_jitable(**INSIDE)(function))
+
+
+_Result = TypeVar("_Result")
+
+
+def dispatch(functions: Iterable[Callable[..., _Result]]) -> Callable[..., _Result]:
+    """Combine the functions of all members into one, which compiled code calls as ``call(index, *arguments)``.
+
+    Numba cannot inline functions from a table. Therefore this is a chain of comparisons with the members' functions
+    inlined.
+
+    Args:
+        functions: compiled, at least one, in the order of the members, with the same arguments and results. An index
+            beyond the last counts as the last.
+    """
+    first, *others = functions
+    if not others:
+
+        @inlined
+        def last(_index: int, *arguments: Any) -> _Result:
+            return first(*arguments)
+
+        return last
+
+    rest = dispatch(others)
+
+    @inlined
+    def call(index: int, *arguments: Any) -> _Result:
+        return first(*arguments) if index == 0 else rest(index - 1, *arguments)
+
+    return call

@@ -14,7 +14,7 @@ from numba import typeof
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from pidtsm_core.compiling.pointers import Pointer
+from pidtsm_core.compiling.addresses import Pointer
 
 _Tuple = TypeVar("_Tuple", bound=tuple[Any, ...])
 

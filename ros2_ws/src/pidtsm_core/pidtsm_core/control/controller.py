@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.compiling.compilation import first_compilation
+from pidtsm_core.compiling.events import first_compilation
 from pidtsm_core.control.freedrive import refusal as cannot_be_free
 from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.modes import begin_afresh, request, reset_fault, set_clock
@@ -17,8 +17,8 @@ from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
 from pidtsm_core.control.state import LAYOUT, Clock, ControllerConfig, ControllerMemory, new_state, part
 from pidtsm_core.control.step import leave_now, respond, stop_after, stop_now, tick_now
 from pidtsm_core.control.turns import distance
-from pidtsm_core.estimators import ESTIMATORS, estimator_index
-from pidtsm_core.laws import LAWS, law_integers
+from pidtsm_core.estimators import ESTIMATORS, estimator_address
+from pidtsm_core.laws import LAWS, make_law
 from pidtsm_core.parameters import Value, as_float, joint_array, names
 from pidtsm_core.robots import GRAVITY, find_robot, make_model, payload_of
 from pidtsm_core.signals import Fault, Request, Signal, Status
@@ -117,11 +117,11 @@ class Controller:
         found = find_robot(values)
         law, estimator = LAWS[str(values["law.name"])], ESTIMATORS[str(values["estimator.name"])]
         bare = found.pack_model(values)
-        gains, own = law.pack(values, self.joints), estimator.pack(values, "estimator", self.joints)
+        own = estimator.pack(values, "estimator", self.joints)
         of_joints, rehearsed = _of_joints(values, self.joints), _rehearsed(values)
         watched = [of_joints[name] for name in ("velocity_limit", "tracking_limit", "external_limit")]
         self.config = ControllerConfig(
-            estimator=estimator_index(estimator.name),
+            estimator=estimator_address(estimator),
             uses_model=law.uses_model,
             freezes=values["law.anti_windup"] == "conditional",
             stops=sum(v for v, name in LIMITS.items() if values.get(f"limits.{name}_action") == "stop"),
@@ -140,7 +140,6 @@ class Controller:
             turns=any(found.continuous),
             feels=_any(of_joints["external_limit"]),
             robot_adds_gravity=values[GRAVITY.name] == "added_by_robot",
-            law_integers=law_integers(law, values),
             blend=as_float(values["activation.blend"]),
             distance=as_float(values["activation.distance"]),
             gravity=float(values["stop.effort"] in ("gravity", "gravity_damping")),
@@ -148,15 +147,15 @@ class Controller:
             fade=as_float(values["stop.fade"]),
             model=make_model(found, found.with_payload(bare.copy(), payload_of(values))),
             firmware=make_model(found, bare.copy()),
-            law=gains,
+            law=make_law(law, values, self.joints),
             estimator_parameters=own,
             turn=np.where(found.continuous, 2.0 * math.pi, 0.0) if found.continuous else np.zeros(self.joints),
             **rehearsed,
             **of_joints,
         )
         # Not the configuration's: its model has scratch space. A payload that changes needs another effort.
-        integers, coulomb, viscous = self.config.law_integers, of_joints["coulomb"], of_joints["viscous"]
-        self._demanding = (bare, gains, own, integers, coulomb, viscous)
+        chosen = self.config.law
+        self._demanding = (bare, chosen.gains, own, chosen.integers, of_joints["coulomb"], of_joints["viscous"])
 
     def reset(self) -> None:
         """Return to the initial state; measurements and reference are kept."""

@@ -362,7 +362,7 @@ def learnt_acceleration(config: ControllerConfig, state: ControllerState, joint:
 
     Its unit is rad/s^2, or N m for a law that does not use the model.
     """
-    learnt = command(0.0, 0.0, 0.0, 0.0, config.law_integers, config.law[joint], state.law[joint], 0.0)[0]
+    learnt = command(config.law, joint, 0.0, 0.0, 0.0, 0.0, state.law[joint], 0.0)[0]
     return learnt - state.rejected[joint]
 
 

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.compiling.memory import Layout
-from pidtsm_core.compiling.parts import PartOf
-from pidtsm_core.laws import STATE_SLOTS, Integers
+from pidtsm_core.laws import STATE_SLOTS, LawConfig
 from pidtsm_core.parameters.family import SLOTS
 from pidtsm_core.robots import Model
 from pidtsm_core.signals import Signal, Status
@@ -116,9 +116,9 @@ class External(IntEnum):
 
 
 class ControllerConfig(NamedTuple):
-    """What a step reads. The estimator is its index in `ESTIMATORS`; a limit of 0 means no limit."""
+    """What a step reads; a limit of 0 means no limit."""
 
-    estimator: int
+    estimator: int  # its address, see `estimate`
     uses_model: bool
     freezes: bool  # integrals and adaptation of a joint pause while its effort is limited
     stops: int  # violations that are faults, see `Violation`
@@ -142,7 +142,6 @@ class ControllerConfig(NamedTuple):
     free_at: int  # ns from the first joint state at which freedrive is rehearsed, 0: never
     hold_at: int  # likewise, holding
     follow_at: int  # likewise, following again
-    law_integers: Integers  # shape (LAW_INTEGERS,)
     blend: float  # s
     distance: float  # rad
     gravity: float  # 1: the safe effort compensates gravity, else 0
@@ -150,7 +149,7 @@ class ControllerConfig(NamedTuple):
     fade: float  # s in which the effort fades while no joint state arrives; 0: no fading
     model: Model  # its parameters have shape (model parameters,)
     firmware: Model  # the model by which the robot's firmware adds gravity: that of the arm without a payload
-    law: Array  # shape (joints, law parameters)
+    law: LawConfig
     estimator_parameters: Array  # shape (joints, SLOTS)
     effort_limit: Array  # shape (joints,), N m
     effort_rate: Array  # shape (joints,), N m/s
@@ -293,12 +292,11 @@ def _example() -> ControllerMemory:
         int: 0,
         float: 0.0,
         Array: np.zeros(1),
-        Integers: np.zeros(1, np.int64),
+        LawConfig: LawConfig(0, 0, np.zeros(1, np.int64), np.zeros((1, 1))),
         Model: model,
     }
     values = {name: by_kind[kind] for name, kind in get_type_hints(ControllerConfig).items()}
-    tables = {name: np.zeros((1, 1)) for name in ("law", "estimator_parameters")}
-    config = ControllerConfig(**{**values, **tables})
+    config = ControllerConfig(**{**values, "estimator_parameters": np.zeros((1, 1))})
     apart = np.zeros((len(Signal), 2))[:, :1]
     return ControllerMemory(config, new_state(1, feeds_back=False), np.zeros(1), apart)
 
@@ -307,4 +305,4 @@ LAYOUT = Layout(_example)
 memory_at = LAYOUT.at
 """In compiled code, the `ControllerMemory` at an address."""
 part = PartOf(lambda: _example().config, lambda: _example().state)
-"""Decorates a function of the controller that is compiled on its own, see `parts`: what few steps need."""
+"""Decorates a function of the controller that is compiled on its own, see `PartOf`: what few steps need."""

@@ -33,11 +33,11 @@ def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> Non
     for j in range(y.shape[1]):
         frozen = stopped or (config.freezes and _held_back(config, state, j))
         advance(
+            config.law,
+            j,
             y[Signal.POSITION_ERROR, j],
             y[Signal.SLIDING_VARIABLE, j],
             y[Signal.MANIFOLD_VARIABLE, j],
-            config.law_integers,
-            config.law[j],
             state.law[j],
             Interval(dt, frozen, adaptation),
         )
@@ -62,9 +62,7 @@ def _command(config: ControllerConfig, state: ControllerState, desired: Array, d
         e = y[Signal.POSITION, j] - desired[0, j]
         de = y[Signal.VELOCITY, j] - desired[1, j]
         dde = y[Signal.ACCELERATION, j] - desired[2, j]
-        a_cmd, a_eq, s, sigma, gain, tau_sw = command(
-            e, de, dde, desired[2, j], config.law_integers, config.law[j], state.law[j], dt
-        )
+        a_cmd, a_eq, s, sigma, gain, tau_sw = command(config.law, j, e, de, dde, desired[2, j], state.law[j], dt)
         y[Signal.POSITION_ERROR, j] = e
         y[Signal.VELOCITY_ERROR, j] = de
         y[Signal.SLIDING_VARIABLE, j] = s

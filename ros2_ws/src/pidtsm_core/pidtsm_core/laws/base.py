@@ -18,9 +18,6 @@ STATE_SLOTS = 3 + SLOTS
 OWN_INTEGERS = 4
 """Number of integers that a law's compiled functions may read."""
 
-LAW_INTEGERS = OWN_INTEGERS + 1
-"""The same plus one: the last integer is the index by which compiled code finds these functions."""
-
 Integers = NDArray[np.int64]
 Command = Callable[
     [float, float, float, float, Integers, Array, Array, float], tuple[float, float, float, float, float, float]
@@ -41,6 +38,15 @@ class Kernel(NamedTuple):
 
     command: Command
     advance: Advance
+
+
+class LawConfig(NamedTuple):
+    """A law with its parameters, as compiled code reads it."""
+
+    command: int  # address of `Kernel.command`
+    advance: int  # address of `Kernel.advance`
+    integers: Integers  # shape (OWN_INTEGERS,)
+    gains: Array  # as `Law.pack` returns them, shape (joints, parameters)
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,12 @@
 """Common parts of the members of a family (surfaces, reaching laws, estimators ...)."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.parameters import Parameter, Value, joint_array
 
 SLOTS = 8
@@ -45,7 +44,7 @@ _Member = TypeVar("_Member", bound=_Named)
 
 
 class Family(Generic[_Member]):
-    """Members by name and by index; compiled code uses the index."""
+    """Members by name, in an order."""
 
     def __init__(self, *members: _Member) -> None:
         """Args: members: in order. Raises: ValueError: two members have the same name."""
@@ -64,34 +63,3 @@ class Family(Generic[_Member]):
 
     def index(self, name: str) -> int:
         return self.names.index(name)
-
-
-_Result = TypeVar("_Result")
-
-
-def dispatch(functions: Iterable[Callable[..., _Result]]) -> Callable[..., _Result]:
-    """Combine the functions of all members into one, which compiled code calls as ``call(index, *arguments)``.
-
-    Numba cannot inline functions from a table. Therefore this is a chain of comparisons with the members' functions
-    inlined.
-
-    Args:
-        functions: compiled, at least one, in the order of the members, with the same arguments and results. An index
-            beyond the last counts as the last.
-    """
-    first, *others = functions
-    if not others:
-
-        @inlined
-        def last(_index: int, *arguments: Any) -> _Result:
-            return first(*arguments)
-
-        return last
-
-    rest = dispatch(others)
-
-    @inlined
-    def call(index: int, *arguments: Any) -> _Result:
-        return first(*arguments) if index == 0 else rest(index - 1, *arguments)
-
-    return call

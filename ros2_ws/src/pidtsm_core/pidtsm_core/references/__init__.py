@@ -3,11 +3,9 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from numba.core.types import none
-
 from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.addresses import FLOAT, NOTHING, ROWS, Interface
 from pidtsm_core.compiling.decorators import inlined, njit
-from pidtsm_core.compiling.parts import FLOAT, ROWS, by_index
 from pidtsm_core.parameters import Parameter, Value, as_float, chosen, joint_array, names, prefixed
 from pidtsm_core.parameters.family import Family
 from pidtsm_core.references.article import ARTICLE
@@ -25,7 +23,6 @@ __all__ = [
     "ReferenceMotion",
     "drops_out",
     "evaluate_motion",
-    "evaluate_reference",
     "extrapolate",
     "reference_joints",
     "reference_schema",
@@ -84,16 +81,8 @@ def reference_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     )
 
 
-_evaluate = by_index(
-    [reference.evaluate for reference in REFERENCES.members],
-    none(FLOAT, ROWS, ROWS),
-)
-
-
-@njit
-def evaluate_reference(index: int, t: float, p: Array, desired: Array) -> None:
-    """Write q_d, q_d', q_d'': see `Reference.evaluate`; `index` is the reference's place in `REFERENCES`."""
-    _evaluate(index, t, p, desired)
+_EVALUATE = Interface(NOTHING(FLOAT, ROWS, ROWS))
+_evaluate = _EVALUATE.call
 
 
 @njit
@@ -108,7 +97,7 @@ def extrapolate(desired: Array, dt: float, later: Array) -> None:
 class MotionConfig(NamedTuple):
     """A desired motion in the form that compiled code reads."""
 
-    reference: int  # its index in `REFERENCES`
+    reference: int  # address of `Reference.evaluate`
     parameters: Array  # as `Reference.pack` returns them
     jump: Array  # shape (joints,), rad
     jump_time: float  # s
@@ -120,7 +109,7 @@ class MotionConfig(NamedTuple):
 @njit
 def evaluate_motion(config: MotionConfig, t: float, desired: Array) -> None:
     """Write q_d, q_d', q_d'' at t (s from the start) to desired, shape (3, joints), rad, rad/s, rad/s^2."""
-    evaluate_reference(config.reference, t, config.parameters, desired)
+    _evaluate(config.reference, t, config.parameters, desired)
     if t >= config.jump_time:
         for j in range(desired.shape[1]):
             desired[0, j] += config.jump[j]
@@ -150,11 +139,10 @@ class ReferenceMotion:
             ParameterError: a file cannot be used.
         """
         reference = REFERENCES[str(values["reference.name"])]
-        _evaluate.prepare(REFERENCES.index(reference.name))
         self.joints = len(names(values["joints"]))
         begin = as_float(values["dropout.time"])
         self.config = MotionConfig(
-            reference=REFERENCES.index(reference.name),
+            reference=_EVALUATE.address(reference.evaluate),
             parameters=reference.pack(values, "reference", self.joints),
             jump=joint_array(values["jump.position"], self.joints),
             jump_time=as_float(values["jump.time"]),

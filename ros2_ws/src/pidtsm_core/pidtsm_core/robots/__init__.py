@@ -3,10 +3,9 @@
 from collections.abc import Mapping
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.compiling.decorators import njit
+from pidtsm_core.compiling.decorators import dispatch, njit
 from pidtsm_core.parameters import Parameter, ParameterError, Value, prefixed
-from pidtsm_core.parameters.family import Family, dispatch
-from pidtsm_core.robots.address import forward_at, inverse_at
+from pidtsm_core.parameters.family import Family
 from pidtsm_core.robots.base import Dynamics, Model, Robot, Tool
 from pidtsm_core.robots.description import Description, read_description
 from pidtsm_core.robots.effort_differences import spread_of_differences
@@ -14,7 +13,7 @@ from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.payload import check_payload, payload_of, payload_parameters
 from pidtsm_core.robots.source import ARMS, read_source
 from pidtsm_core.robots.tree import effort_spread as tree_effort_spread
-from pidtsm_core.robots.tree_robot import TreeRobot, tree_robot
+from pidtsm_core.robots.tree_robot import TreeRobot, forward_tree, inverse_tree, tree_addresses, tree_robot
 from pidtsm_core.robots.two_link import TWO_LINK
 
 __all__ = [
@@ -50,10 +49,6 @@ ROBOTS: Family[Robot] = Family.of(Robot, globals())
 
 NAMES = (*ROBOTS.names, *ARMS)
 """Names of the arms that come with the package."""
-
-_CLOSED_FORMS = tuple(dict.fromkeys(robot.dynamics for robot in ROBOTS.members))
-_BY_ADDRESS = len(_CLOSED_FORMS)
-"""`Model.kind` of all others."""
 
 FROM_TOPIC = "topic"
 """Value of ``robot.description``: a node takes the description from the topic ``robot_description``."""
@@ -137,11 +132,17 @@ def _positions(text: str) -> tuple[tuple[str, float], ...]:
         raise ParameterError(f"{LOCKED.name}: {text!r} is not of the form JOINT=POSITION ...", LOCKED.name) from None
 
 
+_CLOSED_FORMS = tuple(dict.fromkeys(robot.dynamics for robot in ROBOTS.members))
+"""Compiled code contains them: called by address, they make a rollout of two joints 11 % slower."""
+_BY_ADDRESS = len(_CLOSED_FORMS)
+"""`Model.kind` of all others."""
+
+
 def make_model(robot: Robot, parameters: Array) -> Model:
     """The model of a robot as compiled code reads it; `parameters` as `Robot.pack_model` returns them, shape (n,)."""
-    if robot.dynamics.addresses is None:
+    if robot.dynamics in _CLOSED_FORMS:
         return Model(_CLOSED_FORMS.index(robot.dynamics), 0, 0, parameters)
-    return Model(_BY_ADDRESS, *robot.dynamics.addresses(), parameters)
+    return Model(_BY_ADDRESS, *tree_addresses(), parameters)
 
 
 def robot_joints(settings: Mapping[str, object]) -> int:
@@ -213,19 +214,21 @@ _spread = dispatch(kind.effort_spread or spread_of_differences(kind.inverse_dyna
 @njit
 def inverse_dynamics(model: Model, q: Array, dq: Array, ddq: Array, effort: Array) -> None:
     """Efforts (N m) for each row of ddq: see `Dynamics.inverse_dynamics`."""
+    p = model.parameters
     if model.kind == _BY_ADDRESS:
-        inverse_at(model.inverse, q, dq, ddq, model.parameters, effort)
+        inverse_tree(model.inverse, q, dq, ddq, ddq.shape[0], q.size, p, p.size, effort)
     else:
-        _inverse(model.kind, q, dq, ddq, model.parameters, effort)
+        _inverse(model.kind, q, dq, ddq, p, effort)
 
 
 @njit
 def forward_dynamics(model: Model, q: Array, dq: Array, effort: Array, ddq: Array) -> None:
     """ddq (rad/s^2) under effort: see `Dynamics.forward_dynamics`."""
+    p = model.parameters
     if model.kind == _BY_ADDRESS:
-        forward_at(model.forward, q, dq, effort, model.parameters, ddq)
+        forward_tree(model.forward, q, dq, effort, q.size, p, p.size, ddq)
     else:
-        _forward(model.kind, q, dq, effort, model.parameters, ddq)
+        _forward(model.kind, q, dq, effort, p, ddq)
 
 
 @njit

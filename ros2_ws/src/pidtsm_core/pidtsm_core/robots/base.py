@@ -23,8 +23,6 @@ class Dynamics:
             effort that causes row i at q, dq to row i of effort.
         forward_dynamics: ``(q, dq, effort, p, ddq)``; writes ddq, shape (joints,).
         energy: ``(q, dq, p)``; kinetic plus potential energy in J.
-        addresses: returns the addresses of inverse and forward dynamics, for `address`; None: compiled code contains
-            these functions.
         effort_spread: ``(q, dq, ddq, box, p, spread)``; ddq has shape (joints,); writes how far the efforts are at most
             from those of this state, while q, q', q'' are within `box`, shape (3, joints), of it, to the first row of
             `spread`, shape (3, joints), whose other rows are scratch. It is called after `inverse_dynamics` of this
@@ -34,7 +32,6 @@ class Dynamics:
     inverse_dynamics: Callable[[Array, Array, Array, Array, Array], None]
     forward_dynamics: Callable[[Array, Array, Array, Array, Array], None]
     energy: Callable[[Array, Array, Array], float]
-    addresses: Callable[[], tuple[int, int]] | None = None
     effort_spread: Callable[[Array, Array, Array, Array, Array, Array], None] | None = None
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.compiling.compilation import first_compilation
+from pidtsm_core.compiling.addresses import lend
 from pidtsm_core.compiling.decorators import inlined, njit
-from pidtsm_core.compiling.pointers import lend
+from pidtsm_core.compiling.events import first_compilation
 from pidtsm_core.control import Controller, ControllerConfig, ControllerState, controller_schema, step
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.experiment import Experiment, make_experiment

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.compiling.parts import PartOf
+from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.parameters import Parameter, Value, as_float, joint_array
 from pidtsm_core.timing import period_nanoseconds, seconds
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.compiling.parts import PartOf
+from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.parameters import Parameter, ParameterError, Value, joint_array, names
 from pidtsm_core.robots import Robot
 

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.addresses import call_c
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.parameters import Value
-from pidtsm_core.robots.address import call
 from pidtsm_core.robots.compiler import load_mujoco
 from pidtsm_core.simulation.mujoco_model import SCENE, make_models, steps_of
 from pidtsm_core.simulation.mujoco_payload import Phase
@@ -74,10 +74,10 @@ def advance(config: MujocoConfig, state: MujocoState, phase: int, force: Array, 
     if not _place_joints(config, state, force, q, dq):
         return
     if phase == _DROPPED and state.phase[0] == _CARRIED and config.box >= 0:
-        call(config.forward, (config.loaded_model, state.data))
+        call_c(config.forward, (config.loaded_model, state.data))
         drop(config, state)
     state.phase[0] = phase
-    call(config.step, (_model(config, phase), state.data))
+    call_c(config.step, (_model(config, phase), state.data))
     for j in range(q.size):
         q[j] = state.qpos[config.positions[j]]
         dq[j] = state.qvel[config.velocities[j]]
@@ -90,7 +90,7 @@ def acceleration(
     """Write q'' at q, q' under a force on the joints, see `advance`."""
     if not _place_joints(config, state, force, q, dq):
         return
-    call(config.forward, (_model(config, phase), state.data))
+    call_c(config.forward, (_model(config, phase), state.data))
     for j in range(q.size):
         ddq[j] = state.qacc[config.velocities[j]]
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.compiling.memory import Layout
-from pidtsm_core.compiling.parts import PartOf
 from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float, joint_array, resolve
 from pidtsm_core.robots import (
     Model,
@@ -24,7 +24,7 @@ from pidtsm_core.robots import (
 )
 from pidtsm_core.robots.tree import add_wrench
 from pidtsm_core.simulation import friction as joint_friction
-from pidtsm_core.simulation.disturbances import DISTURBANCES, add_disturbance
+from pidtsm_core.simulation.disturbances import DISTURBANCES, add_disturbance, disturbance_address
 from pidtsm_core.simulation.friction import (
     FrictionConfig,
     add_friction,
@@ -106,13 +106,13 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
 
 
 class PlantConfig(NamedTuple):
-    """Parameters of a step; `disturbance` is an index in `DISTURBANCES`."""
+    """Parameters of a step."""
 
     model: Model
     loaded_model: Model  # the same with payload
     payload_begin: float  # s
     payload_end: float  # s
-    disturbance: int
+    disturbance: int  # its address, see `add_disturbance`
     effort_limit: Array  # shape (joints,), N m
     push: Array  # on the joints, shape (joints,), N m
     wrench: Array  # of a push on the tool: force and torque in the axes of the base, shape (6,), N and N m
@@ -370,7 +370,7 @@ class Plant:
             loaded_model=make_model(robot, robot.with_payload(model, payload_of(values))),
             payload_begin=picked_up,
             payload_end=sum_of_times(picked_up, carried) if carried else math.inf,
-            disturbance=DISTURBANCES.index(str(values["disturbance.name"])),
+            disturbance=disturbance_address(DISTURBANCES[str(values["disturbance.name"])]),
             effort_limit=joint_array(values["limits.effort"], self.joints),
             push=joint_array(values["push.effort"], self.joints),
             wrench=_wrench(robot, values),

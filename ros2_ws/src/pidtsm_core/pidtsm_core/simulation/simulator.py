@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.compiling.memory import Layout
-from pidtsm_core.compiling.parts import PartOf
 from pidtsm_core.parameters import Parameter, Value, as_float, joint_array, resolve
 from pidtsm_core.robots import GRAVITY, Model, find_robot, inverse_dynamics, make_model
 from pidtsm_core.simulation import actuator, channel, friction, plant, randomness, sensor

@@ -48,7 +48,7 @@ def test_an_edit_to_any_source_file_gives_another_cache_folder(copy: Path, tmp_p
         file.write("\n# Another line.\n")
     edited = run(CACHE, copy, **home)
     assert edited != before
-    (copy / "pidtsm_core" / "surfaces" / "new.py").write_text("")
+    (copy / "pidtsm_core" / "laws" / "new.py").write_text("")
     assert run(CACHE, copy, **home) not in (before, edited)
 
 

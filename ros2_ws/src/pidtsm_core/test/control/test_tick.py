@@ -9,7 +9,7 @@ from testarms import Arm, dotted
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.estimators import ESTIMATORS
-from pidtsm_core.laws import LAWS, STATE_SLOTS, Interval, advance, command, law_integers
+from pidtsm_core.laws import LAWS, STATE_SLOTS, Interval, advance, command, make_law
 from pidtsm_core.parameters import ParameterError, as_float
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Adaptation, Signal
@@ -126,15 +126,15 @@ def test_every_joint_has_the_law_of_a_single_joint_with_its_own_gains(arm: Arm, 
             values[parameter.name] = tuple(as_float(parameter.default) * share for share in arm.spread(0.8, 1.0))
     controller, (positions, desired) = Controller(values), walk(arm.joints, 9, samples=30)
     signals = run(controller, positions, desired)
-    integers, gains = law_integers(LAWS[law], values), LAWS[law].pack(values, arm.joints)
+    made = make_law(LAWS[law], values, arm.joints)
     for j in range(arm.joints):
         x = np.zeros(STATE_SLOTS)
         for k, y in enumerate(signals[:, :, j]):
             if k:
                 e, s, sigma = signals[k - 1, ERRORS, j]
-                advance(e, s, sigma, integers, gains[j], x, Interval(DT, False, Adaptation.NORMAL.value))
+                advance(made, j, e, s, sigma, x, Interval(DT, False, Adaptation.NORMAL.value))
             e, de, dde = y[Signal.POSITION_ERROR], y[Signal.VELOCITY_ERROR], y[Signal.ACCELERATION] - desired[k, 2, j]
-            a_cmd, _, *rest = command(e, de, dde, desired[k, 2, j], integers, gains[j], x, DT if k else 0.0)
+            a_cmd, _, *rest = command(made, j, e, de, dde, desired[k, 2, j], x, DT if k else 0.0)
             assert rest == y[OF_LAW].tolist()
             if LAWS[law].uses_model:
                 assert a_cmd == y[Signal.ACCELERATION_COMMAND]

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from testarms import Arm
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.estimators import ESTIMATORS, Estimator, Sample, estimate
+from pidtsm_core.estimators import ESTIMATORS, Estimator, Sample, estimate, estimator_address
 from pidtsm_core.parameters.family import SLOTS
 
 PROPERTY = settings(deadline=None, max_examples=10)
@@ -29,10 +29,10 @@ def run(estimator: Estimator, arm: Arm, positions: Array, dts: Array, truth: Arr
     x = np.zeros((joints, SLOTS))
     truth = np.zeros((len(positions), 2, joints)) if truth is None else truth
     estimates = np.full((len(positions), 3, joints), np.nan)
-    number, effort = ESTIMATORS.index(estimator.name), np.zeros(joints)
+    address, effort = estimator_address(estimator), np.zeros(joints)
     for k, q in enumerate(positions):
         dt = float(dts[k]) if k else 0.0
-        estimate(number, Sample(q, truth[k], dt, effort, arm.free), p, x, estimates[k])
+        estimate(address, Sample(q, truth[k], dt, effort, arm.free), p, x, estimates[k])
     return estimates
 
 

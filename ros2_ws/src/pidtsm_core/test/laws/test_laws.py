@@ -13,12 +13,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from testarms import Arm
 
-from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.control import controller_schema
-from pidtsm_core.laws import LAWS, STATE_SLOTS, Integers, Interval, advance, command, law_integers
+from pidtsm_core.laws import LAWS, STATE_SLOTS, Interval, LawConfig, advance, command, make_law
 from pidtsm_core.laws.reaching import REACHING_LAWS
 from pidtsm_core.laws.sliding_mode import ACCELERATION_BOUND, MANIFOLDS
-from pidtsm_core.laws.surfaces import SURFACES, evaluate_surface
+from pidtsm_core.laws.surfaces import SURFACES
 from pidtsm_core.parameters import Value, as_float
 from pidtsm_core.parameters.family import SLOTS
 from pidtsm_core.signals import Adaptation
@@ -37,9 +37,12 @@ EACH_SLIDING = pytest.mark.parametrize("chosen", SLIDING, ids=lambda c: "-".join
 SPECIAL = [0.0, -0.0, 5e-324, -1e-200, 1e-12, -1.0, 1e6]
 
 
+EVALUATE = [njit(surface.evaluate) for surface in SURFACES.members]
+
+
 @cache
-def packed(arm: Arm, chosen: tuple[tuple[str, Value], ...]) -> tuple[dict[str, Value], Integers, Array]:
-    """Parameters of an arm whose last joint has the chosen gains, and the others have other ones; integers; gains."""
+def made(arm: Arm, chosen: tuple[tuple[str, Value], ...]) -> tuple[dict[str, Value], LawConfig]:
+    """Parameters of an arm whose last joint has the chosen gains, and its law, in which the others have other ones."""
     settings = dict(chosen)
     schema = {p.name: p for p in controller_schema({**arm.settings, **settings})}
     values = arm.values(controller_schema, {name: value for name, value in settings.items() if name in schema})
@@ -47,7 +50,7 @@ def packed(arm: Arm, chosen: tuple[tuple[str, Value], ...]) -> tuple[dict[str, V
     for name, value in values.items():
         if name.startswith("law.") and schema[name].per_joint:
             each[name] = arm.last(as_float(value))
-    return values, law_integers(law, values), law.pack(each, arm.joints)
+    return values, make_law(law, each, arm.joints)
 
 
 class OneJoint:
@@ -55,14 +58,15 @@ class OneJoint:
 
     def __init__(self, arm: Arm, chosen: dict[str, str], **gains: Value) -> None:
         every: dict[str, Value] = {**chosen, **{f"law.{name}": gain for name, gain in gains.items()}}
-        self.values, self.integers, p = packed(arm, tuple(every.items()))
-        self.p, self.x = p[-1], np.zeros(STATE_SLOTS)
+        self.values, self.law = made(arm, tuple(every.items()))
+        self.joint, self.integers = arm.joints - 1, self.law.integers
+        self.p, self.x = self.law.gains[-1], np.zeros(STATE_SLOTS)
 
     def command(self, e: float, de: float, dde: float, ddq_d: float) -> tuple[float, ...]:
-        return command(e, de, dde, ddq_d, self.integers, self.p, self.x, 0.001)
+        return command(self.law, self.joint, e, de, dde, ddq_d, self.x, 0.001)
 
     def advance(self, e: float, s: float, sigma: float, dt: float, frozen: bool) -> None:
-        advance(e, s, sigma, self.integers, self.p, self.x, Interval(dt, frozen, Adaptation.NORMAL.value))
+        advance(self.law, self.joint, e, s, sigma, self.x, Interval(dt, frozen, Adaptation.NORMAL.value))
 
 
 @EACH_SLIDING
@@ -80,7 +84,7 @@ def test_sigma_is_the_switching_term_when_the_commanded_acceleration_comes_true(
     """Eq. (32) without disturbance; with sigma = s, the switching term equals s' instead."""
     joint = OneJoint(arm, chosen, kp=2.0, ki=1.0, kd=0.5)
     joint.x[:] = state
-    _, g, h = evaluate_surface(int(joint.integers[0]), e, de, joint.x[1], joint.p[:SLOTS])
+    _, g, h = EVALUATE[joint.integers[0]](e, de, joint.x[1], joint.p[:SLOTS])
     assume(g > 1e-2)
     a_cmd, a_eq, s, _, _, tau_sw = joint.command(e, de, dde, ddq_d)
     realised = a_cmd - ddq_d
@@ -103,7 +107,7 @@ def test_sigma_follows_eq_10(
 ) -> None:
     joint = OneJoint(arm, chosen, kp=3.0, ki=0.7, kd=0.25)
     joint.x[0] = integral
-    expected_s, g, h = evaluate_surface(int(joint.integers[0]), e, de, 0.0, joint.p[:SLOTS])
+    expected_s, g, h = EVALUATE[joint.integers[0]](e, de, 0.0, joint.p[:SLOTS])
     _, _, s, sigma, _, _ = joint.command(e, de, dde, 0.0)
     assert s == expected_s
     if MANIFOLDS[joint.integers[1]] == "none":

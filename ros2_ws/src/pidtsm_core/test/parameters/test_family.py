@@ -5,13 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.laws import LAWS
 from pidtsm_core.laws.reaching import REACHING_LAWS
 from pidtsm_core.laws.surfaces import SURFACES
 from pidtsm_core.parameters import Parameter
-from pidtsm_core.parameters.family import SLOTS, Family, Member, dispatch
+from pidtsm_core.parameters.family import SLOTS, Family, Member
 from pidtsm_core.references import REFERENCES
 from pidtsm_core.robots import ROBOTS
 from pidtsm_core.simulation.disturbances import DISTURBANCES
@@ -63,26 +62,3 @@ def test_two_members_of_one_name_are_refused() -> None:
     member = Member("same", "s", ())
     with pytest.raises(ValueError, match="same"):
         Family(member, member)
-
-
-@njit
-def _sum(a: float, b: float) -> float:
-    return a + b
-
-
-@njit
-def _difference(a: float, b: float) -> float:
-    return a - b
-
-
-_either = dispatch([_sum, _difference])
-
-
-@njit
-def _compiled(index: int, a: float, b: float) -> float:
-    return _either(index, a, b)
-
-
-def test_dispatch_calls_the_function_with_the_index() -> None:
-    assert [_compiled(index, 3.0, 2.0) for index in range(2)] == [5.0, 1.0]
-    assert [_either(index, 3.0, 2.0) for index in range(2)] == [5.0, 1.0]

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from testarms import Arm
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.laws.reaching import REACHING_LAWS, advance_reaching, switch
+from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.laws.reaching.adaptive_continuous import ADAPTIVE_CONTINUOUS
 from pidtsm_core.laws.reaching.base import Interval
 from pidtsm_core.signals import Adaptation
 
 K, KAPPA, XI, UPSILON = 2.0, 0.1, 0.3, 0.2
 
-_INDEX = REACHING_LAWS.index(ADAPTIVE_CONTINUOUS.name)
+switch, advance = njit(ADAPTIVE_CONTINUOUS.switch), njit(ADAPTIVE_CONTINUOUS.advance)
 
 
 def gains(arm: Arm, leakage: float = 0.0, maximum: float = 0.0, layer: float = 0.0) -> Array:
@@ -37,8 +37,8 @@ def hold(
 ) -> tuple[float, float]:
     x, interval = np.zeros(8) if x is None else x, Interval(time / steps, frozen, adaptation.value)
     for _ in range(steps):
-        advance_reaching(_INDEX, sigma, p, x, interval)
-    return switch(_INDEX, sigma, p, x, 0.001)
+        advance(sigma, p, x, interval)
+    return switch(sigma, p, x, 0.001)
 
 
 def solution(sigma: float, t: float) -> tuple[float, float]:

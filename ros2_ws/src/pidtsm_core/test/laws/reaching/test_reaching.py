@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from testarms import Arm
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.laws.reaching import REACHING_LAWS, Interval, ReachingLaw, advance_reaching, switch
+from pidtsm_core.compiling.decorators import njit
+from pidtsm_core.laws.reaching import REACHING_LAWS, Interval, ReachingLaw
 from pidtsm_core.parameters import Value, as_float
 from pidtsm_core.parameters.family import SLOTS
 from pidtsm_core.signals import Adaptation
@@ -19,6 +20,7 @@ PROPERTY = settings(deadline=None, max_examples=15)
 EACH = pytest.mark.parametrize("law", REACHING_LAWS.members, ids=lambda r: r.name)
 SIGMAS = st.floats(-1e6, 1e6) | st.sampled_from([0.0, -0.0, 5e-324, -1e-200])
 DT = 0.001
+COMPILED = {law.name: (njit(law.switch), njit(law.advance)) for law in REACHING_LAWS.members}
 
 
 @cache
@@ -33,10 +35,10 @@ def packed(law: ReachingLaw, arm: Arm) -> Array:
 
 def hold(arm: Arm, law: ReachingLaw, sigma: float, x: Array, steps: int, frozen: bool = False) -> tuple[float, float]:
     """(tau_sw, gain) after sigma was held for some milliseconds."""
-    number, p = REACHING_LAWS.index(law.name), packed(law, arm)
+    (switch, advance), p = COMPILED[law.name], packed(law, arm)
     for _ in range(steps):
-        advance_reaching(number, sigma, p, x, Interval(DT, frozen, Adaptation.NORMAL.value))
-    return switch(number, sigma, p, x, DT)
+        advance(sigma, p, x, Interval(DT, frozen, Adaptation.NORMAL.value))
+    return switch(sigma, p, x, DT)
 
 
 @EACH

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from testarms import Arm
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.laws.surfaces import SURFACES, Surface, evaluate_surface
+from pidtsm_core.compiling.decorators import njit
+from pidtsm_core.laws.surfaces import SURFACES, Surface
 from pidtsm_core.parameters import Value, as_float
 
 PROPERTY = settings(deadline=None, max_examples=25)
@@ -26,8 +27,11 @@ def packed(surface: Surface, arm: Arm, **changes: float) -> Array:
     return surface.pack(values, "law", arm.joints)[-1]
 
 
+EVALUATE = {surface.name: njit(surface.evaluate) for surface in SURFACES.members}
+
+
 def evaluate(surface: Surface, e: float, de: float, integral: float, p: Array) -> tuple[float, float, float]:
-    return evaluate_surface(SURFACES.index(surface.name), e, de, integral, p)
+    return EVALUATE[surface.name](e, de, integral, p)
 
 
 @EACH

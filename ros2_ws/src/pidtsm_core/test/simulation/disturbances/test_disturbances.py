@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.simulation.disturbances import DISTURBANCES, Disturbance, add_disturbance
+from pidtsm_core.simulation.disturbances import DISTURBANCES, Disturbance, add_disturbance, disturbance_address
 
 EACH = pytest.mark.parametrize("disturbance", DISTURBANCES.members, ids=lambda d: d.name)
 
 
 def added(disturbance: Disturbance, q: Array, dq: Array, effort: Array | None = None) -> Array:
     effort = np.zeros(q.size) if effort is None else effort.copy()
-    add_disturbance(DISTURBANCES.index(disturbance.name), q, dq, effort)
+    add_disturbance(disturbance_address(disturbance), q, dq, effort)
     return effort
 
 

@@ -1,4 +1,4 @@
-"""Functions that are compiled when they are first needed, and named tuples that are passed by pointer."""
+"""Functions that are compiled alone and called by address, and named tuples that are passed by pointer."""
 
 import subprocess
 import sys
@@ -6,12 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from numba.core.errors import TypingError
+from numba import TypingError
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.addresses import FLOAT, ROW, Interface, PartError, PartOf, lend
 from pidtsm_core.compiling.decorators import njit
-from pidtsm_core.compiling.parts import FLOAT, ROW, PartError, PartOf, by_index
-from pidtsm_core.compiling.pointers import lend
 
 
 class Inner(NamedTuple):
@@ -41,7 +40,8 @@ def misspelt(x: float, row: Array) -> float:
     return x + row.sise  # type: ignore[attr-defined]
 
 
-choose = by_index([double, halve, misspelt], FLOAT(FLOAT, ROW))
+INTERFACE = Interface(FLOAT(FLOAT, ROW))
+choose = INTERFACE.call
 
 
 @part
@@ -53,8 +53,8 @@ def change(outer: Outer, by: float) -> bool:
 
 
 @njit
-def call(index: int, x: float, row: Array) -> float:
-    result: float = choose(index, x, row)
+def call(address: int, x: float, row: Array) -> float:
+    result: float = choose(address, x, row)
     return result
 
 
@@ -64,16 +64,17 @@ def change_it(outer: Outer, by: float) -> tuple[int, bool]:
     return lend(lent).number, change(lent, by)
 
 
-@pytest.mark.parametrize(("index", "expected"), [(0, 7.0), (1, 2.5)])
-def test_compiled_code_and_python_call_the_same_function(index: int, expected: float) -> None:
-    row = np.array([1.0])
-    assert call(index, 3.0, row) == choose(index, 3.0, row) == expected
+@pytest.mark.parametrize(("function", "expected"), [(double, 7.0), (halve, 2.5)])
+def test_compiled_code_and_python_call_the_same_function(function: Any, expected: float) -> None:
+    row, address = np.array([1.0]), INTERFACE.address(function)
+    assert call(address, 3.0, row) == choose(address, 3.0, row) == expected
+    assert INTERFACE.address(function) == address
 
 
 def test_a_function_that_does_not_compile_is_an_error_in_python_and_hinders_no_other() -> None:
     with pytest.raises(TypingError, match="sise"):
-        choose.prepare(2)
-    assert call(0, 1.0, np.zeros(1)) == 2.0
+        INTERFACE.address(misspelt)
+    assert call(INTERFACE.address(double), 1.0, np.zeros(1)) == 2.0
 
 
 @part
@@ -115,17 +116,17 @@ def test_a_named_tuple_is_read_and_its_arrays_are_changed_through_a_pointer() ->
 ALONE = """
 import sys
 from pidtsm_core.rollouts.closed_loop import rollout
-from pidtsm_core.compiling.parts import _Parts
+from pidtsm_core.compiling.addresses import Alone
 rollout("case1", duration=0.1)
-print(*(parts.functions[i].__module__ for parts in _Parts.tables.values() for i, a in enumerate(parts._table) if a))
+print(*(each.function.__module__ for each in Alone.compiled))
 """
 
 
 READY = """
 from pidtsm_core import make_controller
-from pidtsm_core.compiling.parts import _Parts
+from pidtsm_core.compiling.addresses import Alone
 make_controller()
-print(*(parts.functions[0].__name__ for parts in _Parts.tables.values() if len(parts._table) == 1 and parts._table[0]))
+print(*(each.function.__name__ for each in Alone.compiled))
 """
 
 
