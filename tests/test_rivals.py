@@ -240,6 +240,8 @@ def test_of_two_that_start_together_one_publishes(testbed: Testbed, node: str, t
     system.until(lambda: any("activated: " in process.log.read_text() for process in both), "one yields")
     follower = both["activated: " in both[0].log.read_text()] if node == "controller" else system.running["controller"]
     system.follows("second/state" if follower is system.running["second"] else "controller/state")
+    # A listener may learn of the arm later than the controller does.
+    system.until(lambda: len(system.watch.heard["joint_states"]) > 100, "the joint states")
     if system.longest_gap("joint_states") > STALL:
         pytest.skip("the machine stood still: the one that should begin may have been late")
     stamps = system.stamps(topic)
