@@ -6,7 +6,7 @@ from itertools import count as count_from
 import mujoco
 import numpy as np
 
-from pidtsm_core.control import Clock, Controller, controller_schema
+from pidtsm_core.control import Controller, Time, controller_schema
 from pidtsm_core.experiment import PRACTICAL
 from pidtsm_core.parameters import resolve
 from pidtsm_core.robots import find_robot, robot_schema, tree
@@ -78,7 +78,7 @@ def _step(count: int, repetitions: int) -> Iterator[Row]:
     ]
 
     def steps(controller: Controller) -> None:
-        stamps = count_from(controller.clock(Clock.LAST) + PERIOD, PERIOD)
+        stamps = count_from(controller.state.times[Time.LAST] + PERIOD, PERIOD)
         for _ in range(count):
             stamp = next(stamps)
             controller.step(stamp, stamp)

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.control import Clock, Controller, controller_schema
+from pidtsm_core.control import Controller, Time, controller_schema
 from pidtsm_core.control import step as controller_step
 from pidtsm_core.control.state import memory_at
 from pidtsm_core.parameters import resolve
@@ -26,7 +26,7 @@ _njit = numba.njit(nogil=True, error_model="numpy", _nrt=False)
 def _ticks(address: int, count: int) -> None:
     memory = memory_at(address)
     for _k in range(count):
-        stamp = memory.state.clock[Clock.LAST] + PERIOD
+        stamp = memory.state.times[Time.LAST] + PERIOD
         controller_step(memory.config, memory.state, stamp, stamp)
 
 
@@ -55,7 +55,7 @@ def run(quick: bool) -> Iterator[Row]:
 
     def many(call: str) -> float:
         def repeated() -> None:
-            stamps = count_from(controller.clock(Clock.LAST) + PERIOD, PERIOD)
+            stamps = count_from(controller.state.times[Time.LAST] + PERIOD, PERIOD)
             for _ in range(count):
                 if call == "tick":
                     stamp = next(stamps)

@@ -18,7 +18,7 @@ from stopjudge import gravity, judge
 from stoploop import Kind, stop_ideally
 from stoprun import Run
 
-from pidtsm_core.control import Clock
+from pidtsm_core.control import Condition, Count, Time
 from pidtsm_core.control.state import HISTORY, Held, Hold, Still
 from pidtsm_core.robots import Model
 from pidtsm_core.signals import Signal, Status, Stop
@@ -66,10 +66,10 @@ def _begin(run: Run) -> None:
     state.signals[Signal.POSITION], state.signals[Signal.VELOCITY] = trace.position[k], trace.velocity[k]
     state.measured[:] = trace.position[k]
     state.hold[Hold.BEFORE] = trace.velocity[k]
-    first = max(state.clock[Clock.NOTES] - HISTORY, 0)
-    for note in range(first, state.clock[Clock.NOTES]):
+    first = max(state.counts[Count.NOTES] - HISTORY, 0)
+    for note in range(first, state.counts[Count.NOTES]):
         row = note % HISTORY
-        age = (state.clock[Clock.LAST] - state.history_stamps[row]) / 1e9
+        age = (state.times[Time.LAST] - state.history_stamps[row]) / 1e9
         state.history[row] = trace.position[max(k - round(age / run.dt), 0)]
     _believe(run)
     _again(run)
@@ -78,8 +78,8 @@ def _begin(run: Run) -> None:
 def _again(run: Run) -> None:
     """The stop begins again at the next sample."""
     state = run.controller.state
-    state.clock[Clock.HELD] = Held.ELSEWHERE
-    state.hold[Hold.INTEGRAL] = state.doubted[:] = 0.0
+    state.conditions[Condition.HELD] = Held.ELSEWHERE
+    state.hold[Hold.INTEGRAL] = state.implausible[:] = 0.0
     state.status[Status.STOP_STAGE] = Stop.HOLD
 
 

@@ -11,7 +11,7 @@ from std_msgs.msg import Bool, Float64MultiArray
 from pidtsm_controller.activity_watch import ActivityWatch
 from pidtsm_controller.payload_watch import PayloadWatch
 from pidtsm_controller.watchdog import CHECK, Watchdog
-from pidtsm_core.control import Clock, Controller
+from pidtsm_core.control import Condition, Controller, Count
 from pidtsm_core.experiment.node_parameters import PAYLOAD_OBSERVED, controller_node_schema
 from pidtsm_core.messages.arrivals import Arrivals, Stamp
 from pidtsm_core.messages.gaps import Continuation, continuation
@@ -118,7 +118,7 @@ class ControllerNode(ManagedNode):
             return f"the last joint state was received {age * 1e-9:.3g} s ago (watchdog.state_stop)"
         if not self.active and self._activity and (trouble := self._activity.trouble):
             return trouble
-        follows = not self.active or self._controller.clock(Clock.REQUEST) == Request.FOLLOW
+        follows = not self.active or self._controller.state.conditions[Condition.REQUEST] == Request.FOLLOW
         return self._controller.refusal(follows and self._reference_arrivals.last >= 0)
 
     def activate(self) -> None:
@@ -284,7 +284,7 @@ class ControllerNode(ManagedNode):
         """Publish the state of the brakes, if the arm has brakes and the state has changed."""
         if self._brakes is None:
             return
-        engaged = bool(self._controller.clock(Clock.BRAKES))
+        engaged = bool(self._controller.state.conditions[Condition.BRAKES])
         if engaged != self._braked:
             self._braked = engaged
             self._brakes.publish(Bool(data=engaged))
@@ -312,7 +312,7 @@ class ControllerNode(ManagedNode):
             return
         ticks, self._ticks = self._ticks, 0
         window, judged = self._statistics.last, not self.lockstep
-        at_limit = self._controller.clock(Clock.AT_EFFORT_LIMIT)
+        at_limit = self._controller.state.counts[Count.AT_EFFORT_LIMIT]
         limited = (at_limit - self._reported.at_limit) / max(ticks, 1)
         readings = [
             *loop_readings(self._statistics, judged),
@@ -324,9 +324,9 @@ class ControllerNode(ManagedNode):
             Reading(f"adaptive gain of {joint}", float(gain))
             for joint, gain in zip(names(self.values["joints"]), gains, strict=True)
         ]
-        implausible, before = self._controller.clock(Clock.IMPLAUSIBLE), self._reported.implausible
+        implausible, before = self._controller.state.counts[Count.IMPLAUSIBLE], self._reported.implausible
         readings += [
-            Reading("late joint states since activation", self._controller.clock(Clock.LATE)),
+            Reading("late joint states since activation", self._controller.state.counts[Count.LATE]),
             Reading("stamps that were late or ahead", self._state_arrivals.refused),
             Reading("implausible joint states since activation", implausible),
         ]
@@ -348,7 +348,7 @@ class ControllerNode(ManagedNode):
         """Why an active controller without a fault does not follow; empty if it does."""
         if mode == Mode.FREEDRIVE:
             return "in freedrive; call ~/freedrive with false to hold the arm"
-        if mode == Mode.HOLDING and self._controller.clock(Clock.REQUEST) == Request.HOLD:
+        if mode == Mode.HOLDING and self._controller.state.conditions[Condition.REQUEST] == Request.HOLD:
             return "holding position; call ~/hold with false to follow the reference"
         return "holding position: the reference is missing or too old" if mode == Mode.HOLDING else ""
 

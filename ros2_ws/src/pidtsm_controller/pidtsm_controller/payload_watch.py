@@ -4,7 +4,7 @@ import numpy as np
 from geometry_msgs.msg import InertiaStamped, Vector3
 from rclpy.parameter import Parameter as RosParameter
 
-from pidtsm_core.control import Clock, Controller
+from pidtsm_core.control import Controller, Time
 from pidtsm_core.control.payload_blend import PayloadBlend
 from pidtsm_core.identification.payload_observer import PayloadObserver
 from pidtsm_core.parameters import as_float
@@ -49,7 +49,7 @@ class PayloadWatch:
             self._advance(self._blend, seconds(stamp - self._last))
         self._last = stamp
         if self._observer is None:
-            if (period := controller.clock(Clock.PERIOD)) <= 0:
+            if (period := controller.state.times[Time.PERIOD]) <= 0:
                 return
             self._observer = PayloadObserver(self._robot, self._node.values, seconds(period))
             self._next = stamp

@@ -2,16 +2,18 @@
 
 from pidtsm_core.control.controller import Controller
 from pidtsm_core.control.parameters import ESTIMATOR_NAME, LAW_NAME, controller_schema
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState
+from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Count, Time
 from pidtsm_core.control.step import step
 
 __all__ = [
     "ESTIMATOR_NAME",
     "LAW_NAME",
-    "Clock",
+    "Condition",
     "Controller",
     "ControllerConfig",
     "ControllerState",
+    "Count",
+    "Time",
     "controller_schema",
     "step",
 ]

@@ -10,7 +10,7 @@ import math
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, External
+from pidtsm_core.control.state import ControllerConfig, ControllerState, External, Time
 from pidtsm_core.signals import Signal, Status, Violation
 
 _MEAN = 0.05
@@ -38,7 +38,7 @@ def sense_contact(state: ControllerState, needed: Array, dt: float) -> None:
         external[External.TWICE, j] += share * (external[External.ONCE, j] - external[External.TWICE, j])
         if not math.isfinite(external[External.TWICE, j]):
             external[External.ONCE, j] = external[External.TWICE, j] = 0.0
-        if farthest < _TRACKED and state.clock[Clock.FREED] == 0:  # In freedrive, what is felt is a hand.
+        if farthest < _TRACKED and state.times[Time.FREED] == 0:  # In freedrive, what is felt is a hand.
             external[External.USUAL, j] = external[External.TWICE, j]
         external[External.CHANGE, j] = external[External.TWICE, j] - external[External.USUAL, j]
 

@@ -14,7 +14,7 @@ from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.modes import begin_afresh, request, reset_fault, set_clock
 from pidtsm_core.control.parameters import CONTACT, FREEDRIVE, FRICTION, REJECTION
 from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
-from pidtsm_core.control.state import LAYOUT, Clock, ControllerConfig, ControllerMemory, new_state, part
+from pidtsm_core.control.state import LAYOUT, Condition, ControllerConfig, ControllerMemory, Time, new_state, part
 from pidtsm_core.control.step import leave_now, respond, stop_after, stop_now, tick_now
 from pidtsm_core.control.turns import distance
 from pidtsm_core.estimators import ESTIMATORS, estimator_address
@@ -136,9 +136,9 @@ class Controller:
             brakes=bool(values["stop.brakes"]),
             compensates=law.uses_model and _any(of_joints["coulomb"], of_joints["viscous"]),
             rejects=bool(values.get(REJECTION.name, False)),
-            doubts=_any(of_joints["plausible_velocity"]),
+            checks_plausibility=_any(of_joints["plausible_velocity"]),
             turns=any(found.continuous),
-            feels=_any(of_joints["external_limit"]),
+            senses_contact=_any(of_joints["external_limit"]),
             robot_adds_gravity=values[GRAVITY.name] == "added_by_robot",
             blend=as_float(values["activation.blend"]),
             distance=as_float(values["activation.distance"]),
@@ -199,7 +199,7 @@ class Controller:
     @property
     def state_stop(self) -> int:
         """Longest gap between joint states that is no fault, ns."""
-        return stop_after(self.config.state_stop, int(self.state.clock[Clock.PERIOD]))
+        return stop_after(self.config.state_stop, int(self.state.times[Time.PERIOD]))
 
     def set_clock(self, stamp: int, elapsed: int) -> None:
         """Continue in a new time: the clock of the joint states was set, or their source was restarted.
@@ -268,15 +268,11 @@ class Controller:
     @property
     def commanded(self) -> bool:
         """Whether there was a step since the last reset."""
-        return bool(self.state.clock[Clock.COMMANDED])
-
-    def clock(self, place: Clock) -> int:
-        """One of the integers in the state, see `Clock`."""
-        return int(self.state.clock[place])
+        return bool(self.state.conditions[Condition.COMMANDED])
 
     def changes(self, before: Sequence[int] | None) -> list[Change]:
         """Changes of the status since it was `before` (None: since the start), as text."""
-        return changes(before, self.status, self.state.clock, self._names)
+        return changes(before, self.status, self.state, self._names)
 
     def warnings(self) -> list[str]:
         """Warnings about parameters that are allowed but unsuitable."""

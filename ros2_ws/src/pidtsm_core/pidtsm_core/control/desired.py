@@ -1,9 +1,9 @@
-"""The desired motion that the law follows: the reference or a held position, plus a way.
+"""The desired motion that the law follows: the reference or a held position, plus an approach.
 
-The way is a quintic that begins at the difference from the current motion and ends at zero, so the desired motion makes
-no step. If a rate limit has thrown the arm off its reference, the way brakes first: its sum with another quintic, which
-takes velocity and acceleration away as soon as the limits allow, so that the arm does not go farther than it must.
-Along the way, the effort that is fed forward fades to that of the reference, or to zero if a position is held.
+The approach is a quintic that begins at the difference from the current motion and ends at zero, so the desired motion
+makes no step. If a rate limit has thrown the arm off its reference, the approach brakes first: its sum with another
+quintic, which takes velocity and acceleration away as soon as the limits allow, so that the arm goes no farther than it
+must. Along the approach, the effort that is fed forward fades to that of the reference, or to zero in a held position.
 """
 
 import math
@@ -11,7 +11,7 @@ import math
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.effort import time_of_change, write_net_effort
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, part
+from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Count, Time, part
 from pidtsm_core.control.turns import turn_reference
 from pidtsm_core.laws import command
 from pidtsm_core.references import extrapolate
@@ -21,20 +21,20 @@ from pidtsm_core.signals import Adaptation, Mode, Request, Signal, Status
 from pidtsm_core.timing import seconds
 
 _SHARE_OF_RATE = 0.5
-"""Share of the rate limit that a way may use; the rest is for the law."""
+"""Share of the rate limit that an approach may use; the rest is for the law."""
 _SHARE_OF_EFFORT = 0.9
 _SHARE_OF_VELOCITY, _LEAST_SHARE = 0.8, 0.1
-"""Share of a velocity limit that reference and way may use together, and what the way may use in any case."""
+"""Share of a velocity limit that reference and approach may use together, and what the approach may use in any case."""
 _STEEPEST = 1.875
 """Largest velocity of a quintic from rest to rest, as a multiple of the mean."""
-_SHORTEST_WAY, _LONGEST_WAY, _LONGER = 0.01, 20.0, 1.2  # s, s, ratio of consecutive durations tried
+_SHORTEST_APPROACH, _LONGEST_APPROACH, _LONGER = 0.01, 20.0, 1.2  # s, s, ratio of consecutive durations tried
 _SHORTEST_REST, _LONGEST_REST = 0.1, 2.0  # s in which the desired motion comes to rest
 _REST_BY_HAND = 0.3  # s, the shortest time in which it does so at the end of freedrive
 _MOMENTS = 12
 _FOR_RETURN = 1.2
 """Excess of braking and return together, relative to that of braking alone, that is small enough."""
 _HOPELESS = 2.0
-"""Excess (see `_excess`) at which a way is useless: its rate needs the whole limit, not only its share."""
+"""Excess (see `_excess`) at which an approach is useless: its rate needs the whole limit, not only its share."""
 _ABSURD = 1e4  # rad/s^2; a larger correction comes from a singular law
 
 
@@ -53,19 +53,19 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
         stamp: stamp of the sample, ns.
         reference_stamp: stamp of ``state.reference``, ns; negative: there is none.
     """
-    clock, status = state.clock, state.status
-    followed = clock[Clock.ANSWERED] > 0 and status[Status.MODE] == Mode.FOLLOWING
+    counts, conditions, times, status = state.counts, state.conditions, state.times, state.status
+    followed = counts[Count.ANSWERED] > 0 and status[Status.MODE] == Mode.FOLLOWING
     stopped = status[Status.FAULT] != 0
     age = stamp - reference_stamp
     oldest = config.reference_timeout if followed else config.reference_timeout // 2
-    wanted = clock[Clock.REQUEST] == Request.FOLLOW
+    wanted = conditions[Condition.REQUEST] == Request.FOLLOW
     follows = wanted and reference_stamp >= 0 and abs(age) <= oldest and not stopped
-    free = clock[Clock.REQUEST] == Request.FREE and not stopped
-    freed = clock[Clock.FREED] != 0 and not stopped and not free
+    free = conditions[Condition.REQUEST] == Request.FREE and not stopped
+    freed = times[Time.FREED] != 0 and not stopped and not free
     status[Status.MODE] = Mode.STOPPED if stopped else (Mode.FOLLOWING if follows else Mode.HOLDING)
     if stopped:
-        clock[Clock.FREED] = 0
-    clock[Clock.REFERENCE_AGE] = age if reference_stamp >= 0 else 0
+        times[Time.FREED] = 0
+    times[Time.REFERENCE_AGE] = age if reference_stamp >= 0 else 0
     if follows and config.turns:
         turn_reference(config, state, followed)
     if free:
@@ -74,9 +74,11 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
         return
     if follows and not followed:
         # Start at the last desired motion; at the first sample, this is rest at the position of the arm.
-        _begin_way(config, state, stamp, False)
-        clock[Clock.ADAPTATION] = Adaptation.APPROACHING if state.way_duration[0] > 0.0 else Adaptation.NORMAL
-        clock[Clock.STRAYED] = 0
+        _begin_approach(config, state, stamp, False)
+        conditions[Condition.ADAPTATION] = (
+            Adaptation.APPROACHING if state.approach_duration[0] > 0.0 else Adaptation.NORMAL
+        )
+        conditions[Condition.STRAYED] = 0
     elif (followed or freed) and not follows:
         come_to_rest(config, state, stamp, _REST_BY_HAND if freed else _SHORTEST_REST)
     write_desired(state, stamp)
@@ -84,28 +86,28 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
 
 @inlined
 def write_desired(state: ControllerState, stamp: int) -> None:
-    """Write the reference or the held position, plus the way, at `stamp` (ns) to ``state.desired``."""
+    """Write the reference or the held position, plus the approach, at `stamp` (ns) to ``state.desired``."""
     write_base(state, state.desired)
-    duration, passed = state.way_duration[0], 1.0
+    duration, passed = state.approach_duration[0], 1.0
     if duration > 0.0:
-        t = seconds(stamp - state.clock[Clock.WAY_BEGAN])
+        t = seconds(stamp - state.times[Time.APPROACH_BEGAN])
         if t < duration:
-            _add_way(state, duration, t, state.desired)
+            _add_approach(state, duration, t, state.desired)
             passed = t / duration
         else:
-            _end_way(state)
+            _end_approach(state)
     follows = state.status[Status.MODE] == Mode.FOLLOWING
-    if follows and state.way_duration[0] == 0.0:
-        state.clock[Clock.GENTLE] = 0
-    for j in range(state.fed.size):
-        state.fed[j] = _fed(state, j, passed)
-        state.handed[j] = state.handed_before[j] * (_left(passed) if follows else 1.0)
+    if follows and state.approach_duration[0] == 0.0:
+        state.conditions[Condition.GENTLE] = 0
+    for j in range(state.feedforward_effort.size):
+        state.feedforward_effort[j] = _feedforward(state, j, passed)
+        state.freedrive_effort[j] = state.freedrive_before[j] * (_left(passed) if follows else 1.0)
 
 
 @inlined
-def _add_way(state: ControllerState, duration: float, t: float, motion: Array) -> None:
-    """Add the way, which takes `duration` (s), at t (s) to `motion`, shape (3, joints)."""
-    add_quintic(state.way, duration, t, motion)
+def _add_approach(state: ControllerState, duration: float, t: float, motion: Array) -> None:
+    """Add the approach, which takes `duration` (s), at t (s) to `motion`, shape (3, joints)."""
+    add_quintic(state.approach, duration, t, motion)
     if t < state.braking_duration[0]:
         add_quintic(state.braking, state.braking_duration[0], t, motion)
 
@@ -121,9 +123,9 @@ def _let_go(state: ControllerState) -> None:
 @part
 def begin_at(state: ControllerState, position: Array) -> None:
     """Set the desired motion to rest at `position`, shape (joints,), rad."""
-    _end_way(state)
+    _end_approach(state)
     for j in range(position.size):
-        state.fed[j] = state.handed[j] = state.handed_before[j] = 0.0
+        state.feedforward_effort[j] = state.freedrive_effort[j] = state.freedrive_before[j] = 0.0
         state.held[0, j] = position[j]
         state.held[1, j] = 0.0
         state.held[2, j] = 0.0
@@ -137,7 +139,7 @@ def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int, d
 
     The end position is that of a quartic with the same other conditions, so the motion need not turn back or speed up.
     """
-    _end_way(state)
+    _end_approach(state)
     start = state.scratch[3:]
     for i in range(3):
         for j in range(start.shape[1]):
@@ -146,8 +148,8 @@ def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int, d
     while duration < _LONGEST_REST and _excess(config, state, duration, duration) > 1.0:
         duration *= _LONGER
         _plan_rest(state, start, duration)
-    state.way_duration[0] = duration
-    state.clock[Clock.WAY_BEGAN] = stamp
+    state.approach_duration[0] = duration
+    state.times[Time.APPROACH_BEGAN] = stamp
     for i in range(3):
         for j in range(start.shape[1]):
             state.desired[i, j] = start[i, j]
@@ -155,19 +157,19 @@ def come_to_rest(config: ControllerConfig, state: ControllerState, stamp: int, d
 
 @inlined
 def _plan_rest(state: ControllerState, start: Array, duration: float) -> None:
-    """Plan a stop from `start` (q, q', q'', shape (3, joints)) in `duration` (s): its end position and the way."""
+    """Plan a stop from `start` (q, q', q'', shape (3, joints)) in `duration` (s): its end position and the approach."""
     for j in range(start.shape[1]):
         state.held[0, j] = _resting_place(start, duration, j)
         for i in range(1, 3):
             state.held[i, j] = 0.0
         for i in range(3):
             state.base[i, j] = state.held[i, j]
-        state.fed_before[j] = state.fed[j]
-        state.handed_before[j] = state.handed[j]
-    quintic(start, state.held, duration, state.way)
-    # The way is the difference from the held position.
+        state.feedforward_before[j] = state.feedforward_effort[j]
+        state.freedrive_before[j] = state.freedrive_effort[j]
+    quintic(start, state.held, duration, state.approach)
+    # The approach is the difference from the held position.
     for j in range(start.shape[1]):
-        state.way[0, j] -= state.held[0, j]
+        state.approach[0, j] -= state.held[0, j]
 
 
 @inlined
@@ -179,7 +181,7 @@ def _resting_place(start: Array, duration: float, joint: int) -> float:
 @inlined
 def write_base(state: ControllerState, motion: Array) -> None:
     """Write the reference at the sample, or the held position, to `motion`, shape (3, joints)."""
-    follows, age = state.status[Status.MODE] == Mode.FOLLOWING, state.clock[Clock.REFERENCE_AGE]
+    follows, age = state.status[Status.MODE] == Mode.FOLLOWING, state.times[Time.REFERENCE_AGE]
     if follows and age:
         extrapolate(state.reference, seconds(age), motion)
     else:
@@ -193,36 +195,36 @@ def write_base(state: ControllerState, motion: Array) -> None:
 
 @inlined
 def _left(passed: float) -> float:
-    """What is left of an effort that fades, from 1 to 0, when a share `passed` (0 to 1) of the way has passed."""
+    """What is left of an effort that fades, from 1 to 0, when a share `passed` (0 to 1) of the approach has passed."""
     return 1.0 - passed * passed * passed * (10.0 - passed * (15.0 - 6.0 * passed))
 
 
 @inlined
-def _fed(state: ControllerState, joint: int, passed: float) -> float:
-    """Effort of the reference to add to the command, N m, when a share `passed` (0 to 1) of the way has passed."""
+def _feedforward(state: ControllerState, joint: int, passed: float) -> float:
+    """Effort of the reference to add to the command, N m, when a share `passed` (0 to 1) of the approach has passed."""
     target = state.feedforward[joint] if state.status[Status.MODE] == Mode.FOLLOWING else 0.0
-    return target + _left(passed) * (state.fed_before[joint] - target)
+    return target + _left(passed) * (state.feedforward_before[joint] - target)
 
 
 @inlined
-def _end_way(state: ControllerState) -> None:
-    state.way_duration[0] = state.braking_duration[0] = 0.0
-    state.clock[Clock.ADAPTATION] = Adaptation.NORMAL
-    state.clock[Clock.STRAYED] = 0
+def _end_approach(state: ControllerState) -> None:
+    state.approach_duration[0] = state.braking_duration[0] = 0.0
+    state.conditions[Condition.ADAPTATION] = Adaptation.NORMAL
+    state.conditions[Condition.STRAYED] = 0
 
 
 @part
-def _begin_way(config: ControllerConfig, state: ControllerState, stamp: int, brakes: bool) -> float:
-    """Plan the way from the motion in ``state.desired`` to the reference or the held position.
+def _begin_approach(config: ControllerConfig, state: ControllerState, stamp: int, brakes: bool) -> float:
+    """Plan the approach from the motion in ``state.desired`` to the reference or the held position.
 
     Args:
         config: configuration, which is read.
         state: state, which is changed.
         stamp: stamp of the sample, ns.
-        brakes: whether the way brakes first.
+        brakes: whether the approach brakes first.
 
     Returns:
-        The `_excess` of the way; 0 if no rate is limited.
+        The `_excess` of the approach; 0 if no rate is limited.
     """
     start, difference, rest = state.desired, state.scratch[:3], state.scratch[3:]
     state.braking_duration[0] = 0.0
@@ -232,16 +234,16 @@ def _begin_way(config: ControllerConfig, state: ControllerState, stamp: int, bra
             difference[i, j] = start[i, j] - state.base[i, j]
             rest[i, j] = 0.0
     for j in range(start.shape[1]):
-        state.fed_before[j] = state.fed[j]
-        state.handed_before[j] = state.handed[j]
+        state.feedforward_before[j] = state.feedforward_effort[j]
+        state.freedrive_before[j] = state.freedrive_effort[j]
     excess = _plan_braking(config, state) if brakes else 0.0
     duration = max(_slow_enough(config, state, difference), state.braking_duration[0])
     if config.rate_limited:
         duration, excess = _duration(config, state, duration, max(_FOR_RETURN * excess, 1.0))
     if duration > 0.0:
-        quintic(difference, rest, duration, state.way)
-    state.way_duration[0] = duration
-    state.clock[Clock.WAY_BEGAN] = stamp
+        quintic(difference, rest, duration, state.approach)
+    state.approach_duration[0] = duration
+    state.times[Time.APPROACH_BEGAN] = stamp
     return excess
 
 
@@ -249,14 +251,14 @@ def _begin_way(config: ControllerConfig, state: ControllerState, stamp: int, bra
 def _plan_braking(config: ControllerConfig, state: ControllerState) -> float:
     """Plan to brake in the shortest time with an `_excess` of at most 1, or of what the effort is now; else the least.
 
-    ``state.scratch`` has the difference with which the way begins, then zeros. Afterwards, it has the difference that
-    remains when the arm has braked.
+    ``state.scratch`` has the difference with which the approach begins, then zeros. Afterwards, it has the difference
+    that remains when the arm has braked.
 
     Returns:
         The excess.
     """
     difference, rest = state.scratch[:3], state.scratch[3:]
-    duration = best = _SHORTEST_WAY
+    duration = best = _SHORTEST_APPROACH
     least, enough = math.inf, 1.0
     for j in range(difference.shape[1]):
         enough = max(enough, abs(state.signals[Signal.EFFORT, j]) / (_SHARE_OF_EFFORT * config.effort_limit[j]))
@@ -268,19 +270,19 @@ def _plan_braking(config: ControllerConfig, state: ControllerState) -> float:
         duration *= _LONGER
     _brake(state, best)
     for j in range(difference.shape[1]):
-        difference[0, j] = state.way[0, j]
+        difference[0, j] = state.approach[0, j]
         difference[1, j] = difference[2, j] = rest[0, j] = 0.0
     return least
 
 
 @inlined
 def _brake(state: ControllerState, duration: float) -> None:
-    """Brake in `duration` (s), and stay: the way is the difference that remains."""
+    """Brake in `duration` (s), and stay: the approach is the difference that remains."""
     difference, rest = state.scratch[:3], state.scratch[3:]
     for j in range(difference.shape[1]):
         rest[0, j] = _resting_place(difference, duration, j)
     quintic(difference, rest, duration, state.braking)
-    quintic(rest, rest, duration, state.way)
+    quintic(rest, rest, duration, state.approach)
     for j in range(difference.shape[1]):
         state.braking[0, j] -= rest[0, j]
     state.braking_duration[0] = duration
@@ -288,34 +290,34 @@ def _brake(state: ControllerState, duration: float) -> None:
 
 @inlined
 def _slow_enough(config: ControllerConfig, state: ControllerState, difference: Array) -> float:
-    """Duration of the way, s: ``activation.blend``, or longer so that the approach keeps within the velocity limits.
+    """Duration of the approach, s: ``activation.blend``, or longer so that it keeps within the velocity limits.
 
     Args:
         config: configuration, which is read.
-        state: state; the velocity of ``state.base`` leaves less for the way.
-        difference: what the way begins with, shape (3, joints).
+        state: state; the velocity of ``state.base`` leaves less for the approach.
+        difference: what the approach begins with, shape (3, joints).
     """
-    gentle = state.clock[Clock.GENTLE] != 0
+    gentle = state.conditions[Condition.GENTLE] != 0
     duration = max(config.blend, _SHORTEST_REST) if gentle else config.blend
     for j in range(difference.shape[1]):
         limit = config.free_velocity[j] if gentle else config.velocity_limit[j]
         if duration > 0.0 and limit > 0.0:
             free = max(_SHARE_OF_VELOCITY * limit - abs(state.base[1, j]), _LEAST_SHARE * limit)
-            duration = max(duration, min(_STEEPEST * abs(difference[0, j]) / free, _LONGEST_WAY))
+            duration = max(duration, min(_STEEPEST * abs(difference[0, j]) / free, _LONGEST_APPROACH))
     return duration
 
 
 @part
 def _duration(config: ControllerConfig, state: ControllerState, shortest: float, most: float) -> tuple[float, float]:
-    """Duration of the way (s), at least `shortest`, with an `_excess` of at most `most`, else the least; the excess.
+    """Duration of the approach (s), at least `shortest`, with an `_excess` of at most `most`, else the least; that.
 
-    ``state.scratch`` has the difference with which the way begins, then that with which it ends.
+    ``state.scratch`` has the difference with which the approach begins, then that with which it ends.
     """
     difference, rest = state.scratch[:3], state.scratch[3:]
-    duration = best = max(shortest, _SHORTEST_WAY)
+    duration = best = max(shortest, _SHORTEST_APPROACH)
     least = math.inf
-    while duration < _LONGEST_WAY:
-        quintic(difference, rest, duration, state.way)
+    while duration < _LONGEST_APPROACH:
+        quintic(difference, rest, duration, state.approach)
         excess = _excess(config, state, duration, duration)
         if state.braking_duration[0] > 0.0:
             excess = max(excess, _excess(config, state, duration, state.braking_duration[0]))
@@ -329,7 +331,7 @@ def _duration(config: ControllerConfig, state: ControllerState, shortest: float,
 
 @inlined
 def _excess(config: ControllerConfig, state: ControllerState, duration: float, until: float) -> float:
-    """The largest effort or effort rate along a way, by the model, as a multiple of what the way may use.
+    """The largest effort or effort rate along an approach, by the model, as a multiple of what the approach may use.
 
     It is evaluated at some moments up to `until` (s), assuming that the base keeps its velocity.
     """
@@ -343,13 +345,13 @@ def _excess(config: ControllerConfig, state: ControllerState, duration: float, u
             motion[1, j] = state.base[1, j]
             motion[2, j] = 0.0
             efforts[1, j] = efforts[0, j]
-        _add_way(state, duration, t, motion)
+        _add_approach(state, duration, t, motion)
         inverse_dynamics(config.model, motion[0], motion[1], motion[2:], efforts[:1])
         for j in range(motion.shape[1]):
-            efforts[0, j] += _fed(state, j, t / duration)
+            efforts[0, j] += _feedforward(state, j, t / duration)
             excess = max(excess, abs(efforts[0, j]) / (_SHARE_OF_EFFORT * config.effort_limit[j]) if k else 0.0)
             rate = abs(efforts[0, j] - efforts[1, j]) / step if k else 0.0
-            if config.effort_rate[j] > 0.0 and state.clock[Clock.UNLIMITED] == 0:
+            if config.effort_rate[j] > 0.0 and state.conditions[Condition.UNLIMITED] == 0:
                 excess = max(excess, rate / (_SHARE_OF_RATE * config.effort_rate[j]))
             if state.status[Status.FAULT] != 0:
                 excess = max(excess, rate * slowest / config.effort_limit[j])
@@ -367,8 +369,8 @@ def learnt_acceleration(config: ControllerConfig, state: ControllerState, joint:
 
 
 @part
-def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int) -> bool:
-    """Begin a way at the arm's estimated motion, with the acceleration for which the law commands the present effort.
+def begin_approach_here(config: ControllerConfig, state: ControllerState, stamp: int) -> bool:
+    """Begin an approach at the arm's estimated motion, with the acceleration that keeps the present effort.
 
     It brakes first. A single quintic would be as long for braking as for the return, and the arm would go far astray.
 
@@ -376,7 +378,7 @@ def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int)
     what the law has learnt of the disturbances. So neither the desired motion nor the effort makes a step.
 
     Returns:
-        Whether the way is within the limits, or nearly so.
+        Whether the approach is within the limits, or nearly so.
     """
     y, start = state.signals, state.desired
     write_net_effort(state, y[Signal.EFFORT])
@@ -387,10 +389,10 @@ def begin_way_here(config: ControllerConfig, state: ControllerState, stamp: int)
         learnt = learnt_acceleration(config, state, j)
         if abs(learnt) < _ABSURD:
             start[2, j] -= learnt
-    excess = _begin_way(config, state, stamp, True)
+    excess = _begin_approach(config, state, stamp, True)
     write_base(state, state.desired)
-    _add_way(state, state.way_duration[0], 0.0, state.desired)
-    if state.clock[Clock.ADAPTATION] == Adaptation.NORMAL:
-        state.clock[Clock.STRAYED] = 1
-    state.clock[Clock.ADAPTATION] = Adaptation.FROZEN
+    _add_approach(state, state.approach_duration[0], 0.0, state.desired)
+    if state.conditions[Condition.ADAPTATION] == Adaptation.NORMAL:
+        state.conditions[Condition.STRAYED] = 1
+    state.conditions[Condition.ADAPTATION] = Adaptation.FROZEN
     return excess < _HOPELESS

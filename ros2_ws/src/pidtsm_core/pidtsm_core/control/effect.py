@@ -7,7 +7,7 @@ much. An arm of which no joint moves is noticed sooner: its source may send its 
 """
 
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, External, Still, part
+from pidtsm_core.control.state import ControllerConfig, ControllerState, External, Still, Time, part
 from pidtsm_core.control.trust import distrust
 from pidtsm_core.timing import seconds
 
@@ -37,12 +37,12 @@ def _idle_joint(config: ControllerConfig, state: ControllerState, all_rest: bool
     """Of the joints whose measured position does not change, one with an effort that should have moved it."""
     found, least = 0, _SHARE_OF_ALL if all_rest else _SHARE
     for j in range(state.still.shape[1]):
-        rested = state.still[Still.SAMPLES, j] * seconds(state.clock[Clock.PERIOD])
+        rested = state.still[Still.SAMPLES, j] * seconds(state.times[Time.PERIOD])
         if rested < _SETTLED:
             state.still[Still.EFFORT, j] = state.sent[j]
             state.still[Still.DEMANDED, j] = _unexplained(config, state, j)
         # Without a model, an effort that changes may carry a load that other joints move.
-        elif rested >= _LONG and (config.feels or all_rest) and _change(config, state, j) > least:
+        elif rested >= _LONG and (config.senses_contact or all_rest) and _change(config, state, j) > least:
             found = j + 1
     return found
 
@@ -58,7 +58,7 @@ def _change(config: ControllerConfig, state: ControllerState, joint: int) -> flo
 @inlined
 def _unexplained(config: ControllerConfig, state: ControllerState, joint: int) -> float:
     """Effort on a joint that its measured motion does not explain, N m."""
-    return -state.external[External.TWICE, joint] if config.feels else state.sent[joint]
+    return -state.external[External.TWICE, joint] if config.senses_contact else state.sent[joint]
 
 
 @part
@@ -68,6 +68,6 @@ def distrust_idle(config: ControllerConfig, state: ControllerState) -> None:
     for j in range(still.shape[1]):
         all_rest = all_rest and still[Still.SAMPLES, j] > 0.0
     for j in range(still.shape[1]):
-        rested = still[Still.SAMPLES, j] * seconds(state.clock[Clock.PERIOD])
+        rested = still[Still.SAMPLES, j] * seconds(state.times[Time.PERIOD])
         if all_rest or (rested >= _LONG and _change(config, state, j) > _SHARE):
             distrust(state, j)

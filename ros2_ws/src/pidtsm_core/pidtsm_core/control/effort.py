@@ -4,7 +4,7 @@ import math
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, part
+from pidtsm_core.control.state import ControllerConfig, ControllerState, Count, Time, part
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Limited, Signal
 from pidtsm_core.timing import seconds
@@ -26,8 +26,8 @@ _KNOWN = 10
 @inlined
 def time_of_change(state: ControllerState) -> float:
     """Time in which the safe effort can change by the effort limit, s; 0: not known yet."""
-    known = state.clock[Clock.ANSWERED] > _KNOWN
-    return seconds(state.clock[Clock.PERIOD]) / LARGEST_CHANGE if known else 0.0
+    known = state.counts[Count.ANSWERED] > _KNOWN
+    return seconds(state.times[Time.PERIOD]) / LARGEST_CHANGE if known else 0.0
 
 
 @part

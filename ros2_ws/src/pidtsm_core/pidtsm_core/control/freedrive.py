@@ -42,7 +42,7 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.effort import friction, limit_effort
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Hold, part
+from pidtsm_core.control.state import ControllerConfig, ControllerState, Count, Hold, Time, part
 from pidtsm_core.control.stopping import learn
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Signal
@@ -83,14 +83,14 @@ _NEAR = 0.5
 @part
 def make_free(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
     """Replace the effort for the joint state of `stamp` (ns), dt (s) after the last one, with that of freedrive."""
-    y, hold, clock, efforts = state.signals, state.hold, state.clock, state.scratch
-    begins, bandwidth = clock[Clock.FREED] == 0, _bandwidth(state)
+    y, hold, times, counts, efforts = state.signals, state.hold, state.times, state.counts, state.scratch
+    begins, bandwidth = times[Time.FREED] == 0, _bandwidth(state)
     if begins:
         _begin(config, state, stamp)
         dt = 0.0
     _measure(state, bandwidth, dt)
     # The inertia changes slowly: that of one joint at each sample is enough.
-    _weigh(config, state, clock[Clock.ANSWERED] % y.shape[1])
+    _weigh(config, state, counts[Count.ANSWERED] % y.shape[1])
     _pull(config, state, bandwidth)
     _slip(config, state, bandwidth, dt)
     _damp(config, state, bandwidth, _eased(state, stamp))
@@ -112,7 +112,7 @@ def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None
     It may be wrong, so it is no more than what the springs hold back: on its joint, and on every joint that it moves.
     """
     hold, y, efforts, bandwidth = state.hold, state.signals, state.scratch, _bandwidth(state)
-    state.clock[Clock.FREED] = stamp + 1
+    state.times[Time.FREED] = stamp + 1
     learn(config, state)
     for j in range(hold.shape[1]):
         _weigh(config, state, j)
@@ -141,7 +141,7 @@ def _trust(state: ControllerState, joint: int) -> float:
 @inlined
 def _eased(state: ControllerState, stamp: int) -> float:
     """Share of the dampers that acts, from 0 at the beginning, so that an arm that moves is not stopped with a jerk."""
-    since = seconds(stamp + 1 - state.clock[Clock.FREED])
+    since = seconds(stamp + 1 - state.times[Time.FREED])
     return since / _EASES if 0.0 <= since < _EASES else 1.0
 
 
@@ -184,7 +184,7 @@ def _velocity(state: ControllerState, joint: int) -> float:
 @inlined
 def _bandwidth(state: ControllerState) -> float:
     """Natural frequency of the springs, rad/s."""
-    period = state.clock[Clock.PERIOD]
+    period = state.times[Time.PERIOD]
     return min(_BANDWIDTH, _OF_RATE / seconds(period)) if period > 0 else _BANDWIDTH
 
 
@@ -340,9 +340,9 @@ def hand_over(state: ControllerState) -> None:
     efforts = state.signals[Signal.EFFORT]
     for j in range(efforts.size):
         beyond = state.sent[j] - efforts[j]
-        state.handed[j] = state.handed_before[j] = beyond
+        state.freedrive_effort[j] = state.freedrive_before[j] = beyond
         efforts[j] = state.sent[j]
-    state.clock[Clock.FREED] = 0
+    state.times[Time.FREED] = 0
 
 
 def refusal(config: ControllerConfig, state: ControllerState, joints: Sequence[str]) -> str:
@@ -371,7 +371,7 @@ def refusal(config: ControllerConfig, state: ControllerState, joints: Sequence[s
     if needed.max() > _BANDWIDTH:
         return f"{joint} is too light for freedrive, by the model; {cure}"
     if needed.max() > _bandwidth(state):
-        rate, least = 1.0 / seconds(state.clock[Clock.PERIOD]), needed.max() / _OF_RATE
+        rate, least = 1.0 / seconds(state.times[Time.PERIOD]), needed.max() / _OF_RATE
         return (
             f"{joint} is so light, by the model, that freedrive needs {least:.0f} joint states per second, and there "
             f"are {rate:.0f}; {cure}"

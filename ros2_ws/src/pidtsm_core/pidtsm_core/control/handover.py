@@ -7,7 +7,7 @@ and fades, slowly enough for the law to take over.
 import math
 
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Handover, part
+from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Handover, part
 from pidtsm_core.control.tick import demand_again
 from pidtsm_core.signals import Signal
 
@@ -22,8 +22,8 @@ _NOTHING = 1e-4
 @inlined
 def expect_handover(state: ControllerState) -> None:
     """The controller has changed: the next command continues from the last one, if there was one."""
-    if state.clock[Clock.COMMANDED] != 0:
-        state.clock[Clock.HANDOVER] = Handover.PENDING
+    if state.conditions[Condition.COMMANDED] != 0:
+        state.conditions[Condition.HANDOVER] = Handover.PENDING
 
 
 @part
@@ -40,7 +40,7 @@ def begin_handover(config: ControllerConfig, state: ControllerState, dt: float) 
         difference = state.sent[j] - state.signals[Signal.EFFORT, j]
         state.handover[j] = difference if math.isfinite(difference) else 0.0
         state.signals[Signal.EFFORT, j] = state.sent[j]  # The estimator needs what was applied.
-    state.clock[Clock.HANDOVER] = Handover.FADING
+    state.conditions[Condition.HANDOVER] = Handover.FADING
 
 
 @part
@@ -52,4 +52,4 @@ def fade_handover(config: ControllerConfig, state: ControllerState, dt: float) -
         difference[j] -= min(max(difference[j], -change), change)
         fades = fades or abs(difference[j]) > _NOTHING * config.effort_limit[j]
     if not fades:
-        state.clock[Clock.HANDOVER] = Handover.NONE
+        state.conditions[Condition.HANDOVER] = Handover.NONE

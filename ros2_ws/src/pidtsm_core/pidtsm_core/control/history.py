@@ -1,7 +1,7 @@
 """The last measured positions: they tell how the arm moves even if the newest measurement is wrong."""
 
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.state import HISTORY, Clock, ControllerState, part
+from pidtsm_core.control.state import HISTORY, ControllerState, Count, Time, part
 from pidtsm_core.signals import Signal
 from pidtsm_core.timing import NANOSECONDS, seconds
 
@@ -16,22 +16,22 @@ RECENT = 5
 @inlined
 def note(state: ControllerState, stamp: int) -> None:
     """Note the measurement of `stamp` (ns), unless one was noted shortly before."""
-    clock = state.clock
-    if clock[Clock.NOTES] > 0 and stamp - clock[Clock.NOTED] < _INTERVAL:
+    counts, times = state.counts, state.times
+    if counts[Count.NOTES] > 0 and stamp - times[Time.NOTED] < _INTERVAL:
         return
-    row = clock[Clock.NOTES] % HISTORY
+    row = counts[Count.NOTES] % HISTORY
     for j in range(state.measured.size):
         state.history[row, j] = state.measured[j]
         state.history_efforts[row, j] = state.sent[j]
     state.history_stamps[row] = stamp
-    clock[Clock.NOTED] = stamp
-    clock[Clock.NOTES] += 1
+    times[Time.NOTED] = stamp
+    counts[Count.NOTES] += 1
 
 
 @part
 def shift_history(state: ControllerState, later: int) -> None:
     """Shift the stamps of all notes by `later` (ns), because the clock of the stamps was set."""
-    state.clock[Clock.NOTED] += later
+    state.times[Time.NOTED] += later
     for row in range(HISTORY):
         state.history_stamps[row] += later
 
@@ -85,9 +85,9 @@ def noted_effort(state: ControllerState, stamp: int, joint: int) -> float:
 @inlined
 def _recent_notes(state: ControllerState, stamp: int, most: int) -> int:
     """Number of the newest notes that are recent at `stamp` (ns), `most` at most."""
-    clock, count = state.clock, 0
-    oldest = max(_OLDEST, _OLDEST_OF_PERIODS * clock[Clock.PERIOD])
-    most = min(most, clock[Clock.NOTES], HISTORY)
+    times, counts, count = state.times, state.counts, 0
+    oldest = max(_OLDEST, _OLDEST_OF_PERIODS * times[Time.PERIOD])
+    most = min(most, counts[Count.NOTES], HISTORY)
     while count < most and stamp - state.history_stamps[_row(state, count)] <= oldest:
         count += 1
     return count
@@ -102,7 +102,7 @@ def _span(state: ControllerState, count: int) -> float:
 @inlined
 def _row(state: ControllerState, age: int) -> int:
     """Row of the newest note (`age` 0), of the one before (1), and so on."""
-    return (state.clock[Clock.NOTES] - 1 - age) % HISTORY
+    return (state.counts[Count.NOTES] - 1 - age) % HISTORY
 
 
 @inlined

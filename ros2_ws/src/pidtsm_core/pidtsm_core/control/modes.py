@@ -4,7 +4,7 @@ from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.desired import begin_at
 from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.history import shift_history
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Handover, Held, part
+from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Count, Handover, Held, Time, part
 from pidtsm_core.control.stopping import keep_what_holds
 from pidtsm_core.control.trust import is_doubtful, trust
 from pidtsm_core.signals import Mode, Request, Signal, Status, Stop
@@ -20,39 +20,39 @@ def stop(state: ControllerState, fault: int, joint: int) -> None:
         if status[Status.MODE] == Mode.FOLLOWING:
             begin_at(state, state.desired[0])
         status[Status.MODE] = Mode.STOPPED
-        state.clock[Clock.BEHIND_SINCE] = 0
-        state.clock[Clock.HANDOVER] = Handover.NONE
-        if state.clock[Clock.REQUEST] == Request.FREE:
+        state.times[Time.BEHIND_SINCE] = 0
+        state.conditions[Condition.HANDOVER] = Handover.NONE
+        if state.conditions[Condition.REQUEST] == Request.FREE:
             request(state, Request.HOLD)
 
 
 @part
 def request(state: ControllerState, wanted: int) -> None:
     """Follow, hold or be free from the next step on, see `Request`."""
-    clock = state.clock
-    if wanted == Request.FOLLOW and clock[Clock.REQUEST] != Request.FOLLOW:
-        clock[Clock.GENTLE] = 1
-    clock[Clock.REQUEST] = wanted
+    conditions = state.conditions
+    if wanted == Request.FOLLOW and conditions[Condition.REQUEST] != Request.FOLLOW:
+        conditions[Condition.GENTLE] = 1
+    conditions[Condition.REQUEST] = wanted
 
 
 @inlined
 def hold_elsewhere(state: ControllerState) -> None:
     """Because a stopped arm that is held may have moved, hold it at its new position."""
-    if state.clock[Clock.HELD] != Held.NOT:
-        state.clock[Clock.HELD] = Held.ELSEWHERE
+    if state.conditions[Condition.HELD] != Held.NOT:
+        state.conditions[Condition.HELD] = Held.ELSEWHERE
 
 
 @inlined
 def hold_unseen(state: ControllerState) -> None:
     """Because a stopped arm that is held was not seen for a while, hold it at its place only if it is near."""
-    if state.clock[Clock.HELD] == Held.HERE:
-        state.clock[Clock.HELD] = Held.UNSEEN
+    if state.conditions[Condition.HELD] == Held.HERE:
+        state.conditions[Condition.HELD] = Held.UNSEEN
 
 
 @part
 def begin_afresh(state: ControllerState) -> None:
     """Forget the motion so far and start from where the arm is. A fault stays, and so does the effort."""
-    y, clock = state.signals, state.clock
+    y, counts, conditions, times = state.signals, state.counts, state.conditions, state.times
     for i in range(y.shape[0]):
         for j in range(y.shape[1]):
             if i != Signal.EFFORT:
@@ -63,16 +63,16 @@ def begin_afresh(state: ControllerState) -> None:
                 table[j, slot] = 0.0
     state.status[Status.VIOLATIONS] = 0
     hold_elsewhere(state)
-    clock[Clock.ANSWERED] = 0
-    clock[Clock.HANDOVER] = Handover.NONE
-    clock[Clock.FREED] = 0
-    for j in range(state.doubted.size):
-        state.doubted[j] = state.rejected[j] = 0.0
+    counts[Count.ANSWERED] = 0
+    conditions[Condition.HANDOVER] = Handover.NONE
+    times[Time.FREED] = 0
+    for j in range(state.implausible.size):
+        state.implausible[j] = state.rejected[j] = 0.0
         for i in range(state.external.shape[0]):
             state.external[i, j] = 0.0
-    clock[Clock.BEHIND_SINCE] = clock[Clock.NOTES] = 0
+    times[Time.BEHIND_SINCE] = counts[Count.NOTES] = 0
     for i in range(state.still.shape[0]):
-        for j in range(state.doubted.size):
+        for j in range(state.implausible.size):
             state.still[i, j] = 0.0
 
 
@@ -82,37 +82,41 @@ def reset_fault(config: ControllerConfig, state: ControllerState) -> None:
 
     An arm that was held stays where it is, under the effort that holds it, until the law has taken over.
     """
-    clock, status = state.clock, state.status
-    resumes = clock[Clock.COMMANDED] != 0 and clock[Clock.HELD] == Held.HERE and status[Status.STOP_STAGE] == Stop.HOLD
+    conditions, counts, status = state.conditions, state.counts, state.status
+    resumes = (
+        conditions[Condition.COMMANDED] != 0
+        and conditions[Condition.HELD] == Held.HERE
+        and status[Status.STOP_STAGE] == Stop.HOLD
+    )
     for j in range(state.measured.size):
         resumes = resumes and not is_doubtful(state, j)
         trust(state, j)
     if resumes:
         keep_what_holds(config, state)
         expect_handover(state)
-        clock[Clock.GENTLE] = 1
+        conditions[Condition.GENTLE] = 1
     else:
         begin_afresh(state)
     status[Status.FAULT] = status[Status.FAULT_JOINT] = status[Status.STOP_STAGE] = 0
-    clock[Clock.HELD] = Held.NOT
-    clock[Clock.BRAKES] = clock[Clock.UNLIMITED] = clock[Clock.RESTED] = 0
+    conditions[Condition.HELD] = Held.NOT
+    conditions[Condition.BRAKES] = conditions[Condition.UNLIMITED] = counts[Count.RESTED] = 0
     state.hold_pace[0] = 0.0
 
 
 @part
 def set_clock(state: ControllerState, stamp: int) -> None:
     """Continue as if the last joint state had arrived at `stamp` (ns), because the clock of the stamps was set."""
-    clock = state.clock
-    later = stamp - clock[Clock.LAST]
-    clock[Clock.LAST] += later
-    clock[Clock.SENT] += later
-    if clock[Clock.FREED]:
-        clock[Clock.FREED] += later
-    if clock[Clock.DEGRADED_SINCE]:
-        clock[Clock.DEGRADED_SINCE] += later
+    times = state.times
+    later = stamp - times[Time.LAST]
+    times[Time.LAST] += later
+    times[Time.SENT] += later
+    if times[Time.FREED]:
+        times[Time.FREED] += later
+    if times[Time.DEGRADED_SINCE]:
+        times[Time.DEGRADED_SINCE] += later
     shift_history(state, later)
-    clock[Clock.WAY_BEGAN] += later
-    if clock[Clock.BEGAN]:
-        clock[Clock.BEGAN] += later
-    if clock[Clock.BEHIND_SINCE]:
-        clock[Clock.BEHIND_SINCE] += later
+    times[Time.APPROACH_BEGAN] += later
+    if times[Time.BEGAN]:
+        times[Time.BEGAN] += later
+    if times[Time.BEHIND_SINCE]:
+        times[Time.BEHIND_SINCE] += later

@@ -1,7 +1,7 @@
 """Detection of implausible measurements: a single sample that is far off must not move the arm."""
 
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold
+from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Count, Held, Hold
 from pidtsm_core.control.trust import SLACK, distrust, is_doubtful
 from pidtsm_core.signals import Signal
 
@@ -20,8 +20,8 @@ def doubt(config: ControllerConfig, state: ControllerState, dt: float) -> int:
         The joint, counted from 1, with too many consecutive implausible measurements: its measurement is accepted, and
         the caller reports a fault. 0: no such joint.
     """
-    y, measured, doubted, wrong, replaced = state.signals, state.measured, state.doubted, 0, False
-    held = config.holds and state.clock[Clock.HELD] == Held.HERE
+    y, measured, implausible, wrong, replaced = state.signals, state.measured, state.implausible, 0, False
+    held = config.holds and state.conditions[Condition.HELD] == Held.HERE
     positions, velocities = y[Signal.POSITION], y[Signal.VELOCITY]
     if held:  # The estimates may be part of the fault.
         positions, velocities = state.hold[Hold.POSITION], state.hold[Hold.VELOCITY]
@@ -29,15 +29,15 @@ def doubt(config: ControllerConfig, state: ControllerState, dt: float) -> int:
         predicted = positions[j] + dt * velocities[j]
         off = abs(measured[j] - predicted) > SLACK + config.plausible_velocity[j] * dt
         if config.plausible_velocity[j] <= 0.0 or not off or (held and is_doubtful(state, j)):
-            doubted[j] = 0.0
-        elif doubted[j] < TOLERATED:
-            doubted[j] += 1.0
+            implausible[j] = 0.0
+        elif implausible[j] < TOLERATED:
+            implausible[j] += 1.0
             measured[j] = predicted
             replaced = True
         else:
-            doubted[j] = 0.0
+            implausible[j] = 0.0
             distrust(state, j)
             wrong = j + 1
     if replaced or wrong:
-        state.clock[Clock.IMPLAUSIBLE] += 1
+        state.counts[Count.IMPLAUSIBLE] += 1
     return wrong

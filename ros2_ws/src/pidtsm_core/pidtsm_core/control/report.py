@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pidtsm_core.control.state import Clock, ControllerConfig
+from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Time
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Fault, Mode, Request, Status, Stop, Violation
 from pidtsm_core.timing import seconds
@@ -72,22 +71,22 @@ def cause(fault: int, joint: int, joints: Sequence[str]) -> str:
 
 
 def changes(
-    before: Sequence[int] | None, after: Sequence[int], clock: NDArray[np.int64], joints: Sequence[str]
+    before: Sequence[int] | None, after: Sequence[int], state: ControllerState, joints: Sequence[str]
 ) -> list[Change]:
     """The changes between two statuses.
 
     Args:
         before: shape (len(Status),), order of `Status`; None at the start.
         after: likewise.
-        clock: integers of the controller, shape (len(Clock),), order of `Clock`, times in ns.
+        state: of the controller.
         joints: names of the joints.
     """
     start = [Mode.HOLDING, *[0] * (len(Status) - 1)]
-    return list(_changes(start if before is None else before, after, clock, joints, before is None))
+    return list(_changes(start if before is None else before, after, state, joints, before is None))
 
 
 def _changes(
-    before: Sequence[int], after: Sequence[int], clock: NDArray[np.int64], joints: Sequence[str], first: bool
+    before: Sequence[int], after: Sequence[int], state: ControllerState, joints: Sequence[str], first: bool
 ) -> Iterator[Change]:
     fault = after[Status.FAULT]
     for violation, name in _NAMED.items():
@@ -100,7 +99,7 @@ def _changes(
         else:
             reason = cause(fault, after[Status.FAULT_JOINT], joints)
             if fault == Fault.STATE_STALE:
-                reason += f" for {seconds(int(clock[Clock.GAP])):.3g} s"
+                reason += f" for {seconds(int(state.times[Time.GAP])):.3g} s"
             yield Change("error", f"stopped: {reason}; safe torque until ~/reset_fault is called")
     yield from _stages(before[Status.STOP_STAGE], after[Status.STOP_STAGE])
     modes = before[Status.MODE], after[Status.MODE]
@@ -108,12 +107,12 @@ def _changes(
         return
     if modes[1] == Mode.FREEDRIVE:
         yield Change("info", "freedrive: the arm can be moved by hand")
-    elif modes[1] == Mode.HOLDING and clock[Clock.REQUEST] == Request.HOLD:
+    elif modes[1] == Mode.HOLDING and state.conditions[Condition.REQUEST] == Request.HOLD:
         yield Change("info", "holding position until ~/hold is called with false")
     elif modes[1] == Mode.FOLLOWING and modes[0] != Mode.STOPPED and not first:
         yield Change("info", "following the reference")
     elif modes == (Mode.FOLLOWING, Mode.HOLDING):
-        age = seconds(int(clock[Clock.REFERENCE_AGE]))
+        age = seconds(int(state.times[Time.REFERENCE_AGE]))
         late = f"the reference is {abs(age):.3g} s {'old' if age > 0 else 'ahead'}" if age else "there is no reference"
         yield Change("warning", f"holding position: {late}")
 

@@ -11,7 +11,7 @@ import math
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.desired import write_desired
 from pidtsm_core.control.effort import LARGEST_CHANGE, added_gravity, carry, limit_effort
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold, part
+from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Held, Hold, Time, part
 from pidtsm_core.control.stopping import DETOUR, QUICKEST, SLOWEST, begin_hold, learn, resume_hold
 from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
 from pidtsm_core.control.trust import is_doubtful, reverse, used_position
@@ -54,25 +54,25 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     The effort follows from the model and from what was learnt: it stops the arm from its last known motion, then holds
     it. Meanwhile it fades.
     """
-    clock = state.clock
+    conditions, times = state.conditions, state.times
     _add_nothing(state)
-    clock[Clock.BRAKES] = config.brakes
+    conditions[Condition.BRAKES] = config.brakes
     if not config.holds:
         _damp(config, state)
         return
-    begins = clock[Clock.SILENT_SINCE] == 0
+    begins = times[Time.SILENT_SINCE] == 0
     if begins:
-        clock[Clock.SILENT_SINCE] = now + 1
-        if clock[Clock.HELD] == Held.NOT:
-            begin_hold(config, state, clock[Clock.LAST])
+        times[Time.SILENT_SINCE] = now + 1
+        if conditions[Condition.HELD] == Held.NOT:
+            begin_hold(config, state, times[Time.LAST])
     write_desired(state, now)
-    gone = seconds(now + 1 - clock[Clock.SILENT_SINCE])
+    gone = seconds(now + 1 - times[Time.SILENT_SINCE])
     left = max(0.0, 1.0 - gone / config.fade) if config.fade > 0.0 else 1.0
     _follow_blindly(config, state)
     _fade(config, state, left)
     limit_effort(config, state)
     go_gently(config, state, now, begins)
-    clock[Clock.HELD] = Held.UNSEEN
+    conditions[Condition.HELD] = Held.UNSEEN
     state.status[Status.STOP_STAGE] = Stop.BLIND
 
 
@@ -120,7 +120,7 @@ def leave(config: ControllerConfig, state: ControllerState) -> None:
     if not config.holds:
         _damp(config, state)
         return
-    if state.clock[Clock.HELD] == Held.NOT:
+    if state.conditions[Condition.HELD] == Held.NOT:
         learn(config, state)
     for j in range(state.measured.size):
         state.desired[0, j] = state.signals[Signal.POSITION, j]
@@ -150,9 +150,9 @@ def _damp(config: ControllerConfig, state: ControllerState) -> None:
 def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
     """Tie the arm to its way to rest by spring, damper and integral, all poles at the bandwidth."""
     y, hold = state.signals, state.hold
-    begins = state.clock[Clock.HELD] != Held.HERE
+    begins = state.conditions[Condition.HELD] != Held.HERE
     if begins:
-        if state.clock[Clock.HELD] != Held.UNSEEN or not resume_hold(config, state, stamp):
+        if state.conditions[Condition.HELD] != Held.UNSEEN or not resume_hold(config, state, stamp):
             begin_hold(config, state, stamp)
         dt = 0.0
     w = state.hold_bandwidth[0]
@@ -162,7 +162,7 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
     else:
         efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EQUIVALENT_EFFORT + 1]
         inverse_dynamics(config.model, hold[Hold.POSITION], state.desired[1], state.desired[2:], efforts)
-        if state.clock[Clock.PERIOD] <= _LONGEST_PERIOD:
+        if state.times[Time.PERIOD] <= _LONGEST_PERIOD:
             weigh_load(config, state, dt)
         pull = state.accelerations[1]
         for j in range(pull.size):
@@ -227,7 +227,7 @@ def _filter_motion(config: ControllerConfig, state: ControllerState, dt: float) 
 @inlined
 def _integrate(state: ControllerState, dt: float) -> None:
     """Let the integral of the error grow while the effort can follow it."""
-    if state.clock[Clock.BRAKES] == 0 and state.clock[Clock.SLEWING] == 0 and not gives_up(state):
+    if state.conditions[Condition.BRAKES] == 0 and state.conditions[Condition.SLEWING] == 0 and not gives_up(state):
         for j in range(state.measured.size):
             if state.signals[Signal.SATURATED, j] == 0.0:
                 error = state.hold[Hold.POSITION, j] - state.desired[0, j]
@@ -242,13 +242,13 @@ def go_gently(config: ControllerConfig, state: ControllerState, now: int, begins
     the position control, which then swings the arm if the stop needs much effort.
     """
     efforts, offset = state.signals[Signal.EFFORT], state.hold[Hold.OFFSET]
-    state.clock[Clock.SLEWING] = 0
+    state.conditions[Condition.SLEWING] = 0
     if begins:
         for j in range(efforts.size):
             offset[j] = state.sent[j] - efforts[j]
         _hurry(config, state)
         _judge_rate_limit(config, state)
-    since = min(max(seconds(now - state.clock[Clock.SENT]), 0.0), _LONGEST_CHANGE)
+    since = min(max(seconds(now - state.times[Time.SENT]), 0.0), _LONGEST_CHANGE)
     for j in range(efforts.size):
         change = _fading_rate(config, state, j) * since
         offset[j] -= min(max(offset[j], -change), change)
@@ -256,7 +256,7 @@ def go_gently(config: ControllerConfig, state: ControllerState, now: int, begins
         low, high = max(last - LARGEST_CHANGE * limit, -limit), min(last + LARGEST_CHANGE * limit, limit)
         wanted = efforts[j] + offset[j]
         efforts[j] = min(max(wanted, low), high)
-        state.clock[Clock.SLEWING] |= int(efforts[j] != wanted)
+        state.conditions[Condition.SLEWING] |= int(efforts[j] != wanted)
 
 
 @inlined
@@ -273,7 +273,11 @@ def _hurry(config: ControllerConfig, state: ControllerState) -> None:
 def _fading_rate(config: ControllerConfig, state: ControllerState, joint: int) -> float:
     """Rate at which the difference of a joint fades, N m/s."""
     rate = config.effort_limit[joint] / (state.hold_pace[0] if state.hold_pace[0] > 0.0 else SLOWEST)
-    limited = state.status[Status.FAULT] != 0 and config.effort_rate[joint] > 0.0 and state.clock[Clock.UNLIMITED] == 0
+    limited = (
+        state.status[Status.FAULT] != 0
+        and config.effort_rate[joint] > 0.0
+        and state.conditions[Condition.UNLIMITED] == 0
+    )
     return min(rate, _SHARE_OF_RATE * config.effort_rate[joint]) if limited else rate
 
 
@@ -290,7 +294,7 @@ def _judge_rate_limit(config: ControllerConfig, state: ControllerState) -> None:
             off, rate = abs(state.hold[Hold.OFFSET, j]), _SHARE_OF_RATE * config.effort_rate[j]
             if rate > 0.0:
                 weighted = min(off * off * off / (6.0 * rate * rate), off / (3.0 * w * w))  # way times inertia
-                state.clock[Clock.UNLIMITED] |= int(weighted > DETOUR * state.inertia[j, j])
+                state.conditions[Condition.UNLIMITED] |= int(weighted > DETOUR * state.inertia[j, j])
 
 
 @inlined
@@ -308,9 +312,9 @@ def _follow_blindly(config: ControllerConfig, state: ControllerState) -> None:
 @inlined
 def _engage_brakes(config: ControllerConfig, state: ControllerState) -> None:
     """Engage the brakes once the arm has come to rest; they stay engaged until the fault is reset."""
-    still = state.way_duration[0] == 0.0
+    still = state.approach_duration[0] == 0.0
     velocity = state.hold[Hold.VELOCITY] if config.holds else state.signals[Signal.VELOCITY]
     for j in range(velocity.size):
         still = still and abs(velocity[j]) < _AT_REST
     if still:
-        state.clock[Clock.BRAKES] = 1
+        state.conditions[Condition.BRAKES] = 1

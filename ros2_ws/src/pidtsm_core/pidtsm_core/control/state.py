@@ -15,44 +15,54 @@ from pidtsm_core.robots import Model
 from pidtsm_core.signals import Signal, Status
 
 
-class Clock(IntEnum):
-    """Indices of the integers that a step changes; times are in ns."""
+class Time(IntEnum):
+    """Indices of the times that a step changes, ns."""
+
+    LAST = 0  # stamp of the last joint state that was answered
+    BEGAN = 1  # stamp of the first joint state since the controller was reset, plus 1; 0: none so far
+    APPROACH_BEGAN = 2  # stamp at which the approach began, see desired.py
+    GAP = 3  # time without a joint state before the last command
+    REFERENCE_AGE = 4  # age of the reference at the last joint state; negative: it is ahead
+    BEHIND_SINCE = 5  # stamp since which the rate limit has delayed the effort, plus 1; 0: it does not
+    PERIOD = 6  # nominal time between two joint states; 0: not known yet
+    SENT = 7  # time of the last command, in the time of the stamps
+    SILENT_SINCE = 8  # when joint states were found missing, in the time of the stamps, plus 1; 0: they arrive
+    FREED = 9  # stamp at which freedrive began, plus 1; 0: it has not
+    NOTED = 10  # time of the newest row of the history, in the time of the stamps
+    DEGRADED_SINCE = 11  # since when the stopped arm has not obeyed, plus 1; 0: it does, see supervision.py
+
+
+class Count(IntEnum):
+    """Indices of the numbers that a step counts."""
 
     ANSWERED = 0  # number of joint states answered since the controller started afresh
-    LAST = 1  # stamp of the last joint state that was answered
-    BEGAN = 2  # stamp of the first joint state since the controller was reset, plus 1; 0: none so far
-    WAY_BEGAN = 3  # stamp at which the way began, see desired.py
-    LATE = 4  # number of joint states that were late, see watchdog.state_hold
-    REHEARSED_RESET = 5  # 1: done
-    REHEARSED_RESTART = 6  # 1: done
-    COMMANDED = 7  # 1: there was a command since the controller was reset
-    ADAPTATION = 8  # see `Adaptation`
-    GAP = 9  # time without a joint state before the last command
-    REFERENCE_AGE = 10  # age of the reference at the last joint state; negative: it is ahead
-    AT_EFFORT_LIMIT = 11  # number of steps with a joint at its effort limit
-    AT_RATE_LIMIT = 12  # number of steps with a joint at its rate limit
-    STRAYED = 13  # 1: because of a rate limit, the arm has left its reference and is on its way back
-    BEHIND_SINCE = 14  # stamp since which the rate limit has delayed the effort, plus 1; 0: it does not
-    PERIOD = 15  # nominal time between two joint states; 0: not known yet
-    SENT = 16  # time of the last command, in the time of the stamps
-    IMPLAUSIBLE = 17  # number of joint states with an implausible measurement
-    HELD = 18  # where a controller that has stopped holds the arm, see `Held`
-    SILENT_SINCE = 19  # when joint states were found missing, in the time of the stamps, plus 1; 0: they arrive
-    BRAKES = 20  # 1: the brakes should be engaged
-    REQUEST = 21  # see `Request`
-    FREED = 22  # stamp at which freedrive began, plus 1; 0: it has not
-    GENTLE = 23  # 1: the next approach keeps within freedrive.velocity, because the arm may be far from its reference
-    NOTED = 24  # time of the newest row of the history, in the time of the stamps
-    NOTES = 25  # number of rows written to the history
-    HANDOVER = 26  # what a change of the controller does to the effort, see `Handover`
-    DEGRADED_SINCE = 27  # since when the stopped arm has not obeyed, plus 1; 0: it does, see supervision.py
-    RESTED = 28  # number of times that a stopped arm was held again after it had left its place
-    UNLIMITED = 29  # 1: the rate limit is suspended, because it would prevent the stop
-    SLEWING = 30  # 1: the safe effort of the last step was limited by its largest change
+    LATE = 1  # number of joint states that were late, see watchdog.state_hold
+    AT_EFFORT_LIMIT = 2  # number of steps with a joint at its effort limit
+    AT_RATE_LIMIT = 3  # number of steps with a joint at its rate limit
+    IMPLAUSIBLE = 4  # number of joint states with an implausible measurement
+    NOTES = 5  # number of rows written to the history
+    RESTED = 6  # number of times that a stopped arm was held again after it had left its place
+
+
+class Condition(IntEnum):
+    """Indices of what is so, or not, and of choices among a few."""
+
+    REHEARSED_RESET = 0  # 1: done
+    REHEARSED_RESTART = 1  # 1: done
+    COMMANDED = 2  # 1: there was a command since the controller was reset
+    ADAPTATION = 3  # see `Adaptation`
+    STRAYED = 4  # 1: because of a rate limit, the arm has left its reference and is on its way back
+    HELD = 5  # where a controller that has stopped holds the arm, see `Held`
+    BRAKES = 6  # 1: the brakes should be engaged
+    REQUEST = 7  # see `Request`
+    GENTLE = 8  # 1: the next approach keeps within freedrive.velocity, because the arm may be far from its reference
+    HANDOVER = 9  # what a change of the controller does to the effort, see `Handover`
+    UNLIMITED = 10  # 1: the rate limit is suspended, because it would prevent the stop
+    SLEWING = 11  # 1: the safe effort of the last step was limited by its largest change
 
 
 class Handover(IntEnum):
-    """Values of `Clock.HANDOVER`."""
+    """Values of `Condition.HANDOVER`."""
 
     NONE = 0
     PENDING = 1  # the next effort shall be that of the last command
@@ -60,7 +70,7 @@ class Handover(IntEnum):
 
 
 class Held(IntEnum):
-    """Values of `Clock.HELD`."""
+    """Values of `Condition.HELD`."""
 
     NOT = 0
     HERE = 1  # at the end of its way to rest
@@ -135,9 +145,9 @@ class ControllerConfig(NamedTuple):
     brakes: bool  # the arm has brakes, to be engaged when it has stopped
     compensates: bool  # a joint has friction that is compensated
     rejects: bool  # the disturbance that the observer estimates is subtracted from the law's acceleration
-    doubts: bool  # the measurements of a joint are checked for plausibility
+    checks_plausibility: bool  # the measurements of a joint are checked for plausibility
     turns: bool  # a joint is continuous
-    feels: bool  # a joint has a limit of the external effort
+    senses_contact: bool  # a joint has a limit of the external effort
     robot_adds_gravity: bool  # the command is without the effort that carries the arm
     free_at: int  # ns from the first joint state at which freedrive is rehearsed, 0: never
     hold_at: int  # likewise, holding
@@ -170,7 +180,9 @@ class ControllerConfig(NamedTuple):
 class ControllerState(NamedTuple):
     """What a step changes; initially all zero."""
 
-    clock: NDArray[np.int64]  # shape (len(Clock),)
+    times: NDArray[np.int64]  # shape (len(Time),), see `Time`
+    counts: NDArray[np.int64]  # shape (len(Count),), see `Count`
+    conditions: NDArray[np.int64]  # shape (len(Condition),), see `Condition`
     status: NDArray[np.int64]  # shape (len(Status),)
     history_stamps: NDArray[np.int64]  # of the rows of the history, shape (HISTORY,)
     measured: Array  # q as measured, written before a step, shape (joints,), rad
@@ -180,9 +192,9 @@ class ControllerState(NamedTuple):
     given: Array  # values of a reference: `reference` and `feedforward`, shape (4, joints)
     held: Array  # desired motion while no reference is followed, likewise
     base: Array  # scratch: the reference at the sample, or the held position, likewise
-    desired: Array  # the same plus the way: the motion that the law follows, likewise
-    way: Array  # coefficients of the way, see desired.py, shape (6, joints)
-    way_duration: Array  # shape (1,), s; 0: there is no way
+    desired: Array  # the same plus the approach: the motion that the law follows, likewise
+    approach: Array  # coefficients of the approach, see desired.py, shape (6, joints)
+    approach_duration: Array  # shape (1,), s; 0: there is no approach
     braking: Array  # coefficients of its first part, likewise
     braking_duration: Array  # shape (1,), s; 0: there is no such part
     hold_pace: Array  # shape (1,), s in which an effort fades at the begin of a stop, see safe.py
@@ -197,11 +209,11 @@ class ControllerState(NamedTuple):
     turned: Array  # whole turns that are added to the reference of a continuous joint, shape (joints,), rad
     referred: Array  # position of the last reference that was followed, with these turns, shape (joints,), rad
     output: Array  # the command for the arm, shape (joints,), N m
-    doubted: Array  # number of consecutive implausible measurements, shape (joints,)
-    fed: Array  # effort of the reference that is added now, see desired.py, shape (joints,), N m
-    fed_before: Array  # the same when the way began
-    handed: Array  # what is added because it held the arm at the end of freedrive, likewise
-    handed_before: Array  # the same when the way began
+    implausible: Array  # number of consecutive implausible measurements, shape (joints,)
+    feedforward_effort: Array  # effort of the reference that is added now, see desired.py, shape (joints,), N m
+    feedforward_before: Array  # the same when the approach began
+    freedrive_effort: Array  # what is added because it held the arm at the end of freedrive, likewise
+    freedrive_before: Array  # the same when the approach began
     hold: Array  # of the safe effort that holds the arm, see `Hold`, shape (len(Hold), joints)
     still: Array  # of joints whose measurements do not change, see `Still`, shape (len(Still), joints)
     history: Array  # positions as measured, a ring, see history.py, shape (HISTORY, joints), rad
@@ -235,7 +247,9 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
     """The state of a controller that has not begun; `feeds_back` as in its configuration."""
     measured, given, motion = np.zeros((2, joints)), np.zeros((4, joints)), np.zeros((3, joints))
     return ControllerState(
-        clock=np.zeros(len(Clock), np.int64),
+        times=np.zeros(len(Time), np.int64),
+        counts=np.zeros(len(Count), np.int64),
+        conditions=np.zeros(len(Condition), np.int64),
         status=np.zeros(len(Status), np.int64),
         history_stamps=np.zeros(HISTORY, np.int64),
         measured=measured[0],
@@ -246,8 +260,8 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         held=np.zeros((3, joints)),
         base=np.zeros((3, joints)),
         desired=np.zeros((3, joints)),
-        way=np.zeros((6, joints)),
-        way_duration=np.zeros(1),
+        approach=np.zeros((6, joints)),
+        approach_duration=np.zeros(1),
         braking=np.zeros((6, joints)),
         braking_duration=np.zeros(1),
         hold_pace=np.zeros(1),
@@ -262,11 +276,11 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         turned=np.zeros(joints),
         referred=np.zeros(joints),
         output=np.zeros(joints),
-        doubted=np.zeros(joints),
-        fed=np.zeros(joints),
-        fed_before=np.zeros(joints),
-        handed=np.zeros(joints),
-        handed_before=np.zeros(joints),
+        implausible=np.zeros(joints),
+        feedforward_effort=np.zeros(joints),
+        feedforward_before=np.zeros(joints),
+        freedrive_effort=np.zeros(joints),
+        freedrive_before=np.zeros(joints),
         hold=np.zeros((len(Hold), joints)),
         still=np.zeros((len(Still), joints)),
         history=np.zeros((HISTORY, joints)),

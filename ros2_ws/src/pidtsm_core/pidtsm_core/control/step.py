@@ -1,7 +1,7 @@
 """The step of the controller: everything between a measured position and the commanded effort."""
 
 from pidtsm_core.compiling.decorators import inlined, njit
-from pidtsm_core.control.desired import begin_at, begin_way_here, choose, write_base
+from pidtsm_core.control.desired import begin_approach_here, begin_at, choose, write_base
 from pidtsm_core.control.effect import distrust_idle, watch_effect
 from pidtsm_core.control.effort import carry, limit_rate, rate_delay, write_command
 from pidtsm_core.control.freedrive import hand_over, make_free
@@ -11,12 +11,14 @@ from pidtsm_core.control.modes import hold_elsewhere, hold_unseen, request, rese
 from pidtsm_core.control.plausibility import doubt
 from pidtsm_core.control.safe import leave, make_safe, make_safe_blindly
 from pidtsm_core.control.state import (
-    Clock,
+    Condition,
     ControllerConfig,
     ControllerMemory,
     ControllerState,
+    Count,
     External,
     Handover,
+    Time,
     memory_at,
     part,
 )
@@ -26,7 +28,7 @@ from pidtsm_core.signals import Fault, Limited, Mode, Request, Signal, Status, V
 from pidtsm_core.timing import NANOSECONDS, seconds, track_period
 
 _BEHIND = 0.02
-"""s; if a rate limit delays the effort longer, the arm takes another way."""
+"""s; if a rate limit delays the effort longer, the arm takes another approach."""
 _BEHIND_IN_STOP = 0.01
 """s; likewise, while the arm is stopped: then the limit is suspended."""
 _LONGEST_BEHIND_IN_STOP = NANOSECONDS // 20
@@ -47,27 +49,27 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         stamp: stamp of the joint state, ns, later than the last one.
         reference_stamp: stamp of the reference in ``state.reference``, ns; negative: there is none.
     """
-    clock = state.clock
+    counts, times, conditions = state.counts, state.times, state.conditions
     if config.rehearses:
         _rehearse(config, state, stamp, reference_stamp)
-    first = clock[Clock.ANSWERED] == 0
-    period = 0 if first else stamp - clock[Clock.LAST]
+    first = counts[Count.ANSWERED] == 0
+    period = 0 if first else stamp - times[Time.LAST]
     dt = seconds(period)
-    clock[Clock.GAP] = period
-    clock[Clock.SILENT_SINCE] = 0
+    times[Time.GAP] = period
+    times[Time.SILENT_SINCE] = 0
     if first:
         _begin(config, state)
         note(state, stamp)
     else:
         _receive(config, state, stamp, period)
-    if clock[Clock.HANDOVER] == Handover.PENDING:
+    if conditions[Condition.HANDOVER] == Handover.PENDING:
         begin_handover(config, state, dt)
-    elif clock[Clock.HANDOVER] == Handover.FADING:
+    elif conditions[Condition.HANDOVER] == Handover.FADING:
         fade_handover(config, state, dt)
     choose(config, state, stamp, reference_stamp)
 
     tick(config, state, dt)
-    if clock[Clock.FREED] != 0 and state.status[Status.MODE] != Mode.FREEDRIVE:
+    if times[Time.FREED] != 0 and state.status[Status.MODE] != Mode.FREEDRIVE:
         hand_over(state)
     # A limit that was removed is no longer exceeded.
     state.status[Status.VIOLATIONS] = 0
@@ -78,21 +80,21 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
     elif state.status[Status.MODE] == Mode.FREEDRIVE:
         make_free(config, state, stamp, dt)
     if config.rate_limited:
-        since = 0 if first else max(stamp - clock[Clock.SENT], 0)
+        since = 0 if first else max(stamp - times[Time.SENT], 0)
         _limit_rate(config, state, stamp, seconds(since))
     _count(state)
     write_command(config, state)
-    clock[Clock.LAST] = stamp
-    clock[Clock.SENT] = stamp
-    clock[Clock.ANSWERED] += 1
-    clock[Clock.COMMANDED] = 1
+    times[Time.LAST] = stamp
+    times[Time.SENT] = stamp
+    counts[Count.ANSWERED] += 1
+    conditions[Condition.COMMANDED] = 1
 
 
 @part
 def _begin(config: ControllerConfig, state: ControllerState) -> None:
     """Begin at rest where the arm is; a rate limit starts from the effort that carries it."""
     begin_at(state, state.measured)
-    if config.rate_limited and state.clock[Clock.COMMANDED] == 0:
+    if config.rate_limited and state.conditions[Condition.COMMANDED] == 0:
         carry(config, state, state.measured)
         for j in range(state.sent.size):
             state.sent[j] = state.signals[Signal.EFFORT, j]
@@ -101,16 +103,16 @@ def _begin(config: ControllerConfig, state: ControllerState) -> None:
 @inlined
 def _receive(config: ControllerConfig, state: ControllerState, stamp: int, period: int) -> None:
     """Judge the joint state of `stamp` (ns), `period` (ns) after the last one, and note it if it is plausible."""
-    implausible = state.clock[Clock.IMPLAUSIBLE]
+    implausible = state.counts[Count.IMPLAUSIBLE]
     if config.turns:
         unwind_measurement(config, state)
     _watch_gaps(config, state, period)
-    if config.doubts:
+    if config.checks_plausibility:
         _doubt(config, state, seconds(period))
     idle = watch_effect(config, state)
     if idle:
         _distrust_idle(config, state, idle)
-    if state.clock[Clock.IMPLAUSIBLE] == implausible:
+    if state.counts[Count.IMPLAUSIBLE] == implausible:
         note(state, stamp)
 
 
@@ -123,13 +125,13 @@ def stop_after(state_stop: int, period: int) -> int:
 @inlined
 def _watch_gaps(config: ControllerConfig, state: ControllerState, period: int) -> None:
     """Count a joint state that is late, `period` (ns) after the last one, and stop if the gap was too long."""
-    clock = state.clock
-    if period > max(config.state_hold, _PERIODS_TO_HOLD * clock[Clock.PERIOD]):
-        clock[Clock.LATE] += 1
-    if period > stop_after(config.state_stop, clock[Clock.PERIOD]):
+    times, counts = state.times, state.counts
+    if period > max(config.state_hold, _PERIODS_TO_HOLD * times[Time.PERIOD]):
+        counts[Count.LATE] += 1
+    if period > stop_after(config.state_stop, times[Time.PERIOD]):
         stop(state, Fault.STATE_STALE, 0)
         hold_unseen(state)
-    clock[Clock.PERIOD] = track_period(clock[Clock.PERIOD], period)
+    times[Time.PERIOD] = track_period(times[Time.PERIOD], period)
 
 
 @inlined
@@ -164,8 +166,8 @@ def _count(state: ControllerState) -> None:
     for j in range(state.measured.size):
         limited |= int(state.signals[Signal.SATURATED, j])
     if limited:
-        state.clock[Clock.AT_EFFORT_LIMIT] += limited & Limited.EFFORT != 0
-        state.clock[Clock.AT_RATE_LIMIT] += limited & Limited.RATE != 0
+        state.counts[Count.AT_EFFORT_LIMIT] += limited & Limited.EFFORT != 0
+        state.counts[Count.AT_RATE_LIMIT] += limited & Limited.RATE != 0
 
 
 @part
@@ -180,26 +182,28 @@ def _distance(config: ControllerConfig, state: ControllerState) -> float:
 @part
 def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, reference_stamp: int) -> None:
     """Record when the controller began; reset or restart it if the parameters ``rehearsal`` demand it now."""
-    clock = state.clock
-    if clock[Clock.BEGAN] == 0 or stamp < clock[Clock.BEGAN] - 1:
-        clock[Clock.BEGAN] = stamp + 1
-    age = stamp + 1 - clock[Clock.BEGAN]
-    resets = 0 < config.reset_at <= age and clock[Clock.REHEARSED_RESET] == 0 and state.status[Status.FAULT] != 0
-    stays = reference_stamp < 0 or clock[Clock.REQUEST] != Request.FOLLOW
+    times, conditions = state.times, state.conditions
+    if times[Time.BEGAN] == 0 or stamp < times[Time.BEGAN] - 1:
+        times[Time.BEGAN] = stamp + 1
+    age = stamp + 1 - times[Time.BEGAN]
+    resets = (
+        0 < config.reset_at <= age and conditions[Condition.REHEARSED_RESET] == 0 and state.status[Status.FAULT] != 0
+    )
+    stays = reference_stamp < 0 or conditions[Condition.REQUEST] != Request.FOLLOW
     if resets and (stays or _distance(config, state) <= config.distance):
-        clock[Clock.REHEARSED_RESET] = 1
+        conditions[Condition.REHEARSED_RESET] = 1
         reset_fault(config, state)
     _rehearse_requests(config, state, age)
-    if 0 < config.restart_at <= age and clock[Clock.REHEARSED_RESTART] == 0:
-        clock[Clock.REHEARSED_RESTART] = 1
-        clock[Clock.COMMANDED] = 0
+    if 0 < config.restart_at <= age and conditions[Condition.REHEARSED_RESTART] == 0:
+        conditions[Condition.REHEARSED_RESTART] = 1
+        conditions[Condition.COMMANDED] = 0
         reset_fault(config, state)
 
 
 @inlined
 def _rehearse_requests(config: ControllerConfig, state: ControllerState, age: int) -> None:
     """Make the requests whose time has come since the last joint state; `age` is that of the controller, ns."""
-    last = max(state.clock[Clock.LAST] + 1 - state.clock[Clock.BEGAN], 0)  # Time 0 means never.
+    last = max(state.times[Time.LAST] + 1 - state.times[Time.BEGAN], 0)  # Time 0 means never.
     if last < config.free_at <= age and state.status[Status.FAULT] == 0 and config.uses_model:
         request(state, Request.FREE)
     if last < config.hold_at <= age:
@@ -215,7 +219,7 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
     If the arm has strayed from its reference, its error is the distance from the reference, not from the way back.
     """
     y, violations, errors = state.signals, 0, state.signals[Signal.POSITION_ERROR]
-    if state.clock[Clock.STRAYED]:
+    if state.conditions[Condition.STRAYED]:
         errors = state.base[0]
         write_base(state, state.base)
         for j in range(errors.size):
@@ -248,40 +252,40 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
 @part
 def _limit_rate(config: ControllerConfig, state: ControllerState, stamp: int, since: float) -> None:
     """Limit the rate of the efforts, `since` (s) the last command; a stop that it delays is not limited any more."""
-    clock = state.clock
+    times, conditions = state.times, state.conditions
     if state.status[Status.FAULT] == 0:
         _keep_up(config, state, stamp, limit_rate(config, state, since))
         return
     if rate_delay(config, state, since) <= _BEHIND_IN_STOP:
-        clock[Clock.BEHIND_SINCE] = 0
-    elif clock[Clock.BEHIND_SINCE] == 0:
-        clock[Clock.BEHIND_SINCE] = stamp + 1
+        times[Time.BEHIND_SINCE] = 0
+    elif times[Time.BEHIND_SINCE] == 0:
+        times[Time.BEHIND_SINCE] = stamp + 1
     # Holding keeps within the limit where it can; a damping torque may be demanded at once.
     longest = 0 if config.holds else _LONGEST_BEHIND_IN_STOP
-    if clock[Clock.BEHIND_SINCE] != 0 and stamp + 1 - clock[Clock.BEHIND_SINCE] >= longest:
-        clock[Clock.UNLIMITED] = 1
-    if clock[Clock.UNLIMITED] == 0:
+    if times[Time.BEHIND_SINCE] != 0 and stamp + 1 - times[Time.BEHIND_SINCE] >= longest:
+        conditions[Condition.UNLIMITED] = 1
+    if conditions[Condition.UNLIMITED] == 0:
         limit_rate(config, state, since)
 
 
 @part
 def _keep_up(config: ControllerConfig, state: ControllerState, stamp: int, behind: float) -> None:
-    """Take a slower way if the rate limit delays the effort by `behind` (s), and stop if that does not help.
+    """Take a slower approach if the rate limit delays the effort by `behind` (s), and stop if that does not help.
 
     A limit that is too tight for the law would also prevent the stop, so the fault suspends it.
     """
-    clock, status = state.clock, state.status
+    times, conditions, status = state.times, state.conditions, state.status
     if behind <= _BEHIND or status[Status.MODE] == Mode.FREEDRIVE:
-        clock[Clock.BEHIND_SINCE] = 0
+        times[Time.BEHIND_SINCE] = 0
         return
-    if clock[Clock.BEHIND_SINCE] == 0:
-        clock[Clock.BEHIND_SINCE] = stamp + 1
-    possible = stamp + 1 - clock[Clock.BEHIND_SINCE] <= _LONGEST_BEHIND
+    if times[Time.BEHIND_SINCE] == 0:
+        times[Time.BEHIND_SINCE] = stamp + 1
+    possible = stamp + 1 - times[Time.BEHIND_SINCE] <= _LONGEST_BEHIND
     if possible and config.uses_model:
-        possible = begin_way_here(config, state, stamp)
+        possible = begin_approach_here(config, state, stamp)
     if not possible:
         stop(state, Fault.EFFORT_RATE_LIMIT, 0)
-        clock[Clock.UNLIMITED] = 1
+        conditions[Condition.UNLIMITED] = 1
         make_safe(config, state, stamp, 0.0)
 
 
@@ -313,15 +317,15 @@ def stop_now(address: int, fault: int, elapsed: int) -> None:
     """
     memory = memory_at(address)
     config, state = memory.config, memory.state
-    clock = state.clock
+    times = state.times
     stop(state, fault, 0)
-    if clock[Clock.SILENT_SINCE] == 0:
-        clock[Clock.GAP] = elapsed
-    now = clock[Clock.LAST] + elapsed
+    if times[Time.SILENT_SINCE] == 0:
+        times[Time.GAP] = elapsed
+    now = times[Time.LAST] + elapsed
     make_safe_blindly(config, state, now)
     if config.rate_limited:
-        _limit_rate(config, state, now, seconds(max(now - clock[Clock.SENT], 0)))
-    clock[Clock.SENT] = now
+        _limit_rate(config, state, now, seconds(max(now - times[Time.SENT], 0)))
+    times[Time.SENT] = now
     write_command(config, state)
     _copy_result(memory)
 

@@ -13,13 +13,15 @@ from pidtsm_core.control.effort import carry, time_of_change
 from pidtsm_core.control.history import RECENT, noted_acceleration, noted_effort, noted_motion
 from pidtsm_core.control.state import (
     HISTORY,
-    Clock,
+    Condition,
     ControllerConfig,
     ControllerState,
+    Count,
     External,
     Held,
     Hold,
     Still,
+    Time,
     part,
 )
 from pidtsm_core.control.trust import is_doubtful
@@ -74,15 +76,15 @@ def learn(config: ControllerConfig, state: ControllerState) -> None:
 @part
 def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
     """Start a desired motion from the present motion of the arm to rest, and weigh the arm."""
-    clock = state.clock
-    if clock[Clock.HELD] == Held.NOT:
+    conditions = state.conditions
+    if conditions[Condition.HELD] == Held.NOT:
         learn(config, state)
         _doubt_what_was_learnt(config, state, stamp)
     fastest = 0.0
     for j in range(state.measured.size):
         position, velocity = _present_motion(config, state, stamp, j)
         fastest = max(fastest, abs(velocity))
-        if clock[Clock.HELD] == Held.NOT:
+        if conditions[Condition.HELD] == Held.NOT:
             state.hold[Hold.BEFORE, j] = velocity
             state.hold[Hold.WEIGHED, j] = state.hold[Hold.DAMPED, j] = 0.0
         state.hold[Hold.VELOCITY, j] = velocity
@@ -96,7 +98,7 @@ def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> 
     _plan_stop(config, state, stamp, fastest)
     _weigh(config, state)
     _choose_bandwidth(config, state)
-    state.clock[Clock.HELD] = Held.HERE
+    state.conditions[Condition.HELD] = Held.HERE
     state.status[Status.STOP_STAGE] = Stop.HOLD
 
 
@@ -106,7 +108,7 @@ def resume_hold(config: ControllerConfig, state: ControllerState, stamp: int) ->
 
     With a new place after each of several gaps, it would go astray. After a long one, it is not pulled back.
     """
-    if state.clock[Clock.GAP] > _LONG_GAP:
+    if state.times[Time.GAP] > _LONG_GAP:
         return False
     for j in range(state.measured.size):
         position, _ = _present_motion(config, state, stamp, j)
@@ -114,7 +116,7 @@ def resume_hold(config: ControllerConfig, state: ControllerState, stamp: int) ->
             return False
     for j in range(state.measured.size):
         state.hold[Hold.POSITION, j], state.hold[Hold.VELOCITY, j] = _present_motion(config, state, stamp, j)
-    state.clock[Clock.HELD] = Held.HERE
+    state.conditions[Condition.HELD] = Held.HERE
     state.status[Status.STOP_STAGE] = Stop.HOLD
     return True
 
@@ -148,16 +150,19 @@ def _plan_stop(config: ControllerConfig, state: ControllerState, stamp: int, fas
 
     It keeps the rate limit if the arm then goes only little farther; otherwise the limit is suspended.
     """
-    clock, shortest = state.clock, min(max(2.0 * _WAY_TO_REST / max(fastest, 1e-9), _SHORTEST_REST), _LONGEST_REST)
-    suspended = clock[Clock.UNLIMITED]
-    clock[Clock.UNLIMITED] = 1
+    conditions, shortest = (
+        state.conditions,
+        min(max(2.0 * _WAY_TO_REST / max(fastest, 1e-9), _SHORTEST_REST), _LONGEST_REST),
+    )
+    suspended = conditions[Condition.UNLIMITED]
+    conditions[Condition.UNLIMITED] = 1
     come_to_rest(config, state, stamp, shortest)
     if config.rate_limited and suspended == 0:
-        unlimited = state.way_duration[0]
-        clock[Clock.UNLIMITED] = 0
+        unlimited = state.approach_duration[0]
+        conditions[Condition.UNLIMITED] = 0
         come_to_rest(config, state, stamp, shortest)
-        if 0.5 * fastest * (state.way_duration[0] - unlimited) > DETOUR:
-            clock[Clock.UNLIMITED] = 1
+        if 0.5 * fastest * (state.approach_duration[0] - unlimited) > DETOUR:
+            conditions[Condition.UNLIMITED] = 1
             come_to_rest(config, state, stamp, shortest)
 
 
@@ -175,7 +180,7 @@ def _present_motion(config: ControllerConfig, state: ControllerState, stamp: int
     the joint is not trusted, its estimates are not, either; once it is held, what the hold uses counts.
     """
     y, hold = state.signals, state.hold
-    if is_doubtful(state, joint) and state.clock[Clock.HELD] != Held.NOT:
+    if is_doubtful(state, joint) and state.conditions[Condition.HELD] != Held.NOT:
         return hold[Hold.POSITION, joint], hold[Hold.VELOCITY, joint]
     recent, velocity = noted_motion(state, stamp, joint, RECENT)
     _, before = noted_motion(state, stamp, joint, HISTORY)
@@ -208,10 +213,10 @@ def _doubt_what_was_learnt(config: ControllerConfig, state: ControllerState, sta
     external, learnt = state.external, state.hold[Hold.LEARNT]
     _find_load(config, state, stamp)
     touches = state.status[Status.FAULT] == Fault.EXTERNAL_EFFORT_LIMIT or in_contact(config, state)
-    enough = state.clock[Clock.NOTES] >= RECENT
+    enough = state.counts[Count.NOTES] >= RECENT
     for j in range(state.measured.size):
         noted = state.scratch[2, j] if enough else 0.0
-        if not config.feels:
+        if not config.senses_contact:
             learnt[j] = _middle(learnt[j], noted, 0.0)
         elif touches:
             learnt[j] = _middle(learnt[j], -external[External.TWICE, j], -external[External.USUAL, j])

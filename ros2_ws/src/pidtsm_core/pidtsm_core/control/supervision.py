@@ -9,7 +9,7 @@ import math
 
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.effort import carry
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Held, Hold, part
+from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Count, Held, Hold, Time, part
 from pidtsm_core.control.trust import REVERSALS, change_sign
 from pidtsm_core.signals import Signal, Status, Stop
 from pidtsm_core.timing import NANOSECONDS
@@ -45,18 +45,18 @@ def supervise(state: ControllerState, stamp: int) -> None:
             _enter(state, Stop.DAMPING, stamp)
     elif _accelerates(state):
         _enter(state, Stop.DAMPING if _changes_sign(state) else Stop.GRAVITY, stamp)
-    elif state.clock[Clock.RESTED] < _LARGEST_COUNT:
-        since = stamp + 1 - state.clock[Clock.DEGRADED_SINCE]
+    elif state.counts[Count.RESTED] < _LARGEST_COUNT:
+        since = stamp + 1 - state.times[Time.DEGRADED_SINCE]
         if _fastest(state) < _SLOW or (stage == Stop.DAMPING and since > _PATIENCE):
-            state.clock[Clock.RESTED] += 1
-            state.clock[Clock.HELD] = Held.ELSEWHERE
+            state.counts[Count.RESTED] += 1
+            state.conditions[Condition.HELD] = Held.ELSEWHERE
 
 
 @part
 def _enter(state: ControllerState, stage: int, stamp: int) -> None:
     """Enter a stage at `stamp` (ns)."""
     state.status[Status.STOP_STAGE] = stage
-    state.clock[Clock.DEGRADED_SINCE] = stamp + 1
+    state.times[Time.DEGRADED_SINCE] = stamp + 1
     state.hold_energy[0] = _kinetic_energy(state)
     for j in range(state.measured.size):
         state.hold[Hold.SLOWEST, j] = abs(state.hold[Hold.VELOCITY, j])

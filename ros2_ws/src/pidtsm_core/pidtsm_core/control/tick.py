@@ -4,7 +4,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.contact import in_contact, sense_contact
 from pidtsm_core.control.effort import friction, limit_effort, write_net_effort
-from pidtsm_core.control.state import Clock, ControllerConfig, ControllerState, Handover, part
+from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Handover, Time, part
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
 from pidtsm_core.robots import inverse_dynamics
@@ -28,7 +28,7 @@ def _held_back(config: ControllerConfig, state: ControllerState, joint: int) -> 
 def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Advance the states of the law over dt (s) with the values of the last tick, eqs. (10), (25), (27)."""
     y = state.signals
-    adaptation = state.clock[Clock.ADAPTATION]
+    adaptation = state.conditions[Condition.ADAPTATION]
     stopped = state.status[Status.FAULT] != 0 or in_contact(config, state)
     for j in range(y.shape[1]):
         frozen = stopped or (config.freezes and _held_back(config, state, j))
@@ -80,7 +80,7 @@ def _add(config: ControllerConfig, state: ControllerState, desired: Array) -> No
     Friction is computed from the desired velocity, which is free of noise.
     """
     for j in range(desired.shape[1]):
-        state.added[j] = state.fed[j]
+        state.added[j] = state.feedforward_effort[j]
         if config.compensates:
             state.added[j] += friction(config, desired[1, j], j)
 
@@ -107,7 +107,7 @@ def _actuate(config: ControllerConfig, state: ControllerState, dt: float, senses
     """
     y, motion, efforts = state.signals, state.motion, state.scratch
     q_hat, dq_hat = y[Signal.POSITION], y[Signal.VELOCITY]
-    if config.feels and senses:
+    if config.senses_contact and senses:
         for j in range(y.shape[1]):
             motion[2, j] = y[Signal.ACCELERATION, j]
         inverse_dynamics(config.model, q_hat, dq_hat, motion, efforts[:3])
@@ -121,8 +121,8 @@ def _actuate(config: ControllerConfig, state: ControllerState, dt: float, senses
         else:
             efforts[0, j], efforts[1, j] = motion[0, j], motion[1, j]
         y[Signal.EQUIVALENT_EFFORT, j] = efforts[0, j] + added
-        y[Signal.EFFORT, j] = efforts[1, j] + added + state.handed[j]
-        if state.clock[Clock.HANDOVER] == Handover.FADING:
+        y[Signal.EFFORT, j] = efforts[1, j] + added + state.freedrive_effort[j]
+        if state.conditions[Condition.HANDOVER] == Handover.FADING:
             y[Signal.EFFORT, j] += state.handover[j]
 
 
@@ -143,7 +143,7 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     contact.py.
     """
     y, desired = state.signals, state.desired
-    if dt > 0.0 and state.clock[Clock.FREED] == 0:
+    if dt > 0.0 and state.times[Time.FREED] == 0:
         _advance(config, state, dt)
     write_net_effort(state, state.applied if config.feeds_back else y[Signal.EFFORT])
     sample = Sample(state.measured, state.truth, dt, state.net, config.model)

@@ -132,7 +132,7 @@ print(*(each.function.__name__ for each in Alone.compiled))
 
 def test_a_controller_for_a_loop_of_ones_own_has_nothing_left_to_compile_when_it_has_to_stop() -> None:
     ready = subprocess.run([sys.executable, "-c", READY], capture_output=True, text=True, check=True).stdout.split()
-    assert {"step", "make_safe", "make_safe_blindly", "leave", "come_to_rest", "begin_way_here", "limit_rate"} <= {
+    assert {"step", "make_safe", "make_safe_blindly", "leave", "come_to_rest", "begin_approach_here", "limit_rate"} <= {
         *ready
     }
 

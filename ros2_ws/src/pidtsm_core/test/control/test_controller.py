@@ -7,7 +7,7 @@ import pytest
 from testarms import Arm
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.control import Clock, Controller, controller_schema
+from pidtsm_core.control import Controller, Count, Time, controller_schema
 from pidtsm_core.laws import LAWS
 from pidtsm_core.signals import Fault, Mode, Signal, Status
 
@@ -89,14 +89,14 @@ def test_compiling_leaves_the_initial_state(arm: Arm) -> None:
 def test_after_a_clock_change_only_an_arm_that_has_moved_starts_afresh(loop_of: Any, later: int, moved: bool) -> None:
     loop = loop_of(2000)
     controller = loop.controller
-    answered, before = controller.clock(Clock.ANSWERED), controller.effort.copy()
+    answered, before = controller.state.counts[Count.ANSWERED], controller.effort.copy()
     controller.position[:] = loop.robot.state.arm.position + (1.0 if moved else 0.0)
-    stamp = controller.clock(Clock.LAST) + later
+    stamp = controller.state.times[Time.LAST] + later
     controller.set_clock(stamp, MS)
     controller.step(stamp, -1)
     assert controller.fault == Fault.NO_FAULT
     assert controller.status[Status.MODE] == Mode.HOLDING
-    assert controller.clock(Clock.ANSWERED) == (1 if moved else answered + 1)
+    assert controller.state.counts[Count.ANSWERED] == (1 if moved else answered + 1)
     assert moved or (np.abs(controller.effort - before) < 0.1 * loop.arm.limits).all()
 
 
@@ -137,7 +137,7 @@ def test_counters_survive_a_restart_of_the_source(arm: Arm) -> None:
         controller.step(stamp, -1)
     controller.set_clock(START - 10 * SECOND, 0)
     controller.step(START - 10 * SECOND, -1)
-    assert controller.clock(Clock.LATE) == 1
+    assert controller.state.counts[Count.LATE] == 1
     assert controller.commanded
 
 
@@ -165,4 +165,4 @@ def test_the_longest_times_never_pass_and_their_sums_are_integers_too(arm: Arm) 
     for k in range(3):
         controller.step(START + k * 1_000_000 * SECOND, START)
     assert controller.status[:2] == (Mode.FOLLOWING, Fault.NO_FAULT)
-    assert controller.clock(Clock.LATE) == 0
+    assert controller.state.counts[Count.LATE] == 0

@@ -5,7 +5,7 @@ import pytest
 from testarms import Arm
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.control import Clock
+from pidtsm_core.control import Condition, Count
 from pidtsm_core.references import extrapolate
 from pidtsm_core.signals import Adaptation, Mode, Status
 
@@ -100,7 +100,7 @@ def test_the_way_begins_with_the_present_motion_and_ends_on_the_reference(arm: A
     for _ in range(3000):
         follower.refer()
         motion.append(follower.step())
-        ways.append(follower.controller.state.way_duration[0])
+        ways.append(follower.controller.state.approach_duration[0])
     path = np.array(motion)
     if not held:
         np.testing.assert_allclose(path[0], [arm.start, [0.0] * arm.joints, [0.0] * arm.joints], atol=1e-12)
@@ -124,7 +124,7 @@ def test_with_a_rate_limit_the_way_is_long_enough_for_the_torque_to_follow(arm: 
         efforts.append(arm.effort(*follower.step()))
     # The rest of the rate is for the law, and enough for it, except at single samples.
     assert (np.abs(np.diff(efforts, axis=0)) < 0.66 * rate * arm.limits * 0.001).all()
-    assert controller.clock(Clock.AT_RATE_LIMIT) <= 2
+    assert controller.state.counts[Count.AT_RATE_LIMIT] <= 2
 
 
 def test_the_adaptation_is_approaching_while_there_is_a_way_to_a_reference(arm: Arm) -> None:
@@ -133,7 +133,7 @@ def test_the_adaptation_is_approaching_while_there_is_a_way_to_a_reference(arm: 
         if not 200 <= sample < 400:
             follower.refer()
         follower.step()
-        seen.append(follower.controller.clock(Clock.ADAPTATION))
+        seen.append(follower.controller.state.conditions[Condition.ADAPTATION])
     approaching = [*range(100), *range(400, 500)]
     assert [k for k, adaptation in enumerate(seen) if adaptation == Adaptation.APPROACHING] == approaching
     assert set(seen) == {Adaptation.NORMAL, Adaptation.APPROACHING}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from testarms import Arm
 
-from pidtsm_core.control import Clock, Controller, controller_schema
+from pidtsm_core.control import Condition, Controller, Count, controller_schema
 from pidtsm_core.signals import Fault, Limited, Signal
 
 MS = 1_000_000
@@ -80,8 +80,8 @@ def test_active_limits_are_reported_and_counted(arm: Arm, rate: float, moved: fl
         assert controller.effort[0] == before + rates[0] * 0.001
     elif limited:
         assert controller.effort[0] == arm.limits[0]
-    assert controller.clock(Clock.AT_EFFORT_LIMIT) == (limited & Limited.EFFORT != 0)
-    assert controller.clock(Clock.AT_RATE_LIMIT) == (limited & Limited.RATE != 0)
+    assert controller.state.counts[Count.AT_EFFORT_LIMIT] == (limited & Limited.EFFORT != 0)
+    assert controller.state.counts[Count.AT_RATE_LIMIT] == (limited & Limited.RATE != 0)
 
 
 @pytest.mark.parametrize("stop", ["hold", "gravity_damping"])
@@ -105,9 +105,9 @@ def test_without_a_joint_state_the_safe_torque_changes_within_the_rate_limit(arm
     before.append(controller.effort.copy())
     assert controller.fault == Fault.STATE_STALE
     # Held joints that are light would go astray within the limit.
-    assert not controller.clock(Clock.UNLIMITED) or (stop == "hold" and arm.joints > 2)
+    assert not controller.state.conditions[Condition.UNLIMITED] or (stop == "hold" and arm.joints > 2)
     allowed = np.outer([0.02, 0.005, 0.015, 0.001], rates)
-    if controller.clock(Clock.UNLIMITED):
+    if controller.state.conditions[Condition.UNLIMITED]:
         allowed = np.tile(0.08 * arm.limits, (4, 1))
     assert (np.abs(np.diff(before, axis=0)) <= allowed + 1e-9).all()
 

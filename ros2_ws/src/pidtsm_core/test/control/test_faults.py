@@ -18,7 +18,7 @@ import pytest
 from testarms import TWO_LINK, Arm
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.control import Clock, Controller, controller_schema
+from pidtsm_core.control import Controller, Count, controller_schema
 from pidtsm_core.messages.arrivals import Arrivals, Stamp
 from pidtsm_core.parameters.joints import JointOrder, MessageError
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
@@ -323,7 +323,7 @@ def reset_by_rehearsal(rig: Rig) -> None:
 def measure_far_off(rig: Rig) -> None:
     before = rig.controller.effort.copy()
     assert (np.abs(rig.step(1000.0 * rig.aside) - before) < 0.02 * rig.arm.limits).all()
-    assert rig.controller.clock(Clock.IMPLAUSIBLE) == 1
+    assert rig.controller.state.counts[Count.IMPLAUSIBLE] == 1
     rig.step()
 
 
@@ -408,7 +408,7 @@ def hold_back(rig: Rig) -> None:
     """Push the arm, so that the law demands more than the rate limit allows."""
     push = rig.arm.effort(rig.start, ddq=7.5 * rig.aside) - rig.arm.effort(rig.start)
     efforts = live(rig, rig.measured(), **{"push.effort": push.tolist()})
-    assert rig.controller.clock(Clock.AT_RATE_LIMIT) > 0
+    assert rig.controller.state.counts[Count.AT_RATE_LIMIT] > 0
     assert (np.abs(np.diff(efforts, axis=0)) <= 3.0 * rig.arm.limits * 1e-3 + 1e-9).all()
 
 
@@ -597,7 +597,7 @@ def test_a_fault_has_the_documented_reaction(arm: Arm, name: str) -> None:
             np.testing.assert_array_equal(controller.effort, undisturbed(arm)[rig.tick - 1])
         rig.step()
         assert list(controller.status[: Status.VIOLATIONS]) == expected, "latched"
-    assert controller.clock(Clock.LATE) == row.late
+    assert controller.state.counts[Count.LATE] == row.late
 
     # The fault has gone.
     rig.referred = True

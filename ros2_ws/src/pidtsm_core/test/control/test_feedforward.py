@@ -7,7 +7,7 @@ import pytest
 from testarms import Arm
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.control import Clock
+from pidtsm_core.control import Count
 from pidtsm_core.laws import LAWS
 from pidtsm_core.recording import Recording
 from pidtsm_core.rollouts.closed_loop import rollout
@@ -41,7 +41,7 @@ class Follower:
             self.controller.step(stamp, stamp if self.referred else -1)
             self.controller.position[:] = self.controller.state.desired[0]
             self.sample += 1
-            fed.append(self.controller.state.fed.copy())
+            fed.append(self.controller.state.feedforward_effort.copy())
         return np.array(fed)
 
 
@@ -66,8 +66,8 @@ def test_it_fades_in_along_the_approach_and_out_when_the_reference_is_lost(arm: 
 def test_with_a_rate_limit_the_approach_leaves_time_for_it(arm: Arm, rate: float) -> None:
     follower = Follower(arm, limits__effort_rate=(rate * arm.limits).tolist(), activation__blend=0.02)
     follower.step(2000)
-    np.testing.assert_array_equal(follower.controller.state.fed, follower.effort)
-    assert follower.controller.clock(Clock.AT_RATE_LIMIT) <= 2
+    np.testing.assert_array_equal(follower.controller.state.feedforward_effort, follower.effort)
+    assert follower.controller.state.counts[Count.AT_RATE_LIMIT] <= 2
 
 
 def test_it_counts_for_the_limit_of_the_torque(arm: Arm) -> None:

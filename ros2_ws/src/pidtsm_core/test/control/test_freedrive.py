@@ -7,7 +7,7 @@ import pytest
 from testarms import ARMS, PANDA, TWO_LINK, Arm, dotted
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.control import Clock, Controller
+from pidtsm_core.control import Condition, Controller, Time
 from pidtsm_core.control.freedrive import refusal
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot
@@ -186,7 +186,7 @@ def test_a_fault_ends_freedrive_and_the_arm_is_held_afterwards(arm: Arm) -> None
         assert controller.request(request) == "there is a fault; call ~/reset_fault"
     controller.reset_fault()
     assert still.step(5) == Mode.HOLDING
-    assert controller.clock(Clock.REQUEST) == Request.HOLD
+    assert controller.state.conditions[Condition.REQUEST] == Request.HOLD
 
 
 @pytest.mark.parametrize("arm", ARMS, ids=str)
@@ -338,7 +338,7 @@ def test_it_begins_without_a_step_of_the_torque(arm: Arm) -> None:
 def refused(arm: Arm, period: int = MS, **changes: object) -> str:
     controller = arm.controller(**changes)
     controller.position[:] = arm.start
-    controller.state.clock[Clock.PERIOD] = period
+    controller.state.times[Time.PERIOD] = period
     return refusal(controller.config, controller.state, arm.names)
 
 

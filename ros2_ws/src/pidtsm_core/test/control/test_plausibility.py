@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from testarms import Arm
 
-from pidtsm_core.control import Clock
+from pidtsm_core.control import Count
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.signals import Fault, Mode, Status
 
@@ -29,7 +29,7 @@ def test_a_few_samples_far_off_move_no_torque(
     # The torque of the motion itself changes by less than this.
     assert loop.largest_step(since=-200) < 0.06
     assert loop.controller.status[Status.MODE] == Mode.FOLLOWING
-    assert loop.controller.clock(Clock.IMPLAUSIBLE) == 3 * samples
+    assert loop.controller.state.counts[Count.IMPLAUSIBLE] == 3 * samples
     undisturbed = loop_of(loop.ms, rate=rate, estimator__name=estimator)
     assert np.abs(loop.positions[-1] - undisturbed.positions[-1]).max() < 1e-3
 
@@ -53,7 +53,7 @@ def test_the_samples_of_each_joint_count_alone(loop_of: Any) -> None:
     loop = loop_of(100)
     for joint in range(loop.arm.joints):
         loop.measure(TOLERATED, 1.0, joint)
-    assert loop.controller.clock(Clock.IMPLAUSIBLE) == TOLERATED * loop.arm.joints
+    assert loop.controller.state.counts[Count.IMPLAUSIBLE] == TOLERATED * loop.arm.joints
     assert loop.controller.fault == Fault.NO_FAULT
 
 
@@ -61,7 +61,7 @@ def test_measurements_of_an_unchecked_joint_are_accepted(arm: Arm, loop_of: Any)
     loop = loop_of(100, plausibility__velocity=[*[20.0] * (arm.joints - 1), 0.0])
     loop.measure(TOLERATED + 5, 1.0)
     assert loop.controller.fault == Fault.NO_FAULT
-    assert loop.controller.clock(Clock.IMPLAUSIBLE) == 0
+    assert loop.controller.state.counts[Count.IMPLAUSIBLE] == 0
 
 
 @pytest.mark.parametrize("gap", [2, 10, 15])
@@ -71,5 +71,5 @@ def test_after_a_gap_the_arm_may_be_farther(loop_of: Any, gap: int) -> None:
     loop.go_on(gap)
     loop.silent = False
     loop.measure(1, 0.015 * gap)
-    assert loop.controller.clock(Clock.IMPLAUSIBLE) == 0
+    assert loop.controller.state.counts[Count.IMPLAUSIBLE] == 0
     assert np.isfinite(loop.controller.effort).all()

@@ -1,12 +1,11 @@
 """Changes of the status as text."""
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 from testarms import Arm
 
-from pidtsm_core.control import Clock
+from pidtsm_core.control import Condition, ControllerState, Time
 from pidtsm_core.control.report import cause, changes
+from pidtsm_core.control.state import new_state
 from pidtsm_core.signals import Fault, Mode, Request, Stop, Violation
 
 JOINTS = ("shoulder", "elbow")
@@ -15,11 +14,12 @@ RANGE = "its position limits (limits.*_position)"
 STOPPED = "; safe torque until ~/reset_fault is called"
 
 
-def clock(**times: int) -> NDArray[np.int64]:
-    values = np.zeros(len(Clock), dtype=np.int64)
+def state(request: Request = Request.FOLLOW, **times: int) -> ControllerState:
+    made = new_state(1, feeds_back=False)
+    made.conditions[Condition.REQUEST] = request
     for name, value in times.items():
-        values[Clock[name]] = value
-    return values
+        made.times[Time[name]] = value
+    return made
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def clock(**times: int) -> NDArray[np.int64]:
 def test_every_fault_has_a_cause(arm: Arm, fault: Fault, text: str) -> None:
     joint, text = arm.joints, text.format(arm.names[-1])
     assert cause(fault, joint, arm.names) == text
-    found = changes(FOLLOWS, [Mode.STOPPED, fault, joint, 0, 0], clock(GAP=30_000_000), arm.names)
+    found = changes(FOLLOWS, [Mode.STOPPED, fault, joint, 0, 0], state(GAP=30_000_000), arm.names)
     age = " for 0.03 s" if fault == Fault.STATE_STALE else ""
     assert [(change.level, change.text) for change in found] == [("error", f"stopped: {text}{age}{STOPPED}")]
 
@@ -86,16 +86,16 @@ def test_the_causes_are_those_of_all_faults() -> None:
     ],
 )
 def test_a_change_is_reported_once(before: list[int] | None, after: list[int], expected: list[tuple[str, str]]) -> None:
-    found = changes(before, after, clock(REFERENCE_AGE=250_000_000), JOINTS)
+    found = changes(before, after, state(REFERENCE_AGE=250_000_000), JOINTS)
     assert [(change.level, change.text) for change in found] == expected
 
 
 @pytest.mark.parametrize("before", [FOLLOWS, FREE])
 def test_holding_on_request_is_reported_as_such(before: list[int]) -> None:
-    (change,) = changes(before, HOLDS, clock(REQUEST=Request.HOLD), JOINTS)
+    (change,) = changes(before, HOLDS, state(request=Request.HOLD), JOINTS)
     assert (change.level, change.text) == ("info", "holding position until ~/hold is called with false")
 
 
 def test_a_reference_ahead_is_reported_as_such() -> None:
-    (change,) = changes(FOLLOWS, HOLDS, clock(REFERENCE_AGE=-3_600_000_000_000), JOINTS)
+    (change,) = changes(FOLLOWS, HOLDS, state(REFERENCE_AGE=-3_600_000_000_000), JOINTS)
     assert change.text == "holding position: the reference is 3.6e+03 s ahead"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from testarms import ARMS, Arm
 
-from pidtsm_core.control import Clock
+from pidtsm_core.control import Condition
 from pidtsm_core.laws import LAWS
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Mode, Signal, Status
@@ -165,25 +165,25 @@ def test_brakes_are_engaged_when_the_arm_has_come_to_rest_and_released_by_the_re
     loop_of: Any, stop: str, silent: bool
 ) -> None:
     loop = loop_of(2000, stop__brakes=True, stop__effort=stop)
-    engaged = [loop.controller.clock(Clock.BRAKES)]
+    engaged = [loop.controller.state.conditions[Condition.BRAKES]]
     if silent:
         loop.silent = True
         loop.go_on(30)
     else:
         limit("max_position", 1e-3)(loop)
-        engaged.append(loop.controller.clock(Clock.BRAKES))
+        engaged.append(loop.controller.state.conditions[Condition.BRAKES])
         loop.go_on(2000)
     assert not any(engaged)
-    assert loop.controller.clock(Clock.BRAKES)
+    assert loop.controller.state.conditions[Condition.BRAKES]
     loop.controller.reset_fault()
-    assert not loop.controller.clock(Clock.BRAKES)
+    assert not loop.controller.state.conditions[Condition.BRAKES]
 
 
 def test_an_arm_without_brakes_engages_none(loop_of: Any) -> None:
     loop = loop_of(1000)
     fall_silent(200)(loop)
     loop.go_on(3000)
-    assert not loop.controller.clock(Clock.BRAKES)
+    assert not loop.controller.state.conditions[Condition.BRAKES]
 
 
 @pytest.mark.parametrize("law", ["piddtsm", "super_twisting", "pid"])

@@ -10,7 +10,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from testarms import Arm
 
-from pidtsm_core.control import Clock, Controller, controller_schema
+from pidtsm_core.control import Condition, Controller, Time, controller_schema
 from pidtsm_core.laws import LAWS
 from pidtsm_core.signals import Fault, Mode, Signal, Status, Stop, Violation
 
@@ -76,9 +76,9 @@ def test_the_torque_is_always_sound_and_the_status_consistent(
             stamp -= 10 * START
             controller.set_clock(stamp + elapsed, 0)
         stamp += elapsed
-        begun, sent = controller.commanded, controller.clock(Clock.SENT)
+        begun, sent = controller.commanded, controller.state.times[Time.SENT]
         if action == "stop":
-            controller.stop(Fault.STATE_STALE, stamp - controller.clock(Clock.LAST))
+            controller.stop(Fault.STATE_STALE, stamp - controller.state.times[Time.LAST])
         else:
             controller.position[:], controller.reference[0] = measured * shares, desired
             controller.step(stamp, stamp - age)
@@ -94,7 +94,7 @@ def test_the_torque_is_always_sound_and_the_status_consistent(
         assert not violations & ~sum(Violation)
         assert Stop(stage) == Stop.NONE or now
         fault = Fault(now)
-        if begun and action == "step" and not controller.clock(Clock.UNLIMITED):
+        if begun and action == "step" and not controller.state.conditions[Condition.UNLIMITED]:
             allowed = config.effort_rate * (stamp - sent if action != "afresh" else 0) * 1e-9
             assert (np.abs(controller.effort - before) <= allowed + 1e-9)[config.effort_rate > 0.0].all()
 

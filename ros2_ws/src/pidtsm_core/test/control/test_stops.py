@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.control import Clock
+from pidtsm_core.control import Count
 from pidtsm_core.laws import LAWS
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot
@@ -185,7 +185,7 @@ def test_an_arm_that_is_thrown_from_its_place_is_damped_then_held_again(loop_of:
         stages.append(loop.controller.status[Status.STOP_STAGE])
     assert Stop.DAMPING in stages
     assert stages[-1] == Stop.HOLD
-    assert loop.controller.clock(Clock.RESTED) > 0
+    assert loop.controller.state.counts[Count.RESTED] > 0
     assert np.abs(loop.robot.state.arm.derivatives[0]).max() < 0.05
 
 
