@@ -56,7 +56,7 @@ class Run:
         self.controller, self.dt = Controller(known), 1.0 / rate
         self.parts = _parts(self.controller, robot, motion, period_nanoseconds(rate))
         self.events = falsified(_table(case, rate))
-        self.limit = np.minimum(joint_array(values["limits.effort"], arm.joints), self.controller.config.effort_limit)
+        self.limit = np.minimum(joint_array(values["limits.effort"], arm.joints), self.controller.config.limits.effort)
         self.bandwidth = as_float(known["stop.bandwidth"])
         lag = float(joint_array(values["actuator.lag"], arm.joints).max())
         delays = as_float(values["delay.samples"]) + as_float(values["delay.command_samples"])

@@ -123,17 +123,17 @@ def _model(run: Run) -> None:
 
 
 def _rate_limit(run: Run) -> None:
-    run.controller.config.effort_rate[:] = 0.0
+    run.controller.config.limits.effort_rate[:] = 0.0
 
 
 def _speed(run: Run) -> None:
-    limit, velocity = run.controller.config.velocity_limit, run.parts.robot.arm.derivatives[0]
+    limit, velocity = run.controller.config.limits.velocity, run.parts.robot.arm.derivatives[0]
     most = np.where(limit > 0.0, limit, _USUAL)
     velocity[:] /= max(1.0, float((np.abs(velocity) / most).max()))
 
 
 def _torque(run: Run) -> None:
-    run.controller.config.effort_limit[:] *= 2.0
+    run.controller.config.limits.effort[:] *= 2.0
     run.parts.hardware.plant.effort_limit[:] *= 2.0
 
 

@@ -1,8 +1,9 @@
 """The controller: everything between a measured position and the commanded effort, as one compiled step."""
 
+from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.controller import Controller
 from pidtsm_core.control.parameters import ESTIMATOR_NAME, LAW_NAME, controller_schema
-from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Count, Time
+from pidtsm_core.control.state import Condition, ControllerState, Count, Time
 from pidtsm_core.control.step import step
 
 __all__ = [

@@ -10,7 +10,8 @@ import math
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.state import ControllerConfig, ControllerState, External, Time
+from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.state import ControllerState, External, Time
 from pidtsm_core.signals import Signal, Status, Violation
 
 _MEAN = 0.05

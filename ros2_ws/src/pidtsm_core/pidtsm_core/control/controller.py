@@ -1,55 +1,24 @@
 """The controller as an object: checked parameters in, efforts out."""
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.events import first_compilation
+from pidtsm_core.control.configuration import make_config
 from pidtsm_core.control.freedrive import refusal as cannot_be_free
 from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.modes import begin_afresh, request, reset_fault, set_clock
-from pidtsm_core.control.parameters import CONTACT, FREEDRIVE, FRICTION, REJECTION
-from pidtsm_core.control.report import LIMITS, Change, changes, tight_rates
-from pidtsm_core.control.state import LAYOUT, Condition, ControllerConfig, ControllerMemory, Time, new_state, part
+from pidtsm_core.control.report import Change, changes, tight_rates
+from pidtsm_core.control.state import LAYOUT, Condition, ControllerMemory, Time, new_state, part
 from pidtsm_core.control.step import leave_now, respond, stop_after, stop_now, tick_now
 from pidtsm_core.control.turns import distance
-from pidtsm_core.estimators import ESTIMATORS, estimator_address
-from pidtsm_core.laws import LAWS, make_law
-from pidtsm_core.parameters import Value, as_float, joint_array, names
-from pidtsm_core.robots import GRAVITY, find_robot, make_model, payload_of
+from pidtsm_core.parameters import Value, names
+from pidtsm_core.robots import find_robot
 from pidtsm_core.signals import Fault, Request, Signal, Status
-from pidtsm_core.timing import NANOSECONDS
 
-_OF_JOINTS = {
-    "effort_limit": "limits.effort",
-    "effort_rate": "limits.effort_rate",
-    "min_position": "limits.min_position",
-    "max_position": "limits.max_position",
-    "velocity_limit": "limits.velocity",
-    "tracking_limit": "limits.tracking_error",
-    "external_limit": CONTACT[0].name,
-    "plausible_velocity": "plausibility.velocity",
-    "coulomb": FRICTION[0].name,
-    "viscous": FRICTION[1].name,
-    "damping": "stop.damping",
-    "free_velocity": FREEDRIVE[0].name,
-    "resistance": FREEDRIVE[1].name,
-}
-"""Parameters with a value for each joint, by their field of `ControllerConfig`; 0 where a law does not have them."""
-_REHEARSED = {
-    "reset_at": "reset_fault",
-    "restart_at": "restart",
-    "free_at": "freedrive",
-    "hold_at": "hold",
-    "follow_at": "follow",
-}
-"""Times at which something is rehearsed, likewise."""
-_SHARE_OF_VELOCITY = 0.8
-"""Share of a velocity limit that freedrive may use."""
 _NEAR = 0.05
 """rad; if the arm is farther from its last estimated position, its motion cannot be continued."""
 
@@ -114,48 +83,11 @@ class Controller:
             expect_handover(self.state)
 
     def _configure(self, values: Mapping[str, Value]) -> None:
-        found = find_robot(values)
-        law, estimator = LAWS[str(values["law.name"])], ESTIMATORS[str(values["estimator.name"])]
-        bare = found.pack_model(values)
-        own = estimator.pack(values, "estimator", self.joints)
-        of_joints, rehearsed = _of_joints(values, self.joints), _rehearsed(values)
-        watched = [of_joints[name] for name in ("velocity_limit", "tracking_limit", "external_limit")]
-        self.config = ControllerConfig(
-            estimator=estimator_address(estimator),
-            uses_model=law.uses_model,
-            freezes=values["law.anti_windup"] == "conditional",
-            stops=sum(v for v, name in LIMITS.items() if values.get(f"limits.{name}_action") == "stop"),
-            state_hold=_nanoseconds(values["watchdog.state_hold"]),
-            state_stop=_nanoseconds(values["watchdog.state_stop"]),
-            reference_timeout=_nanoseconds(values["watchdog.reference"]),
-            rate_limited=_any(of_joints["effort_rate"]),
-            feeds_back=values["feedback.effort"] == "measured",
-            watches=_any(of_joints["min_position"] != of_joints["max_position"], *watched),
-            rehearses=any(rehearsed.values()),
-            holds=values["stop.effort"] == "hold",
-            brakes=bool(values["stop.brakes"]),
-            compensates=law.uses_model and _any(of_joints["coulomb"], of_joints["viscous"]),
-            rejects=bool(values.get(REJECTION.name, False)),
-            checks_plausibility=_any(of_joints["plausible_velocity"]),
-            turns=any(found.continuous),
-            senses_contact=_any(of_joints["external_limit"]),
-            robot_adds_gravity=values[GRAVITY.name] == "added_by_robot",
-            blend=as_float(values["activation.blend"]),
-            distance=as_float(values["activation.distance"]),
-            gravity=float(values["stop.effort"] in ("gravity", "gravity_damping")),
-            stop_bandwidth=as_float(values["stop.bandwidth"]),
-            fade=as_float(values["stop.fade"]),
-            model=make_model(found, found.with_payload(bare.copy(), payload_of(values))),
-            firmware=make_model(found, bare.copy()),
-            law=make_law(law, values, self.joints),
-            estimator_parameters=own,
-            turn=np.where(found.continuous, 2.0 * math.pi, 0.0) if found.continuous else np.zeros(self.joints),
-            **rehearsed,
-            **of_joints,
-        )
-        # Not the configuration's: its model has scratch space. A payload that changes needs another effort.
-        chosen = self.config.law
-        self._demanding = (bare, chosen.gains, own, chosen.integers, of_joints["coulomb"], of_joints["viscous"])
+        config = self.config = make_config(values)
+        # Not the configuration's model, which has scratch space. A payload that changes needs another effort.
+        model = find_robot(values).pack_model(values)
+        own = config.law.gains, config.law.integers, config.estimator.parameters
+        self._demanding = (model, *own, *config.compensation)
 
     def reset(self) -> None:
         """Return to the initial state; measurements and reference are kept."""
@@ -199,7 +131,7 @@ class Controller:
     @property
     def state_stop(self) -> int:
         """Longest gap between joint states that is no fault, ns."""
-        return stop_after(self.config.state_stop, int(self.state.times[Time.PERIOD]))
+        return stop_after(self.config.watchdog.state_stop, int(self.state.times[Time.PERIOD]))
 
     def set_clock(self, stamp: int, elapsed: int) -> None:
         """Continue in a new time: the clock of the joint states was set, or their source was restarted.
@@ -223,12 +155,12 @@ class Controller:
             return ""
         distances = self._distances(self.reference[0])
         farthest = distances.max()
-        if farthest <= self.config.distance:
+        if farthest <= self.config.activation.distance:
             return ""
         joint = int(distances.argmax())
         return (
             f"{self._names[joint]} is {farthest:.3g} {self._units[joint].position} from its reference "
-            f"(activation.distance {self.config.distance:g})"
+            f"(activation.distance {self.config.activation.distance:g})"
         )
 
     def request(self, wanted: Request) -> str:
@@ -293,29 +225,3 @@ class Controller:
         self.state.desired[:] = desired
         tick_now(self.address, dt)
         return self.state.signals
-
-
-def _of_joints(values: Mapping[str, Value], joints: int) -> dict[str, Any]:
-    """Fields of `ControllerConfig` with a number for each joint."""
-    found = {field: joint_array(values.get(name, 0.0), joints) for field, name in _OF_JOINTS.items()}
-    fastest = np.where(found["velocity_limit"] > 0.0, found["velocity_limit"], math.inf)
-    found["free_velocity"] = np.minimum(found["free_velocity"], _SHARE_OF_VELOCITY * fastest)
-    found["resistance"] = found["resistance"] * found["effort_limit"]
-    if values["stop.effort"] not in ("damping", "gravity_damping"):
-        found["damping"] = np.zeros(joints)
-    return found
-
-
-def _rehearsed(values: Mapping[str, Value]) -> dict[str, Any]:
-    """Fields of `ControllerConfig` with the times of what is rehearsed, ns."""
-    return {field: _nanoseconds(values[f"rehearsal.{name}"]) for field, name in _REHEARSED.items()}
-
-
-def _any(*arrays: Array) -> bool:
-    """Whether a number is not zero."""
-    return any(bool(array.any()) for array in arrays)
-
-
-def _nanoseconds(value: Value) -> int:
-    """Convert a time in s to ns, limited so that the sum of two times fits into 64 bits."""
-    return min(round(as_float(value) * NANOSECONDS), 2**61)

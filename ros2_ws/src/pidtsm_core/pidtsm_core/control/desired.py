@@ -10,8 +10,9 @@ import math
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.effort import time_of_change, write_net_effort
-from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Count, Time, part
+from pidtsm_core.control.state import Condition, ControllerState, Count, Time, part
 from pidtsm_core.control.turns import turn_reference
 from pidtsm_core.laws import command
 from pidtsm_core.references import extrapolate
@@ -57,7 +58,7 @@ def choose(config: ControllerConfig, state: ControllerState, stamp: int, referen
     followed = counts[Count.ANSWERED] > 0 and status[Status.MODE] == Mode.FOLLOWING
     stopped = status[Status.FAULT] != 0
     age = stamp - reference_stamp
-    oldest = config.reference_timeout if followed else config.reference_timeout // 2
+    oldest = config.watchdog.reference if followed else config.watchdog.reference // 2
     wanted = conditions[Condition.REQUEST] == Request.FOLLOW
     follows = wanted and reference_stamp >= 0 and abs(age) <= oldest and not stopped
     free = conditions[Condition.REQUEST] == Request.FREE and not stopped
@@ -261,7 +262,7 @@ def _plan_braking(config: ControllerConfig, state: ControllerState) -> float:
     duration = best = _SHORTEST_APPROACH
     least, enough = math.inf, 1.0
     for j in range(difference.shape[1]):
-        enough = max(enough, abs(state.signals[Signal.EFFORT, j]) / (_SHARE_OF_EFFORT * config.effort_limit[j]))
+        enough = max(enough, abs(state.signals[Signal.EFFORT, j]) / (_SHARE_OF_EFFORT * config.limits.effort[j]))
     while duration < _LONGEST_REST and least > enough:
         _brake(state, duration)
         excess = _excess(config, state, duration, duration)
@@ -298,9 +299,9 @@ def _slow_enough(config: ControllerConfig, state: ControllerState, difference: A
         difference: what the approach begins with, shape (3, joints).
     """
     gentle = state.conditions[Condition.GENTLE] != 0
-    duration = max(config.blend, _SHORTEST_REST) if gentle else config.blend
+    duration = max(config.activation.blend, _SHORTEST_REST) if gentle else config.activation.blend
     for j in range(difference.shape[1]):
-        limit = config.free_velocity[j] if gentle else config.velocity_limit[j]
+        limit = config.freedrive.velocity[j] if gentle else config.limits.velocity[j]
         if duration > 0.0 and limit > 0.0:
             free = max(_SHARE_OF_VELOCITY * limit - abs(state.base[1, j]), _LEAST_SHARE * limit)
             duration = max(duration, min(_STEEPEST * abs(difference[0, j]) / free, _LONGEST_APPROACH))
@@ -349,12 +350,12 @@ def _excess(config: ControllerConfig, state: ControllerState, duration: float, u
         inverse_dynamics(config.model, motion[0], motion[1], motion[2:], efforts[:1])
         for j in range(motion.shape[1]):
             efforts[0, j] += _feedforward(state, j, t / duration)
-            excess = max(excess, abs(efforts[0, j]) / (_SHARE_OF_EFFORT * config.effort_limit[j]) if k else 0.0)
+            excess = max(excess, abs(efforts[0, j]) / (_SHARE_OF_EFFORT * config.limits.effort[j]) if k else 0.0)
             rate = abs(efforts[0, j] - efforts[1, j]) / step if k else 0.0
-            if config.effort_rate[j] > 0.0 and state.conditions[Condition.UNLIMITED] == 0:
-                excess = max(excess, rate / (_SHARE_OF_RATE * config.effort_rate[j]))
+            if config.limits.effort_rate[j] > 0.0 and state.conditions[Condition.UNLIMITED] == 0:
+                excess = max(excess, rate / (_SHARE_OF_RATE * config.limits.effort_rate[j]))
             if state.status[Status.FAULT] != 0:
-                excess = max(excess, rate * slowest / config.effort_limit[j])
+                excess = max(excess, rate * slowest / config.limits.effort[j])
     return excess
 
 

@@ -7,7 +7,8 @@ much. An arm of which no joint moves is noticed sooner: its source may send its 
 """
 
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.state import ControllerConfig, ControllerState, External, Still, Time, part
+from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.state import ControllerState, External, Still, Time, part
 from pidtsm_core.control.trust import distrust
 from pidtsm_core.timing import seconds
 
@@ -52,7 +53,7 @@ def _change(config: ControllerConfig, state: ControllerState, joint: int) -> flo
     """How much the effort on a joint that rests has changed, and not to carry a load: a share of the effort limit."""
     commanded = abs(state.sent[joint] - state.still[Still.EFFORT, joint])
     unexplained = abs(_unexplained(config, state, joint) - state.still[Still.DEMANDED, joint])
-    return min(commanded, unexplained) / config.effort_limit[joint]
+    return min(commanded, unexplained) / config.limits.effort[joint]
 
 
 @inlined

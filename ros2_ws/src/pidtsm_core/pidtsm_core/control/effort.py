@@ -4,7 +4,8 @@ import math
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.state import ControllerConfig, ControllerState, Count, Time, part
+from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.state import ControllerState, Count, Time, part
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Limited, Signal
 from pidtsm_core.timing import seconds
@@ -56,7 +57,10 @@ def write_net_effort(state: ControllerState, effort: Array) -> None:
 @inlined
 def friction(config: ControllerConfig, velocity: float, joint: int) -> float:
     """Friction that ``compensation`` describes, of a joint with this velocity (rad/s), N m."""
-    return config.coulomb[joint] * math.tanh(velocity / _REVERSAL) + config.viscous[joint] * velocity
+    return (
+        config.compensation.coulomb[joint] * math.tanh(velocity / _REVERSAL)
+        + config.compensation.viscous[joint] * velocity
+    )
 
 
 @inlined
@@ -87,7 +91,7 @@ def limit_effort(config: ControllerConfig, state: ControllerState) -> None:
     """Limit the efforts; an effort that is not finite becomes 0."""
     y = state.signals
     for j in range(y.shape[1]):
-        limit = config.effort_limit[j]
+        limit = config.limits.effort[j]
         effort = y[Signal.EFFORT, j]
         if math.isfinite(effort):
             y[Signal.EFFORT, j] = min(max(effort, -limit), limit)
@@ -102,7 +106,7 @@ def rate_delay(config: ControllerConfig, state: ControllerState, dt: float) -> f
     """The delay of the effort that `limit_rate` would cause and return, s."""
     behind = 0.0
     for j in range(state.sent.size):
-        rate = config.effort_rate[j]
+        rate = config.limits.effort_rate[j]
         if rate > 0.0:
             beyond = abs(state.signals[Signal.EFFORT, j] - state.sent[j]) - rate * dt
             behind = max(behind, beyond / rate)
@@ -119,7 +123,7 @@ def limit_rate(config: ControllerConfig, state: ControllerState, dt: float) -> f
     """
     y, last, behind = state.signals, state.sent, 0.0
     for j in range(last.size):
-        rate = config.effort_rate[j]
+        rate = config.limits.effort_rate[j]
         if rate > 0.0:
             change = rate * dt
             wanted = y[Signal.EFFORT, j]

@@ -41,8 +41,9 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.effort import friction, limit_effort
-from pidtsm_core.control.state import ControllerConfig, ControllerState, Count, Hold, Time, part
+from pidtsm_core.control.state import ControllerState, Count, Hold, Time, part
 from pidtsm_core.control.stopping import learn
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Signal
@@ -152,7 +153,7 @@ def _ease(config: ControllerConfig, state: ControllerState, begins: bool) -> Non
     for j in range(efforts.size):
         if begins:
             offset[j] = state.sent[j] - efforts[j]
-        largest = max(largest, abs(offset[j]) / config.effort_limit[j])
+        largest = max(largest, abs(offset[j]) / config.limits.effort[j])
     left = max(1.0 - _CHANGE / largest, 0.0) if largest > 0.0 else 0.0
     for j in range(efforts.size):
         offset[j] *= left
@@ -192,7 +193,7 @@ def _bandwidth(state: ControllerState) -> float:
 def _held(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int) -> float:
     """Effort on a joint alone that its spring holds at least, N m."""
     light = bandwidth * bandwidth * _longest(config, bandwidth, joint) * state.hold[Hold.LIGHTEST, joint]
-    return min(config.resistance[joint], light)
+    return min(config.freedrive.resistance[joint], light)
 
 
 @part
@@ -254,7 +255,7 @@ def _excess(config: ControllerConfig, state: ControllerState, bandwidth: float, 
     if not inertia > 0.0:
         return 0.0
     stiffness = bandwidth * bandwidth * inertia
-    of_effort = (abs(pull) - config.resistance[joint]) / stiffness
+    of_effort = (abs(pull) - config.freedrive.resistance[joint]) / stiffness
     of_length = min(_stretch(state, joint) - _longest(config, bandwidth, joint), abs(pull) / stiffness)
     return -math.copysign(max(of_effort, of_length, 0.0), pull)
 
@@ -262,7 +263,7 @@ def _excess(config: ControllerConfig, state: ControllerState, bandwidth: float, 
 @inlined
 def _longest(config: ControllerConfig, bandwidth: float, joint: int) -> float:
     """Length at which the spring of a joint yields, rad."""
-    return _RECOIL * config.free_velocity[joint] / bandwidth
+    return _RECOIL * config.freedrive.velocity[joint] / bandwidth
 
 
 @inlined
@@ -296,7 +297,7 @@ def _possible(config: ControllerConfig, state: ControllerState) -> float:
     efforts, share = state.scratch, 1.0
     for j in range(efforts.shape[1]):
         carries, brakes = efforts[0, j] + state.hold[Hold.LEARNT, j], efforts[1, j] + efforts[3, j]
-        left = max(config.effort_limit[j] - math.copysign(1.0, brakes) * carries, 0.0)
+        left = max(config.limits.effort[j] - math.copysign(1.0, brakes) * carries, 0.0)
         if abs(brakes) > left:
             share = min(share, left / abs(brakes))
     return share
@@ -308,7 +309,9 @@ def _given_way(config: ControllerConfig, state: ControllerState, bandwidth: floa
     velocity, pull = _velocity(state, joint), state.scratch[1, joint]
     if pull * velocity >= 0.0:
         return 0.0
-    loose = max(abs(pull) / config.resistance[joint], _stretch(state, joint) / _longest(config, bandwidth, joint))
+    loose = max(
+        abs(pull) / config.freedrive.resistance[joint], _stretch(state, joint) / _longest(config, bandwidth, joint)
+    )
     speed = min(loose, 1.0) * min(abs(velocity) / _CREEPS, 1.0) * abs(velocity)
     return math.copysign(min(_fastest(config, state, bandwidth, joint, velocity), speed), velocity)
 
@@ -327,11 +330,15 @@ def _compensation(config: ControllerConfig, state: ControllerState, joint: int, 
 @inlined
 def _fastest(config: ControllerConfig, state: ControllerState, bandwidth: float, joint: int, direction: float) -> float:
     """Largest velocity of an anchor in a direction, rad/s: less near the end of the range of the joint, then none."""
-    low, high, q = config.min_position[joint], config.max_position[joint], state.signals[Signal.POSITION, joint]
+    low, high, q = (
+        config.limits.min_position[joint],
+        config.limits.max_position[joint],
+        state.signals[Signal.POSITION, joint],
+    )
     if low == high:
-        return config.free_velocity[joint]
+        return config.freedrive.velocity[joint]
     left = (high - q if direction > 0.0 else q - low) - min(_MARGIN * (high - low), _LARGEST_MARGIN)
-    return min(max(_BRAKES * bandwidth * left, 0.0), config.free_velocity[joint])
+    return min(max(_BRAKES * bandwidth * left, 0.0), config.freedrive.velocity[joint])
 
 
 @part
@@ -355,7 +362,7 @@ def refusal(config: ControllerConfig, state: ControllerState, joints: Sequence[s
     """
     weight, still = np.zeros((1, state.measured.size)), np.zeros(state.measured.size)
     inverse_dynamics(config.model, state.measured, still, still[np.newaxis], weight)
-    for joint, effort, limit in zip(joints, np.abs(weight[0]), config.effort_limit, strict=True):
+    for joint, effort, limit in zip(joints, np.abs(weight[0]), config.limits.effort, strict=True):
         if not effort <= _CARRIED * limit:
             return (
                 f"{joint} needs {100.0 * effort / limit:.0f} % of limits.effort to carry the weight of the arm, which "
@@ -365,7 +372,7 @@ def refusal(config: ControllerConfig, state: ControllerState, joints: Sequence[s
     for q in _postures(state.measured):
         forward_dynamics(config.model, q, still, still, falls)
         needed = np.maximum(
-            needed, np.nan_to_num(_WRONG * np.abs(falls) / (_RECOIL * config.free_velocity), nan=np.inf)
+            needed, np.nan_to_num(_WRONG * np.abs(falls) / (_RECOIL * config.freedrive.velocity), nan=np.inf)
         )
     joint, cure = joints[int(needed.argmax())], "if the model lacks the inertia of its rotor, set robot.armature"
     if needed.max() > _BANDWIDTH:

@@ -7,7 +7,8 @@ and fades, slowly enough for the law to take over.
 import math
 
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Handover, part
+from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.state import Condition, ControllerState, Handover, part
 from pidtsm_core.control.tick import demand_again
 from pidtsm_core.signals import Signal
 
@@ -48,8 +49,8 @@ def fade_handover(config: ControllerConfig, state: ControllerState, dt: float) -
     """Let what is added to the law's effort fade over dt (s)."""
     difference, fades = state.handover, False
     for j in range(difference.size):
-        change = min(abs(difference[j]) * min(dt / _FADES_IN, 1.0), _LARGEST_CHANGE * config.effort_limit[j])
+        change = min(abs(difference[j]) * min(dt / _FADES_IN, 1.0), _LARGEST_CHANGE * config.limits.effort[j])
         difference[j] -= min(max(difference[j], -change), change)
-        fades = fades or abs(difference[j]) > _NOTHING * config.effort_limit[j]
+        fades = fades or abs(difference[j]) > _NOTHING * config.limits.effort[j]
     if not fades:
         state.conditions[Condition.HANDOVER] = Handover.NONE

@@ -1,10 +1,11 @@
 """What the controller does: follow, hold, be free or stop; and how it begins afresh or goes on."""
 
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.desired import begin_at
 from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.history import shift_history
-from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Count, Handover, Held, Time, part
+from pidtsm_core.control.state import Condition, ControllerState, Count, Handover, Held, Time, part
 from pidtsm_core.control.stopping import keep_what_holds
 from pidtsm_core.control.trust import is_doubtful, trust
 from pidtsm_core.signals import Mode, Request, Signal, Status, Stop

@@ -1,7 +1,8 @@
 """Detection of implausible measurements: a single sample that is far off must not move the arm."""
 
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Count, Held, Hold
+from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.state import Condition, ControllerState, Count, Held, Hold
 from pidtsm_core.control.trust import SLACK, distrust, is_doubtful
 from pidtsm_core.signals import Signal
 
@@ -21,7 +22,7 @@ def doubt(config: ControllerConfig, state: ControllerState, dt: float) -> int:
         the caller reports a fault. 0: no such joint.
     """
     y, measured, implausible, wrong, replaced = state.signals, state.measured, state.implausible, 0, False
-    held = config.holds and state.conditions[Condition.HELD] == Held.HERE
+    held = config.stop.holds and state.conditions[Condition.HELD] == Held.HERE
     positions, velocities = y[Signal.POSITION], y[Signal.VELOCITY]
     if held:  # The estimates may be part of the fault.
         positions, velocities = state.hold[Hold.POSITION], state.hold[Hold.VELOCITY]

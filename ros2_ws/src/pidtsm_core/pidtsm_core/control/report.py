@@ -6,19 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Time
+from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.state import Condition, ControllerState, Time
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Fault, Mode, Request, Status, Stop, Violation
 from pidtsm_core.timing import seconds
 from pidtsm_core.units import JointUnits
 
-LIMITS = {
-    Violation.POSITION: "position",
-    Violation.VELOCITY: "velocity",
-    Violation.TRACKING: "tracking_error",
-    Violation.EXTERNAL_EFFORT: "external_effort",
-}
-"""NAME of the parameter ``limits.NAME_action``, by violation."""
 _NAMED = {
     Violation.POSITION: "its position limits (limits.*_position)",
     Violation.VELOCITY: "limits.velocity",
@@ -147,7 +141,9 @@ def tight_rates(config: ControllerConfig, joints: Sequence[str], units: Sequence
             if gravity > needed[1, j]:
                 fall = math.sqrt(2.0 * _FALL * inertia / gravity)
                 needed[:, j] = gravity / fall, gravity, fall
-    for joint, unit, rate, (least, effort, fall) in zip(joints, units, config.effort_rate, needed.T, strict=True):
+    for joint, unit, rate, (least, effort, fall) in zip(
+        joints, units, config.limits.effort_rate, needed.T, strict=True
+    ):
         if 0.0 < rate < least:
             found.append(
                 f"limits.effort_rate of {joint} is {rate:g} {unit.effort}/s: the effort that carries it, up to "

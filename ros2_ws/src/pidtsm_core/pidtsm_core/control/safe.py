@@ -9,9 +9,10 @@ load put in. Where the arm does not obey, supervision.py gives up holding.
 import math
 
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.desired import write_desired
 from pidtsm_core.control.effort import LARGEST_CHANGE, added_gravity, carry, limit_effort
-from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Held, Hold, Time, part
+from pidtsm_core.control.state import Condition, ControllerState, Held, Hold, Time, part
 from pidtsm_core.control.stopping import DETOUR, QUICKEST, SLOWEST, begin_hold, learn, resume_hold
 from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
 from pidtsm_core.control.trust import is_doubtful, reverse, used_position
@@ -38,12 +39,12 @@ _SHARE_OF_RATE = 0.5
 def make_safe(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
     """Replace the effort for the joint state of `stamp` (ns), dt (s) after the last one, with the safe effort."""
     _add_nothing(state)
-    if config.holds:
+    if config.stop.holds:
         _hold(config, state, stamp, dt)
         supervise(state, stamp)
     else:
         _damp(config, state)
-    if config.brakes:
+    if config.stop.brakes:
         _engage_brakes(config, state)
 
 
@@ -56,8 +57,8 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     """
     conditions, times = state.conditions, state.times
     _add_nothing(state)
-    conditions[Condition.BRAKES] = config.brakes
-    if not config.holds:
+    conditions[Condition.BRAKES] = config.stop.brakes
+    if not config.stop.holds:
         _damp(config, state)
         return
     begins = times[Time.SILENT_SINCE] == 0
@@ -67,7 +68,7 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
             begin_hold(config, state, times[Time.LAST])
     write_desired(state, now)
     gone = seconds(now + 1 - times[Time.SILENT_SINCE])
-    left = max(0.0, 1.0 - gone / config.fade) if config.fade > 0.0 else 1.0
+    left = max(0.0, 1.0 - gone / config.stop.fade) if config.stop.fade > 0.0 else 1.0
     _follow_blindly(config, state)
     _fade(config, state, left)
     limit_effort(config, state)
@@ -89,7 +90,7 @@ def _fade_distrusted(config: ControllerConfig, state: ControllerState, dt: float
     efforts, blind = state.signals[Signal.EFFORT], False
     for j in range(efforts.size):
         blind = blind or state.hold[Hold.DISTRUSTED, j] != 0.0
-    if not blind or config.fade <= 0.0:
+    if not blind or config.stop.fade <= 0.0:
         return
     added = state.scratch[0]
     if config.robot_adds_gravity:
@@ -98,7 +99,7 @@ def _fade_distrusted(config: ControllerConfig, state: ControllerState, dt: float
         if state.hold[Hold.DISTRUSTED, j] != 0.0:
             state.hold[Hold.BLIND, j] += dt
             least = added[j] if config.robot_adds_gravity else 0.0
-            efforts[j] = least + max(0.0, 1.0 - state.hold[Hold.BLIND, j] / config.fade) * (efforts[j] - least)
+            efforts[j] = least + max(0.0, 1.0 - state.hold[Hold.BLIND, j] / config.stop.fade) * (efforts[j] - least)
 
 
 @inlined
@@ -117,7 +118,7 @@ def _fade(config: ControllerConfig, state: ControllerState, left: float) -> None
 @part
 def leave(config: ControllerConfig, state: ControllerState) -> None:
     """Replace the effort with the one that remains applied after the controller ends: it holds or damps the arm."""
-    if not config.holds:
+    if not config.stop.holds:
         _damp(config, state)
         return
     if state.conditions[Condition.HELD] == Held.NOT:
@@ -136,13 +137,13 @@ def _damp(config: ControllerConfig, state: ControllerState) -> None:
     y, added = state.signals, state.scratch[0]
     carry(config, state, y[Signal.POSITION])
     for j in range(y.shape[1]):
-        y[Signal.EFFORT, j] *= config.gravity
-    if config.robot_adds_gravity and config.gravity == 0.0:
+        y[Signal.EFFORT, j] *= config.stop.gravity
+    if config.robot_adds_gravity and config.stop.gravity == 0.0:
         added_gravity(config, state)
         for j in range(y.shape[1]):
             y[Signal.EFFORT, j] = added[j]
     for j in range(y.shape[1]):
-        y[Signal.EFFORT, j] -= config.damping[j] * y[Signal.VELOCITY, j]
+        y[Signal.EFFORT, j] -= config.stop.damping[j] * y[Signal.VELOCITY, j]
     limit_effort(config, state)
 
 
@@ -190,7 +191,7 @@ def weigh_load(config: ControllerConfig, state: ControllerState, dt: float) -> N
     hold, filtered = state.hold, -math.expm1(-_CUTOFF * state.hold_bandwidth[0] * dt)
     rate, weighs = _WEIGHING * state.hold_bandwidth[0], True
     for j in range(state.measured.size):
-        weighs = weighs and not is_doubtful(state, j) and abs(state.sent[j]) < config.effort_limit[j]
+        weighs = weighs and not is_doubtful(state, j) and abs(state.sent[j]) < config.limits.effort[j]
     for j in range(state.measured.size):
         needed, spent = state.signals[Signal.EQUIVALENT_EFFORT, j], 0.0
         for k in range(state.measured.size):
@@ -202,7 +203,7 @@ def weigh_load(config: ControllerConfig, state: ControllerState, dt: float) -> N
         if weighs and _SETTLES < hold[Hold.WEIGHED, j] < _WEIGHS:
             unexplained = (hold[Hold.NET, j] - hold[Hold.LEARNT, j]) * dt - spent
             learnt = hold[Hold.LEARNT, j] + rate * unexplained
-            hold[Hold.LEARNT, j] = min(max(learnt, -config.effort_limit[j]), config.effort_limit[j])
+            hold[Hold.LEARNT, j] = min(max(learnt, -config.limits.effort[j]), config.limits.effort[j])
         hold[Hold.WEIGHED, j] += dt
     for j in range(state.measured.size):
         hold[Hold.LAST, j] = hold[Hold.VELOCITY, j]
@@ -252,7 +253,7 @@ def go_gently(config: ControllerConfig, state: ControllerState, now: int, begins
     for j in range(efforts.size):
         change = _fading_rate(config, state, j) * since
         offset[j] -= min(max(offset[j], -change), change)
-        limit, last = config.effort_limit[j], state.sent[j]
+        limit, last = config.limits.effort[j], state.sent[j]
         low, high = max(last - LARGEST_CHANGE * limit, -limit), min(last + LARGEST_CHANGE * limit, limit)
         wanted = efforts[j] + offset[j]
         efforts[j] = min(max(wanted, low), high)
@@ -266,19 +267,19 @@ def _hurry(config: ControllerConfig, state: ControllerState) -> None:
         off, inertia = abs(state.hold[Hold.OFFSET, j]), state.inertia[j, j]
         if inertia > 0.0 and off > 0.0:
             rate = math.sqrt(off * off * off / (6.0 * inertia * _MOVES))
-            state.hold_pace[0] = max(min(state.hold_pace[0], config.effort_limit[j] / rate), QUICKEST)
+            state.hold_pace[0] = max(min(state.hold_pace[0], config.limits.effort[j] / rate), QUICKEST)
 
 
 @inlined
 def _fading_rate(config: ControllerConfig, state: ControllerState, joint: int) -> float:
     """Rate at which the difference of a joint fades, N m/s."""
-    rate = config.effort_limit[joint] / (state.hold_pace[0] if state.hold_pace[0] > 0.0 else SLOWEST)
+    rate = config.limits.effort[joint] / (state.hold_pace[0] if state.hold_pace[0] > 0.0 else SLOWEST)
     limited = (
         state.status[Status.FAULT] != 0
-        and config.effort_rate[joint] > 0.0
+        and config.limits.effort_rate[joint] > 0.0
         and state.conditions[Condition.UNLIMITED] == 0
     )
-    return min(rate, _SHARE_OF_RATE * config.effort_rate[joint]) if limited else rate
+    return min(rate, _SHARE_OF_RATE * config.limits.effort_rate[joint]) if limited else rate
 
 
 @inlined
@@ -288,10 +289,10 @@ def _judge_rate_limit(config: ControllerConfig, state: ControllerState) -> None:
     Without the hold, a difference d that fades at the rate r displaces an inertia m by d^3 / (6 m r^2); with it, by the
     share of d that the spring takes, at most.
     """
-    if config.rate_limited and config.holds and state.status[Status.FAULT] != 0:
+    if config.rate_limited and config.stop.holds and state.status[Status.FAULT] != 0:
         w = state.hold_bandwidth[0]
         for j in range(state.sent.size):
-            off, rate = abs(state.hold[Hold.OFFSET, j]), _SHARE_OF_RATE * config.effort_rate[j]
+            off, rate = abs(state.hold[Hold.OFFSET, j]), _SHARE_OF_RATE * config.limits.effort_rate[j]
             if rate > 0.0:
                 weighted = min(off * off * off / (6.0 * rate * rate), off / (3.0 * w * w))  # way times inertia
                 state.conditions[Condition.UNLIMITED] |= int(weighted > DETOUR * state.inertia[j, j])
@@ -313,7 +314,7 @@ def _follow_blindly(config: ControllerConfig, state: ControllerState) -> None:
 def _engage_brakes(config: ControllerConfig, state: ControllerState) -> None:
     """Engage the brakes once the arm has come to rest; they stay engaged until the fault is reset."""
     still = state.approach_duration[0] == 0.0
-    velocity = state.hold[Hold.VELOCITY] if config.holds else state.signals[Signal.VELOCITY]
+    velocity = state.hold[Hold.VELOCITY] if config.stop.holds else state.signals[Signal.VELOCITY]
     for j in range(velocity.size):
         still = still and abs(velocity[j]) < _AT_REST
     if still:

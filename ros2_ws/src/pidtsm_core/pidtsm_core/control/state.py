@@ -1,7 +1,7 @@
 """Configuration and state of the controller, in memory that compiled code finds by address."""
 
 from enum import IntEnum
-from typing import Any, NamedTuple, get_type_hints
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.compiling.memory import Layout
-from pidtsm_core.laws import STATE_SLOTS, LawConfig
+from pidtsm_core.control.configuration import ControllerConfig, example_config
+from pidtsm_core.laws import STATE_SLOTS
 from pidtsm_core.parameters.family import SLOTS
-from pidtsm_core.robots import Model
 from pidtsm_core.signals import Signal, Status
 
 
@@ -123,58 +123,6 @@ class External(IntEnum):
     TWICE = 1  # averaged twice: noise of the position is differentiated twice
     USUAL = 2  # the same when the arm was last near its reference
     CHANGE = 3  # since then
-
-
-class ControllerConfig(NamedTuple):
-    """What a step reads; a limit of 0 means no limit."""
-
-    estimator: int  # its address, see `estimate`
-    uses_model: bool
-    freezes: bool  # integrals and adaptation of a joint pause while its effort is limited
-    stops: int  # violations that are faults, see `Violation`
-    state_hold: int  # ns
-    state_stop: int  # ns
-    reference_timeout: int  # ns
-    reset_at: int  # ns from the first joint state, 0: never
-    restart_at: int  # ns from the first joint state, 0: never
-    rate_limited: bool  # a joint has a rate limit
-    feeds_back: bool  # the applied effort is measured
-    watches: bool  # a joint has a limit of position, velocity or error
-    rehearses: bool  # a reset or a restart is rehearsed
-    holds: bool  # the safe effort holds the arm where it stopped
-    brakes: bool  # the arm has brakes, to be engaged when it has stopped
-    compensates: bool  # a joint has friction that is compensated
-    rejects: bool  # the disturbance that the observer estimates is subtracted from the law's acceleration
-    checks_plausibility: bool  # the measurements of a joint are checked for plausibility
-    turns: bool  # a joint is continuous
-    senses_contact: bool  # a joint has a limit of the external effort
-    robot_adds_gravity: bool  # the command is without the effort that carries the arm
-    free_at: int  # ns from the first joint state at which freedrive is rehearsed, 0: never
-    hold_at: int  # likewise, holding
-    follow_at: int  # likewise, following again
-    blend: float  # s
-    distance: float  # rad
-    gravity: float  # 1: the safe effort compensates gravity, else 0
-    stop_bandwidth: float  # rad/s
-    fade: float  # s in which the effort fades while no joint state arrives; 0: no fading
-    model: Model  # its parameters have shape (model parameters,)
-    firmware: Model  # the model by which the robot's firmware adds gravity: that of the arm without a payload
-    law: LawConfig
-    estimator_parameters: Array  # shape (joints, SLOTS)
-    effort_limit: Array  # shape (joints,), N m
-    effort_rate: Array  # shape (joints,), N m/s
-    min_position: Array  # shape (joints,), rad; no limit if it equals that of max_position
-    max_position: Array  # likewise
-    velocity_limit: Array  # shape (joints,), rad/s
-    tracking_limit: Array  # shape (joints,), rad
-    damping: Array  # of the safe effort, shape (joints,), N m s/rad
-    plausible_velocity: Array  # shape (joints,), rad/s
-    coulomb: Array  # friction that is compensated, shape (joints,), N m
-    viscous: Array  # likewise, N m s/rad
-    turn: Array  # 2 pi for a continuous joint, else 0, shape (joints,), rad
-    external_limit: Array  # shape (joints,), N m
-    free_velocity: Array  # shape (joints,), rad/s
-    resistance: Array  # of the arm to a push in freedrive, shape (joints,), N m
 
 
 class ControllerState(NamedTuple):
@@ -300,17 +248,7 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
 
 def _example() -> ControllerMemory:
     """The memory of a controller with one joint."""
-    model = Model(0, 0, 0, np.zeros(1))
-    by_kind: dict[Any, Any] = {
-        bool: False,
-        int: 0,
-        float: 0.0,
-        Array: np.zeros(1),
-        LawConfig: LawConfig(0, 0, np.zeros(1, np.int64), np.zeros((1, 1))),
-        Model: model,
-    }
-    values = {name: by_kind[kind] for name, kind in get_type_hints(ControllerConfig).items()}
-    config = ControllerConfig(**{**values, "estimator_parameters": np.zeros((1, 1))})
+    config = example_config()
     apart = np.zeros((len(Signal), 2))[:, :1]
     return ControllerMemory(config, new_state(1, feeds_back=False), np.zeros(1), apart)
 

@@ -1,6 +1,7 @@
 """The step of the controller: everything between a measured position and the commanded effort."""
 
 from pidtsm_core.compiling.decorators import inlined, njit
+from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.desired import begin_approach_here, begin_at, choose, write_base
 from pidtsm_core.control.effect import distrust_idle, watch_effect
 from pidtsm_core.control.effort import carry, limit_rate, rate_delay, write_command
@@ -12,7 +13,6 @@ from pidtsm_core.control.plausibility import doubt
 from pidtsm_core.control.safe import leave, make_safe, make_safe_blindly
 from pidtsm_core.control.state import (
     Condition,
-    ControllerConfig,
     ControllerMemory,
     ControllerState,
     Count,
@@ -126,9 +126,9 @@ def stop_after(state_stop: int, period: int) -> int:
 def _watch_gaps(config: ControllerConfig, state: ControllerState, period: int) -> None:
     """Count a joint state that is late, `period` (ns) after the last one, and stop if the gap was too long."""
     times, counts = state.times, state.counts
-    if period > max(config.state_hold, _PERIODS_TO_HOLD * times[Time.PERIOD]):
+    if period > max(config.watchdog.state_hold, _PERIODS_TO_HOLD * times[Time.PERIOD]):
         counts[Count.LATE] += 1
-    if period > stop_after(config.state_stop, times[Time.PERIOD]):
+    if period > stop_after(config.watchdog.state_stop, times[Time.PERIOD]):
         stop(state, Fault.STATE_STALE, 0)
         hold_unseen(state)
     times[Time.PERIOD] = track_period(times[Time.PERIOD], period)
@@ -187,14 +187,16 @@ def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, refe
         times[Time.BEGAN] = stamp + 1
     age = stamp + 1 - times[Time.BEGAN]
     resets = (
-        0 < config.reset_at <= age and conditions[Condition.REHEARSED_RESET] == 0 and state.status[Status.FAULT] != 0
+        0 < config.rehearsal.reset_fault <= age
+        and conditions[Condition.REHEARSED_RESET] == 0
+        and state.status[Status.FAULT] != 0
     )
     stays = reference_stamp < 0 or conditions[Condition.REQUEST] != Request.FOLLOW
-    if resets and (stays or _distance(config, state) <= config.distance):
+    if resets and (stays or _distance(config, state) <= config.activation.distance):
         conditions[Condition.REHEARSED_RESET] = 1
         reset_fault(config, state)
     _rehearse_requests(config, state, age)
-    if 0 < config.restart_at <= age and conditions[Condition.REHEARSED_RESTART] == 0:
+    if 0 < config.rehearsal.restart <= age and conditions[Condition.REHEARSED_RESTART] == 0:
         conditions[Condition.REHEARSED_RESTART] = 1
         conditions[Condition.COMMANDED] = 0
         reset_fault(config, state)
@@ -204,17 +206,17 @@ def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, refe
 def _rehearse_requests(config: ControllerConfig, state: ControllerState, age: int) -> None:
     """Make the requests whose time has come since the last joint state; `age` is that of the controller, ns."""
     last = max(state.times[Time.LAST] + 1 - state.times[Time.BEGAN], 0)  # Time 0 means never.
-    if last < config.free_at <= age and state.status[Status.FAULT] == 0 and config.uses_model:
+    if last < config.rehearsal.freedrive <= age and state.status[Status.FAULT] == 0 and config.uses_model:
         request(state, Request.FREE)
-    if last < config.hold_at <= age:
+    if last < config.rehearsal.hold <= age:
         request(state, Request.HOLD)
-    if last < config.follow_at <= age and _distance(config, state) <= config.distance:
+    if last < config.rehearsal.follow <= age and _distance(config, state) <= config.activation.distance:
         request(state, Request.FOLLOW)
 
 
 @part
 def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
-    """Find exceeded limits; those of `config.stops` are faults.
+    """Find exceeded limits; those of `config.limits.stops` are faults.
 
     If the arm has strayed from its reference, its error is the distance from the reference, not from the way back.
     """
@@ -227,17 +229,17 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
     felt = state.status[Status.MODE] != Mode.FREEDRIVE  # There, a push is no collision.
     for j in range(state.measured.size):
         exceeded = 0
-        least, most = config.min_position[j], config.max_position[j]
+        least, most = config.limits.min_position[j], config.limits.max_position[j]
         if least != most and not least <= state.measured[j] <= most:
             exceeded |= Violation.POSITION
-        if 0.0 < config.velocity_limit[j] < abs(y[Signal.VELOCITY, j]):
+        if 0.0 < config.limits.velocity[j] < abs(y[Signal.VELOCITY, j]):
             exceeded |= Violation.VELOCITY
-        if 0.0 < config.tracking_limit[j] < abs(errors[j]):
+        if 0.0 < config.limits.tracking_error[j] < abs(errors[j]):
             exceeded |= Violation.TRACKING
-        if felt and 0.0 < config.external_limit[j] < abs(state.external[External.CHANGE, j]):
+        if felt and 0.0 < config.limits.external_effort[j] < abs(state.external[External.CHANGE, j]):
             exceeded |= Violation.EXTERNAL_EFFORT
         violations |= exceeded
-        exceeded &= config.stops
+        exceeded &= config.limits.stops
         if exceeded & Violation.POSITION:
             stop(state, Fault.POSITION_LIMIT, j + 1)
         elif exceeded & Violation.VELOCITY:
@@ -261,7 +263,7 @@ def _limit_rate(config: ControllerConfig, state: ControllerState, stamp: int, si
     elif times[Time.BEHIND_SINCE] == 0:
         times[Time.BEHIND_SINCE] = stamp + 1
     # Holding keeps within the limit where it can; a damping torque may be demanded at once.
-    longest = 0 if config.holds else _LONGEST_BEHIND_IN_STOP
+    longest = 0 if config.stop.holds else _LONGEST_BEHIND_IN_STOP
     if times[Time.BEHIND_SINCE] != 0 and stamp + 1 - times[Time.BEHIND_SINCE] >= longest:
         conditions[Condition.UNLIMITED] = 1
     if conditions[Condition.UNLIMITED] == 0:

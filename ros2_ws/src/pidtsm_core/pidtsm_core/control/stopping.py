@@ -7,6 +7,7 @@ wrong.
 import math
 
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.desired import come_to_rest, learnt_acceleration
 from pidtsm_core.control.effort import carry, time_of_change
@@ -14,7 +15,6 @@ from pidtsm_core.control.history import RECENT, noted_acceleration, noted_effort
 from pidtsm_core.control.state import (
     HISTORY,
     Condition,
-    ControllerConfig,
     ControllerState,
     Count,
     External,
@@ -69,7 +69,7 @@ def learn(config: ControllerConfig, state: ControllerState) -> None:
     inverse_dynamics(config.model, y[Signal.POSITION], scratch[0], state.accelerations, scratch[1:3])
     for j in range(scratch.shape[1]):
         effort = scratch[2, j] if config.uses_model else state.hold[Hold.LEARNT, j]
-        learnt, most = effort - scratch[1, j], _LARGEST_SHARE * config.effort_limit[j]
+        learnt, most = effort - scratch[1, j], _LARGEST_SHARE * config.limits.effort[j]
         state.hold[Hold.LEARNT, j] = min(max(learnt, -most), most) if math.isfinite(learnt) else 0.0
 
 
@@ -134,11 +134,11 @@ def _continue_acceleration(config: ControllerConfig, state: ControllerState) -> 
 @inlined
 def _choose_bandwidth(config: ControllerConfig, state: ControllerState) -> None:
     """Choose the bandwidth of the hold: that of the configuration, or what rate and torque limits of the arm allow."""
-    bandwidth, slowest = config.stop_bandwidth, time_of_change(state)
+    bandwidth, slowest = config.stop.bandwidth, time_of_change(state)
     if slowest > 0.0:
         bandwidth = min(bandwidth, _OF_CHANGE / slowest)
     for j in range(state.measured.size):
-        stiffness = _SHARE_OF_LIMIT * config.effort_limit[j] / _AWAY
+        stiffness = _SHARE_OF_LIMIT * config.limits.effort[j] / _AWAY
         if state.inertia[j, j] > 0.0:
             bandwidth = min(bandwidth, math.sqrt(stiffness / (3.0 * state.inertia[j, j])))
     state.hold_bandwidth[0] = bandwidth
@@ -190,8 +190,8 @@ def _present_motion(config: ControllerConfig, state: ControllerState, stamp: int
         recent = _middle(state.measured[joint], recent, y[Signal.POSITION, joint])
         velocity = _middle(y[Signal.VELOCITY, joint], velocity, before)
     most = config.plausible_velocity[joint] if config.plausible_velocity[joint] > 0.0 else math.inf
-    if config.velocity_limit[joint] > 0.0:
-        most = min(most, _LARGEST_VELOCITY * config.velocity_limit[joint])
+    if config.limits.velocity[joint] > 0.0:
+        most = min(most, _LARGEST_VELOCITY * config.limits.velocity[joint])
     return recent, min(max(velocity, -most), most)
 
 
@@ -264,7 +264,7 @@ def keep_what_holds(config: ControllerConfig, state: ControllerState) -> None:
     learn(config, state)
     for j in range(held.size):
         learnt = state.hold[Hold.LEARNT, j]
-        absurd = abs(learnt) >= _LARGEST_SHARE * config.effort_limit[j]
+        absurd = abs(learnt) >= _LARGEST_SHARE * config.limits.effort[j]
         if absurd or abs(scratch[5, j] - learnt) > abs(scratch[5, j]):
             for slot in range(state.law.shape[1]):
                 state.law[j, slot] = 0.0

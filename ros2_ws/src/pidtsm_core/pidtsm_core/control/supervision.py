@@ -8,8 +8,9 @@ carried by the model, with weak damping. An arm that has come to rest is held ag
 import math
 
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.effort import carry
-from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Count, Held, Hold, Time, part
+from pidtsm_core.control.state import Condition, ControllerState, Count, Held, Hold, Time, part
 from pidtsm_core.control.trust import REVERSALS, change_sign
 from pidtsm_core.signals import Signal, Status, Stop
 from pidtsm_core.timing import NANOSECONDS
@@ -147,7 +148,7 @@ def damp_inertia(config: ControllerConfig, state: ControllerState) -> None:
         if not weak:
             y[Signal.EFFORT, j] += hold[Hold.LEARNT, j]
     for j in range(damping.size):
-        left = config.effort_limit[j] - math.copysign(1.0, damping[j]) * y[Signal.EFFORT, j]
+        left = config.limits.effort[j] - math.copysign(1.0, damping[j]) * y[Signal.EFFORT, j]
         if abs(damping[j]) > left:
             share = min(share, max(left, 0.0) / abs(damping[j]))
     for j in range(damping.size):

@@ -2,9 +2,10 @@
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact, sense_contact
 from pidtsm_core.control.effort import friction, limit_effort, write_net_effort
-from pidtsm_core.control.state import Condition, ControllerConfig, ControllerState, Handover, Time, part
+from pidtsm_core.control.state import Condition, ControllerState, Handover, Time, part
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
 from pidtsm_core.robots import inverse_dynamics
@@ -20,7 +21,7 @@ def _held_back(config: ControllerConfig, state: ControllerState, joint: int) -> 
     y = state.signals
     if y[Signal.SATURATED, joint] != 0.0:
         return True
-    allowed = _DIFFERENT * config.effort_limit[joint]
+    allowed = _DIFFERENT * config.limits.effort[joint]
     return config.feeds_back and abs(state.applied[joint] - y[Signal.EFFORT, joint]) > allowed
 
 
@@ -147,7 +148,7 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
         _advance(config, state, dt)
     write_net_effort(state, state.applied if config.feeds_back else y[Signal.EFFORT])
     sample = Sample(state.measured, state.truth, dt, state.net, config.model)
-    estimate(config.estimator, sample, config.estimator_parameters, state.estimator, y[: Signal.POSITION_ERROR])
+    estimate(config.estimator.address, sample, config.estimator.parameters, state.estimator, y[: Signal.POSITION_ERROR])
     if config.rejects:
         _reject(config, state)
     _command(config, state, desired, dt)

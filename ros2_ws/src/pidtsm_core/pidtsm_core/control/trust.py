@@ -8,7 +8,8 @@ follows from the motion before; if the hold drives the joint away, it was wrong.
 import math
 
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.state import ControllerConfig, ControllerState, Hold
+from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.state import ControllerState, Hold
 from pidtsm_core.signals import Fault, Status
 
 _NEAR = 0.03

@@ -4,7 +4,8 @@ import math
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined, njit
-from pidtsm_core.control.state import ControllerConfig, ControllerState, part
+from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.state import ControllerState, part
 from pidtsm_core.signals import Signal
 
 

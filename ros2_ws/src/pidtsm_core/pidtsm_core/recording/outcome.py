@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pidtsm_core.control.report import LIMITS, cause
+from pidtsm_core.control.configuration import LIMITS
+from pidtsm_core.control.report import cause
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots import find_robot
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status

@@ -160,7 +160,13 @@ def test_the_longest_times_never_pass_and_their_sums_are_integers_too(arm: Arm) 
     times += [f"rehearsal.{name}" for name in ("reset_fault", "restart")]
     controller = controller_with(arm, dict.fromkeys(times, 2.0**62))
     config = controller.config
-    longest = config.state_hold, config.state_stop, config.reference_timeout, config.reset_at, config.restart_at
+    longest = (
+        config.watchdog.state_hold,
+        config.watchdog.state_stop,
+        config.watchdog.reference,
+        config.rehearsal.reset_fault,
+        config.rehearsal.restart,
+    )
     assert 2 * int(max(longest)) <= np.iinfo(np.int64).max
     for k in range(3):
         controller.step(START + k * 1_000_000 * SECOND, START)

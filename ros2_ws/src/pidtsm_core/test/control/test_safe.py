@@ -155,7 +155,7 @@ def test_the_holding_torque_fades_while_no_joint_state_arrives(loop_of: Any, gra
 def test_a_stop_leaves_gravity_to_the_firmware_that_adds_it(loop_of: Any, stop: str) -> None:
     loop = loop_of(100, stop__effort=stop, output__gravity="added_by_robot")
     loop.controller.stop(Fault.STATE_STALE, 100 * MS)
-    damping = loop.controller.config.damping * loop.controller.signals[Signal.VELOCITY]
+    damping = loop.controller.config.stop.damping * loop.controller.signals[Signal.VELOCITY]
     np.testing.assert_allclose(loop.controller.effort, -damping if "damping" in stop else 0.0, atol=1e-9)
 
 

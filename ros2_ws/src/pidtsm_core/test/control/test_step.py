@@ -84,7 +84,7 @@ def test_the_torque_is_always_sound_and_the_status_consistent(
             controller.step(stamp, stamp - age)
 
         assert np.isfinite(controller.signals).all()
-        assert (np.abs(controller.effort) <= config.effort_limit).all()
+        assert (np.abs(controller.effort) <= config.limits.effort).all()
         np.testing.assert_array_equal(controller.signals[Signal.EFFORT], controller.effort)
         mode, now, joint, violations, stage = controller.status
         assert (mode == Mode.STOPPED) == (now != Fault.NO_FAULT)
@@ -95,8 +95,8 @@ def test_the_torque_is_always_sound_and_the_status_consistent(
         assert Stop(stage) == Stop.NONE or now
         fault = Fault(now)
         if begun and action == "step" and not controller.state.conditions[Condition.UNLIMITED]:
-            allowed = config.effort_rate * (stamp - sent if action != "afresh" else 0) * 1e-9
-            assert (np.abs(controller.effort - before) <= allowed + 1e-9)[config.effort_rate > 0.0].all()
+            allowed = config.limits.effort_rate * (stamp - sent if action != "afresh" else 0) * 1e-9
+            assert (np.abs(controller.effort - before) <= allowed + 1e-9)[config.limits.effort_rate > 0.0].all()
 
 
 def test_a_removed_limit_is_no_longer_exceeded(arm: Arm) -> None:

@@ -62,7 +62,7 @@ def test_the_torque_is_finite_and_within_its_limits_whatever_comes_in(
     arm: Arm, parts: dict[str, str], data: st.DataObject, size: float
 ) -> None:
     controller = controller_of(arm, parts)
-    limit = controller.config.effort_limit
+    limit = controller.config.limits.effort
     values = st.floats(-size, size)
     for k in range(5):
         numbers = data.draw(st.lists(values, min_size=4 * controller.joints, max_size=4 * controller.joints))
@@ -82,7 +82,7 @@ def test_the_torque_is_finite_for_every_finite_position_and_afterwards(
     arm: Arm, parts: dict[str, str], numbers: list[float]
 ) -> None:
     controller = controller_of(arm, parts)
-    limit = controller.config.effort_limit
+    limit = controller.config.limits.effort
     rest = np.zeros((3, controller.joints))
     for k, number in enumerate([*numbers, *[0.0] * 4]):
         effort = controller.tick(np.full(controller.joints, number), rest, DT if k else 0.0)[Signal.EFFORT]

@@ -1,0 +1,258 @@
+"""The controller's configuration: its parameters in the form that a step reads, grouped as the parameters are."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypeVar, get_type_hints
+
+import numpy as np
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.control.parameters import REJECTION
+from pidtsm_core.estimators import ESTIMATORS, estimator_address
+from pidtsm_core.laws import LAWS, LawConfig, make_law
+from pidtsm_core.parameters import Value, as_float, joint_array
+from pidtsm_core.robots import GRAVITY, Model, Robot, find_robot, make_model, payload_of
+from pidtsm_core.signals import Violation
+from pidtsm_core.timing import NANOSECONDS
+
+LIMITS = {
+    Violation.POSITION: "position",
+    Violation.VELOCITY: "velocity",
+    Violation.TRACKING: "tracking_error",
+    Violation.EXTERNAL_EFFORT: "external_effort",
+}
+"""NAME of the parameter ``limits.NAME_action``, by violation."""
+_SHARE_OF_VELOCITY = 0.8
+"""Share of a velocity limit that freedrive may use."""
+
+
+class LimitsConfig(NamedTuple):
+    """Limits of the joints; 0 means no limit."""
+
+    effort: Array  # shape (joints,), N m
+    effort_rate: Array  # shape (joints,), N m/s
+    min_position: Array  # shape (joints,), rad; no limit if it equals that of max_position
+    max_position: Array  # likewise
+    velocity: Array  # shape (joints,), rad/s
+    tracking_error: Array  # shape (joints,), rad
+    external_effort: Array  # shape (joints,), N m
+    stops: int  # violations that are faults, see `Violation`
+
+
+class WatchdogConfig(NamedTuple):
+    """How long messages may be missing, ns."""
+
+    state_hold: int
+    state_stop: int
+    reference: int
+
+
+class StopConfig(NamedTuple):
+    """How a stopped arm is kept safe."""
+
+    bandwidth: float  # rad/s
+    fade: float  # s in which the effort fades while no joint state arrives; 0: no fading
+    damping: Array  # of the safe effort, shape (joints,), N m s/rad
+    gravity: float  # 1: the safe effort compensates gravity, else 0
+    holds: bool  # the safe effort holds the arm where it stopped
+    brakes: bool  # the arm has brakes, to be engaged when it has stopped
+
+
+class RehearsalConfig(NamedTuple):
+    """When something is rehearsed, ns from the first joint state; 0: never."""
+
+    reset_fault: int
+    restart: int
+    freedrive: int
+    hold: int
+    follow: int
+
+
+class ActivationConfig(NamedTuple):
+    """The approach to the reference."""
+
+    blend: float  # s
+    distance: float  # rad
+
+
+class CompensationConfig(NamedTuple):
+    """Friction that is compensated."""
+
+    coulomb: Array  # shape (joints,), N m
+    viscous: Array  # shape (joints,), N m s/rad
+
+
+class FreedriveConfig(NamedTuple):
+    """The arm in the hands of a person."""
+
+    velocity: Array  # shape (joints,), rad/s
+    resistance: Array  # to a push, shape (joints,), N m
+
+
+class EstimatorConfig(NamedTuple):
+    """The estimator with its parameters."""
+
+    address: int  # see `estimate`
+    parameters: Array  # as `Estimator.pack` returns them, shape (joints, SLOTS)
+
+
+class ControllerConfig(NamedTuple):
+    """What a step reads."""
+
+    law: LawConfig
+    estimator: EstimatorConfig
+    limits: LimitsConfig
+    watchdog: WatchdogConfig
+    stop: StopConfig
+    rehearsal: RehearsalConfig
+    activation: ActivationConfig
+    compensation: CompensationConfig
+    freedrive: FreedriveConfig
+    model: Model  # its parameters have shape (model parameters,)
+    firmware: Model  # the model by which the robot's firmware adds gravity: that of the arm without a payload
+    plausible_velocity: Array  # shape (joints,), rad/s
+    turn: Array  # 2 pi for a continuous joint, else 0, shape (joints,), rad
+    uses_model: bool
+    freezes: bool  # integrals and adaptation of a joint pause while its effort is limited
+    feeds_back: bool  # the applied effort is measured
+    rejects: bool  # the disturbance that the observer estimates is subtracted from the law's acceleration
+    robot_adds_gravity: bool  # the command is without the effort that carries the arm
+    rate_limited: bool  # a joint has a rate limit
+    watches: bool  # a joint has a limit of position, velocity or error
+    rehearses: bool  # something is rehearsed
+    compensates: bool  # a joint has friction that is compensated
+    checks_plausibility: bool  # the measurements of a joint are checked for plausibility
+    turns: bool  # a joint is continuous
+    senses_contact: bool  # a joint has a limit of the external effort
+
+
+_Group = TypeVar("_Group", bound=tuple[Any, ...])
+
+
+def make_config(values: Mapping[str, Value]) -> ControllerConfig:
+    """The configuration with these parameters; compiles what they choose.
+
+    Args:
+        values: every parameter of `controller_schema`, as `resolve` returns them.
+    """
+    robot = find_robot(values)
+    joints = len(robot.joints)
+    law, estimator = LAWS[str(values["law.name"])], ESTIMATORS[str(values["estimator.name"])]
+    bare = robot.pack_model(values)
+    limits = _group(LimitsConfig, values, joints, stops=_stops(values))
+    compensation = _group(CompensationConfig, values, joints)
+    rehearsal = _group(RehearsalConfig, values, joints)
+    plausible = joint_array(values["plausibility.velocity"], joints)
+    return ControllerConfig(
+        law=make_law(law, values, joints),
+        estimator=EstimatorConfig(estimator_address(estimator), estimator.pack(values, "estimator", joints)),
+        limits=limits,
+        watchdog=_group(WatchdogConfig, values, joints),
+        stop=_stop(values, joints),
+        rehearsal=rehearsal,
+        activation=_group(ActivationConfig, values, joints),
+        compensation=compensation,
+        freedrive=_freedrive(values, limits),
+        model=make_model(robot, robot.with_payload(bare.copy(), payload_of(values))),
+        firmware=make_model(robot, bare.copy()),
+        plausible_velocity=plausible,
+        turn=_turn(robot),
+        uses_model=law.uses_model,
+        freezes=values["law.anti_windup"] == "conditional",
+        feeds_back=values["feedback.effort"] == "measured",
+        rejects=bool(values.get(REJECTION.name, False)),
+        robot_adds_gravity=values[GRAVITY.name] == "added_by_robot",
+        rate_limited=_any(limits.effort_rate),
+        watches=_any(
+            limits.min_position != limits.max_position, limits.velocity, limits.tracking_error, limits.external_effort
+        ),
+        rehearses=any(rehearsal),
+        compensates=law.uses_model and _any(*compensation),
+        checks_plausibility=_any(plausible),
+        turns=any(robot.continuous),
+        senses_contact=_any(limits.external_effort),
+    )
+
+
+def example_config() -> ControllerConfig:
+    """A configuration of one joint, of which only the types matter."""
+    one, table = np.zeros(1), np.zeros((1, 1))
+    by_kind: dict[Any, Any] = {bool: False, int: 0, float: 0.0, Array: one}
+    by_kind[Model] = Model(0, 0, 0, one)
+    by_kind[LawConfig] = LawConfig(0, 0, np.zeros(1, np.int64), table)
+    by_kind[EstimatorConfig] = EstimatorConfig(0, table)
+    groups = (
+        LimitsConfig,
+        WatchdogConfig,
+        StopConfig,
+        RehearsalConfig,
+        ActivationConfig,
+        CompensationConfig,
+        FreedriveConfig,
+        ControllerConfig,
+    )
+    for group in groups:
+        by_kind[group] = group(*(by_kind[kind] for kind in get_type_hints(group).values()))
+    found: ControllerConfig = by_kind[ControllerConfig]
+    return found
+
+
+def _group(kind: type[_Group], values: Mapping[str, Value], joints: int, **given: Any) -> _Group:
+    """A group of the configuration, of which most fields are the parameters with their name; 0 where there is none.
+
+    Args:
+        kind: its type, GroupConfig.
+        values: every parameter.
+        joints: an array has a number for each joint; an integer is a time in ns.
+        given: the other fields.
+    """
+    group = kind.__name__.removesuffix("Config").lower()
+    found = {
+        field: given[field] if field in given else _converted(values.get(f"{group}.{field}", 0.0), hint, joints)
+        for field, hint in get_type_hints(kind).items()
+    }
+    return kind(**found)
+
+
+def _converted(value: Value, kind: Any, joints: int) -> Any:
+    """A parameter as a field of this type."""
+    if kind == Array:
+        return joint_array(value, joints)
+    return _nanoseconds(value) if kind is int else kind(value)
+
+
+def _stops(values: Mapping[str, Value]) -> int:
+    """See `LimitsConfig.stops`."""
+    return sum(v for v, name in LIMITS.items() if values.get(f"limits.{name}_action") == "stop")
+
+
+def _stop(values: Mapping[str, Value], joints: int) -> StopConfig:
+    effort = values["stop.effort"]
+    damps = effort in ("damping", "gravity_damping")
+    given = {} if damps else {"damping": np.zeros(joints)}
+    gravity = float(effort in ("gravity", "gravity_damping"))
+    return _group(StopConfig, values, joints, gravity=gravity, holds=effort == "hold", **given)
+
+
+def _freedrive(values: Mapping[str, Value], limits: LimitsConfig) -> FreedriveConfig:
+    found = _group(FreedriveConfig, values, limits.effort.size)
+    fastest = np.where(limits.velocity > 0.0, limits.velocity, math.inf)
+    return FreedriveConfig(
+        velocity=np.minimum(found.velocity, _SHARE_OF_VELOCITY * fastest),
+        resistance=found.resistance * limits.effort,
+    )
+
+
+def _turn(robot: Robot) -> Array:
+    joints = len(robot.joints)
+    return np.where(robot.continuous, 2.0 * math.pi, 0.0) if robot.continuous else np.zeros(joints)
+
+
+def _any(*arrays: Array) -> bool:
+    """Whether a number is not zero."""
+    return any(bool(array.any()) for array in arrays)
+
+
+def _nanoseconds(value: Value) -> int:
+    """Convert a time in s to ns, limited so that the sum of two times fits into 64 bits."""
+    return min(round(as_float(value) * NANOSECONDS), 2**61)
