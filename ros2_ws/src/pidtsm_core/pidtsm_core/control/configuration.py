@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
@@ -192,7 +193,7 @@ def example_config() -> ControllerConfig:
         ControllerConfig,
     )
     for group in groups:
-        by_kind[group] = group(*(by_kind[kind] for kind in get_type_hints(group).values()))
+        by_kind[group] = group(*(by_kind[kind] for kind in _fields(group).values()))
     found: ControllerConfig = by_kind[ControllerConfig]
     return found
 
@@ -209,9 +210,15 @@ def _group(kind: type[_Group], values: Mapping[str, Value], joints: int, **given
     group = kind.__name__.removesuffix("Config").lower()
     found = {
         field: given[field] if field in given else _converted(values.get(f"{group}.{field}", 0.0), hint, joints)
-        for field, hint in get_type_hints(kind).items()
+        for field, hint in _fields(kind).items()
     }
     return kind(**found)
+
+
+@cache
+def _fields(kind: type) -> dict[str, Any]:
+    """Types of the fields of a group, by name."""
+    return get_type_hints(kind)
 
 
 def _converted(value: Value, kind: Any, joints: int) -> Any:
