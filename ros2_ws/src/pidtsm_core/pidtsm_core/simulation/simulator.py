@@ -90,7 +90,7 @@ def _example() -> SimulatorMemory:
 _LAYOUT = Layout(_example)
 _memory_at = _LAYOUT.at
 part = PartOf(lambda: _example().config, lambda: _example().state)
-"""Decorates a function of the simulated robot that is compiled on its own, see `parts`."""
+"""Decorates a function of the simulated robot that is compiled on its own, see `PartOf`."""
 
 
 @part
