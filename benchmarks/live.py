@@ -15,9 +15,9 @@ from pidtsm_experiments.commands.bench import Row
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 
-from devtools import browser  # In the folder of the tests, as the next two.
-from liveclient import live_client
-from livepage import LiveSystem, live_process, until
+from support.devtools import browser  # In the folder of the tests, as the next two.
+from support.liveclient import live_client
+from support.livepage import LiveSystem, live_process, until
 
 TAKES = 150.0  # s
 _TURNS, _LASTS, _SETTLES = 5, 12.0, 2.0

@@ -5,14 +5,14 @@
     ./pidtsm shell -c "python benchmarks/stops.py --alarms 2000"
 
 Each case is a random arm, law, set of parameters, hardware and cause of a stop, and follows from --seed and its index
-alone (tests/stopcases.py). A stop is judged by the true motion of the arm (tests/stopjudge.py says how). Results are
-appended to a file, one for each seed and version of pidtsm_core, so that a second call continues. Ctrl-C ends a search;
-what was found is kept.
+alone (tests/support/stopcases.py). A stop is judged by the true motion of the arm (tests/support/stopjudge.py says
+how). Results are appended to a file, one for each seed and version of pidtsm_core, so that a second call continues.
+Ctrl-C ends a search; what was found is kept.
 
 The table has a row for each cause: how many cases, how many of them stopped, and for each criterion the number of
 violations and the largest value relative to what is allowed. Blind cases, in which an encoder lies or no joint state
 comes back, have a table of their own. Every exception is explained by what must be taken away to make the stop good
-(tests/stopwhy.py).
+(tests/support/stopwhy.py).
 """
 
 import argparse
@@ -35,10 +35,10 @@ import pidtsm_core
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 
-from stopcases import Case, case_of, ordinary_case_of  # In the folder of the tests, as the next one.
-from stopjudge import CRITERIA, Allowed, Outcome, energy, judge
-from stoprun import Run
-from stopwhy import CHOICES, CONDITIONS, OTHERS, explain
+from support.stopcases import Case, case_of, ordinary_case_of  # In the folder of the tests, as the next one.
+from support.stopjudge import CRITERIA, Allowed, Outcome, energy, judge
+from support.stoprun import Run
+from support.stopwhy import CHOICES, CONDITIONS, OTHERS, explain
 
 ROOT = Path(__file__).resolve().parents[1]
 _CHUNK = 10
@@ -68,7 +68,7 @@ def _judged_in_a_process(search: str, seed: int, indices: range) -> list[dict[st
 def version() -> str:
     """A digest of the sources of pidtsm_core and of the search, because results of others do not count."""
     core = Path(str(pidtsm_core.__file__)).parent
-    files = [*sorted(core.rglob("*.py")), *sorted((ROOT / "tests").glob("stop*.py"))]
+    files = [*sorted(core.rglob("*.py")), *sorted((ROOT / "tests" / "support").glob("stop*.py"))]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:8]
 
 

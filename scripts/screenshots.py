@@ -8,8 +8,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests"))
 
-from devtools import browser  # noqa: E402  In the folder of the tests.
-from livepage import LivePage, live_process, until  # noqa: E402
+from support.devtools import browser  # noqa: E402  In the folder of the tests.
+from support.livepage import LivePage, live_process, until  # noqa: E402
 
 ARMS = ("two_link", "panda")
 WIDTH, HEIGHT = 1500, 900  # pixels

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from nursery import NurseryProcess
-from testbed import Testbed, open_testbed
+from support.nursery import NurseryProcess
+from support.testbed import Testbed, open_testbed
 
 from pidtsm_experiments.runs import runner
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from rig import ControllerRig, gravity, safe_effort
-from testbed import Testbed
+from support.rig import ControllerRig, gravity, safe_effort
+from support.testbed import Testbed
 
 from pidtsm_msgs.msg import ControllerState
 

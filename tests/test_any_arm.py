@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rcl_interfaces.srv import GetParameters
 from std_msgs.msg import String
-from testbed import Testbed
+from support.testbed import Testbed
 
 from pidtsm_core.experiment import PRACTICAL, make_experiment
 from pidtsm_core.rollouts.closed_loop import rollout

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from testarms import TWO_LINK
-from testbed import Testbed, open_testbed
+from support.testarms import TWO_LINK
+from support.testbed import Testbed, open_testbed
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_core.experiment import PRACTICAL, make_experiment

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lifecycle_msgs.srv import GetState
-from testbed import Testbed
+from support.testbed import Testbed
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollouts.closed_loop import rollout

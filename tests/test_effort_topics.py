@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from testbed import Testbed
+from support.testbed import Testbed
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollouts.closed_loop import rollout

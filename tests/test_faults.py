@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from rig import MS, SECOND, ControllerRig, Rigs, SimulatorRig, document_rows, safe_effort
-from testarms import CRANE, PANDA, Arm
+from support.rig import MS, SECOND, ControllerRig, Rigs, SimulatorRig, document_rows, safe_effort
+from support.testarms import CRANE, PANDA, Arm
 
 from pidtsm_core.experiment.node_parameters import controller_node_schema
 from pidtsm_msgs.msg import ControllerState

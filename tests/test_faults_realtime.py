@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from rig import SECOND, Judged, Rigs, Watch, document_rows, gravity, judge
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from testbed import Testbed
+from support.rig import SECOND, Judged, Rigs, Watch, document_rows, gravity, judge
+from support.testbed import Testbed
 
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.cdr import serialized_nanoseconds

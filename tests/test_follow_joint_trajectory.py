@@ -16,10 +16,10 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from numpy.typing import NDArray
 from rclpy.action import ActionClient
-from rig import document_rows
 from sensor_msgs.msg import JointState
-from testarms import TURNTABLE
-from testbed import Testbed, open_testbed
+from support.rig import document_rows
+from support.testarms import TURNTABLE
+from support.testbed import Testbed, open_testbed
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJointTrajectoryPoint
 
 from pidtsm_core.experiment.node_parameters import trajectory_node_schema

@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 from goals import soak  # noqa: E402
-from rig import document_rows  # noqa: E402
+from support.rig import document_rows  # noqa: E402
 
 from pidtsm_core.robots import find_robot  # noqa: E402
 from pidtsm_core.trajectories.tracking import Code  # noqa: E402

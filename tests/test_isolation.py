@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rig import Watch
 from sensor_msgs.msg import JointState
-from testbed import Testbed
+from support.rig import Watch
+from support.testbed import Testbed
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollouts.closed_loop import rollout

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-import strangersrecorder
-from judges import get_message, judged, messages
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
-from strangersplant import StrangersPlant, start
-from testbed import open_testbed
+from support import strangersrecorder
+from support.judges import get_message, judged, messages
+from support.strangersplant import StrangersPlant, start
+from support.testbed import open_testbed
 
 from pidtsm_core.experiment import PRACTICAL_FILE, Experiment, make_experiment
 from pidtsm_core.identification.excitation import excitation

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ament_index_python.packages import get_package_share_directory
-from launching import PROGRAM
-from testbed import DEADLINE, Testbed
+from support.launching import PROGRAM
+from support.testbed import DEADLINE, Testbed
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollouts.closed_loop import rollout

@@ -491,11 +491,17 @@ def test_actions_are_built_at_the_first_command_that_needs_them(checkout: Checko
     assert not checkout.layout.actions.exists(), "other commands do not need them"
 
     (checkout.root / "ros2_ws" / "install" / "local_setup.sh").write_text("export PYTHONPATH=$PWD/install")
+    moved, kept = (checkout.root / "ros2_ws" / "install" / "demo" / name for name in ("moved.yaml", "kept.yaml"))
+    moved.parent.mkdir()
+    moved.symlink_to(checkout.root / "nowhere")
+    kept.symlink_to(checkout.root / "pidtsm")
     checkout.script("colcon", f'echo "$@" > {checkout.root}/built', checkout.layout.venv / "bin")
     code, out, err = checkout.call("actions")
     assert (code, out) == (0, ""), err
     assert "building the workspace ..." in err
     assert str(interface) in (checkout.root / "built").read_text()
+    assert kept.is_symlink()
+    assert not moved.is_symlink(), "colcon cannot replace a link whose file has moved"
     assert checkout.call("actions") == (0, "", ""), "nothing is missing"
     assert checkout.call("test") == (0, "cli ['test'] -\n", "")
 

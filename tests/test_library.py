@@ -84,7 +84,7 @@ def outcome(python: str, folder: Path) -> dict[str, dict[str, str]]:
     call("uv", "venv", "--python", python, folder / "venv")
     call("uv", "pip", "install", "--python", installed, f"{SOURCE}[dask,plot,tables]")
     assert tree(SOURCE) == before, "the installation leaves nothing in the source tree"
-    done = call(installed, ROOT / "tests" / "run_examples.py", folder, *RUNS[python])
+    done = call(installed, ROOT / "tests" / "support" / "run_examples.py", folder, *RUNS[python])
     assert "pidtsm: compiling, once after an installation .." in done.stderr, "the first rollout shows its progress"
     found: dict[str, dict[str, str]] = json.loads(done.stdout)
     return found

@@ -11,14 +11,14 @@ from typing import NamedTuple
 
 import pytest
 from ament_index_python.packages import get_package_prefix
-from judges import judged, received
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from liveclient import LiveClient, live_client
-from livepage import LiveSystem, free_port, live_process, parameter, until
 from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import JointState
-from testbed import Testbed, open_testbed
+from support.judges import judged, received
+from support.liveclient import LiveClient, live_client
+from support.livepage import LiveSystem, free_port, live_process, parameter, until
+from support.testbed import Testbed, open_testbed
 
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import make_experiment

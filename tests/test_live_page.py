@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from devtools import CHROMIUM, browser
-from livepage import LivePage, live_process, parameter, until
 from matplotlib.image import imread
 from numpy.typing import NDArray
+from support.devtools import CHROMIUM, browser
+from support.livepage import LivePage, live_process, parameter, until
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
 

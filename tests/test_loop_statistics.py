@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosbags.highlevel import AnyReader
-from testbed import Testbed
+from support.testbed import Testbed
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_experiments.bags.message_types import typestore

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from testbed import Testbed
+from support.testbed import Testbed
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.parameters.files import ros_parameters

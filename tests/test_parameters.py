@@ -3,7 +3,7 @@
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters, SetParametersAtomically
-from testbed import Testbed
+from support.testbed import Testbed
 
 BAD_AT_START = [
     ("controller", "law.k1:=-3.0", "law.k1: -3.0 must be >= 0"),

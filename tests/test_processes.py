@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from lifecycle_msgs.srv import GetState
-from testbed import Testbed
+from support.testbed import Testbed
 
 from pidtsm_experiments.runs.runner import Process
 from pidtsm_msgs.msg import ControllerState

@@ -5,7 +5,7 @@ from functools import partial
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from testbed import Testbed
+from support.testbed import Testbed
 
 from pidtsm_ros.stamps import nanoseconds
 

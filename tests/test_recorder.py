@@ -15,7 +15,7 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
-from testbed import Testbed
+from support.testbed import Testbed
 
 from pidtsm_experiments.bags.recorder_node import TOPICS
 from pidtsm_experiments.bags.recovery import readable

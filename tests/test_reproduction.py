@@ -51,7 +51,7 @@ PROGRAM = """
 import sys
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.reproduction import PRELOADED
-PRELOADED.append("forked_runs")
+PRELOADED.append("support.forked_runs")
 sys.exit(main(["reproduce", "--out", "all", "--duration", "0.2", *sys.argv[1:]]))
 """
 

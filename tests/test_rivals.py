@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from rig import SECOND, Judged, Rigs, Watch, document_rows, judge
 from sensor_msgs.msg import JointState
-from testbed import Testbed
+from support.rig import SECOND, Judged, Rigs, Watch, document_rows, judge
+from support.testbed import Testbed
 
 from pidtsm_experiments.runs import runner
 from pidtsm_experiments.runs.runner import Process

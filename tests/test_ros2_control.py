@@ -16,12 +16,12 @@ import pytest
 import yaml
 from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
-from launching import PROGRAM
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
-from ros2controlplant import SECOND, Ros2Control
-from testbed import DEADLINE, Testbed, open_testbed
+from support.launching import PROGRAM
+from support.ros2controlplant import SECOND, Ros2Control
+from support.testbed import DEADLINE, Testbed, open_testbed
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 import pidtsm_core

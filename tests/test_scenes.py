@@ -9,7 +9,7 @@ from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
-from testbed import Testbed
+from support.testbed import Testbed
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.experiment.node_parameters import simulator_node_schema

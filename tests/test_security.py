@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from testbed import Testbed
+from support.testbed import Testbed
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment

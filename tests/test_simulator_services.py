@@ -11,7 +11,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from testbed import Testbed
+from support.testbed import Testbed
 
 from pidtsm_core.experiment.node_parameters import simulator_node_schema
 from pidtsm_core.parameters import resolve

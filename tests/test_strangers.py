@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
-from strangersplant import (
+from support.strangersplant import (
     EPOCH,
     MS,
     PERIOD,
@@ -26,7 +26,7 @@ from strangersplant import (
     seconds,
     start,
 )
-from testbed import Testbed
+from support.testbed import Testbed
 
 
 class StrangersController:

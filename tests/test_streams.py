@@ -10,9 +10,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from testbed import Testbed, open_testbed
+from support.testbed import Testbed, open_testbed
+from support.trajectory_rig import NAMES, PERMUTED, PRACTICAL, Rig, point, sine, trajectory
 from trajectory_msgs.msg import JointTrajectory
-from trajectory_rig import NAMES, PERMUTED, PRACTICAL, Rig, point, sine, trajectory
 
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.cdr import serialized_nanoseconds

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from testbed import Testbed
+from support.testbed import Testbed
+from support.trajectory_rig import NAMES, PERMUTED, PRACTICAL, Rig, point, sine, trajectory
 from trajectory_msgs.msg import JointTrajectory
-from trajectory_rig import NAMES, PERMUTED, PRACTICAL, Rig, point, sine, trajectory
 
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.stamps import nanoseconds

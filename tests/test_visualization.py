@@ -8,7 +8,7 @@ from builtin_interfaces.msg import Time
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
-from testbed import Testbed
+from support.testbed import Testbed
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 

@@ -5,7 +5,7 @@ Also fixtures of several tests: arms with different numbers of joints, and a run
 
 import pytest
 from hypothesis import Phase, settings
-from testarms import ARMS, Arm
+from support.testarms import ARMS, Arm
 
 from pidtsm_core.recording import Recording
 from pidtsm_core.rollouts.closed_loop import rollout

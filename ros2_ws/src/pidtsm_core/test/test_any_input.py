@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from hostile import Judge, little_memory
+from support.hostile import Judge, little_memory
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
-from devtools import Page, browser
+from support.devtools import Page, browser
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from testarms import Arm, dotted
+from support.testarms import Arm, dotted
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, Count, Time, controller_schema

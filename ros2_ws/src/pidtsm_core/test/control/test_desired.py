@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import Condition, Count

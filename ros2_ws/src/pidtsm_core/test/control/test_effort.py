@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.control import Condition, Controller, Count, controller_schema
 from pidtsm_core.signals import Fault, Limited, Signal

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from testarms import TWO_LINK, Arm
+from support.testarms import TWO_LINK, Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, Count, controller_schema

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from testarms import ARMS, PANDA, TWO_LINK, Arm, dotted
+from support.testarms import ARMS, PANDA, TWO_LINK, Arm, dotted
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import Condition, Controller, Time

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.control import Count
 from pidtsm_core.estimators import ESTIMATORS

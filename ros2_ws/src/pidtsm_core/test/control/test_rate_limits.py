@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from testarms import ARMS, TWO_LINK, Arm
+from support.testarms import ARMS, TWO_LINK, Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.recording import Recording

@@ -1,7 +1,7 @@
 """Changes of the status as text."""
 
 import pytest
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.control import Condition, ControllerState, Time
 from pidtsm_core.control.report import cause, changes

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from testarms import ARMS, Arm
+from support.testarms import ARMS, Arm
 
 from pidtsm_core.control import Condition
 from pidtsm_core.laws import LAWS

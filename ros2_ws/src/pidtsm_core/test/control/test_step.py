@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.control import Condition, Controller, Time, controller_schema
 from pidtsm_core.laws import LAWS

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stopcases import ARMS, Case, case_of, ordinary_case_of
-from stopcauses import Event
-from stopjudge import CRITERIA, judge, released
-from stoploop import STEP, Braking, brake
-from stoprun import Run
-from stopwhy import LIMITS, explain
-from testarms import ROTOR
+from support.stopcases import ARMS, Case, case_of, ordinary_case_of
+from support.stopcauses import Event
+from support.stopjudge import CRITERIA, judge, released
+from support.stoploop import STEP, Braking, brake
+from support.stoprun import Run
+from support.stopwhy import LIMITS, explain
+from support.testarms import ROTOR
 
 GOOD = Case(
     seed=0,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from testarms import Arm, dotted
+from support.testarms import Arm, dotted
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema

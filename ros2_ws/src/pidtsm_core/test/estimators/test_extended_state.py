@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
-from testarms import ROTOR, Arm
+from support.testarms import ROTOR, Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.estimators import Sample

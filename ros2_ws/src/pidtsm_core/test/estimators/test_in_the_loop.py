@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from testarms import TWO_LINK, Arm
+from support.testarms import TWO_LINK, Arm
 
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.recording import Recording

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.estimators import Sample

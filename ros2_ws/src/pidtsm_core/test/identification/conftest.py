@@ -1,7 +1,7 @@
 """Arms whose parameters are known, and measurements of them."""
 
 import pytest
-from knownarm import KnownArm, known_arm
+from support.knownarm import KnownArm, known_arm
 
 
 @pytest.fixture(scope="session")

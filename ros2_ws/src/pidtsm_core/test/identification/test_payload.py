@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from knownarm import KnownArm, known_arm
+from support.knownarm import KnownArm, known_arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.identification.corrected_urdf import corrected_urdf

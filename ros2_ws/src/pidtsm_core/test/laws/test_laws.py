@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.control import controller_schema

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.control import controller_schema
 from pidtsm_core.robots.tree import add_wrench

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from testarms import TWO_LINK, Arm
+from support.testarms import TWO_LINK, Arm
 
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.experiment import Experiment

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.simulation.actuator import actuator_config, drive

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.parameters import resolve
 from pidtsm_core.simulation.channel import arrived, channel_config, channel_state, loses, place

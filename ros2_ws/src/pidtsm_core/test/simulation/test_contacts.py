@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from testarms import PENDULUM, Arm
+from support.testarms import PENDULUM, Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import ParameterError

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import simpson
-from testarms import PANDA, PENDULUM, TWO_LINK, Arm
+from support.testarms import PANDA, PENDULUM, TWO_LINK, Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import ParameterError

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from testarms import ARMS, TWO_LINK, Arm, dotted
+from support.testarms import ARMS, TWO_LINK, Arm, dotted
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import ParameterError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.simulation.randomness import Column, Randomness, columns
 from pidtsm_core.simulation.simulator import simulator_schema

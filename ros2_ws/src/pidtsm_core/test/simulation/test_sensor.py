@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from testarms import Arm, dotted
+from support.testarms import Arm, dotted
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import resolve

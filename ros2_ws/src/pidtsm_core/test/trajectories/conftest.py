@@ -1,7 +1,7 @@
 """Limits of arms, and what all tests of motions measure."""
 
 import pytest
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.trajectories.limits import MotionLimits, motion_limits
 

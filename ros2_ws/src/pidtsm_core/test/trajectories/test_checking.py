@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from testarms import CRANE, PANDA, Arm
+from support.testarms import CRANE, PANDA, Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.trajectories.checking import check

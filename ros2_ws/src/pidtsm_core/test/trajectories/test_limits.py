@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from testarms import CRANE, PANDA, Arm
+from support.testarms import CRANE, PANDA, Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import ParameterError

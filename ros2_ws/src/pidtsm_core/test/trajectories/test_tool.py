@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from testarms import TWO_LINK, Arm
+from support.testarms import TWO_LINK, Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import controller_schema

@@ -12,7 +12,7 @@ _CHECKS = (
     ("ruff", "format", "--check", "."),
     ("mypy",),
 )
-_COMPILE = "import nursery_preload; from pidtsm_core.rollouts.closed_loop import rollout; rollout(duration=0.1)"
+_COMPILE = "import support.nursery_preload; from pidtsm_core.rollouts.closed_loop import rollout; rollout(duration=0.1)"
 """Run beside the checks: once, and not in each process of the tests at the same time."""
 # The tests of a file share nodes, so they stay together.
 _TESTS = ("pytest", "--numprocesses", "2", "--dist", "loadfile", "--no-loadscope-reorder")

@@ -12,8 +12,8 @@ from zlib import crc32
 
 import pytest
 import yaml
-from hostile import Judge, little_memory
 from rosbags.rosbag2 import StoragePlugin
+from support.hostile import Judge, little_memory
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment

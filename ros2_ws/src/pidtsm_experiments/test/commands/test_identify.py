@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from knownarm import KnownArm, known_arm
 from rosbags.rosbag2 import StoragePlugin, Writer
+from support.knownarm import KnownArm, known_arm
 
 from pidtsm_core.identification.measurement import Measurement
 from pidtsm_core.parameters.files import load_ros_parameters

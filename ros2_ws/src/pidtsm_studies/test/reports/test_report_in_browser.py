@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from devtools import CHROMIUM, Page
+from support.devtools import CHROMIUM, Page
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.recording import Recording

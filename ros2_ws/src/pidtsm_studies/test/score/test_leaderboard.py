@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from devtools import CHROMIUM, Page
+from support.devtools import CHROMIUM, Page
 
 from pidtsm_core.errors import UsageError
 from pidtsm_studies.score.criteria import CRITERIA, FULL

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from devtools import CHROMIUM, Page
+from support.devtools import CHROMIUM, Page
 
 from pidtsm_core.parameters.files import load_ros_parameters
 from pidtsm_studies.limit.known import above_limit

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from testarms import TWO_LINK, Arm
+from support.testarms import TWO_LINK, Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.rollouts.closed_loop import rollout

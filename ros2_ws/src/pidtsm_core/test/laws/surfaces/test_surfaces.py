@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from testarms import Arm
+from support.testarms import Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import njit

@@ -8,10 +8,11 @@ from typing import Any
 import msgspec
 import viser
 import zstandard
-from livepage import until
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
+
+from support.livepage import until
 
 _HEADER = 16  # bytes: the sizes of what follows, decompressed and compressed
 _CAMERA = {

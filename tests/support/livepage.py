@@ -17,13 +17,13 @@ import numpy as np
 import psutil
 import pytest
 import rclpy
-from devtools import Page
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
 from pidtsm_core.arrays import Array
 from pidtsm_ros.middleware import on_this_machine
+from support.devtools import Page
 
 DEADLINE = 180.0
 """s; only a failing test waits that long, or one whose nodes compile on a busy machine."""

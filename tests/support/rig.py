@@ -16,8 +16,6 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from testarms import TWO_LINK, UNLIMITED, Arm
-from testbed import Testbed, open_testbed
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.experiment.node_parameters import simulator_node_schema
@@ -26,6 +24,8 @@ from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.qos import RECORDER
 from pidtsm_ros.stamps import nanoseconds, set_stamp
+from support.testarms import TWO_LINK, UNLIMITED, Arm
+from support.testbed import Testbed, open_testbed
 
 DAMPING = 20.0
 """Of the safe torque, N m s/rad."""

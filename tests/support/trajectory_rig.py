@@ -8,13 +8,13 @@ import numpy as np
 from builtin_interfaces.msg import Duration
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
-from testbed import Testbed
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.stamps import set_stamp
+from support.testbed import Testbed
 
-PRACTICAL = Path(__file__).parents[1] / "ros2_ws/src/pidtsm_core/pidtsm_core/experiment/params/practical.yaml"
+PRACTICAL = Path(__file__).parents[2] / "ros2_ws/src/pidtsm_core/pidtsm_core/experiment/params/practical.yaml"
 NAMES = ["joint1", "joint2"]
 PERMUTED = ["joint2", "joint1"]
 FIELDS = ("positions", "velocities", "accelerations")

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
-from testbed import Testbed
 
 from pidtsm_experiments.runs.runner import Process
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.stamps import nanoseconds, set_stamp
+from support.testbed import Testbed
 
 Vector = NDArray[np.float64]
 

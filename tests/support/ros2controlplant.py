@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from testbed import Testbed
 
 from pidtsm_msgs.msg import JointReference
 from pidtsm_ros.stamps import nanoseconds, set_stamp
+from support.testbed import Testbed
 
 Vector = NDArray[np.float64]
 

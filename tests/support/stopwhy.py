@@ -14,14 +14,14 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from stopjudge import gravity, judge
-from stoploop import Kind, stop_ideally
-from stoprun import Run
 
 from pidtsm_core.control import Condition, Count, Time
 from pidtsm_core.control.state import HISTORY, Held, Hold, Still
 from pidtsm_core.robots import Model
 from pidtsm_core.signals import Signal, Status, Stop
+from support.stopjudge import gravity, judge
+from support.stoploop import Kind, stop_ideally
+from support.stoprun import Run
 
 Change = Callable[[Run], None]
 _FAST = 1000

@@ -1,8 +1,7 @@
 """Preloaded by a reproduction under test: its runs fork their nodes, too."""
 
-import nursery_preload  # noqa: F401
-from nursery import NurseryProcess
-
 from pidtsm_experiments.runs import runner
+from support import nursery_preload  # noqa: F401
+from support.nursery import NurseryProcess
 
 runner.Process = NurseryProcess  # type: ignore[misc]

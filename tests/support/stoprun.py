@@ -6,17 +6,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from stopcases import ARMS, Case
-from stoploop import (
-    Kind,
-    LoopParts,
-    Progress,
-    falsified,
-    first_samples,
-    nothing_so_far,
-    simulate,
-    trace_of,
-)
 
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.estimators import ESTIMATORS
@@ -26,6 +15,17 @@ from pidtsm_core.robots import Model
 from pidtsm_core.signals import Fault
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 from pidtsm_core.timing import period_nanoseconds
+from support.stopcases import ARMS, Case
+from support.stoploop import (
+    Kind,
+    LoopParts,
+    Progress,
+    falsified,
+    first_samples,
+    nothing_so_far,
+    simulate,
+    trace_of,
+)
 
 
 class Run:

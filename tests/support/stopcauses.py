@@ -6,8 +6,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from stoploop import Kind
-from testarms import Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import controller_schema
@@ -17,6 +15,8 @@ from pidtsm_core.robots import Model, inverse_dynamics, make_model
 from pidtsm_core.robots.payload import payload_of
 from pidtsm_core.robots.source import rated_payload
 from pidtsm_core.simulation.simulator import simulator_schema
+from support.stoploop import Kind
+from support.testarms import Arm
 
 Random = np.random.Generator
 Event = tuple[str, int, float, float, float]

@@ -37,12 +37,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from stopcases import case_of
-from stoploop import STEP, Braking, brake, kinetic
-from stoprun import Run
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.robots import Model, inverse_dynamics
+from support.stopcases import case_of
+from support.stoploop import STEP, Braking, brake, kinetic
+from support.stoprun import Run
 
 CRITERIA = ("travel", "speed", "energy", "step", "torque", "finite")
 ALLOWED_WAY, TIMES_WAY = 0.05, 2.0

@@ -19,9 +19,9 @@ from unittest.mock import patch
 from pidtsm_experiments.runs.runner import Process
 
 _NURSERY = multiprocessing.get_context("forkserver")
-_NURSERY.set_forkserver_preload(["nursery_preload"])
+_NURSERY.set_forkserver_preload(["support.nursery_preload"])
 _PR_SET_PDEATHSIG = 1
-_FOLDER = str(Path(__file__).parent)
+_FOLDER = str(Path(__file__).parents[1])
 
 
 def _context() -> Any:

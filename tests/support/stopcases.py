@@ -10,14 +10,14 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from stopcauses import CAUSES, FOREVER, SHIPPED, Draft, Event, Random, effort_share, lighten, model_of, rated
-from stoploop import Kind
-from testarms import CRANE, PENDULUM, Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import PRACTICAL, practical_settings, tuned_parameters
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters.files import load_ros_parameters
+from support.stopcauses import CAUSES, FOREVER, SHIPPED, Draft, Event, Random, effort_share, lighten, model_of, rated
+from support.stoploop import Kind
+from support.testarms import CRANE, PENDULUM, Arm
 
 ARMS = {"pendulum": PENDULUM, "crane": CRANE} | {name: Arm(name, ()) for name in SHIPPED}
 _SHARES = {"pendulum": 0.14, "crane": 0.14, "two_link": 0.16}
