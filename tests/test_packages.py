@@ -1,8 +1,10 @@
 """What a package imports it declares, under keys that rosdep knows, so that an ordinary installation can build it."""
 
 import ast
+import re
 import sys
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -28,7 +30,7 @@ WITHOUT_KEY = {"cma", "llvmlite", "mcap", "mujoco", "plotly", "ruckig", "threadp
 """llvmlite comes with numba. The ROS package ruckig has no Python module."""
 OPTIONAL = {"OpenGL", "av", "casadi", "dask", "distributed", "glfw", "pinocchio"}
 """Imported only where they are installed."""
-HELPERS = {path.stem for path in Path(__file__).parent.glob("*.py")}
+HELPERS = {"support"}
 
 
 def imported(files: Iterator[Path]) -> set[str]:
@@ -77,3 +79,13 @@ def test_python_dependencies_have_keys_that_rosdep_knows(package: Path) -> None:
 def test_colcon_finds_the_tests(package: Path) -> None:
     """It looks for pytest in the extra requirements, and for nothing else."""
     assert '"test": ["pytest"]' in (package / "setup.py").read_text(encoding="utf-8")
+
+
+def test_the_newest_numba_that_is_allowed_is_the_one_that_is_tested() -> None:
+    """Its internals are used, which a new version may change."""
+    setup = (SOURCE / "pidtsm_core" / "setup.py").read_text(encoding="utf-8")
+    bounds = re.findall(r'"numba>=([\d.]+),<([\d.]+)"', setup)
+    installed = [int(part) for part in version("numba").split(".")[:2]]
+    oldest, beyond = ([int(part) for part in bound.split(".")] for bound in bounds[0])
+    assert oldest <= installed
+    assert beyond == [installed[0], installed[1] + 1]

@@ -32,7 +32,8 @@ setup(
     python_requires=">=3.10",
     install_requires=[
         "numpy>=1.26",
-        "numba>=0.60",
+        # Its internals are used; a new version is tried before it is allowed.
+        "numba>=0.60,<0.69",
         "joblib>=1.3",
         "scipy>=1.11",
         "ruckig>=0.15",
