@@ -19,6 +19,7 @@ from control_msgs.action import FollowJointTrajectory
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
+from rclpy.serialization import deserialize_message
 from support.launching import PROGRAM
 from support.ros2controlplant import SECOND, Ros2Control
 from support.testbed import DEADLINE, Testbed, open_testbed
@@ -30,6 +31,7 @@ from pidtsm_core.parameters import resolve
 from pidtsm_core.robots import find_robot
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.runner import Process
+from pidtsm_msgs.msg import ControllerState
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "ros2-control.md"
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -118,6 +120,8 @@ class Rig:
         self.plant = Ros2Control(testbed, URDF, JOINTS, START, zeroes)
         self.running: dict[str, Process] = {}
         self.goals = ActionClient(testbed.node, FollowJointTrajectory, "trajectory/follow_joint_trajectory")
+        self._states: list[bytes] = []  # of the controller
+        testbed.node.create_subscription(ControllerState, "controller/state", self._states.append, 10, raw=True)
 
     def start(self) -> None:
         """The commands of the page."""
@@ -133,11 +137,18 @@ class Rig:
             self.plant.go_on(60.0, lambda: self.plant.referred)  # So that no reference is lost.
 
     def follow(self) -> None:
-        """Until the arm follows its reference."""
+        """Until the arm follows its reference, which the controller may discover seconds after the first command."""
         count = len(self.plant.commands)
         self.plant.go_on(60.0, lambda: len(self.plant.commands) > count)
         self.plant.awaits = True
+        self._states.clear()
+        assert self.plant.go_on(60.0, self._follows), "the reference is not followed"
         self.plant.go_on(1.0)
+
+    def _follows(self) -> bool:
+        newest = [deserialize_message(data, ControllerState) for data in self._states[-1:]]
+        self._states.clear()
+        return bool(newest and newest[0].mode == ControllerState.FOLLOWING)
 
     def says(self, node: str, text: str) -> bool:
         return text in self.running[node].log.read_text()
@@ -292,7 +303,7 @@ def test_goals_within_the_limits_of_the_arm_are_followed_and_others_refused(make
     rig.start()
     rig.follow()
     accepted, code, text = rig.outcome(0.05)
-    assert (accepted, code) == (True, Result.SUCCESSFUL), text
+    assert (accepted, code) == (True, Result.SUCCESSFUL), f"{text}\n{rig.running['controller'].tail()}"
     assert farthest(rig.plant.positions) > 0.04
     accepted, code, _ = rig.outcome(BEYOND)
     assert not accepted or code == Result.INVALID_GOAL

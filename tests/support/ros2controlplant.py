@@ -147,11 +147,12 @@ class Ros2Control:
         else:
             self.testbed.executor.spin_once(timeout_sec=PERIOD)
 
-    def go_on(self, seconds: float, until: Callable[[], Any] = lambda: False) -> None:
-        """Cycle for a time, or until something is true."""
+    def go_on(self, seconds: float, until: Callable[[], Any] = lambda: False) -> bool:
+        """Cycle for a time, or until something is true; returns whether it is."""
         end = self.now + round(seconds * SECOND)
-        while self.now < end and not until():
+        while not (found := bool(until())) and self.now < end:
             self.cycle()
+        return found
 
     def close(self) -> None:
         self.testbed.executor.remove_node(self.node)
