@@ -226,8 +226,8 @@ def test_in_the_order_of_the_page_nothing_jumps(make_rig: Any) -> None:
     assert farthest(plant.positions) < STILL
 
     assert rig.change(Transition.TRANSITION_DEACTIVATE)
-    support = plant.efforts[-1]
     plant.go_on(0.1)
+    support = plant.efforts[-1]
     plant.switch(False)
     plant.go_on(0.1)
     again = len(plant.efforts)
