@@ -4,6 +4,7 @@ The parts are a controller manager, a broadcaster of joint states, a controller 
 MuJoCo moves the arm.
 """
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -116,8 +117,8 @@ class Ros2Control:
         self.diagnostics.publish(DiagnosticArray(status=[status]))
 
     def cycle(self) -> None:
-        """Read, update, write; then the arm moves until the next cycle."""
-        count = len(self.commands)
+        """Read, update, write; then the arm moves until the next cycle, a period later at the earliest."""
+        count, due = len(self.commands), time.monotonic() + PERIOD
         message = JointState(
             name=self.joints,
             position=(self.arm.qpos + self.noise * self.random.standard_normal(len(self.joints))).tolist(),
@@ -144,8 +145,8 @@ class Ros2Control:
                 lambda: self.ended() or (len(self.commands) > count and not 0 < self.referred < stamp),
                 f"a command at {self.now / SECOND} s",
             )
-        else:
-            self.testbed.executor.spin_once(timeout_sec=PERIOD)
+        while (left := due - time.monotonic()) > 0.0:
+            self.testbed.executor.spin_once(timeout_sec=left)
 
     def go_on(self, seconds: float, until: Callable[[], Any] = lambda: False) -> bool:
         """Cycle for a time, or until something is true; returns whether it is."""
