@@ -303,6 +303,17 @@ def test_a_real_arm_changes_by_more_than_the_factor_only_after_a_question(real: 
     assert real.k1() == 6.0
 
 
+def test_a_trajectory_node_that_comes_after_the_page_gets_its_controls(real: Real) -> None:
+    def labels() -> set[str]:
+        return {e["props"].get("label") for e in real.client.elements.values()}
+
+    assert "Go" not in labels()
+    process = real.testbed.start("trajectory")
+    until(lambda: "Go" in labels(), "the controls of its motion")
+    process.interrupt()
+    assert process.wait() == 0
+
+
 def test_a_silent_arm_and_a_silent_controller_are_named_with_what_starts_them(real: Real) -> None:
     arm = real.testbed.node.create_publisher(JointState, "joint_states", 10)
 

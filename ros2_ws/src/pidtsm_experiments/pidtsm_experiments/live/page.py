@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
+from viser import GuiTabGroupHandle
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import ParameterError
@@ -30,6 +31,8 @@ from pidtsm_ros.stop import Stop
 
 _PERIOD = 0.05
 """Time between two pictures of the arm, s."""
+_LOOK = 1.0
+"""Time between two looks for a trajectory node, s."""
 _DRAW_EVERY, _TELL_EVERY = 4, 10
 """Pictures between two updates of the curves, and of the texts."""
 _CONTROLS = 380  # pixels
@@ -98,12 +101,8 @@ class Page:
             desk.button("Reset the fault", self._reset, reset, moves=True)
         self._forms["controller"] = NodeForms(desk, "controller", control)
         await _until_answered(self._forms["controller"].build)
-        if desk.system.has("trajectory"):
-            motion = tabs.add_tab("Motion")
-            with motion:
-                self._watching.moving = Moving(desk, self._joints, np.zeros(len(self._joints)))
-            self._forms["trajectory"] = NodeForms(desk, "trajectory", motion)
-            await _until_answered(self._forms["trajectory"].build)
+        if desk.system.has("trajectory") or (desk.nodes is not None and "trajectory" in desk.nodes.parameters):
+            await self._add_motion(tabs)
         if desk.system.simulated:
             disturb = tabs.add_tab("Disturb")
             with disturb:
@@ -115,6 +114,20 @@ class Page:
             await _until_answered(self._forms["simulator"].build)
         with tabs.add_tab("Keep"):
             self._recorded = Recorded(desk, self._recording, self._values)
+        while "trajectory" not in self._forms:  # It may be discovered, or started, later.
+            await asyncio.sleep(_LOOK)
+            if desk.system.has("trajectory"):
+                await self._add_motion(tabs)
+
+    async def _add_motion(self, tabs: GuiTabGroupHandle) -> None:
+        """Add the controls of the trajectory node, once it answers."""
+        motion = tabs.add_tab("Motion")
+        with motion:
+            moving = Moving(self._desk, self._joints, np.zeros(len(self._joints)))
+        if self._watching is not None:
+            self._watching.moving = moving
+        self._forms["trajectory"] = NodeForms(self._desk, "trajectory", motion)
+        await _until_answered(self._forms["trajectory"].build)
 
     def _add_arm(self, values: Mapping[str, Any]) -> None:
         known = {parameter.name: values[parameter.name] for parameter in description_schema(values)}
