@@ -139,10 +139,14 @@ _BY_ADDRESS = len(_CLOSED_FORMS)
 
 
 def make_model(robot: Robot, parameters: Array) -> Model:
-    """The model of a robot as compiled code reads it; `parameters` as `Robot.pack_model` returns them, shape (n,)."""
-    if robot.dynamics in _CLOSED_FORMS:
-        return Model(_CLOSED_FORMS.index(robot.dynamics), 0, 0, parameters)
-    return Model(_BY_ADDRESS, *tree_addresses(), parameters)
+    """The model of a robot as compiled code reads it; `parameters` as `Robot.pack_model` returns them, shape (n,).
+
+    Raises:
+        ValueError: the robot has a closed form that no member of `ROBOTS` has, so compiled code does not contain it.
+    """
+    if isinstance(robot, TreeRobot):
+        return Model(_BY_ADDRESS, *tree_addresses(), parameters)
+    return Model(_CLOSED_FORMS.index(robot.dynamics), 0, 0, parameters)
 
 
 def robot_joints(settings: Mapping[str, object]) -> int:

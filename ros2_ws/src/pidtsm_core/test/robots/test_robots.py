@@ -1,5 +1,7 @@
 """Properties of every robot model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,6 +21,7 @@ from pidtsm_core.robots import (
 )
 from pidtsm_core.robots.effort_differences import spread_of_differences
 from pidtsm_core.robots.payload import Payload
+from pidtsm_core.robots.two_link import TWO_LINK
 from pidtsm_core.simulation.plant import Plant, plant_schema
 
 PROPERTY = settings(deadline=None, max_examples=50)
@@ -212,3 +215,11 @@ def test_efforts_in_a_box_differ_by_no_more_than_their_spread(robot: Robot, boun
         sides = random.choice([-1.0, 1.0, 0.3], (30, 3, n))
         changes = [np.abs(torque(robot, q + d[0], dq + d[1], ddq + d[2], p) - middle) for d in sides * box]
         assert (np.max(changes, axis=0) <= spread[0] + 1e-9 * (1.0 + np.abs(middle))).all()
+
+
+def test_a_closed_form_that_is_not_registered_is_refused() -> None:
+    """Compiled code does not contain it, and would take it for a tree."""
+    dynamics = TWO_LINK.dynamics
+    unknown = replace(TWO_LINK, dynamics=replace(dynamics, inverse_dynamics=dynamics.forward_dynamics))
+    with pytest.raises(ValueError, match="not in tuple"):
+        make_model(unknown, np.zeros(8))
