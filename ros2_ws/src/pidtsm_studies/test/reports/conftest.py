@@ -62,10 +62,11 @@ def comparison(tmp_path_factory: pytest.TempPathFactory, compared: dict[str, Run
 
 @pytest.fixture(scope="session")
 def recordings(run_of: RunOf) -> dict[str, Recording]:
-    """A short run of each of several arms."""
+    """A short run of each of several arms, pushed so that the gain adapts."""
     found = {"two_link": run_of("case1", "piddtsm")[0]}
     for robot in ("panda", "scara"):
-        found[robot] = rollout(params=PRACTICAL, robot=robot, duration=1.0)
+        push = {"push.effort": 5.0, "push.time": 0.3, "push.duration": 0.3}
+        found[robot] = rollout(params=PRACTICAL, robot=robot, duration=1.0, simulator=push)
     return found
 
 

@@ -10,6 +10,7 @@ from support.testarms import Arm
 from pidtsm_core.laws.surfaces.dual_terminal import DUAL_TERMINAL
 
 K1, K2, ALPHA, U_S = 3.0, 0.5, 0.5, 5.0
+ROUNDING = 1e-12  # a smaller velocity is none
 
 
 def evaluate(arm: Arm, e: float, de: float) -> tuple[float, float, float]:
@@ -29,9 +30,9 @@ def test_values_by_hand(arm: Arm, sign: float) -> None:
 
 
 @pytest.mark.parametrize("e", [0.0, -0.0])
-@pytest.mark.parametrize("de", [2.0, -2.0, 1e-300, -1e-300, 0.0, -0.0])
+@pytest.mark.parametrize("de", [2.0, -2.0, 1e-11, -1e-11, 1e-13, -1e-300, 0.0, -0.0])
 def test_without_error_u_f_is_its_limit_in_the_direction_of_the_velocity(arm: Arm, e: float, de: float) -> None:
-    u_f = 0.0 if de == 0.0 else math.copysign(U_S, de)
+    u_f = 0.0 if abs(de) < ROUNDING else math.copysign(U_S, de)
     s, _, h = evaluate(arm, e, de)
     assert s == de
     assert h == K1 * ALPHA * u_f + K2 * de
@@ -44,7 +45,7 @@ def test_u_f_is_limited_and_untouched_below_the_limit(arm: Arm, e: float, de: fl
     u_f = (h - K2 * de - K1 * 3.0 * e * e * de) / (K1 * ALPHA)
     # |e|^(alpha-1) e' of (13), if it is a number; the tolerance covers rounding of the cubic term in h.
     wanted = de / math.sqrt(abs(e)) if e != 0.0 else math.copysign(math.inf, de) * (de != 0.0 or math.nan)
-    wanted = 0.0 if de == 0.0 else min(max(wanted, -U_S), U_S)
+    wanted = 0.0 if abs(de) < ROUNDING else min(max(wanted, -U_S), U_S)
     assert u_f == pytest.approx(wanted, rel=1e-12, abs=1e-14 * (1.0 + 3.0 * e * e * abs(de)))
 
 
