@@ -98,7 +98,7 @@ def _difference(comparison: EngineComparison) -> Figure:
     """|difference of q| over time, on a logarithmic axis."""
     recording = next(iter(comparison.runs.values()))
     groups = alike(recording.units, _TOGETHER)
-    figure, table = panels(len(groups))
+    figure, table = panels(len(groups), groups=len(groups))
     for ax, group in zip(table[:, 0], groups, strict=True):
         for style, j in enumerate(group):
             line(ax, *envelope(recording.time, comparison.difference[:, j]), style, recording.joints[j])

@@ -152,7 +152,7 @@ def _bars(case: str, runs: Runs, key: str, title: str, axis: str, printed: Mappi
         ax.grid(axis="x", visible=False)
         ax.margins(x=0.1, y=0.1)
         ax.set_ylabel(axis.format(first.joints[j]))
-    table[0, 0].set_title(f"{CASES[case]}: {title}", loc="left")
+    table[0, 0].set_title(f"{CASES[case]}: {title}", loc="left", y=1.0)
     if marked:
-        table[0, -1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1).set_in_layout(False)
+        table[0, -1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
     return figure

@@ -48,7 +48,6 @@ MARK: dict[str, Any] = {
     "linewidth": 4.0,
     "solid_capstyle": "butt",
     "clip_on": False,
-    "in_layout": False,
 }
 """Line above a panel that marks time intervals."""
 
@@ -61,7 +60,11 @@ _PER_TIME = {
 PARTS = 500
 """Number of parts of the time axis; a line keeps the extremes of each part."""
 
-_WIDTH = 7.0  # inch
+_WIDTH = 7.0  # inch, as everything here
+_PANEL = 1.5  # height of a panel
+_LEFT, _RIGHT, _ABOVE, _BELOW = 0.95, 0.15, 0.35, 0.5  # space around the panels, for the labels
+_BESIDE, _BETWEEN = 0.95, 0.2  # space between columns, and between rows
+_LABEL = 0.62  # from a panel to the label of its vertical axis
 _TOGETHER = 3
 """Largest number of joints in a panel; more lines could not be told apart."""
 _START = 1.0  # duration of the start of a run, s
@@ -95,18 +98,10 @@ def save_figures(drawings: Mapping[str, Callable[[], Figure]], directory: Path) 
     with matplotlib.rc_context(STYLE):
         for name, draw in drawings.items():
             figure = draw()
-            arrange(figure)
             for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
                 files.append(directory / f"{name}.{suffix}")
                 figure.savefig(files[-1], metadata=metadata)
     return files
-
-
-def arrange(figure: Figure) -> None:
-    """Lay it out, once for all its files: Matplotlib would draw it one more time for each."""
-    if engine := figure.get_layout_engine():
-        engine.execute(figure)
-        figure.set_layout_engine(None)
 
 
 def tracking(recording: Recording) -> Figure:
@@ -123,7 +118,7 @@ def tracking(recording: Recording) -> Figure:
 def error(recording: Recording) -> Figure:
     """True tracking error, eq. (7), and its magnitude on a logarithmic scale."""
     groups, error = alike(recording.units, _TOGETHER), recording.error
-    figure, table = panels(2 * len(groups))
+    figure, table = panels(2 * len(groups), groups=len(groups))
     for group, (signed, size) in zip(groups, table.reshape(-1, 2), strict=True):
         for style, j in enumerate(group):
             line(signed, recording.time, error[:, j], style, recording.joints[j])
@@ -151,7 +146,7 @@ def torque(recording: Recording) -> Figure:
 def sliding_variables(recording: Recording) -> Figure:
     """Sliding variable s, eq. (11), and manifold variable sigma, eq. (10): magnitude, and the start with sign."""
     groups = alike(recording.units, _TOGETHER)
-    figure, table = panels(2 * len(groups), width_ratios=(2, 1))
+    figure, table = panels(2 * len(groups), width_ratios=(2, 1), groups=len(groups))
     start = _start(recording)
     variables = ((Signal.SLIDING_VARIABLE, "s"), (Signal.MANIFOLD_VARIABLE, r"\sigma"))
     for (size, signed), (group, (signal, name)) in zip(table, product(groups, variables), strict=True):
@@ -169,7 +164,7 @@ def sliding_variables(recording: Recording) -> Figure:
 def adaptive_gain(recording: Recording) -> Figure:
     """Adaptive gain Y, eq. (27), and switching term tau_sw, eq. (25)."""
     groups = alike(recording.units, _TOGETHER)
-    figure, table = panels(2 * len(groups))
+    figure, table = panels(2 * len(groups), groups=len(groups))
     terms = ((Signal.ADAPTIVE_GAIN, "Y"), (Signal.SWITCHING_TERM, r"\tau_{sw}"))
     for ax, (group, (signal, name)) in zip(table[:, 0], product(groups, terms), strict=True):
         for style, j in enumerate(group):
@@ -201,18 +196,34 @@ def _start(recording: Recording) -> slice:
     return slice(int(np.searchsorted(recording.time, recording.time[0] + _START, side="right")))
 
 
-def panels(rows: int, width_ratios: Sequence[float] = (1,)) -> tuple[Figure, Table]:
+def panels(rows: int, width_ratios: Sequence[float] = (1,), groups: int = 1) -> tuple[Figure, Table]:
     """A figure of panels with common time axes.
+
+    Places are fixed: to find them, Matplotlib would lay out every text of the figure several times, which took longer
+    than to draw it.
 
     Args:
         rows: number of rows.
         width_ratios: relative widths of the columns.
+        groups: number of groups of rows, below each other, each with space for a legend above it.
 
     Returns:
         The figure, and its axes of shape (rows, columns).
     """
-    figure = Figure(figsize=(_WIDTH, 0.9 + 1.7 * rows), layout="constrained")
-    return figure, figure.subplots(rows, len(width_ratios), sharex="col", squeeze=False, width_ratios=width_ratios)
+    columns, gaps = len(width_ratios), groups - 1
+    height = _ABOVE + rows * _PANEL + (rows - 1) * _BETWEEN + gaps * _ABOVE + _BELOW
+    figure = Figure(figsize=(_WIDTH, height))
+    widths = (_WIDTH - _LEFT - _RIGHT - (columns - 1) * _BESIDE) * np.array(width_ratios) / np.sum(width_ratios)
+    table = figure.subplots(rows, columns, sharex="col", squeeze=False)
+    for row, column in product(range(rows), range(columns)):
+        left = _LEFT + widths[:column].sum() + column * _BESIDE
+        top = _ABOVE + row * (_PANEL + _BETWEEN) + row // (rows // groups) * _ABOVE
+        place = (left / _WIDTH, 1.0 - (top + _PANEL) / height, widths[column] / _WIDTH, _PANEL / height)
+        ax = table[row, column]
+        ax.set_position(place)
+        ax.yaxis.set_label_coords(-_LABEL / widths[column], 0.5)
+        ax.xaxis.set_label_coords(0.5, -0.3 / _PANEL)
+    return figure, table
 
 
 def finished(figure: Figure, table: Table, recording: Recording, title: str | None = None, groups: int = 1) -> Figure:
@@ -223,7 +234,7 @@ def finished(figure: Figure, table: Table, recording: Recording, title: str | No
         table: its axes, shape (rows, columns).
         recording: the run.
         title: title; None: scenario, law and clock of the run.
-        groups: number of groups of joints, below each other; each has a legend.
+        groups: number of groups of joints, as given to `panels`; each has a legend.
 
     Returns:
         The figure.
@@ -232,18 +243,15 @@ def finished(figure: Figure, table: Table, recording: Recording, title: str | No
         for ax in table[:, 0]:
             ax.axvline(recording.event_time, color="0.35", linewidth=0.8, linestyle=":", label="event")
     run = ", ".join(filter(None, (recording.scenario, recording.law, recording.clock)))
-    table[0, 0].set_title(title or run, loc="left")
+    table[0, 0].set_title(title or run, loc="left", y=1.0)
     for row in range(0, len(table), len(table) // groups):
         lines, labels = table[row, 0].get_legend_handles_labels()
         above = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": len(labels), "borderaxespad": 0.1}
-        table[row, -1].legend(lines, labels, **above).set_in_layout(False)  # next to the title, above all columns
-        if row > 0:
-            table[row, 0].set_title(" ")  # space for the legend
+        table[row, -1].legend(lines, labels, **above)  # next to the title, above all columns
     for ax in table[-1]:
         ax.set_xlabel("time (s)")
     if recording.time.size > 1:  # the last sample lasts for the median of the periods
         table[-1, 0].set_xlim(recording.time[0], recording.time[-1] + np.median(np.diff(recording.time)))
-    figure.align_ylabels()
     return figure
 
 
