@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pidtsm_core.experiment import Experiment, make_experiment, scenario_names
     from pidtsm_core.parameters import ParameterError
     from pidtsm_core.recording import Recording
+    from pidtsm_core.robots.definition import ArmDefinition
     from pidtsm_core.rollouts.batches import BatchResult, Trajectory, batch
     from pidtsm_core.rollouts.closed_loop import DivergedError, make_controller, rollout
     from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
@@ -27,6 +28,7 @@ __version__ = "0.2.0"
 """Defined here alone; a test compares what the packages say with it."""
 
 _MODULES = {
+    "ArmDefinition": "robots.definition",
     "BatchResult": "rollouts.batches",
     "Controller": "control.controller",
     "DivergedError": "rollouts.closed_loop",
@@ -49,6 +51,7 @@ _MODULES = {
 """Module of each public name: imported when it is first used, because importing the compiler takes half a second."""
 
 __all__ = [
+    "ArmDefinition",
     "BatchResult",
     "Controller",
     "DivergedError",

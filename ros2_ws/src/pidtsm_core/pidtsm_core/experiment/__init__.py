@@ -19,7 +19,8 @@ from pidtsm_core.experiment.node_settings import resolve_nodes
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import ParameterError, Schema, Value, as_float
 from pidtsm_core.parameters.files import NODES, Settings, flatten, load_mapping, load_ros_parameters, read_yaml
-from pidtsm_core.robots import DESCRIPTION, NAMES, ROBOTS, find_robot
+from pidtsm_core.robots import DESCRIPTION, OF_ARM, ROBOTS, find_robot
+from pidtsm_core.robots.definition import ArmDefinition, find_arm
 from pidtsm_core.simulation.plant import RATE
 from pidtsm_core.timing import LONGEST_RUN
 
@@ -111,7 +112,7 @@ def make_experiment(
     duration: float | None = None,
     params: str | Sequence[str] = (),
     overrides: Sequence[str] | Mapping[str, Mapping[str, Any]] = (),
-    robot: str | None = None,
+    robot: str | ArmDefinition | None = None,
 ) -> Experiment:
     """Combine the parts of an experiment.
 
@@ -126,7 +127,8 @@ def make_experiment(
             given, else the one set by the earlier parts), ``practical`` the set for real sensors and drives
             (`practical_settings`), ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm.
         overrides: texts ``NODE.PARAMETER=VALUE``, or values by node and name; groups may be nested.
-        robot: ``robot.description`` of simulator and controller, see `find_robot`; None: that of the scenario.
+        robot: the arm of simulator and controller: a name, also one under which the user has stored an arm, the path of
+            a description, or an `ArmDefinition`; None: that of the scenario.
 
     Raises:
         UsageError: anything unknown or malformed; the message contains the file, the key and what is allowed.
@@ -134,7 +136,9 @@ def make_experiment(
     if law is not None and law not in LAWS.names:
         raise UsageError(f"unknown law {law}; known: {', '.join(LAWS.names)}")
     chosen = list(_overrides(overrides))
-    base = scenario if isinstance(scenario, Experiment) else _scenario(scenario, robot or _described(chosen), duration)
+    arm = None if robot is None else find_arm(robot)
+    of_arm = {} if arm is None else arm.settings()
+    base = scenario if isinstance(scenario, Experiment) else _scenario(scenario, _arm(of_arm, chosen), duration)
     settings: Settings = {node: {} for node in NODES} | {node: dict(given) for node, given in base.settings.items()}
     files = dict(base.files)
 
@@ -143,9 +147,8 @@ def make_experiment(
             settings[node].update(parameters)
             files.update({f"{node}.{name}": str(source) for name in parameters})
 
-    if robot is not None:
-        description = resolved_description(robot)
-        merge({node: {DESCRIPTION.name: description} for node in ("simulator", "controller")}, Path(robot))
+    if arm is not None:
+        merge({node: of_arm for node in ("simulator", "controller")}, Path(arm.label))
     for name in [params] if isinstance(params, str) else params:
         before = settings["controller"].get("law.name")
         of_law = law or (before if before in LAWS.names else None)
@@ -178,11 +181,14 @@ def _overrides(given: Sequence[str] | Mapping[str, Mapping[str, Any]]) -> Iterat
             yield node, name, value
 
 
-def _described(overrides: Iterable[tuple[str, str, Any]]) -> str | None:
-    """The robot that overrides choose for simulator and controller; None if they do not choose the same one."""
-    chosen = {node: value for node, name, value in overrides if name == DESCRIPTION.name}
-    robot = chosen.get("controller")
-    return robot if isinstance(robot, str) and robot == chosen.get("simulator") else None
+def _arm(of_arm: Mapping[str, Any], overrides: Iterable[tuple[str, str, Any]]) -> dict[str, Any]:
+    """Parameters that choose the arm, with those overrides that are the same for simulator and controller."""
+    chosen: dict[str, dict[str, Any]] = {"simulator": {}, "controller": {}}
+    for node, name, value in overrides:
+        if node in chosen and name in OF_ARM:
+            chosen[node][name] = value
+    same = {name: value for name, value in chosen["controller"].items() if chosen["simulator"].get(name) == value}
+    return {name: value for name, value in of_arm.items() if name in OF_ARM} | same
 
 
 def _overridden(settings: Settings, overrides: Iterable[tuple[str, str, Any]]) -> Settings:
@@ -191,11 +197,6 @@ def _overridden(settings: Settings, overrides: Iterable[tuple[str, str, Any]]) -
     for node, name, value in overrides:
         changed[node][name] = value
     return changed
-
-
-def resolved_description(robot: str) -> str:
-    """``robot.description`` for a name or path: a path is absolute, because nodes may run in another folder."""
-    return str(Path(robot).resolve()) if robot not in NAMES and Path(robot).is_file() else robot
 
 
 def article_parameters(law: str | None) -> Path:
@@ -267,13 +268,14 @@ def _scenario_file(scenario: str) -> Path:
     raise UsageError(f"no scenario {scenario}: neither a file nor one of {', '.join(scenario_names())}")
 
 
-def _scenario(scenario: str | None, robot: str | None, duration: float | None) -> Experiment:
-    """The experiment that a scenario defines; see `make_experiment`."""
-    if scenario is not None or robot in (None, DEFAULT_ROBOT):
+def _scenario(scenario: str | None, arm: Mapping[str, Any], duration: float | None) -> Experiment:
+    """The experiment that a scenario defines, or the default one of an arm; see `make_experiment`."""
+    robot = arm.get(DESCRIPTION.name, DEFAULT_ROBOT)
+    if scenario is not None or robot == DEFAULT_ROBOT:
         file = _scenario_file(scenario or DEFAULT_SCENARIO)
         content = _load_scenario(file) if file.parent != _SCENARIOS else _packaged(file)
     else:
-        found = find_robot({DESCRIPTION.name: robot})
+        found = find_robot(arm)
         file, content = Path(found.name), {"duration": DURATION, **default_motion(found)}
     seconds = _positive(content.get("duration"), f"{file}: duration") if duration is None else duration
     settings = {node: flatten(content.get(node) or {}, f"{file}: {node}") for node in NODES}

@@ -5,11 +5,12 @@ from typing import Any
 
 from pidtsm_core.parameters import ParameterError, Schema, Value, names, resolve
 from pidtsm_core.references import reference_joints
-from pidtsm_core.robots import DESCRIPTION, LOCKED, ROBOTS, robot_joints
+from pidtsm_core.robots import DESCRIPTION, LOCKED, ROBOTS, XACRO, robot_joints
 
 _SHARED = (
     DESCRIPTION.name,
     LOCKED.name,
+    XACRO.name,
     "limits.min_position",
     "limits.max_position",
     "limits.velocity",

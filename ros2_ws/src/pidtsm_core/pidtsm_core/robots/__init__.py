@@ -1,6 +1,8 @@
 """Robot models: from acceleration to torque and back. One closed form per file; any other arm is read from a file."""
 
+import shlex
 from collections.abc import Mapping
+from contextlib import suppress
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import dispatch, njit
@@ -22,6 +24,7 @@ __all__ = [
     "GRAVITY",
     "LOCKED",
     "NAMES",
+    "OF_ARM",
     "ROBOTS",
     "Description",
     "DescriptionError",
@@ -29,6 +32,7 @@ __all__ = [
     "Model",
     "Robot",
     "Tool",
+    "XACRO",
     "TreeRobot",
     "description_schema",
     "effort_spread",
@@ -67,7 +71,14 @@ LOCKED = Parameter(
     "the others are locked at zero, or at the limit next to it",
     read_only=True,
 )
-
+XACRO = Parameter(
+    "robot.xacro",
+    "",
+    "arguments of a xacro file: mass:=5 tool:=false; the others have their defaults",
+    read_only=True,
+)
+OF_ARM = (DESCRIPTION.name, LOCKED.name, XACRO.name, "joints")
+"""Names of the parameters that decide which robot `find_robot` finds."""
 
 GRAVITY = Parameter(
     "output.gravity",
@@ -93,7 +104,7 @@ def find_robot(settings: Mapping[str, object]) -> Robot:
     joints, locked = settings.get("joints"), str(settings.get(LOCKED.name, ""))
     chosen = tuple(str(joint) for joint in joints) if isinstance(joints, (list, tuple)) else None
     try:
-        name, text = read_source(source)
+        name, text = read_source(source, _arguments(str(settings.get(XACRO.name, ""))))
     except DescriptionError as error:
         raise ParameterError(f"{DESCRIPTION.name}: {error}", DESCRIPTION.name) from None
     file = "" if "<" in source else f"{source}: "
@@ -130,6 +141,15 @@ def _positions(text: str) -> tuple[tuple[str, float], ...]:
         return tuple((name, float(value)) for name, value in pairs)
     except ValueError:
         raise ParameterError(f"{LOCKED.name}: {text!r} is not of the form JOINT=POSITION ...", LOCKED.name) from None
+
+
+def _arguments(text: str) -> tuple[tuple[str, str], ...]:
+    """The arguments in the text of `XACRO`."""
+    with suppress(ValueError):  # A quotation that does not end.
+        pairs = [word.partition(":=") for word in shlex.split(text)]
+        if all(name and separator for name, separator, _ in pairs):
+            return tuple((name, value) for name, _, value in pairs)
+    raise ParameterError(f"{XACRO.name}: {text!r} is not of the form NAME:=VALUE ...", XACRO.name)
 
 
 _CLOSED_FORMS = tuple(dict.fromkeys(robot.dynamics for robot in ROBOTS.members))
@@ -169,7 +189,7 @@ def description_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     joints = Parameter(
         "joints", robot.joints, "names of the joints, in the order of the robot model", per_joint=True, read_only=True
     )
-    return joints, DESCRIPTION, *((LOCKED,) if isinstance(robot, TreeRobot) else ())
+    return joints, DESCRIPTION, *((LOCKED, XACRO) if isinstance(robot, TreeRobot) else ())
 
 
 def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:

@@ -2,8 +2,8 @@
 
 xacro evaluates Python expressions. It hides Python's functions from them, but an expression can find its way back to
 those. Therefore the kernel refuses this process everything that a description does not need: other programs, other
-processes, the network, and every change of a file. It is started with the path of the file; it exits with 0 and the
-URDF on standard output, or with `FAILED` and the reason.
+processes, the network, and every change of a file. It is started with the path of the file and its arguments, each
+``NAME:=VALUE``; it exits with 0 and the URDF on standard output, or with `FAILED` and the reason.
 """
 
 import ctypes
@@ -13,7 +13,7 @@ import platform
 import resource
 import struct
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from importlib import import_module
 from types import CodeType
@@ -127,8 +127,30 @@ def _step(operation: int, value: int, if_true: int = 0, if_false: int = 0) -> by
     return struct.pack("HBBI", operation, if_true, if_false, value)
 
 
-def main(file: str) -> int:
-    """Expand a file; returns the exit code."""
+class _Arguments(dict[str, str]):
+    """Arguments of a file by name; xacro adds those with a default. It remembers which ones the file has."""
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        super().__init__(given)
+        self.known: set[str] = set()
+
+    def __contains__(self, name: object) -> bool:
+        self.known.add(str(name))
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.known.add(name)
+        if not super().__contains__(name):
+            raise ValueError(f"its argument {name} has no value; {_give(name)}")
+        return super().__getitem__(name)
+
+
+def _give(name: str) -> str:
+    return f"give it with --xacro {name}:=VALUE, to a node with robot.xacro"
+
+
+def main(file: str, given: Mapping[str, str]) -> int:
+    """Expand a file with arguments; returns the exit code."""
     del sys.path[0]  # The folder of this file has modules of other purposes.
     import xacro
 
@@ -136,13 +158,20 @@ def main(file: str) -> int:
         with suppress(ImportError):  # Then what needs it says so.
             import_module(name)
     xacro.safe_eval = _refuse_hidden_names(xacro.safe_eval)
+    arguments = _Arguments(given)
+    xacro.check_attrs = _without_default(xacro.check_attrs, arguments)
     try:
         confine()
     except (OSError, ValueError) as error:
         print(error)
         return UNCONFINED
     try:
-        print(xacro.process_file(file).toxml())
+        text = xacro.process_file(file, mappings=arguments).toxml()
+        if unknown := sorted(set(given) - arguments.known):
+            raise ValueError(
+                f"it has no argument {unknown[0]}; it has {', '.join(sorted(arguments.known)) or 'none'}"
+            )
+        print(text)
     except Exception as error:  # xacro raises many kinds.
         print(_cause(error))
         return FAILED
@@ -153,8 +182,22 @@ def _cause(error: BaseException | None) -> str:
     """An error of xacro, which may have another one as its attribute ``exc``, in one line."""
     text, cause = " ".join(str(error).split()) or type(error).__name__, error
     while cause is not None and not isinstance(cause, MemoryError):
+        if type(cause).__name__ == "ArgException":
+            return f"its argument {cause} has no value; {_give(str(cause))}"
         cause = getattr(cause, "exc", None)
     return text if cause is None else f"it needs more than {MEMORY / 2**30:g} GB of memory: {text}"
+
+
+def _without_default(check_attrs: Callable[..., Any], arguments: _Arguments) -> Callable[..., Any]:
+    """xacro's `check_attrs`, with which an argument that is given needs no default in the file."""
+
+    def checked(tag: Any, required: list[str], optional: list[str]) -> Any:
+        name = tag.getAttribute("name")
+        if tag.tagName == "xacro:arg" and name and not tag.hasAttribute("default"):
+            tag.setAttribute("default", arguments[name])
+        return check_attrs(tag, required, optional)
+
+    return checked
 
 
 def _refuse_hidden_names(safe_eval: Callable[..., Any]) -> Callable[..., Any]:
@@ -176,6 +219,6 @@ def _refuse_hidden_names(safe_eval: Callable[..., Any]) -> Callable[..., Any]:
 
 
 if __name__ == "__main__":
-    code = main(sys.argv[1])
+    code = main(sys.argv[1], {name: value for name, _, value in (word.partition(":=") for word in sys.argv[2:])})
     sys.stdout.flush()
     os._exit(code)

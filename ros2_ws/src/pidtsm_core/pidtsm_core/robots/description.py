@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import did_you_mean
+from pidtsm_core.robots.chains import Chain, find_chain, how_to_choose
 from pidtsm_core.robots.compiler import compile_spec, parse
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.tree.layout import GRAVITY, Column, rotation, rows, set_inertia, size
@@ -51,6 +53,7 @@ class Description:
         damping: viscous friction, shape (joints,), N m s/rad or N s/m.
         friction: Coulomb friction, shape (joints,), N m or N.
         locked: positions of the joints that do not move, by name, rad or m.
+        grippers: those of them that were recognised as a gripper, and why; empty: the user has chosen the joints.
         tool_row: row of the tree of the link that carries the tool.
         tool: origin of the tool frame in that link, shape (3,), m. The tool is the end of the chain of fixed links
             behind the last joint, if that chain does not branch; otherwise the link behind the last joint.
@@ -71,6 +74,7 @@ class Description:
     damping: Array
     friction: Array
     locked: Mapping[str, float]
+    grippers: Mapping[str, str]
     tool_row: int
     tool: Array
     tool_rotation: Array
@@ -113,8 +117,8 @@ def read_description(
 
     Args:
         text: the description; meshes need not exist.
-        joints: names of the movable joints in the order of all arrays; None: the chain from the base to the first link
-            with more than one moving child, or none. In an MJCF with motors, bodies that no motor moves do not count.
+        joints: names of the movable joints in the order of all arrays; None: the chain of `find_chain`, without joints
+            in `locked`.
         locked: positions of other joints, rad or m; the joints that are neither in `joints` nor here are locked at
             zero, or at the limit next to zero.
 
@@ -122,9 +126,11 @@ def read_description(
         DescriptionError: the text cannot be read, or describes nothing that `tree` can represent.
     """
     compiled = _compile(text)
-    chosen = _chain(compiled) if joints is None else tuple(joints)
+    _check_types(compiled)
+    chain = find_chain(compiled.model, compiled.names) if joints is None else Chain(tuple(joints))
+    chosen = tuple(joint for joint in chain.joints if joints is not None or joint not in (locked or {}))
     _check_joints(compiled, chosen, locked or {})
-    return _Assembly(compiled, chosen, locked or {}).description()
+    return _Assembly(compiled, chosen, locked or {}).description(chain.grippers)
 
 
 def _compile(text: str) -> _Model:
@@ -138,56 +144,25 @@ def _compile(text: str) -> _Model:
     return _Model(model, names, parsed.base, parsed.limits, text, parsed.is_urdf)
 
 
-def _chain(compiled: _Model) -> tuple[str, ...]:
-    """Movable joints from the base to the first link that has more than one moving child, or none.
-
-    If the description has motors, only bodies that they move count: the others are surroundings.
-    """
-    m = compiled.model
-    driven = _driven(m)
-    children: dict[int, list[int]] = {}
-    for body in range(1, m.nbody):
-        children.setdefault(int(m.body_parentid[body]), []).append(body)
-
-    def moving(body: int) -> list[int]:
-        """The next moving bodies."""
-        below = [child for child in children.get(body, []) if not driven or child in driven]
-        return [b for child in below for b in ([child] if m.body_jntnum[child] else moving(child))]
-
-    body = 0
-    found: list[int] = []
-    while len(following := moving(body)) == 1:
-        body = following[0]
-        first = int(m.body_jntadr[body])
-        found += range(first, first + int(m.body_jntnum[body]))
-    return tuple(compiled.names[i] for i in found)
-
-
-def _driven(model: Any) -> set[int]:
-    """The bodies with a motor at one of their joints, and those between them and the base."""
-    on_joints = model.actuator_trnid[model.actuator_trntype == _ON_JOINT, 0]
-    found: set[int] = set()
-    for joint in on_joints:
-        body = int(model.jnt_bodyid[joint])
-        while body:
-            found.add(body)
-            body = int(model.body_parentid[body])
-    return found
-
-
-def _check_joints(compiled: _Model, chosen: Sequence[str], locked: Mapping[str, float]) -> None:
-    """Check that the tree can represent the chosen joints."""
+def _check_types(compiled: _Model) -> None:
+    """Check that the tree can represent the joints."""
     m, names = compiled.model, compiled.names
     for i, name in enumerate(names):
         if m.jnt_type[i] not in (_SLIDE, _HINGE):
             raise DescriptionError(
                 f"joint {name or i} of link {m.body(m.jnt_bodyid[i]).name}: floating and ball joints are not supported"
             )
+
+
+def _check_joints(compiled: _Model, chosen: Sequence[str], locked: Mapping[str, float]) -> None:
+    """Check that the chosen joints exist and can move, and that the locked ones exist."""
+    m, names = compiled.model, compiled.names
     for name in (*chosen, *locked):
         if name not in names:
-            raise DescriptionError(f"there is no movable joint {name}; there are {', '.join(names) or 'none'}")
+            hint = did_you_mean(name, names)
+            raise DescriptionError(f"there is no movable joint {name}; there are {', '.join(names) or 'none'}{hint}")
     if not chosen:
-        raise DescriptionError("there is no chain of movable joints from the base; choose the joints")
+        raise DescriptionError(f"no joint moves; {how_to_choose(m, names)}")
     for name in chosen:
         if list(chosen).count(name) > 1:
             raise DescriptionError(f"joint {name} is chosen twice")
@@ -210,7 +185,7 @@ def _check_couplings(compiled: _Model, chosen: Sequence[str]) -> None:
         joint = names[m.eq_obj1id[i]] if m.eq_type[i] == _COUPLE else ""
         if joint in chosen:
             other = names[m.eq_obj2id[i]] if m.eq_obj2id[i] >= 0 else "a constant"
-            raise DescriptionError(f"joint {joint} mimics {other}; choose joints without it")
+            raise DescriptionError(f"joint {joint} mimics {other}; choose joints without it, with --joints a,b,c")
 
 
 @dataclass(frozen=True)
@@ -304,7 +279,7 @@ class _Assembly:
             if m.eq_type[i] in (_CONNECT, _WELD) and m.eq_active0[i] and ends[0] != ends[1]:
                 raise DescriptionError(f"constraint {m.eq(i).name or i} closes a loop, which is not supported")
 
-    def description(self) -> Description:
+    def description(self, grippers: Mapping[str, str]) -> Description:
         """The result, in the order of the chosen joints."""
         m, names, body = self._model, self._compiled.names, self._tool_body()
         tool = self._bodies[body]
@@ -325,6 +300,7 @@ class _Assembly:
             damping=np.array(m.dof_damping[dofs]).reshape(-1),
             friction=np.array(m.dof_frictionloss[dofs]).reshape(-1),
             locked=self._locked,
+            grippers=grippers,
             tool_row=tool.row,
             tool=tool.translation,
             tool_rotation=tool.rotation,

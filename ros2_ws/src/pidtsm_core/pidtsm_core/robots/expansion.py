@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,18 +14,23 @@ from pidtsm_core.robots.errors import DescriptionError
 _WITHIN = 6.0  # s
 
 
-def expanded(file: Path) -> str:
+def expanded(file: Path, arguments: Mapping[str, str]) -> str:
     """The URDF that a xacro file expands to.
 
+    Args:
+        file: the file.
+        arguments: values of its arguments (``xacro:arg``) by name; the others have their defaults.
+
     Raises:
-        DescriptionError: xacro is not installed, the file cannot be expanded, takes too long, or takes too much memory,
+        DescriptionError: an argument is unknown or has no value, xacro is not installed, the file cannot be expanded, takes too long, or takes too much memory,
             or this machine cannot confine the process.
     """
     if find_spec("xacro") is None:
         raise DescriptionError(f"{file} needs xacro: pip install xacro, or expand it to a URDF")
+    words = [f"{name}:={value}" for name, value in arguments.items()]
     with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(
-            [sys.executable, str(Path(confined.__file__)), str(file)],
+            [sys.executable, str(Path(confined.__file__)), str(file), *words],
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.DEVNULL,

@@ -8,8 +8,9 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float
 
-_MASS = "payload.mass"
-_CENTER = Parameter(
+MASS = "payload.mass"
+"""Name of the parameter of the mass."""
+CENTER = Parameter(
     "payload.center_of_mass",
     (0.0, 0.0, 0.0),
     "centre of mass of the payload in the tool frame: x, y, z",
@@ -48,14 +49,14 @@ def payload_parameters(description: str, has_shape: bool) -> tuple[Parameter, ..
         description: of ``payload.mass``.
         has_shape: whether the robot takes a centre of mass and an inertia; if not, the payload is a point mass.
     """
-    mass = Parameter(_MASS, 0.0, description, "kg", minimum=0.0)
-    return (mass, *((_CENTER, _INERTIA) if has_shape else ()))
+    mass = Parameter(MASS, 0.0, description, "kg", minimum=0.0)
+    return (mass, *((CENTER, _INERTIA) if has_shape else ()))
 
 
 def payload_of(values: Mapping[str, Value]) -> Payload:
     """The payload that checked values of `payload_parameters` describe."""
-    center = np.array(values.get(_CENTER.name, _CENTER.default))
-    return Payload(as_float(values[_MASS]), center, _matrix(values.get(_INERTIA.name, _INERTIA.default)))
+    center = np.array(values.get(CENTER.name, CENTER.default))
+    return Payload(as_float(values[MASS]), center, _matrix(values.get(_INERTIA.name, _INERTIA.default)))
 
 
 def check_payload(settings: Mapping[str, object]) -> None:

@@ -12,10 +12,12 @@ from pidtsm_core.parameters import did_you_mean
 from pidtsm_core.robots.bounds import check_bounds, read_text
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.expansion import expanded
+from pidtsm_core.robots.stored import stored_names
 
 _FOLDER = Path(__file__).with_name("arms")
 ARMS = tuple(sorted(file.stem for file in _FOLDER.glob("*.urdf")))
 """Names of the arms that come with the package."""
+_XACRO = ".xacro"
 
 
 def rated_payload(arm: str) -> float:
@@ -24,16 +26,19 @@ def rated_payload(arm: str) -> float:
     return float(rated[arm]["payload"])
 
 
-def read_source(source: str) -> tuple[str, str]:
+def read_source(source: str, arguments: tuple[tuple[str, str], ...] = ()) -> tuple[str, str]:
     """Name and text of a description.
 
     Args:
         source: a name in `ARMS`; the path or ``package://`` URI of a URDF, xacro or MJCF; or a text that begins with
             ``<``.
+        arguments: of a xacro file, as pairs of name and value.
 
     Raises:
-        DescriptionError: there is no such file, or it cannot be read.
+        DescriptionError: there is no such file, or it cannot be read, or it takes no arguments.
     """
+    if arguments and not source.endswith(_XACRO):
+        raise DescriptionError(f"only a xacro file has arguments, such as {':='.join(arguments[0])}, and this is none")
     if source.lstrip().startswith("<"):
         return "arm", source
     if "\0" in source:
@@ -43,9 +48,9 @@ def read_source(source: str) -> tuple[str, str]:
     else:
         file = file_in_package(source) if source.startswith("package://") else Path(source)
     try:
-        return _read(file.resolve(), file.stat().st_mtime_ns)
+        return _read(file.resolve(), file.stat().st_mtime_ns, arguments)
     except OSError as error:
-        names = ("two_link", *ARMS)
+        names = ("two_link", *ARMS, *stored_names())
         reason = f"{source}: {error.strerror or error}; neither a file nor one of {', '.join(names)}"
         raise DescriptionError(reason + did_you_mean(source, names)) from None
     except UnicodeDecodeError:
@@ -55,10 +60,10 @@ def read_source(source: str) -> tuple[str, str]:
 
 
 @lru_cache(maxsize=64)
-def _read(file: Path, _changed: int) -> tuple[str, str]:
+def _read(file: Path, _changed: int, arguments: tuple[tuple[str, str], ...]) -> tuple[str, str]:
     """Read a file, and again when it has changed: a node looks for its robot with every change of a parameter."""
-    if file.suffix == ".xacro":
-        return file.name.split(".")[0], expanded(file)
+    if file.suffix == _XACRO:
+        return file.name.split(".")[0], expanded(file, dict(arguments))
     text = read_text(file)
     return file.stem, _located(file.parent, text) if "<mujoco" in text else text
 

@@ -95,8 +95,8 @@ def _scale(row: Array, factors: Mapping[str, float]) -> None:
     row[Column.ARMATURE] *= inertia
 
 
-def _add_load(description: Description, p: Array, payload: Payload) -> None:
-    """Add a payload at the tool."""
+def add_load(description: Description, p: Array, payload: Payload) -> None:
+    """Add a payload at the tool of a description to its tree `p`, shape (n,)."""
     row, axes = rows(p)[description.tool_row], description.tool_rotation
     center = description.tool + axes @ payload.center_of_mass
     row[Column.MASS] += payload.mass
@@ -144,7 +144,7 @@ def tree_robot(
         initial_position=tuple(middle.tolist()),
         quantities={},
         dynamics=TREE,
-        load=lambda p, payload: _add_load(found, p, payload),
+        load=lambda p, payload: add_load(found, p, payload),
         tool=lambda p: Tool(p.copy(), found.tool_row, found.tool),
         position_limits=tuple(zip(found.lower.tolist(), found.upper.tolist(), strict=True)),
         velocity_limit=tuple(found.velocity.tolist()),

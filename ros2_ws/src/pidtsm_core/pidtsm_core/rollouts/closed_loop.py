@@ -27,6 +27,7 @@ from pidtsm_core.references import (
     reference_schema,
 )
 from pidtsm_core.robots import find_robot, robot_parameters
+from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_core.signals import Signal, Status
 from pidtsm_core.simulation.simulator import (
     SimulatedRobot,
@@ -194,7 +195,7 @@ def rollout(
     scenario: str | Experiment | None = None,
     law: str | None = None,
     params: str | Sequence[str] = (),
-    robot: str | None = None,
+    robot: str | ArmDefinition | None = None,
     *,
     duration: float | None = None,
     controller: Mapping[str, Any] | None = None,
@@ -209,7 +210,9 @@ def rollout(
         law: name of the control law; None: that of the scenario or of `params`, else ``piddtsm``.
         params: ``article`` (Table 1 of the article), ``practical`` (for real sensors and drives), the path of a ROS
             parameter file, or several of these, of which later ones override earlier ones.
-        robot: the arm: a name such as ``panda``, or the path of a URDF, xacro or MJCF file; None: that of the scenario.
+        robot: the arm: a name such as ``panda`` or that of a stored arm, the path of a URDF, xacro or MJCF file, or an
+            `ArmDefinition`, which also chooses its joints, its effort limits and what it carries; None: that of the
+            scenario.
         duration: s; None: that of the scenario.
         controller: parameters that override all others, by name, such as ``{"law.k1": 3.0}``; a joint's parameter is
             one number for all joints, or one for each. Parameters that only a node has are ignored.
@@ -254,7 +257,7 @@ def make_controller(
     scenario: str | Experiment | None = None,
     law: str | None = None,
     params: str | Sequence[str] = (),
-    robot: str | None = None,
+    robot: str | ArmDefinition | None = None,
     *,
     rate: int = 1000,
     controller: Mapping[str, Any] | None = None,

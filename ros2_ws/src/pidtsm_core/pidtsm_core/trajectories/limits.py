@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import Parameter, ParameterError, joint_array
-from pidtsm_core.robots import DESCRIPTION, LOCKED, Model, Robot, find_robot, inverse_dynamics, make_model
+from pidtsm_core.robots import DESCRIPTION, LOCKED, OF_ARM, XACRO, Model, Robot, find_robot, inverse_dynamics, make_model
 from pidtsm_core.trajectories.margins import PLANNED_EFFORT, PLANNED_SHARE
 from pidtsm_core.units import TURNS, JointUnits
 
@@ -22,6 +22,7 @@ PARAMETERS = (
         description=f"{DESCRIPTION.description}; empty: no arm, so that only limits set here apply",
     ),
     LOCKED,
+    XACRO,
     Parameter(
         "limits.min_position",
         0.0,
@@ -215,8 +216,7 @@ def _friction(robot: Robot | None, places: NDArray[np.int_], count: int) -> Arra
 
 def _robot(settings: Mapping[str, object]) -> Robot:
     """The arm of the description."""
-    keys = (DESCRIPTION.name, LOCKED.name, "joints")
-    robot, joints = find_robot({key: settings[key] for key in keys if key in settings}), settings.get("joints")
+    robot, joints = find_robot({key: settings[key] for key in OF_ARM if key in settings}), settings.get("joints")
     if isinstance(joints, (list, tuple)) and len(joints) != len(robot.joints):
         raise ParameterError(
             f"{DESCRIPTION.name}: {robot.name} has {len(robot.joints)} joints, and joints names {len(joints)}",
