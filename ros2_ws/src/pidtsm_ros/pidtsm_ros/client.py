@@ -21,6 +21,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from pidtsm_core.arrays import Array
 from pidtsm_core.control.report import cause
 from pidtsm_core.robots import DESCRIPTION
+from pidtsm_core.robots.definition import ArmDefinition, find_arm
 from pidtsm_core.signals import Mode
 from pidtsm_core.timing import NANOSECONDS
 from pidtsm_core.trajectories.errors import TrajectoryError
@@ -97,12 +98,13 @@ class Arm:
     serves it, otherwise to the topic ``joint_trajectory``, which gives no answer: then only the end is watched.
     """
 
-    def __init__(self, namespace: str = "", robot: str = "", timeout: float = 10.0) -> None:
+    def __init__(self, namespace: str = "", robot: str | ArmDefinition = "", timeout: float = 10.0) -> None:
         """Find the system.
 
         Args:
             namespace: of its nodes.
-            robot: arm whose limits apply if the trajectory node has none, see ``robot.description``.
+            robot: arm whose limits apply if the trajectory node has none: a name, also that of a stored arm, the path
+                of a description, or an `ArmDefinition`.
             timeout: longest time to find it, s.
 
         Raises:
@@ -135,7 +137,7 @@ class Arm:
             self.close()
             raise
 
-    def _connect(self, robot: str, timeout: float) -> None:
+    def _connect(self, robot: str | ArmDefinition, timeout: float) -> None:
         node = self._node
         node.create_subscription(ControllerState, "controller/state", self._on_state, READER, raw=True)
         self._trajectories = node.create_publisher(
@@ -165,11 +167,14 @@ class Arm:
         self._goal_type = FollowJointTrajectory.Goal
         return ActionClient(self._node, FollowJointTrajectory, _ACTION)
 
-    def _read_limits(self, robot: str, timeout: float) -> MotionLimits:
+    def _read_limits(self, robot: str | ArmDefinition, timeout: float) -> MotionLimits:
         names = ["joints", *(parameter.name for parameter in PARAMETERS)]
         response = self._answer(self._parameters.call_async(GetParameters.Request(names=names)), timeout)
         values = {name: _value(value) for name, value in zip(names, response.values, strict=True)}
-        values[DESCRIPTION.name] = values[DESCRIPTION.name] or robot
+        if robot and not values[DESCRIPTION.name]:
+            own = {name for name, value in values.items() if value and np.any(np.array(value) != 0)}
+            of_arm = find_arm(robot).in_order(values["joints"]).settings()
+            values |= {name: value for name, value in of_arm.items() if name not in own}
         return motion_limits({name: value for name, value in values.items() if value not in (None, "", [], ())})
 
     def __enter__(self) -> "Arm":

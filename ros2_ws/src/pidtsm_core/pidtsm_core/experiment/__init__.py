@@ -148,7 +148,7 @@ def make_experiment(
             files.update({f"{node}.{name}": str(source) for name in parameters})
 
     if arm is not None:
-        merge({node: of_arm for node in ("simulator", "controller")}, Path(arm.label))
+        merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
     for name in [params] if isinstance(params, str) else params:
         before = settings["controller"].get("law.name")
         of_law = law or (before if before in LAWS.names else None)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.parameters import Value, joint_array, resolve
-from pidtsm_core.robots import Robot, find_robot, robot_joints, robot_schema
+from pidtsm_core.parameters import Parameter, Value, joint_array, resolve
+from pidtsm_core.robots import Robot, find_robot, payload_of, payload_schema, robot_joints, robot_schema
 
 BITS, DELAY, RATE = 14, 0.001, 1000.0
 """Steps of the encoders (2^BITS per revolution, or per metre), s, Hz: hardware that the gains suit by default."""
@@ -57,7 +57,7 @@ def first_gains(
     bandwidth, unless the delay or the elasticity of a real arm limits it first.
 
     Args:
-        settings: parameters of the controller that differ from their defaults; those of the robot matter.
+        settings: parameters of the controller that differ from their defaults; those of robot and payload matter.
         bits: resolution of the encoders, 2^bits steps per revolution, or per metre of a sliding joint; 0: ideal.
         delay: from a position to its joint state, plus from a command to its torque, s.
         rate: joint states per second.
@@ -121,16 +121,21 @@ def _grouped(joints: Sequence[str], bounds: Sequence[str]) -> str:
     return " and by ".join(f"{bound} ({', '.join(names)})" for bound, names in used.items() if names)
 
 
+def _schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    """The parameters of the robot, and of the payload that the controller knows."""
+    return (*robot_schema(settings), *payload_schema(settings, "mass of the payload that the controller knows"))
+
+
 def _checked(settings: Mapping[str, object]) -> Mapping[str, Value]:
-    """Every parameter of the robot."""
-    known = {p.name for p in robot_schema(settings)}
-    return resolve(robot_schema, {n: v for n, v in settings.items() if n in known}, robot_joints(settings))
+    """Every parameter of `_schema`."""
+    known = {p.name for p in _schema(settings)}
+    return resolve(_schema, {n: v for n, v in settings.items() if n in known}, robot_joints(settings))
 
 
 def _inertia(robot: Robot, settings: Mapping[str, object]) -> Array:
-    """The inertia matrix in the middle of the range, shape (joints, joints), kg m^2."""
-    q = np.array(robot.initial_position)
-    p, n = robot.pack_model(_checked(settings)), q.size
+    """The inertia matrix with payload in the middle of the range, shape (joints, joints), kg m^2."""
+    q, values = np.array(robot.initial_position), _checked(settings)
+    p, n = robot.with_payload(robot.pack_model(values), payload_of(values)), q.size
     accelerations, efforts = np.vstack([np.zeros(n), np.eye(n)]), np.zeros((n + 1, n))
     robot.dynamics.inverse_dynamics(q, np.zeros(n), accelerations, p, efforts)
     return efforts[1:] - efforts[0]

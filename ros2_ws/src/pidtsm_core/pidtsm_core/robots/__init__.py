@@ -26,13 +26,13 @@ __all__ = [
     "NAMES",
     "OF_ARM",
     "ROBOTS",
+    "XACRO",
     "Description",
     "DescriptionError",
     "Dynamics",
     "Model",
     "Robot",
     "Tool",
-    "XACRO",
     "TreeRobot",
     "description_schema",
     "effort_spread",
@@ -202,7 +202,8 @@ def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     unlimited = [joint for joint, limit in zip(robot.joints, robot.effort_limit, strict=True) if limit == float("inf")]
     if unlimited and "limits.effort" not in settings:
         raise ParameterError(
-            f"limits.effort: the description has no effort limit of {', '.join(unlimited)}; set limits.effort",
+            f"limits.effort: the description has no effort limit of {', '.join(unlimited)}; set limits.effort, or give "
+            f"--effort {','.join(f'{joint}=LIMIT' for joint in unlimited)}",
             "limits.effort",
         )
     return (

@@ -167,18 +167,19 @@ class _Tree:
         joint = int(m.body_jntadr[body])
         name, link = self._names[joint], str(m.body(body).name)
         extent = float(np.ptp(m.jnt_range[joint])) if m.jnt_limited[joint] else np.inf
+        turns, slides = (m.jnt_type[joint] == kind for kind in (_HINGE, _SLIDE))
         beside = [other for other in self._moving(before[-1], undriven=True) if other != body]
-        if beside and sum(m.body_subtreemass[other] for other in beside) <= _LIGHT * arm:
-            return f"beside {self._joints(beside[:1])[0]}"
-        if other := self._coupled_to(joint):
-            return f"coupled to {other}"
-        if any(word in f"{name} {link}".lower() for word in _WORDS):
-            return f"by its name, and it moves only {moved:.2g} kg"
-        if m.jnt_type[joint] == _SLIDE and extent <= _STROKE:
-            return f"it slides {1e3 * extent:.0f} mm only"
-        if m.jnt_type[joint] == _HINGE and extent <= _OPENING and moved <= _TINY * arm and self._fixed_beside(body):
-            return f"it moves only {moved:.2g} kg, beside a fixed part"
-        return ""
+        light = sum(m.body_subtreemass[other] for other in beside) <= _LIGHT * arm
+        coupled = self._coupled_to(joint)
+        tiny = moved <= _TINY * arm and extent <= _OPENING and self._fixed_beside(body)
+        signs = {
+            f"beside {', '.join(self._joints(beside[:1]))}": beside and light,
+            f"coupled to {coupled}": coupled,
+            f"by its name, and it moves only {moved:.2g} kg": any(word in f"{name} {link}".lower() for word in _WORDS),
+            f"it slides {1e3 * extent:.0f} mm only": slides and extent <= _STROKE,
+            f"it moves only {moved:.2g} kg, beside a fixed part": turns and tiny,
+        }
+        return next((reason for reason, holds in signs.items() if holds), "")
 
     def _coupled_to(self, joint: int) -> str:
         """Name of the joint that mimics a joint, or that it mimics; empty: there is none."""

@@ -168,9 +168,7 @@ def main(file: str, given: Mapping[str, str]) -> int:
     try:
         text = xacro.process_file(file, mappings=arguments).toxml()
         if unknown := sorted(set(given) - arguments.known):
-            raise ValueError(
-                f"it has no argument {unknown[0]}; it has {', '.join(sorted(arguments.known)) or 'none'}"
-            )
+            raise ValueError(f"it has no argument {unknown[0]}; it has {', '.join(sorted(arguments.known)) or 'none'}")
         print(text)
     except Exception as error:  # xacro raises many kinds.
         print(_cause(error))

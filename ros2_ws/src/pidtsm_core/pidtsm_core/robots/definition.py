@@ -22,7 +22,6 @@ from pidtsm_core.robots import (
     XACRO,
     Description,
     Robot,
-    TreeRobot,
     find_description,
     find_robot,
 )
@@ -107,6 +106,18 @@ class ArmDefinition:
             UsageError: see `settings`.
         """
         return self if self.joints or not self.is_file else replace(self, joints=self.robot().joints)
+
+    def in_order(self, joints: Sequence[str]) -> "ArmDefinition":
+        """The same arm with its joints in another order; those of a closed form may have other names.
+
+        Raises:
+            UsageError: see `settings`.
+        """
+        known = self.robot().joints
+        if set(known) != set(joints):
+            return replace(self, joints=tuple(joints))
+        efforts = dict(zip(known, self.settings().get("limits.effort", ()), strict=False))
+        return replace(self, joints=tuple(joints), effort=efforts)
 
     def described(self) -> Description:
         """Its description with the payload as a part of the last link.
@@ -219,7 +230,7 @@ def check_name(name: str) -> None:
 
 def file_content(arm: ArmDefinition) -> str:
     """The text of the file of a stored arm."""
-    head = "# An arm, stored by ./pidtsm ... --save NAME; ./pidtsm ... --robot NAME uses it. Remove the file to forget it.\n"
+    head = "# An arm that --save NAME has stored and --robot NAME uses. Remove the file to forget it.\n"
     return head + yaml.safe_dump(arm.content(), sort_keys=False)
 
 
@@ -245,7 +256,9 @@ def _from_content(content: Mapping[str, Any], file: Path) -> ArmDefinition:
             xacro={str(name): str(value) for name, value in given.get("xacro", {}).items()},
         )
     except (KeyError, TypeError, ValueError, AttributeError):
-        raise UsageError(f"{file} is not of a stored arm; store the arm again with --save, or remove the file") from None
+        raise UsageError(
+            f"{file} is not of a stored arm; store the arm again with --save, or remove the file"
+        ) from None
 
 
 def _numbers(values: Mapping[Any, Any]) -> dict[str, float]:

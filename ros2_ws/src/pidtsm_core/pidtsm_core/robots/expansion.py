@@ -22,8 +22,8 @@ def expanded(file: Path, arguments: Mapping[str, str]) -> str:
         arguments: values of its arguments (``xacro:arg``) by name; the others have their defaults.
 
     Raises:
-        DescriptionError: an argument is unknown or has no value, xacro is not installed, the file cannot be expanded, takes too long, or takes too much memory,
-            or this machine cannot confine the process.
+        DescriptionError: an argument is unknown or has no value, xacro is not installed, the file cannot be expanded,
+            takes too long, or takes too much memory, or this machine cannot confine the process.
     """
     if find_spec("xacro") is None:
         raise DescriptionError(f"{file} needs xacro: pip install xacro, or expand it to a URDF")

@@ -9,7 +9,18 @@ from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import Parameter, ParameterError, joint_array
-from pidtsm_core.robots import DESCRIPTION, LOCKED, OF_ARM, XACRO, Model, Robot, find_robot, inverse_dynamics, make_model
+from pidtsm_core.robots import (
+    DESCRIPTION,
+    LOCKED,
+    OF_ARM,
+    XACRO,
+    Model,
+    Robot,
+    find_robot,
+    inverse_dynamics,
+    make_model,
+)
+from pidtsm_core.robots.payload import CENTER, MASS, Payload, payload_of
 from pidtsm_core.trajectories.margins import PLANNED_EFFORT, PLANNED_SHARE
 from pidtsm_core.units import TURNS, JointUnits
 
@@ -158,7 +169,8 @@ def motion_limits(settings: Mapping[str, object]) -> MotionLimits:
 
     Args:
         settings: parameters in `PARAMETERS` that differ from their defaults, and ``joints``; by default those of the
-            description. Other parameters do not matter.
+            description. With ``payload.mass`` and ``payload.center_of_mass``, the arm carries a payload. Other
+            parameters do not matter.
 
     Raises:
         ParameterError: see `limits_schema`, or a value is invalid, or a joint has a smallest position above its largest
@@ -186,7 +198,7 @@ def motion_limits(settings: Mapping[str, object]) -> MotionLimits:
     velocity = _or(given["limits.velocity"], described["velocity"])
     chosen = _or(given["limits.acceleration"], np.full(count, math.inf))
     defaults = {f"robot.{p.name}": p.default for p in robot.parameters} if robot else {}
-    model = make_model(robot, robot.pack_model(defaults)) if robot else None
+    model = make_model(robot, robot.with_payload(robot.pack_model(defaults), _payload(settings))) if robot else None
     acceleration = np.where(np.isinf(chosen), _accelerations(robot, model, effort, velocity, places), chosen)
     return MotionLimits(
         joints=joints,
@@ -202,6 +214,14 @@ def motion_limits(settings: Mapping[str, object]) -> MotionLimits:
         places=places,
         units=_units(robot, places, count),
         friction=_friction(robot, places, count),
+    )
+
+
+def _payload(settings: Mapping[str, object]) -> Payload:
+    """What the arm carries, by default nothing."""
+    mass, center = settings.get(MASS, 0.0), settings.get(CENTER.name, CENTER.default)
+    return payload_of(
+        {MASS: Parameter(MASS, 0.0, "", minimum=0.0).check(mass, 1), CENTER.name: CENTER.check(center, 1)}
     )
 
 

@@ -13,9 +13,9 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.identification.excitation import Excitation, excitation
 from pidtsm_core.parameters.files import load_mapping
-from pidtsm_core.robots import DESCRIPTION, find_description
 from pidtsm_core.trajectories.limits import motion_limits
-from pidtsm_experiments.commands.options import CONSOLE, add_parameter_arguments, add_robot_argument, seconds
+from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
+from pidtsm_experiments.commands.options import CONSOLE, add_parameter_arguments, seconds
 from pidtsm_experiments.runs.files import writable_file, write_file
 from pidtsm_experiments.runs.origin import comment
 
@@ -33,7 +33,7 @@ _ABOUT = "a motion that shows inertias and friction, for ./pidtsm identify"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _EPILOG
-    add_robot_argument(parser)
+    add_arm_arguments(parser, of="the motion")
     parser.add_argument("--duration", type=seconds, default=60.0, metavar="S", help="duration (default: %(default)g)")
     parser.add_argument(
         "--out", type=Path, required=True, metavar="FILE.yaml", help="scenario; FILE.csv beside it is the motion"
@@ -42,22 +42,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    if options.robot is None:
+    definition = read_arm(options)
+    if definition is None:
         raise UsageError("--robot: name the arm, or the file of its description")
     if options.out.suffix != ".yaml":
         raise UsageError(f"--out {options.out}: its name must end with .yaml")
     scenario, motion = _places(options.out)
-    given = make_experiment(None, params=options.params, overrides=options.set, robot=options.robot)
-    description = {DESCRIPTION.name: given.settings["controller"][DESCRIPTION.name]}
-    arm = find_description(description)
+    given = make_experiment(None, params=options.params, overrides=options.set, robot=definition)
+    of_arm, arm = definition.settings(), definition.described()
     limited = {name: value for name, value in given.settings["trajectory"].items() if name.startswith("limits.")}
-    limits = motion_limits({**description, **limited, "joints": list(arm.joints)})
+    limits = motion_limits({**of_arm, **limited, "joints": list(arm.joints)})
     if limits.joints != arm.joints:
         raise UsageError(f"joints: the limits are of {', '.join(limits.joints)}, the arm has {', '.join(arm.joints)}")
+    introduce(options)
     with CONSOLE.status("optimising the motion"):
         found = excitation(arm, limits, options.duration)
     write_file(motion, _table(found))
-    write_file(scenario, comment() + yaml.safe_dump(_scenario(found, motion, description), sort_keys=False))
+    write_file(scenario, comment() + yaml.safe_dump(_scenario(found, motion, of_arm), sort_keys=False))
     CONSOLE.print(
         f"{options.out} {options.out.with_suffix('.csv')}: {found.time[-1]:.0f} s, condition number "
         f"{found.condition:.1f}",
@@ -99,12 +100,12 @@ def _table(found: Excitation) -> str:
     return text.getvalue()
 
 
-def _scenario(found: Excitation, motion: Path, description: dict[str, Any]) -> dict[str, Any]:
+def _scenario(found: Excitation, motion: Path, of_arm: dict[str, Any]) -> dict[str, Any]:
     """A scenario with the motion as its reference."""
     return {
         "description": _ABOUT,
         "duration": float(found.time[-1]),
-        "simulator": {**description, "initial_position": found.motion[0, 0].tolist()},
-        "controller": description,
+        "simulator": {**of_arm, "initial_position": found.motion[0, 0].tolist()},
+        "controller": of_arm,
         "trajectory": {"joints": list(found.joints), "reference": {"name": "csv", "file": str(motion)}},
     }

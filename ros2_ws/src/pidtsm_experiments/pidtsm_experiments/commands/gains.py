@@ -6,11 +6,9 @@ from pathlib import Path
 from textwrap import fill
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.experiment import resolved_description
 from pidtsm_core.experiment.gains import BITS, DELAY, RATE, Gain, first_gains
 from pidtsm_core.parameters import Value
-from pidtsm_core.robots import DESCRIPTION
-from pidtsm_experiments.commands.options import add_robot_argument
+from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm, settings_of
 from pidtsm_experiments.runs.files import writable_file, write_file
 from pidtsm_experiments.runs.origin import comment
 
@@ -26,7 +24,7 @@ _WIDTH = 100
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _EPILOG
-    add_robot_argument(parser)
+    add_arm_arguments(parser)
     parser.add_argument(
         "--encoder-bits",
         type=int,
@@ -56,8 +54,9 @@ def execute(options: argparse.Namespace) -> int:
     if not 1.0 <= options.rate <= 100_000.0:
         raise UsageError(f"--rate {options.rate:g}: must be from 1 to 100000 Hz")
     place = None if options.out is None else writable_file(options.out)
-    robot = {} if options.robot is None else {DESCRIPTION.name: resolved_description(options.robot)}
-    gains = first_gains(robot, options.encoder_bits, 1e-3 * options.delay, options.rate)
+    arm = settings_of(read_arm(options))
+    gains = first_gains(arm, options.encoder_bits, 1e-3 * options.delay, options.rate)
+    introduce(options)
     text = comment() + _parameter_file(gains)
     if options.json:
         print(json.dumps({gain.name: {"value": gain.value, "reason": gain.reason} for gain in gains}))

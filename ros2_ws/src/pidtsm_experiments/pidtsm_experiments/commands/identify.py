@@ -17,8 +17,10 @@ from pidtsm_core.identification.identification import Identification, identify
 from pidtsm_core.identification.measurement import Measurement
 from pidtsm_core.parameters import Value
 from pidtsm_core.parameters.files import ros_parameters
-from pidtsm_core.robots import DESCRIPTION, find_description
-from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument
+from pidtsm_core.robots import DESCRIPTION, LOCKED
+from pidtsm_core.robots.definition import ArmDefinition
+from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
+from pidtsm_experiments.commands.options import CONSOLE
 from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder
 
@@ -37,7 +39,7 @@ URDF, PARAMETERS = "identified.urdf", "identified.yaml"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _EPILOG
     parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="bag with joint states, or its file")
-    add_robot_argument(parser)
+    add_arm_arguments(parser, of="the bags")
     parser.add_argument(
         "--out",
         type=Path,
@@ -52,19 +54,21 @@ def execute(options: argparse.Namespace) -> int:
     from pidtsm_studies.identification.report import write_identification_report
     from pidtsm_studies.identification.results import as_json
 
-    if options.robot is None:
+    definition = read_arm(options)
+    if definition is None:
         raise UsageError("--robot: name the arm of the bags, or the file of its description")
-    arm = find_description({DESCRIPTION.name: options.robot})
+    arm = definition.described()
+    introduce(options)
     measurements = [measurement_of(bag) for bag in options.bags]
     with CONSOLE.status("identifying"):
         found = identify(arm, measurements)
     result = as_json(found)
     with result_folder(options.out, MadeOf(runs=tuple(options.bags))) as folder:
         (folder / URDF).write_text(corrected_urdf(arm, found.parameters), encoding="utf-8")
-        text = _parameter_file(found, options.out.absolute() / URDF)
+        text = _parameter_file(found, options.out.absolute() / URDF, definition)
         (folder / PARAMETERS).write_text(text, encoding="utf-8")
         (folder / "identification.json").write_text(json.dumps(result, allow_nan=False) + "\n", encoding="utf-8")
-        write_identification_report(folder / "identification.html", found, Path(options.robot).stem)
+        write_identification_report(folder / "identification.html", found, Path(definition.label).stem)
     if options.json:
         print(json.dumps(result, allow_nan=False))
     else:
@@ -93,13 +97,14 @@ def measurement_of(bag: Path) -> Measurement:
     return measurement
 
 
-def _parameter_file(found: Identification, urdf: Path) -> str:
+def _parameter_file(found: Identification, urdf: Path, arm: ArmDefinition) -> str:
     """ROS parameter file with which simulator and controller use the identified arm."""
     joints = len(found.arm.joints)
     armature, viscous, coulomb, _ = (
         tuple(each.tolist()) for each in found.parameters[10 * joints :].reshape(4, joints)
     )
     common: dict[str, Value] = {"joints": found.arm.joints, DESCRIPTION.name: str(urdf), "robot.armature": armature}
+    common |= {name: value for name, value in arm.settings().items() if name in (LOCKED.name, "limits.effort")}
     return ros_parameters(
         "controller", {**common, "compensation.coulomb": coulomb, "compensation.viscous": viscous}
     ) + ros_parameters("simulator", {**common, "friction.coulomb": coulomb, "friction.viscous": viscous})

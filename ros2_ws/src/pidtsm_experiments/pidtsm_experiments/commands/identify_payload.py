@@ -10,9 +10,9 @@ from rich.console import Console
 from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.payload import CarriedBody, as_parameters, identify_payload
 from pidtsm_core.parameters.files import ros_parameters
-from pidtsm_core.robots import DESCRIPTION, find_description
+from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.identify import measurement_of
-from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument
+from pidtsm_experiments.commands.options import CONSOLE
 from pidtsm_experiments.runs.files import writable_file, write_file
 from pidtsm_experiments.runs.origin import comment
 
@@ -27,16 +27,18 @@ example:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _EPILOG
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag with joint states, or its file")
-    add_robot_argument(parser)
+    add_arm_arguments(parser, of="the bag")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write a parameter file for the controller")
     parser.add_argument("--json", action="store_true", help="print the payload with its intervals as one JSON object")
 
 
 def execute(options: argparse.Namespace) -> int:
-    if options.robot is None:
+    definition = read_arm(options)
+    if definition is None:
         raise UsageError("--robot: name the file of the identified description")
     place = None if options.out is None else writable_file(options.out)
-    arm = find_description({DESCRIPTION.name: options.robot})
+    arm = definition.described()
+    introduce(options)
     with CONSOLE.status("identifying"):
         found = identify_payload(arm, measurement_of(options.bag))
     if place is not None:

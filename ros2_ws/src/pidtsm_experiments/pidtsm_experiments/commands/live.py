@@ -30,11 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    experiment = experiment_of(options)
-    if not options.params and experiment.law == LAW_NAME.default:
-        # Whoever watches also pushes, and adds noise.
-        options.params = [PRACTICAL]
-        experiment = experiment_of(options)
+    # Whoever watches also pushes, and adds noise.
+    experiment = experiment_of(options, usual=PRACTICAL)
     stop = Stop()
     stop.defer()
     with ExitStack() as stack:

@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 from pidtsm_core.errors import UsageError
+from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.errors import RunError
 
 _EPILOG = """The arm moves on the straight line between its posture and the new one, as fast as its limits allow. Ctrl-C
@@ -29,12 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="position of every joint, rad or m, or JOINT=Q for some of them",
     )
     parser.add_argument("--namespace", default="", metavar="NAME", help="namespace of the system")
-    parser.add_argument(
-        "--robot",
-        default="",
-        metavar="ARM",
-        help="arm with the limits, if the trajectory node has no robot.description",
-    )
+    add_arm_arguments(parser, of="the limits, if the trajectory node has no robot.description")
     parser.add_argument(
         "--velocity-scale", type=float, default=1.0, metavar="X", help="share of the largest velocity (default: 1)"
     )
@@ -44,9 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     from pidtsm_ros.client import Arm, ArmError  # Only this command needs rclpy.
 
-    target = _target(options.to)
+    target, robot = _target(options.to), read_arm(options)
+    introduce(options)
     try:
-        with Arm(options.namespace, options.robot) as arm:
+        with Arm(options.namespace, robot or "") as arm:
             try:
                 duration = arm.move_to(target, options.velocity_scale, wait=False)
                 if not options.json:

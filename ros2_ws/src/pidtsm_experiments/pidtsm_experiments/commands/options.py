@@ -5,7 +5,7 @@ import json
 import math
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,9 @@ from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Value
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.outcome import why_not_followed
-from pidtsm_core.robots import NAMES
+from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_core.simulation.mujoco_model import ENGINE
+from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.table import print_metrics
 from pidtsm_experiments.errors import RunError
 
@@ -43,7 +44,7 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, engine: bool = Tru
         help=f"one of {', '.join(scenario_names())}, or a scenario file (default: {DEFAULT_SCENARIO}; with --robot, "
         "every joint swings about its middle)",
     )
-    add_robot_argument(parser)
+    add_arm_arguments(parser)
     if engine:
         add_engine_argument(parser)
     else:
@@ -78,15 +79,6 @@ def add_parameter_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_robot_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the option that chooses the arm."""
-    parser.add_argument(
-        "--robot",
-        metavar="NAME|FILE",
-        help=f"the arm of simulator and controller: one of {', '.join(NAMES)}, or a URDF, xacro or MJCF file",
-    )
-
-
 def add_engine_argument(parser: argparse.ArgumentParser) -> None:
     """Add the option that chooses what computes the motion of the arm."""
     parser.add_argument(
@@ -101,12 +93,25 @@ def engine_overrides(engine: str | None) -> list[str]:
     return [f"simulator.{ENGINE.name}={engine}"] if engine else []
 
 
-def experiment_of(options: argparse.Namespace) -> Experiment:
-    """The experiment defined by the options."""
-    overrides = [*engine_overrides(options.engine), *options.set]
-    return make_experiment(
-        options.scenario, options.law, options.duration, options.params, overrides, robot=options.robot
-    )
+def experiment_of(options: argparse.Namespace, usual: str = "") -> Experiment:
+    """The experiment that the options define; an arm that is new to the user is introduced.
+
+    Args:
+        options: of `add_experiment_arguments`.
+        usual: parameter set of the default law if no other is given.
+    """
+    overrides, arm = [*engine_overrides(options.engine), *options.set], read_arm(options)
+
+    def made(params: Sequence[str]) -> Experiment:
+        return make_experiment(options.scenario, options.law, options.duration, params, overrides, robot=arm)
+
+    experiment = made(options.params)
+    if usual and not options.params and experiment.law == LAW_NAME.default:
+        experiment = made([usual])
+    if arm is not None:
+        experiment.without_node_parameters().resolved(SCHEMAS)
+        introduce(options)
+    return experiment
 
 
 def read(path: Path) -> Recording:

@@ -11,10 +11,12 @@ from typing import Any
 from pidtsm_core.errors import UsageError
 from pidtsm_core.laws import LAWS
 from pidtsm_core.robots import NAMES
+from pidtsm_core.robots.definition import ArmDefinition, find_arm
+from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.cluster import workers
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar
 from pidtsm_experiments.commands.score import made_of
-from pidtsm_experiments.commands.tune import PARAMETERS, budget, natural, tune
+from pidtsm_experiments.commands.tune import PARAMETERS, budget, identity_of, natural, tune
 from pidtsm_experiments.runs.files import write_file
 from pidtsm_experiments.runs.locks import locked
 from pidtsm_experiments.runs.origin import MadeOf, commit
@@ -45,8 +47,13 @@ Made by `./pidtsm tournament {options}` {made}. The seed of every search is {see
 class Cell:
     """A law on an arm; its results are in ``tune/ROBOT/LAW`` and ``score/ROBOT/LAW``."""
 
-    robot: str
+    arm: ArmDefinition
     law: str
+
+    @property
+    def robot(self) -> str:
+        """Name of the arm in results."""
+        return self.arm.label
 
     def folder(self, out: Path, kind: str) -> Path:
         """The folder of its results of a kind, ``tune`` or ``score``."""
@@ -54,9 +61,7 @@ class Cell:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--robot", action="append", default=[], metavar="NAME|FILE", help="only this arm; can be repeated"
-    )
+    add_arm_arguments(parser, several=True, of="the tournament (default: all that have a name here)")
     parser.add_argument("--law", action="append", default=[], metavar="NAME", help="only this law; can be repeated")
     parser.add_argument("--hardware", choices=HARDWARE, default="14bit", help="default: %(default)s")
     parser.add_argument(
@@ -78,9 +83,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     out = settled(options.out)
     common = {"hardware": options.hardware, "objective": options.objective, "seed": options.seed}
-    cells = [Cell(robot, law) for robot in options.robot or NAMES for law in options.law or LAWS.names]
+    chosen = read_arm(options)
+    arms = [find_arm(robot) for robot in options.robot or NAMES] if chosen is None else [chosen]
+    cells = [Cell(arm, law) for arm in arms for law in options.law or LAWS.names]
     for cell in cells:
-        find_task(cell.robot).experiment(cell.law)
+        find_task(cell.arm).experiment(cell.law)
+    introduce(options)
     extent = QUICK if options.quick else FULL
     rules = {**common, "budget": asdict(options.budget), "extent": asdict(extent)}
     with workers(options.scheduler):
@@ -92,7 +100,7 @@ def execute(options: argparse.Namespace) -> int:
             tuned = cell.folder(out, "tune")
             if not (tuned / PARAMETERS).exists():
                 tuned.parent.mkdir(parents=True, exist_ok=True)
-                tune({"robot": cell.robot, "law": cell.law, **common}, options.budget, tuned)
+                tune(cell.arm, {**identity_of(cell.arm), "law": cell.law, **common}, options.budget, tuned)
             if not (cell.folder(out, "score") / FILE).exists():
                 _score(cell, out, extent)
     entries = read_entries(out / "score")
@@ -144,7 +152,7 @@ def _write(file: Path, content: dict[str, Any]) -> None:
 
 
 def _score(cell: Cell, out: Path, extent: Extent) -> None:
-    params, task = cell.folder(out, "tune") / PARAMETERS, find_task(cell.robot)
+    params, task = cell.folder(out, "tune") / PARAMETERS, find_task(cell.arm)
     contender = Contender(cell.law, (str(params),), name=cell.law)
     with result_folder(cell.folder(out, "score"), made_of(task, contender)) as folder, progress_bar() as bar:
         bars = bar.add_task("score", total=None)

@@ -3,6 +3,7 @@
 import argparse
 import json
 import re
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,11 @@ from rich.table import Table
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import DEFAULT_ROBOT
 from pidtsm_core.laws import LAWS
+from pidtsm_core.robots.definition import ArmDefinition, find_arm
 from pidtsm_core.rollouts.closed_loop import SCHEMAS
+from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.cluster import workers
-from pidtsm_experiments.commands.options import CONSOLE, add_robot_argument, progress_bar
+from pidtsm_experiments.commands.options import CONSOLE, progress_bar
 from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import renewed
 from pidtsm_studies.score.tasks import find_task
@@ -35,7 +38,7 @@ _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_robot_argument(parser)
+    add_arm_arguments(parser)
     parser.add_argument("--law", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: {LAW_NAME.default})")
     parser.add_argument("--hardware", choices=HARDWARE, default="14bit", help="default: %(default)s")
     parser.add_argument(
@@ -58,17 +61,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    robot, law = options.robot or DEFAULT_ROBOT, options.law or str(LAW_NAME.default)
-    out: Path = options.out or TUNED / Path(robot).stem / f"{law}-{options.hardware}"
+    arm, law = find_arm(read_arm(options) or DEFAULT_ROBOT), options.law or str(LAW_NAME.default)
+    find_task(arm).experiment(law)
+    introduce(options)
+    out: Path = options.out or TUNED / Path(arm.label).stem / f"{law}-{options.hardware}"
     identity = {
-        "robot": robot,
+        **identity_of(arm),
         "law": law,
         "hardware": options.hardware,
         "objective": options.objective,
         "seed": options.seed,
     }
     with workers(options.scheduler):
-        tuning = tune(identity, options.budget, out)
+        tuning = tune(arm, identity, options.budget, out)
     if options.json:
         print(json.dumps(as_json(tuning), allow_nan=False))
         return 0
@@ -77,10 +82,17 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def tune(identity: dict[str, Any], limit: Budget, out: Path) -> Tuning:
+def identity_of(arm: ArmDefinition) -> dict[str, Any]:
+    """What of the identity of a search is the arm, see `tune`: more than a name only if more is said."""
+    more = {} if arm == ArmDefinition(arm.description) else {"arm": arm.content()}
+    return {"robot": arm.label, **more}
+
+
+def tune(arm: ArmDefinition, identity: dict[str, Any], limit: Budget, out: Path) -> Tuning:
     """Tune, or continue, and write the results.
 
     Args:
+        arm: the arm.
         identity: robot, law, hardware, objective and seed.
         limit: of the search.
         out: result folder.
@@ -88,7 +100,7 @@ def tune(identity: dict[str, Any], limit: Budget, out: Path) -> Tuning:
     Raises:
         UsageError: something unknown, or `out` contains another search or cannot be written.
     """
-    task = find_task(identity["robot"])
+    task = find_task(arm)
     space = make_space(task, identity["law"])
     training, validation = (
         make_problem(task, kind, identity["hardware"], identity["objective"]) for kind in ("training", "validation")
@@ -104,8 +116,9 @@ def tune(identity: dict[str, Any], limit: Budget, out: Path) -> Tuning:
 
             generations = search(space, training, identity, out / HISTORY, limit, show)
         tuning = conclude(identity, space, generations, training, validation)
-        choices = {**identity, "budget": tuning.evaluations}
-        command = " ".join(["./pidtsm tune", *(f"--{name} {value}" for name, value in choices.items())])
+        choices = {name: value for name, value in identity.items() if name not in ("robot", "arm")}
+        words = [f"--{name} {value}" for name, value in {**choices, "budget": tuning.evaluations}.items()]
+        command = " ".join(["./pidtsm tune", shlex.join(arm.words()), *words])
         (folder / PARAMETERS).write_text(parameter_file(tuning, command), encoding="utf-8")
         text = json.dumps(as_json(tuning), allow_nan=False)
         (folder / "tuning.json").write_text(text + "\n", encoding="utf-8")

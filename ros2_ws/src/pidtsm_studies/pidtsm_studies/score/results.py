@@ -120,7 +120,8 @@ class Entry:
 def as_json(entry: Entry) -> dict[str, Any]:
     """Content of the file of an entry."""
     return {
-        "task": asdict(entry.task),
+        "task": {name: value for name, value in asdict(entry.task).items() if name != "arm"},
+        "arm": None if entry.task.arm is None else entry.task.arm.content(),
         "law": entry.law,
         "name": entry.name,
         "params": list(entry.params),

@@ -13,6 +13,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import DEFAULT_ROBOT, Experiment, make_experiment
 from pidtsm_core.parameters import Value, joint_array
 from pidtsm_core.robots import Robot, find_robot, payload_of
+from pidtsm_core.robots.definition import ArmDefinition, find_arm
 from pidtsm_core.robots.source import ARMS, rated_payload
 from pidtsm_core.rollouts.closed_loop import SCHEMAS
 
@@ -26,13 +27,14 @@ class Task:
     """What an arm is scored on.
 
     Attributes:
-        robot: name or path of the arm.
+        robot: name or path of the arm, for results.
         duration: of a run, s.
         event: time at which a payload is picked up, and from which on a push begins within a second, s.
         after: time from which on a run is judged, s.
         error: largest error of a successful run, rad or m.
         payload: largest payload, kg.
         scenario: name of its scenario; None: the default motion of the arm.
+        arm: the arm, if more than `robot` is said about it.
     """
 
     robot: str
@@ -42,6 +44,7 @@ class Task:
     error: float
     payload: float
     scenario: str | None = None
+    arm: ArmDefinition | None = None
 
     def experiment(self, law: str | None, params: Sequence[str] = (), overrides: Sequence[str] = ()) -> Experiment:
         """The nominal run of a controller; see `make_experiment`.
@@ -49,26 +52,28 @@ class Task:
         Raises:
             UsageError: something unknown or malformed, or (`ParameterError`) a refused value.
         """
-        found = make_experiment(self.scenario, law, self.duration, params, overrides, self.robot)
+        found = make_experiment(self.scenario, law, self.duration, params, overrides, self.arm or self.robot)
         experiment = replace(found.without_node_parameters(), duration=self.duration)
         experiment.resolved(SCHEMAS)
         return experiment
 
 
-def find_task(robot: str = DEFAULT_ROBOT) -> Task:
+def find_task(robot: str | ArmDefinition = DEFAULT_ROBOT) -> Task:
     """The task of an arm.
 
     Args:
-        robot: a name, or the path of a URDF, xacro or MJCF file.
+        robot: a name, the path of a URDF, xacro or MJCF file, or a definition.
 
     Raises:
         UsageError: the arm cannot be used.
     """
     tasks: dict[str, dict[str, Any]] = yaml.safe_load(_FILE.read_text(encoding="utf-8"))
-    row = tasks.get(robot, tasks["other"])
+    arm = find_arm(robot)
+    known = arm == ArmDefinition(arm.description)
+    row = tasks.get(arm.description if known else "", tasks["other"])
     if "payload" not in row:
-        row["payload"] = rated_payload(robot) if robot in ARMS else _largest_payload(robot)
-    return Task(robot, **row)
+        row["payload"] = rated_payload(arm.description) if known and arm.description in ARMS else _largest_payload(arm)
+    return Task(arm.label, **row, arm=None if known else arm)
 
 
 def effort_limits(values: Mapping[str, Value]) -> Array:
@@ -76,9 +81,9 @@ def effort_limits(values: Mapping[str, Value]) -> Array:
     return joint_array(values["limits.effort"], len(find_robot(values).joints))
 
 
-def _largest_payload(robot: str) -> float:
+def _largest_payload(definition: ArmDefinition) -> float:
     """The mass (kg, two digits) that the joints can just hold in their middle."""
-    values = make_experiment(None, robot=robot).without_node_parameters().resolved(SCHEMAS)["simulator"]
+    values = make_experiment(None, robot=definition).without_node_parameters().resolved(SCHEMAS)["simulator"]
     arm, limits = find_robot(values), effort_limits(values)
     model, q = arm.pack_model(values), np.array(arm.initial_position)
     kilogram = payload_of({**values, "payload.mass": 1.0})
