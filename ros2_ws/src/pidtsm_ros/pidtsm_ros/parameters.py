@@ -9,7 +9,8 @@ from rclpy.node import Node
 from rclpy.parameter_service import ParameterService
 
 from pidtsm_core.parameters import Parameter, Schema, Value, resolve
-from pidtsm_core.robots import DESCRIPTION, FROM_TOPIC
+from pidtsm_core.robots import DESCRIPTION, FROM_TOPIC, OF_ARM, TreeRobot, find_robot
+from pidtsm_core.robots.definition import joints_sentence
 from pidtsm_ros.robot_description import receive_description
 from pidtsm_ros.stop import Stop
 
@@ -38,6 +39,7 @@ def declare(node: Node, schema: Schema, joints: Callable[[Mapping[str, object]],
     if given.get(DESCRIPTION.name) == FROM_TOPIC:
         given[DESCRIPTION.name] = receive_description(node, stop)
     values = resolve(schema, given, joints(given))
+    _tell_of_gripper(node, given)
     for parameter in schema(given):
         value = values[parameter.name]
         node.declare_parameter(
@@ -47,6 +49,15 @@ def declare(node: Node, schema: Schema, joints: Callable[[Mapping[str, object]],
             ignore_override=True,
         )
     return values
+
+
+def _tell_of_gripper(node: Node, given: Mapping[str, object]) -> None:
+    """Log which joints were recognised as a gripper, and locked, because the parameter ``joints`` is not set."""
+    if "joints" in given or not given.get(DESCRIPTION.name):
+        return
+    robot = find_robot({name: value for name, value in given.items() if name in OF_ARM})
+    if isinstance(robot, TreeRobot) and robot.description.grippers:
+        node.get_logger().info(joints_sentence(robot.description, "the parameters joints and robot.locked"))
 
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:

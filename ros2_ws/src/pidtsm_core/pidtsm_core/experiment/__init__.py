@@ -2,6 +2,7 @@
 
 import functools
 import sys
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -19,8 +20,8 @@ from pidtsm_core.experiment.node_settings import resolve_nodes
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import ParameterError, Schema, Value, as_float
 from pidtsm_core.parameters.files import NODES, Settings, flatten, load_mapping, load_ros_parameters, read_yaml
-from pidtsm_core.robots import DESCRIPTION, OF_ARM, ROBOTS, find_robot
-from pidtsm_core.robots.definition import ArmDefinition, find_arm
+from pidtsm_core.robots import DESCRIPTION, OF_ARM, ROBOTS, TreeRobot, find_robot
+from pidtsm_core.robots.definition import ArmDefinition, GripperLockedWarning, find_arm, joints_sentence
 from pidtsm_core.simulation.plant import RATE
 from pidtsm_core.timing import LONGEST_RUN
 
@@ -148,6 +149,7 @@ def make_experiment(
             files.update({f"{node}.{name}": str(source) for name in parameters})
 
     if arm is not None:
+        _warn_of_gripper(arm, of_arm)
         merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
     for name in [params] if isinstance(params, str) else params:
         before = settings["controller"].get("law.name")
@@ -179,6 +181,19 @@ def _overrides(given: Sequence[str] | Mapping[str, Mapping[str, Any]]) -> Iterat
             raise UsageError(f"unknown node {node}; known: {', '.join(NODES)}")
         for name, value in flatten(dict(parameters), node).items():
             yield node, name, value
+
+
+def _warn_of_gripper(arm: ArmDefinition, of_arm: Mapping[str, Any]) -> None:
+    """Warn if joints that nobody has named were recognised as a gripper."""
+    if arm.joints or not arm.is_file:
+        return
+    with suppress(
+        ParameterError
+    ):  # An override may choose the joints; if none does, the nodes' schemas refuse the arm.
+        robot = find_robot({name: value for name, value in of_arm.items() if name in OF_ARM})
+        if isinstance(robot, TreeRobot) and robot.description.grippers:
+            sentence = joints_sentence(robot.description, "ArmDefinition(joints=..., locked=...)")
+            warnings.warn(f"{robot.name}: {sentence}", GripperLockedWarning, stacklevel=3)
 
 
 def _arm(of_arm: Mapping[str, Any], overrides: Iterable[tuple[str, str, Any]]) -> dict[str, Any]:

@@ -265,8 +265,12 @@ def _numbers(values: Mapping[Any, Any]) -> dict[str, float]:
     return {str(name): float(value) for name, value in values.items()}
 
 
-def joints_sentence(description: Description) -> str:
-    """Which joints of a description move and which are locked, in one line."""
+class GripperLockedWarning(UserWarning):
+    """A joint of a description was recognised as that of a gripper, and locked, because the user chose no joints."""
+
+
+def joints_sentence(description: Description, how: str = "--joints and --lock") -> str:
+    """Which joints of a description move and which are locked, in one line; `how` are means to choose others."""
     text = f"moves {', '.join(description.joints)}"
     if not description.locked:
         return text
@@ -276,7 +280,7 @@ def joints_sentence(description: Description) -> str:
     parts = [f"{_some(joints)} (a gripper: {reason})" for reason, joints in reasons.items()]
     others = [joint for joint in description.locked if joint not in description.grippers]
     parts += [_some(others)] if others else []
-    return f"{text}; locks {', '.join(parts)}; choose others with --joints and --lock"
+    return f"{text}; locks {', '.join(parts)}; choose others with {how}"
 
 
 def _some(names: Sequence[str]) -> str:
