@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from rcl_interfaces.srv import GetParameters
 from std_msgs.msg import String
 from support.testbed import Testbed
@@ -98,6 +99,43 @@ def test_it_runs_over_the_nodes_as_in_a_rollout(call: Call) -> None:
     report = Path("out/report.html").read_text(encoding="utf-8")
     assert "<td>lift</td><td>m</td>" in report
     assert '"sliding":[1]' in report  # The arm is animated.
+
+
+def test_all_that_is_said_about_an_arm_reaches_the_nodes(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Joints, what is locked, limits, payload and arguments, from a stored arm."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(Path.cwd()))
+    macro = ARM.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"').replace(
+        '"6.0"', '"$(arg mass)"'
+    )
+    Path("crane.urdf.xacro").write_text(macro.replace("<link", '<xacro:arg name="mass"/><link', 1), encoding="utf-8")
+    words = [
+        "--joints",
+        "slew,tilt",
+        "--lock",
+        "lift=0.2",
+        "--effort",
+        "tilt=25",
+        "--payload",
+        "0.5@0,0,0.1",
+        "--xacro",
+        "mass:=7",
+    ]
+    rotors = [word for node in ("controller", "simulator") for word in ("--set", f"{node}.robot.armature=0.2")]
+    given = ["--params", "practical", "--duration", "0.5", *rotors, "--out", "out"]
+    assert main(["run", "--robot", "crane.urdf.xacro", *words, "--save", "crane", *given]) == 0
+    armature = {"robot.armature": 0.2}
+    alone = rollout(robot="crane", params=PRACTICAL, duration=0.5, controller=armature, simulator=armature)
+    recording = read_recording(Path("out/bag"))
+    assert recording.joints == ("slew", "tilt")
+    np.testing.assert_array_equal(recording.effort, alone.effort)
+    known = {
+        name: yaml.safe_load(Path(f"out/params/{name}.yaml").read_text("utf-8"))[f"/**/{name}"]["ros__parameters"]
+        for name in ("controller", "simulator", "trajectory")
+    }
+    for parameters in known.values():
+        assert parameters["robot"]["xacro"] == "mass:=7"
+        assert parameters["robot"]["locked"] == "lift=0.2"
+        assert parameters["limits"]["effort"] == [60.0, 25.0]
 
 
 @pytest.mark.parametrize("node", ["simulator", "controller"])

@@ -89,8 +89,8 @@ def check_friction(values: Mapping[str, Value], inertia: Array, dt: float) -> No
     for j in np.flatnonzero(viscous * dt > _STEEPEST * inertia):
         raise ParameterError(
             f"friction.viscous: {viscous[j]:g} N m s/rad stop {names(values['joints'])[j]}, whose inertia is "
-            f"{inertia[j]:.2g} kg m^2, faster than the simulation can follow; set robot.armature, the inertia of its "
-            "rotor, or raise the rate",
+            f"{inertia[j]:.2g} kg m^2, faster than the simulation can follow; set robot.armature of controller and "
+            "simulator, the inertia of its rotor, or raise the rate",
             "friction.viscous",
         )
 

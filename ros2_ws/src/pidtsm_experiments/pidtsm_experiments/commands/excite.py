@@ -2,6 +2,7 @@
 
 import argparse
 import os
+from copy import deepcopy
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -106,6 +107,6 @@ def _scenario(found: Excitation, motion: Path, of_arm: dict[str, Any]) -> dict[s
         "description": _ABOUT,
         "duration": float(found.time[-1]),
         "simulator": {**of_arm, "initial_position": found.motion[0, 0].tolist()},
-        "controller": of_arm,
+        "controller": deepcopy(of_arm),  # A list that is there twice would be an alias in YAML.
         "trajectory": {"joints": list(found.joints), "reference": {"name": "csv", "file": str(motion)}},
     }

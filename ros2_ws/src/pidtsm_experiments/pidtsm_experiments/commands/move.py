@@ -41,6 +41,9 @@ def execute(options: argparse.Namespace) -> int:
     from pidtsm_ros.client import Arm, ArmError  # Only this command needs rclpy.
 
     target, robot = _target(options.to), read_arm(options)
+    if robot is not None:
+        robot.settings()  # Refused here if it cannot be used, before the system is looked for.
+        robot.robot()
     introduce(options)
     try:
         with Arm(options.namespace, robot or "") as arm:
