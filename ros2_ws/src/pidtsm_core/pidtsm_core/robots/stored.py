@@ -12,8 +12,9 @@ _DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf")
 def arms_folder() -> Path:
     """The folder of the stored arms: ``pidtsm/arms`` under ``XDG_CONFIG_HOME``, by default ``~/.config``."""
     given = Path(os.environ.get("XDG_CONFIG_HOME", ""))
-    # The specification of XDG: a relative path is ignored.
-    return (given if given.is_absolute() else Path("~/.config").expanduser()) / "pidtsm" / "arms"
+    # The specification of XDG: a relative path is ignored. Without a home, `Path.expanduser` raises an exception.
+    home = Path(os.path.expanduser("~/.config"))  # noqa: PTH111
+    return (given if given.is_absolute() else home) / "pidtsm" / "arms"
 
 
 def is_name(text: str) -> bool:
@@ -30,5 +31,5 @@ def stored_names() -> tuple[str, ...]:
     """Names of the stored arms."""
     try:
         return tuple(sorted(file.stem for file in arms_folder().glob("*.yaml") if is_name(file.stem)))
-    except (OSError, RuntimeError):  # Not readable, or no home.
+    except OSError:
         return ()

@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pidtsm_core.errors import UsageError
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots import NAMES, TreeRobot
@@ -17,6 +19,8 @@ from pidtsm_core.robots.stored import arms_folder, stored_file
 from pidtsm_experiments.runs.files import writable_file, write_file
 
 _ABOUT = "say which arm; --save keeps it all under a name, which --robot takes from then on"
+_HARDLY = 0.9
+"""Share of its effort limit above which a joint can hardly carry the arm."""
 _OPTIONS = ("joints", "lock", "effort", "payload", "xacro", "save")
 """All but ``--robot``."""
 
@@ -103,8 +107,24 @@ def introduce(options: argparse.Namespace) -> None:
                 robot = each.robot()
                 assert isinstance(robot, TreeRobot)
                 _say(f"{Path(each.label).name}: {joints_sentence(robot.description)}")
+                _warn_of_weakness(each)
     if options.save is not None and arm is not None:
         _store(options.save, arm.with_joints())
+
+
+def _warn_of_weakness(arm: ArmDefinition) -> None:
+    """Name the joints that can hardly carry the arm in the middle of its range, where it moves by default."""
+    robot, needed = arm.robot(), np.abs(arm.resting_effort())
+    limits = np.array(arm.settings().get("limits.effort", robot.effort_limit))
+    weak = np.flatnonzero(needed > _HARDLY * limits)
+    if weak.size == 0:
+        return
+    shares = ", ".join(f"{robot.joints[j]} {needed[j]:.3g} of {limits[j]:.3g} {robot.units[j].effort}" for j in weak)
+    cure = ",".join(f"{robot.joints[j]}={2.0 * needed[j]:.2g}" for j in weak)
+    _say(
+        f"warning: to carry the arm in the middle of its range takes {shares}; move where it takes less, or if the "
+        f"drives can do more, say --effort {cure}"
+    )
 
 
 def settings_of(arm: ArmDefinition | None) -> Mapping[str, Any]:
@@ -143,7 +163,10 @@ def _changes(options: argparse.Namespace, arm: ArmDefinition) -> dict[str, Any]:
     if options.joints is not None:
         changes["joints"] = options.joints
     if locked:
-        changes["joints"] = tuple(joint for joint in changes.get("joints", arm.joints) if joint not in locked)
+        before = changes.get("joints", arm.joints)
+        changes["joints"] = tuple(joint for joint in before if joint not in locked)
+        if before and not changes["joints"]:
+            raise UsageError(f"--lock leaves no joint that moves; of {', '.join(before)}, one must")
     if options.joints is not None or locked:
         if both := [joint for joint in options.joints or () if joint in locked]:
             raise UsageError(f"--joints and --lock both name {both[0]}; a joint moves or is locked")
