@@ -148,7 +148,7 @@ class ArmDefinition:
         return np.asarray(effort[0])
 
     def content(self) -> dict[str, Any]:
-        """What its file says: everything that is given, in the form of `from_content`."""
+        """What its file says: everything that is given; plain dictionaries, lists, texts and numbers."""
         said: dict[str, Any] = {
             "description": resolved_description(self.description),
             "joints": list(self.joints),

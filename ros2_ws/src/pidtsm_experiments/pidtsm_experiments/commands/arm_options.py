@@ -162,14 +162,14 @@ def _changes(options: argparse.Namespace, arm: ArmDefinition) -> dict[str, Any]:
     locked = dict(pair for pairs in options.lock or () for pair in pairs)
     if options.joints is not None:
         changes["joints"] = options.joints
+    if both := [joint for joint in options.joints or () if joint in locked]:
+        raise UsageError(f"--joints and --lock both name {both[0]}; a joint moves or is locked")
     if locked:
         before = changes.get("joints", arm.joints)
         changes["joints"] = tuple(joint for joint in before if joint not in locked)
         if before and not changes["joints"]:
             raise UsageError(f"--lock leaves no joint that moves; of {', '.join(before)}, one must")
     if options.joints is not None or locked:
-        if both := [joint for joint in options.joints or () if joint in locked]:
-            raise UsageError(f"--joints and --lock both name {both[0]}; a joint moves or is locked")
         kept = {name: q for name, q in arm.locked.items() if name not in (options.joints or ())}
         changes["locked"] = {**kept, **locked}
     if options.effort is not None:

@@ -122,6 +122,15 @@ def test_it_is_said_which_joints_of_a_file_move(call: Call) -> None:
     assert call("gains", "--robot", "scara")[2] == ""
 
 
+def test_a_joint_that_can_hardly_carry_the_arm_is_named_with_the_cure(call: Call) -> None:
+    code, _, err = call("gains", "--robot", FILE, "--effort", "shoulder=20", "--payload", "2")
+    assert code == 0
+    warning = err.splitlines()[1]
+    assert "takes shoulder 29.4 of 20 N m; " in warning
+    cure = warning.rpartition("--effort ")[2]
+    assert call("gains", "--robot", FILE, "--effort", cure, "--payload", "2")[2].count("\n") == 1
+
+
 def test_a_stored_arm_is_known_to_commands_and_to_python(call: Call) -> None:
     words = ["--joints", "elbow,wrist", "--lock", "shoulder=0.3", "--effort", "wrist=20", "--payload", "0.5@0,0,0.1"]
     words += ["--xacro", "mass:=3"]
