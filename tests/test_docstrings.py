@@ -22,8 +22,10 @@ SHARED = (
     "base",
     "baseline",
     "bounds",
+    "chains",
     "compiler",
     "confined",
+    "definition",
     "description",
     "effort_differences",
     "errors",
@@ -34,6 +36,7 @@ SHARED = (
     "placement",
     "rigid_bodies",
     "source",
+    "stored",
     "tree_robot",
     "urdf",
 )

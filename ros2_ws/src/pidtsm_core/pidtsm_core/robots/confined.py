@@ -149,6 +149,12 @@ def _give(name: str) -> str:
     return f"give it with --xacro {name}:=VALUE, to a node with robot.xacro"
 
 
+def _check_known(arguments: _Arguments, given: Mapping[str, str]) -> None:
+    """Check that the file, which has been read, has the arguments that are given."""
+    if unknown := sorted(set(given) - arguments.known):
+        raise ValueError(f"it has no argument {unknown[0]}; it has {', '.join(sorted(arguments.known)) or 'none'}")
+
+
 def main(file: str, given: Mapping[str, str]) -> int:
     """Expand a file with arguments; returns the exit code."""
     del sys.path[0]  # The folder of this file has modules of other purposes.
@@ -167,8 +173,7 @@ def main(file: str, given: Mapping[str, str]) -> int:
         return UNCONFINED
     try:
         text = xacro.process_file(file, mappings=arguments).toxml()
-        if unknown := sorted(set(given) - arguments.known):
-            raise ValueError(f"it has no argument {unknown[0]}; it has {', '.join(sorted(arguments.known)) or 'none'}")
+        _check_known(arguments, given)
         print(text)
     except Exception as error:  # xacro raises many kinds.
         print(_cause(error))
