@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots import Robot
 
 DURATION = 10.0
@@ -13,6 +14,8 @@ _LARGEST, _SHARE = 0.3, 0.3
 """Largest amplitude (rad or m), and largest share of half the range of a joint."""
 _SPEED = 0.3
 """Largest share of the velocity limit."""
+_POSTURES = 50
+"""Postures in which it is judged whether a joint can carry the arm."""
 _FREQUENCY, _SPREAD = 0.1, 0.2
 """Hz of the first joint; relative difference of the last one, so that the joints pass through many postures."""
 
@@ -46,3 +49,23 @@ def default_motion(robot: Robot) -> dict[str, dict[str, Any]]:
             "reference.offset": middle.tolist(),
         },
     }
+
+
+def largest_holding_effort(robot: Robot, model: Array) -> Array:
+    """Largest effort that holds an arm anywhere on its default motion, shape (joints,), N m or N.
+
+    Args:
+        robot: the arm.
+        model: its packed parameters with what it carries, shape (n,).
+    """
+    motion = default_motion(robot)["trajectory"]
+    middle, amplitude, frequency = (
+        np.array(motion[f"reference.{key}"]) for key in ("offset", "amplitude", "frequency")
+    )
+    rest, largest = np.zeros(middle.size), np.zeros(middle.size)
+    for time in np.linspace(0.0, DURATION, _POSTURES):
+        effort = np.zeros((1, middle.size))
+        q = middle - amplitude * np.cos(2.0 * math.pi * frequency * time)
+        robot.dynamics.inverse_dynamics(q, rest, rest[np.newaxis], model, effort)
+        largest = np.maximum(largest, np.abs(effort[0]))
+    return largest

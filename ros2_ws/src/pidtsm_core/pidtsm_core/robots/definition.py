@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import yaml
 
-from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.parameters import did_you_mean
 from pidtsm_core.parameters.files import load_mapping
@@ -132,20 +131,6 @@ class ArmDefinition:
         tree = found.tree.copy()
         add_load(found, tree, Payload(self.payload, np.array(self.center_of_mass)))
         return replace(found, tree=tree)
-
-    def resting_effort(self) -> Array:
-        """Effort that holds the arm and its payload in the middle of its range, shape (joints,), N m or N.
-
-        Raises:
-            UsageError: see `settings`.
-        """
-        robot = self.robot()
-        q = np.array(robot.initial_position)
-        rest, effort = np.zeros(q.size), np.zeros((1, q.size))
-        model = robot.pack_model({f"robot.{p.name}": p.default for p in robot.parameters})
-        loaded = robot.with_payload(model, Payload(self.payload, np.array(self.center_of_mass)))
-        robot.dynamics.inverse_dynamics(q, rest, rest[np.newaxis], loaded, effort)
-        return np.asarray(effort[0])
 
     def content(self) -> dict[str, Any]:
         """What its file says: everything that is given; plain dictionaries, lists, texts and numbers."""

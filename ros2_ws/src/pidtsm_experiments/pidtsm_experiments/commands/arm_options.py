@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment.default_motion import largest_holding_effort
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots import NAMES, TreeRobot
 from pidtsm_core.robots.definition import ArmDefinition, check_name, file_content, find_arm, joints_sentence
@@ -113,8 +114,9 @@ def introduce(options: argparse.Namespace) -> None:
 
 
 def _warn_of_weakness(arm: ArmDefinition) -> None:
-    """Name the joints that can hardly carry the arm in the middle of its range, where it moves by default."""
-    robot, needed = arm.robot(), np.abs(arm.resting_effort())
+    """Name the joints that can hardly carry the arm about the middle of its range, where it moves by default."""
+    robot = arm.robot()
+    needed = largest_holding_effort(robot, arm.described().tree.copy())
     limits = np.array(arm.settings().get("limits.effort", robot.effort_limit))
     weak = np.flatnonzero(needed > _HARDLY * limits)
     if weak.size == 0:
@@ -122,8 +124,8 @@ def _warn_of_weakness(arm: ArmDefinition) -> None:
     shares = ", ".join(f"{robot.joints[j]} {needed[j]:.3g} of {limits[j]:.3g} {robot.units[j].effort}" for j in weak)
     cure = ",".join(f"{robot.joints[j]}={2.0 * needed[j]:.2g}" for j in weak)
     _say(
-        f"warning: to carry the arm in the middle of its range takes {shares}; move where it takes less, or if the "
-        f"drives can do more, say --effort {cure}"
+        f"warning: to carry the arm about the middle of its range takes {shares}; move where it takes less, or if "
+        f"the drives can do more, say --effort {cure}"
     )
 
 
