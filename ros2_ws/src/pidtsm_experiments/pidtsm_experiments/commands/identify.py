@@ -19,13 +19,15 @@ from pidtsm_core.parameters import Value
 from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_core.robots import DESCRIPTION, LOCKED
 from pidtsm_core.robots.definition import ArmDefinition
+from pidtsm_core.robots.payload import MASS
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.options import CONSOLE
 from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder
 
 _EPILOG = """The bags have joint states with positions and torques, of this project or of another controller. The last
-fifth of each is not fitted, but judges the result. docs/identify.md walks from an unknown arm to a tuned controller.
+fifth of each is not fitted, but judges the result. With --payload, the arm carried that: the result is the arm with it.
+docs/identify.md walks from an unknown arm to a tuned controller.
 
 examples:
   ./pidtsm excite --robot panda --out panda.yaml
@@ -104,6 +106,8 @@ def _parameter_file(found: Identification, urdf: Path, arm: ArmDefinition) -> st
         tuple(each.tolist()) for each in found.parameters[10 * joints :].reshape(4, joints)
     )
     common: dict[str, Value] = {"joints": found.arm.joints, DESCRIPTION.name: str(urdf), "robot.armature": armature}
+    if arm.payload:
+        common[MASS] = 0.0  # It is a part of the identified arm.
     common |= {name: value for name, value in arm.settings().items() if name in (LOCKED.name, "limits.effort")}
     return ros_parameters(
         "controller", {**common, "compensation.coulomb": coulomb, "compensation.viscous": viscous}

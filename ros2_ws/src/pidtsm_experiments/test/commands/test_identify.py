@@ -68,6 +68,20 @@ def test_the_result_is_an_arm_for_controller_and_simulator(known: KnownArm, fold
     assert np.abs(run.error).max() < 0.01
 
 
+def test_what_the_arm_carried_is_a_part_of_the_result(folder: Path, tmp_path: Path) -> None:
+    """So the parameter file says that it carries nothing more."""
+    words = [str(folder / "bag"), "--robot", str(folder / "arm.urdf"), "--payload", "0.1", "--effort", "90,40"]
+    assert main(["identify", *words, "--out", str(tmp_path / "loaded")]) == 0
+    before = [
+        json.loads((each / "identification.json").read_text("utf-8"))["torque_error"]["before"]
+        for each in (folder / "result", tmp_path / "loaded")
+    ]
+    assert before[0] != before[1]
+    for values in load_ros_parameters(tmp_path / "loaded/identified.yaml").values():
+        assert values["payload.mass"] == 0.0
+        assert values["limits.effort"] == [90.0, 40.0]
+
+
 def test_the_page_shows_torques_parameters_and_what_is_unknown(folder: Path) -> None:
     page = (folder / "result/identification.html").read_text(encoding="utf-8")
     for text in ("Identification of arm", "data kept apart", "joint1.Izz", "joint1.my", "No motion of this arm shows"):
