@@ -25,7 +25,7 @@ from pidtsm_core.robots.definition import ArmDefinition, find_arm
 from pidtsm_core.signals import Mode
 from pidtsm_core.timing import NANOSECONDS
 from pidtsm_core.trajectories.errors import TrajectoryError
-from pidtsm_core.trajectories.limits import PARAMETERS, MotionLimits, motion_limits
+from pidtsm_core.trajectories.limits import PARAMETERS, MotionLimits, motion_limits, with_arm
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 from pidtsm_core.trajectories.timing import retime
 from pidtsm_msgs.msg import ControllerState
@@ -172,9 +172,7 @@ class Arm:
         response = self._answer(self._parameters.call_async(GetParameters.Request(names=names)), timeout)
         values = {name: _value(value) for name, value in zip(names, response.values, strict=True)}
         if robot and not values[DESCRIPTION.name]:
-            own = {name for name, value in values.items() if value and np.any(np.array(value) != 0)}
-            of_arm = find_arm(robot).in_order(values["joints"]).settings()
-            values |= {name: value for name, value in of_arm.items() if name not in own}
+            values = with_arm(values, find_arm(robot))
         return motion_limits({name: value for name, value in values.items() if value not in (None, "", [], ())})
 
     def __enter__(self) -> "Arm":

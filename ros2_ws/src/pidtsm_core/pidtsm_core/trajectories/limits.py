@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from pidtsm_core.robots import (
     inverse_dynamics,
     make_model,
 )
+from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_core.robots.payload import CENTER, MASS, Payload, payload_of
 from pidtsm_core.trajectories.margins import PLANNED_EFFORT, PLANNED_SHARE
 from pidtsm_core.units import TURNS, JointUnits
@@ -215,6 +217,26 @@ def motion_limits(settings: Mapping[str, object]) -> MotionLimits:
         units=_units(robot, places, count),
         friction=_friction(robot, places, count),
     )
+
+
+def with_arm(settings: Mapping[str, Any], arm: ArmDefinition) -> dict[str, Any]:
+    """Settings without an arm, completed by those of an arm, in the order of their joints; limits that are set stay.
+
+    Args:
+        settings: ``joints``, and all `PARAMETERS`; None: not set.
+        arm: the arm, with these joints.
+
+    Raises:
+        UsageError: see `ArmDefinition.settings`.
+    """
+    defaults = {parameter.name: parameter.default for parameter in PARAMETERS}
+    unset = {
+        name
+        for name, value in settings.items()
+        if value is None or np.all(np.asarray(value) == defaults.get(name, value))
+    }
+    of_arm = arm.in_order(settings["joints"]).settings()
+    return {**settings, **{name: value for name, value in of_arm.items() if name not in settings or name in unset}}
 
 
 def _payload(settings: Mapping[str, object]) -> Payload:

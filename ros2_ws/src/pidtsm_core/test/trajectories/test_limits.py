@@ -8,7 +8,8 @@ from support.testarms import CRANE, PANDA, Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import ParameterError
-from pidtsm_core.trajectories.limits import MotionLimits, limits_schema, motion_limits
+from pidtsm_core.robots.definition import ArmDefinition
+from pidtsm_core.trajectories.limits import PARAMETERS, MotionLimits, limits_schema, motion_limits, with_arm
 
 
 def test_they_are_those_of_the_description(arm: Arm, limits: MotionLimits) -> None:
@@ -30,6 +31,22 @@ def test_what_is_set_replaces_what_is_described(arm: Arm) -> None:
     for field, value in zip(fields, values, strict=True):
         np.testing.assert_array_equal(getattr(limits, field), value)
     np.testing.assert_array_equal(limits.given_acceleration, limits.acceleration)
+
+
+def test_an_arm_completes_what_a_node_does_not_know() -> None:
+    """In the order of the node's joints; what the node has set stays. A payload costs effort."""
+    arm = ArmDefinition("scara", effort={"joint3": 99.0}, payload=1.0)
+    order = ["joint3", "joint1", "joint2", "joint4"]
+    known = {p.name: p.default for p in PARAMETERS} | {"joints": order, "limits.velocity": 0.5, "robot.xacro": None}
+    limits = motion_limits({name: value for name, value in with_arm(known, arm).items() if value not in (None, "")})
+    described = dict(zip(arm.robot().joints, arm.robot().effort_limit, strict=True))
+    assert limits.joints == tuple(order)
+    assert limits.effort.tolist() == [99.0, *(described[joint] for joint in order[1:])]
+    assert limits.velocity.tolist() == [0.5] * 4
+    empty = motion_limits({"robot.description": "scara", "joints": order})
+    assert (limits.acceleration < empty.acceleration).any()
+    set_limits = with_arm({**known, "limits.effort": [1.0, 2.0, 3.0, 4.0]}, arm)
+    assert set_limits["limits.effort"] == [1.0, 2.0, 3.0, 4.0]
 
 
 def test_other_joints_keep_their_defaults() -> None:
