@@ -93,7 +93,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not words:
             _parser(None).print_help()
             return 2
-        options = _parser(command).parse_args(words)
+        parser = _parser(command)
+        options, others = parser.parse_known_args(words)
+        if command == "test":
+            options.arguments = [*others, *options.arguments]  # such as pytest's -k
+        elif others:
+            parser.error(f"unrecognized arguments: {' '.join(others)}")
         return int(options.execute(options))
     except UsageError as error:
         print(f"pidtsm: {error}", file=sys.stderr)
