@@ -5,9 +5,12 @@ import json
 from pathlib import Path
 from textwrap import fill
 
+from pidtsm_core.control import LAW_NAME
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import resolved_description
-from pidtsm_core.experiment.gains import BITS, DELAY, RATE, Gain, first_gains
+from pidtsm_core.experiment.gains import BITS, DELAY, RATE, first_gains
+from pidtsm_core.experiment.law_gains import Gain
+from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Value
 from pidtsm_core.robots import DESCRIPTION
 from pidtsm_experiments.commands.options import add_robot_argument
@@ -27,6 +30,7 @@ _WIDTH = 100
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _EPILOG
     add_robot_argument(parser)
+    parser.add_argument("--law", choices=LAWS.names, default=LAW_NAME.default, help="default: %(default)s")
     parser.add_argument(
         "--encoder-bits",
         type=int,
@@ -57,7 +61,7 @@ def execute(options: argparse.Namespace) -> int:
         raise UsageError(f"--rate {options.rate:g}: must be from 1 to 100000 Hz")
     place = None if options.out is None else writable_file(options.out)
     robot = {} if options.robot is None else {DESCRIPTION.name: resolved_description(options.robot)}
-    gains = first_gains(robot, options.encoder_bits, 1e-3 * options.delay, options.rate)
+    gains = first_gains(robot, options.encoder_bits, 1e-3 * options.delay, options.rate, options.law)
     text = comment() + _parameter_file(gains)
     if options.json:
         print(json.dumps({gain.name: {"value": gain.value, "reason": gain.reason} for gain in gains}))
