@@ -56,7 +56,7 @@ def possible(inertia: Array, mass: float, moment: Array, what: str) -> Array:
         what: the link, with which the message begins.
 
     Returns:
-        About the same point, shape (3, 3), kg m^2.
+        About the same point, shape (3, 3), kg m^2; a possible one is not changed.
 
     Raises:
         DescriptionError: it is not near that of any body, or zero.
@@ -65,6 +65,8 @@ def possible(inertia: Array, mass: float, moment: Array, what: str) -> Array:
     principal, axes = np.linalg.eigh(inertia - displaced)
     if not principal.any():
         raise DescriptionError(f"{what}: it has a mass, but no inertia; compute its inertia from its shape")
+    if lack(inertia - displaced) <= 0.0:
+        return inertia
     if lack(inertia - displaced) > _ROUNDING:
         numbers = ", ".join(f"{value:.3g}" for value in principal)
         raise DescriptionError(
@@ -107,8 +109,7 @@ def _is_impossible(body: Any) -> bool:
     if not body.explicitinertial:
         return False
     inertia = _inertia(body)
-    lowest = float(np.linalg.eigvalsh(inertia)[0])
-    return lack(inertia) > 0.0 or (lowest <= 0.0 and bool(inertia.any()))
+    return lack(inertia) > 0.0 or float(np.linalg.eigvalsh(inertia)[0]) <= 0.0
 
 
 def _inertia(body: Any) -> Array:
