@@ -1,0 +1,134 @@
+"""What the joints of an arm carry and accelerate over its range, and doubts about it."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.robots.base import Robot
+from pidtsm_core.robots.check.result import Doubt, JointFacts, Load
+
+_POSTURES, _BEST, _GRID, _ROUNDS = 200, 3, 13, 2
+"""Random postures, those from which the search for the largest torque begins, points per joint, and rounds."""
+_SLIDING = 0.5
+"""Half the range of a sliding joint without limits, m."""
+_LIGHT = 1e5
+"""Acceleration under the largest effort, rad/s^2 or m/s^2, beyond which a joint without rotor is too light: the loop
+holds arms up to 1.3e5, and loses those from 2.1e5 on (14-bit encoders, 1 ms of delay, `first_gains`)."""
+
+
+class _Statics:
+    """Torque of gravity and inertia matrix of an arm."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot, self._joints = robot, len(robot.joints)
+        self._p = robot.pack_model({f"robot.{each.name}": each.default for each in robot.parameters})
+        self._units = np.vstack([np.zeros(self._joints), np.eye(self._joints)])
+
+    def at(self, q: Array) -> tuple[Array, Array]:
+        """Torque of gravity, shape (joints,), and inertia, shape (joints, joints), at q."""
+        efforts = np.zeros_like(self._units)
+        self._robot.dynamics.inverse_dynamics(q, np.zeros(self._joints), self._units, self._p, efforts)
+        return efforts[0], efforts[1:] - efforts[0]
+
+    def inertia(self, q: Array) -> Array:
+        """Inertia that each joint accelerates while the others move freely, shape (joints,); 0: it has none."""
+        matrix = self.at(q)[1]
+        try:
+            return np.maximum(1.0 / np.diag(np.linalg.inv(matrix)), 0.0)
+        except np.linalg.LinAlgError:
+            return np.zeros(self._joints)
+
+
+def find_loads(robot: Robot, rate: float) -> tuple[Load, ...]:
+    """What each joint carries and accelerates.
+
+    Args:
+        robot: the arm.
+        rate: Hz.
+    """
+    statics = _Statics(robot)
+    lower, upper = _box(robot)
+    postures = np.random.default_rng(1).uniform(lower, upper, (_POSTURES, lower.size))
+    postures[0] = robot.initial_position
+    gravity = _largest_gravity(statics, postures, lower, upper)
+    inertias = np.array([statics.inertia(q) for q in postures])
+    least, most = inertias.min(axis=0), inertias.max(axis=0)
+    damping = np.array(robot.damping or [0.0] * lower.size)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(damping > 0.0, damping / (rate * least), 0.0)
+    return tuple(
+        Load(name, *(float(values[j]) for values in (gravity, least, most, ratio)))
+        for j, name in enumerate(robot.joints)
+    )
+
+
+def load_doubts(joints: Sequence[JointFacts], loads: Sequence[Load], rate: float) -> Iterator[Doubt]:
+    """Doubts about used joints, from what they carry and accelerate."""
+    for joint, load in zip(joints, loads, strict=True):
+        yield from _weak(joint, load)
+        unit, inertia = ("N", "kg") if joint.type == "prismatic" else ("N m", "kg m^2")
+        if load.friction_ratio > 1.0:
+            yield Doubt(
+                "too-light-for-friction",
+                "joint",
+                joint.name,
+                f"its viscous friction, {joint.damping:g} {unit} s{'/m' if unit == 'N' else '/rad'}, stops the "
+                f"{load.least_inertia:.2g} {inertia} that it moves within a period of {1e3 / rate:g} ms",
+                "add the inertia of its rotor (armature), correct the friction, or raise the rate",
+            )
+        if joint.armature == 0.0 and joint.effort > _LIGHT * load.least_inertia and np.isfinite(joint.effort):
+            yield Doubt(
+                "rotor-missing",
+                "joint",
+                joint.name,
+                f"it has no rotor inertia and moves only {load.least_inertia:.2g} {inertia}, for a motor of "
+                f"{joint.effort:g} {unit}: no loop can hold it steady",
+                "add the inertia of its rotor, times the square of the gear ratio (rotor_inertia, or robot.armature)",
+            )
+
+
+def _weak(joint: JointFacts, load: Load) -> Iterator[Doubt]:
+    unit = "N" if joint.type == "prismatic" else "N m"
+    if load.gravity > joint.effort:
+        yield Doubt(
+            "too-weak-for-gravity",
+            "joint",
+            joint.name,
+            f"it cannot carry the arm everywhere: gravity takes up to {load.gravity:.3g} {unit} of its "
+            f"{joint.effort:g} {unit}",
+            "correct its effort limit, or the masses that it carries",
+        )
+    elif joint.friction > 0.0 and joint.friction >= joint.effort:
+        yield Doubt(
+            "too-weak-for-friction",
+            "joint",
+            joint.name,
+            f"its friction, {joint.friction:g} {unit}, is not below its effort limit, {joint.effort:g} {unit}",
+            "correct one of them",
+        )
+
+
+def _box(robot: Robot) -> tuple[Array, Array]:
+    """Range of the postures that are tried, each of shape (joints,), rad or m: at most a turn."""
+    limits = robot.position_limits or [(-np.inf, np.inf)] * len(robot.joints)
+    half = np.where(robot.slides or [False] * len(limits), _SLIDING, np.pi)
+    lower, upper = np.array(limits, dtype=np.float64).T
+    middle = np.array(robot.initial_position)
+    wide = (upper - lower > 2.0 * half) & ~(np.isfinite(upper - lower) & (half == _SLIDING))
+    return np.where(wide, middle - half, lower), np.where(wide, middle + half, upper)
+
+
+def _largest_gravity(statics: _Statics, postures: Array, lower: Array, upper: Array) -> Array:
+    """Largest torque of gravity at each joint, shape (joints,): joint by joint, from the best of many postures."""
+    torques = np.abs([statics.at(q)[0] for q in postures])
+    found = torques.max(axis=0)
+    for j in np.flatnonzero(found > 0.0):
+        for best in np.argsort(torques[:, j])[-_BEST:]:
+            q = postures[best].copy()
+            for k in list(range(q.size)) * _ROUNDS:
+                tried = np.linspace(lower[k], upper[k], _GRID)
+                values = [abs(statics.at(np.concatenate([q[:k], [x], q[k + 1 :]]))[0][j]) for x in tried]
+                q[k] = tried[int(np.argmax(values))]
+                found[j] = max(found[j], *values)
+    return found
