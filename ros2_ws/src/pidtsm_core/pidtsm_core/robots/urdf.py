@@ -130,7 +130,7 @@ def _number(text: str, what: str) -> float:
 
 
 def joint_limits(root: Element) -> dict[str, dict[str, float]]:
-    """Attributes of the element ``limit``, by joint.
+    """Attributes of the element ``limit``, by joint; a continuous joint loses its range, which means nothing.
 
     Raises:
         DescriptionError: one is not a finite number.
@@ -138,6 +138,9 @@ def joint_limits(root: Element) -> dict[str, dict[str, float]]:
     found = {}
     for joint in root.findall("joint"):
         name, limit = joint.attrib["name"], joint.find("limit")
+        if limit is not None and joint.get("type") == "continuous":
+            for key in ("lower", "upper"):  # They mean nothing to a joint that turns without end.
+                limit.attrib.pop(key, None)
         if limit is not None:
             found[name] = {key: _number(value, f"joint {name}: {key}") for key, value in limit.attrib.items()}
     return found

@@ -27,6 +27,7 @@ __all__ = ["FIXED", "LOCKED", "RATE", "USED", "ArmCheck", "Doubt", "JointFacts",
 
 RATE = 1000.0
 """Rate of the loop for which friction is judged by default, Hz."""
+_NO_ROTORS = "no joint has rotor inertia, which behind gears is often more than that of the links (robot.armature)"
 
 
 def check_arm(settings: Mapping[str, object], rate: float = RATE) -> ArmCheck:
@@ -43,7 +44,7 @@ def check_arm(settings: Mapping[str, object], rate: float = RATE) -> ArmCheck:
         return _closed_form(ROBOTS[source], rate)
     lines = lines_of(source)
     found = ArmCheck(source, file_of(source), "", rate)
-    text, root = _text(source)
+    root = _root(source)
     found = replace(found, format=_format(found, root))
     try:
         robot = find_robot(settings)
@@ -60,7 +61,8 @@ def _checked(found: ArmCheck, robot: TreeRobot, settings: Mapping[str, object], 
     arm, structure = robot.description, Structure(robot)
     joints, masses, loads = structure.joints(settings, lines), find_masses(arm), find_loads(robot, found.rate)
     used = joints[: len(robot.joints)]
-    doubts, notes = [], []
+    doubts: list[Doubt] = []
+    notes: list[Doubt] = []
     if arm.is_urdf:
         doubts += written_doubts(ElementTree.fromstring(arm.text), robot.joints)  # noqa: S314  It was read before.
     else:
@@ -69,6 +71,8 @@ def _checked(found: ArmCheck, robot: TreeRobot, settings: Mapping[str, object], 
     doubts += mass_doubts(arm, masses, structure)
     for doubt, moves in impossible_links(arm, structure):
         (doubts if moves else notes).append(doubt)
+    if not any(joint.armature for joint in used):
+        notes.append(Doubt("rotors-missing", "arm", "", _NO_ROTORS, ""))
     doubts += load_doubts(used, loads, found.rate)
     tool = link_placements(arm, np.array(robot.initial_position))[arm.tool_link, :, 3]
     return replace(
@@ -119,13 +123,12 @@ def _closed_form(robot: Robot, rate: float) -> ArmCheck:
     return ArmCheck(robot.name, None, "closed form", rate, joints, loads, base=robot.base, doubts=tuple(doubts))
 
 
-def _text(source: str) -> tuple[str, Element | None]:
-    """Text and root element of a description; empty and None if it cannot be read."""
+def _root(source: str) -> Element | None:
+    """Root element of a description; None if it cannot be read."""
     try:
-        text = read_source(source)[1]
-        return text, ElementTree.fromstring(text)  # noqa: S314  A robot's own description; expat limits expansion.
+        return ElementTree.fromstring(read_source(source)[1])  # noqa: S314  A robot's own description.
     except (DescriptionError, ElementTree.ParseError, ValueError):
-        return "", None
+        return None
 
 
 def _format(found: ArmCheck, root: Element | None) -> str:

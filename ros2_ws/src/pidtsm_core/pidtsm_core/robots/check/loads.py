@@ -12,9 +12,11 @@ _POSTURES, _BEST, _GRID, _ROUNDS = 200, 3, 13, 2
 """Random postures, those from which the search for the largest torque begins, points per joint, and rounds."""
 _SLIDING = 0.5
 """Half the range of a sliding joint without limits, m."""
-_LIGHT = 1e5
-"""Acceleration under the largest effort, rad/s^2 or m/s^2, beyond which a joint without rotor is too light: the loop
-holds arms up to 1.3e5, and loses those from 2.1e5 on (14-bit encoders, 1 ms of delay, `first_gains`)."""
+_UNSTEADY = 20.0
+"""Acceleration by Coulomb friction, rad/s^2 or m/s^2, beyond which a loop cannot hold a joint steady: of public arms,
+those up to 10 stay within 0.4 mrad, 20 is 3 mrad, 80 is 80 mrad (14-bit encoders, 1 ms of delay, `first_gains`)."""
+_LIGHT = 1e6
+"""Acceleration under the largest effort that only a joint without rotor has; all arms with rotors are below 1e3."""
 
 
 class _Statics:
@@ -67,25 +69,26 @@ def load_doubts(joints: Sequence[JointFacts], loads: Sequence[Load], rate: float
     """Doubts about used joints, from what they carry and accelerate."""
     for joint, load in zip(joints, loads, strict=True):
         yield from _weak(joint, load)
-        unit, inertia = ("N", "kg") if joint.type == "prismatic" else ("N m", "kg m^2")
-        if load.friction_ratio > 1.0:
-            yield Doubt(
-                "too-light-for-friction",
-                "joint",
-                joint.name,
-                f"its viscous friction, {joint.damping:g} {unit} s{'/m' if unit == 'N' else '/rad'}, stops the "
-                f"{load.least_inertia:.2g} {inertia} that it moves within a period of {1e3 / rate:g} ms",
-                "add the inertia of its rotor (armature), correct the friction, or raise the rate",
-            )
-        if joint.armature == 0.0 and joint.effort > _LIGHT * load.least_inertia and np.isfinite(joint.effort):
-            yield Doubt(
-                "rotor-missing",
-                "joint",
-                joint.name,
-                f"it has no rotor inertia and moves only {load.least_inertia:.2g} {inertia}, for a motor of "
-                f"{joint.effort:g} {unit}: no loop can hold it steady",
-                "add the inertia of its rotor, times the square of the gear ratio (rotor_inertia, or robot.armature)",
-            )
+        yield from _light(joint, load, rate)
+
+
+def _light(joint: JointFacts, load: Load, rate: float) -> Iterator[Doubt]:
+    """Whether a joint moves too little for its friction, or for its motor."""
+    unit, inertia, speed = ("N", "kg", "m") if joint.type == "prismatic" else ("N m", "kg m^2", "rad")
+    moved = f"the {load.least_inertia:.2g} {inertia} that it moves"
+    rotor = "" if joint.armature else "; it has no rotor inertia"
+    add = "add the inertia of its rotor, times the square of the gear ratio (rotor_inertia, or robot.armature)"
+    code = "too-light-for-friction" if joint.armature else "rotor-missing"
+    if load.friction_ratio > 1.0:
+        friction = f"its viscous friction, {joint.damping:g} {unit} s/{speed}"
+        text = f"{friction}, stops {moved} within a period of {1e3 / rate:g} ms{rotor}"
+        yield Doubt(code, "joint", joint.name, text, f"{add}, correct the friction, or raise the rate")
+    elif joint.friction > _UNSTEADY * load.least_inertia:
+        text = f"its Coulomb friction, {joint.friction:g} {unit}, is too large for {moved} to be steady{rotor}"
+        yield Doubt(code, "joint", joint.name, text, f"{add}, or correct the friction")
+    elif joint.armature == 0.0 and np.isfinite(joint.effort) and joint.effort > _LIGHT * load.least_inertia:
+        text = f"its motor, {joint.effort:g} {unit}, is too strong for {moved}{rotor}"
+        yield Doubt(code, "joint", joint.name, text, f"{add}, or correct the inertia of its link")
 
 
 def _weak(joint: JointFacts, load: Load) -> Iterator[Doubt]:

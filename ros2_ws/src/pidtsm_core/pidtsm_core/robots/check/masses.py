@@ -22,9 +22,13 @@ _OUTSIDE = 0.5
 public arms, the farthest has 0.31."""
 _WIDE = 0.5
 """Radius of gyration as a share of the reach; 0.35 at most, where inertias are not mistaken."""
+_MATTERS = 0.2
+"""Share of the inertia that moves together from which on that of one link matters."""
 _LEAD = 11_300.0
 """Density of lead, kg/m^3. A link as dense as a ball of its mass and inertia exceeds it nowhere, but by mistake: the
 densest of public arms has 10,000, the others 7,300 at most."""
+_NEGLIGIBLE = 0.01
+"""Share of the inertia that moves with a link below which its own does not matter."""
 _ROUNDED = 0.02
 """See `inertials`."""
 
@@ -47,18 +51,18 @@ def mass_doubts(arm: Description, masses: tuple[Mass, ...], structure: Structure
     for i, row in enumerate(rows(arm.tree)):
         mass = masses[int(row[Column.PLACE])]
         yield from _amount(mass, masses)
-        links = [k for k in np.flatnonzero(arm.links.rows == i)]
+        links = np.flatnonzero(arm.links.rows == i).tolist()
         stated = {k: inertial for k in links for inertial, given in (structure.inertial(k),) if given}
         if not stated:
             continue
-        heaviest = max(stated, key=lambda k: stated[k].mass)
-        name = arm.links.names[heaviest]
         yield from _center(arm, i, mass, size, _name_of_farthest(arm, stated))
-        yield from _inertia(mass, size, name, _name_of_widest(arm, stated))
+        yield from _dense(mass, arm.links.names[max(stated, key=lambda k: stated[k].mass)])
+        widest = max(stated, key=lambda k: float(np.trace(stated[k].inertia)))
+        yield from _wide(mass, size, arm.links.names[widest], stated[widest])
 
 
 def impossible_links(arm: Description, structure: Structure) -> Iterator[tuple[Doubt, bool]]:
-    """Inertias that no body has and that did not refuse the arm, each with whether the link moves."""
+    """Inertias that no body has and that did not refuse the arm, each with whether that can matter."""
     for k, (name, row) in enumerate(zip(arm.links.names, arm.links.rows, strict=True)):
         inertial, given = structure.inertial(k)
         missing = lack(inertial.inertia)
@@ -66,11 +70,10 @@ def impossible_links(arm: Description, structure: Structure) -> Iterator[tuple[D
             continue
         numbers = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(inertial.inertia))
         text = f"no body has its inertia: the principal inertias are {numbers} kg m^2"
-        if row < 0:
-            yield (
-                Doubt("inertia-impossible", "link", name, f"{text}; it does not move, so this does not matter", ""),
-                False,
-            )
+        moved = float(np.trace(inertia_matrix(rows(arm.tree)[row]))) if row >= 0 else math.inf
+        if float(np.abs(inertial.inertia).max()) < _NEGLIGIBLE * moved:
+            why = "it does not move" if row < 0 else "what it is fixed to has much more"
+            yield Doubt("inertia-impossible", "link", name, f"{text}; {why}, so this does not matter", ""), False
         else:
             cure = "none may be negative, or larger than the sum of the others; correct the figures or their units"
             yield Doubt("inertia-impossible", "link", name, text, cure), True
@@ -82,7 +85,7 @@ def _amount(mass: Mass, masses: tuple[Mass, ...]) -> Iterator[Doubt]:
     if mass.mass < _LIGHT and (not others or mass.mass < _LIGHT_SHARE * float(np.median(others))):
         text = f"what joint {mass.joint} moves with it has only {1e3 * mass.mass:.3g} g"
         yield Doubt("mass-small", "link", link, text, "correct its mass, in kg")
-    if mass.mass > _HEAVY and mass.mass > _HEAVY_SHARE * sum(others):
+    if mass.mass > _HEAVY * (1.0 if others else 10.0) and mass.mass > _HEAVY_SHARE * sum(others):
         text = f"what joint {mass.joint} moves with it has {mass.mass:.4g} kg"
         yield Doubt("mass-large", "link", link, text, "correct its mass, in kg")
 
@@ -104,7 +107,8 @@ def _center(arm: Description, i: int, mass: Mass, size: float, name: str) -> Ite
         )
 
 
-def _inertia(mass: Mass, size: float, heaviest: str, widest: str) -> Iterator[Doubt]:
+def _dense(mass: Mass, heaviest: str) -> Iterator[Doubt]:
+    """Whether what moves together has too little inertia for its mass."""
     total = sum(mass.principal)
     ball = (3.0 * mass.mass / (4.0 * math.pi * _LEAD)) ** (1.0 / 3.0)
     if total < 2.0 * 0.6 * mass.mass * ball**2:
@@ -112,17 +116,22 @@ def _inertia(mass: Mass, size: float, heaviest: str, widest: str) -> Iterator[Do
             "inertia-small",
             "link",
             heaviest,
-            f"its inertia, {mass.principal[2]:.2g} kg m^2, is so small that its {mass.mass:.3g} kg would be denser than "
-            "lead",
+            f"its inertia, {mass.principal[2]:.2g} kg m^2, is so small that its {mass.mass:.3g} kg would be denser "
+            "than lead",
             "correct its inertia, in kg m^2 about the centre of mass, or its mass",
         )
-    gyration = math.sqrt(max(mass.principal[2], 0.0) / mass.mass)
-    if size > 0.0 and gyration > _WIDE * size:
+
+
+def _wide(mass: Mass, size: float, name: str, inertial: Inertial) -> Iterator[Doubt]:
+    """Whether a link, the one with the largest inertia of those that move together, has more than its size allows."""
+    largest = float(np.linalg.eigvalsh(inertial.inertia)[2])
+    gyration = math.sqrt(max(largest, 0.0) / inertial.mass) if inertial.mass > 0.0 else 0.0
+    if size > 0.0 and gyration > _WIDE * size and largest > _MATTERS * mass.principal[2]:
         yield Doubt(
             "inertia-large",
             "link",
-            widest,
-            f"its inertia, {mass.principal[2]:.3g} kg m^2, is that of {mass.mass:.3g} kg {gyration:.2g} m away from its "
+            name,
+            f"its inertia, {largest:.3g} kg m^2, is that of {inertial.mass:.3g} kg {gyration:.2g} m away from its "
             f"centre, on an arm of {size:.3g} m",
             "correct its inertia, in kg m^2 about the centre of mass, or its mass",
         )
@@ -131,10 +140,6 @@ def _inertia(mass: Mass, size: float, heaviest: str, widest: str) -> Iterator[Do
 def _name_of_farthest(arm: Description, stated: dict[int, Inertial]) -> str:
     """The link whose mass moves the common centre of mass most."""
     return arm.links.names[max(stated, key=lambda k: stated[k].mass * float(np.linalg.norm(stated[k].center)))]
-
-
-def _name_of_widest(arm: Description, stated: dict[int, Inertial]) -> str:
-    return arm.links.names[max(stated, key=lambda k: float(np.trace(stated[k].inertia)))]
 
 
 def _distance(point: Array, end: Array) -> float:

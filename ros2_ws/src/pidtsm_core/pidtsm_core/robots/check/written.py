@@ -13,6 +13,8 @@ _ROUNDING = 1.001
 """A limit of 6.29 rad is still one turn."""
 _FAST = {"revolute": 60.0, "continuous": 60.0, "prismatic": 20.0}
 """Velocity limits beyond which no joint of an arm goes, rad/s and m/s."""
+_NO_LIMIT = 1000.0
+"""Velocity limit that is meant as none."""
 _FAR = 5.0
 """Distance of a joint from the one before it that no arm has, m."""
 _NARROW = 0.11
@@ -82,7 +84,7 @@ def _limit_doubts(name: str, kind: str, limit: Mapping[str, float]) -> Iterator[
                 f"its {key} limit {state}, so it counts as unlimited",
                 f"write that of its motor, or set the parameter limits.{key}",
             )
-        elif key == "velocity" and limit[key] > _FAST[kind]:
+        elif key == "velocity" and _FAST[kind] < limit[key] < _NO_LIMIT:
             wrong = "degrees per second" if kind != "prismatic" else "millimetres per second"
             yield Doubt(
                 "velocity-large",
@@ -96,8 +98,9 @@ def _limit_doubts(name: str, kind: str, limit: Mapping[str, float]) -> Iterator[
 def range_doubts(name: str, lower: float, upper: float) -> Iterator[Doubt]:
     """Doubts about the limits of a joint that turns, rad."""
     for value in (lower, upper):
-        whole = value == round(value)
-        if abs(value) > _ROUNDING * _TURN * (1.0 if whole else 2.0) and math.isfinite(value):
+        # Some wrists turn twice, but not by whole numbers of radians.
+        turns = 1.0 if value.is_integer() else 2.0
+        if math.isfinite(value) and abs(value) > _ROUNDING * _TURN * turns:
             in_degrees = abs(value) <= 720.0
             yield Doubt(
                 "limits-degrees" if in_degrees else "limits-wide",
