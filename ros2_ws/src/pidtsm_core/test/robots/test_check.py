@@ -120,6 +120,14 @@ MISTAKES = {
     "limits of 140 degrees": Mistake(
         ("limits-degrees",), "joint", lambda _r, j, _l: turns(j) and limit(j, lower="-140", upper="140")
     ),
+    "limits in millimetres": Mistake(
+        ("limits-millimetres",),
+        "joint",
+        lambda _r, j, _l: j.get("type") == "prismatic" and scaled(j, "limit", 1000.0, "lower", "upper"),
+    ),
+    "an effort in millinewton metres": Mistake(
+        ("effort-large",), "joint", lambda _r, j, _l: scaled(j, "limit", 1000.0, "effort")
+    ),
     "limits that are swapped": Mistake(
         ("refused",), "joint", lambda _r, j, _l: has_range(j) and limit(j, lower="1", upper="-2")
     ),

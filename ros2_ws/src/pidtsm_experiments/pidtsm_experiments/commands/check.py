@@ -13,7 +13,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.experiment import resolved_description
 from pidtsm_core.robots import DESCRIPTION, NAMES
 from pidtsm_core.robots.check import RATE, ArmCheck, Doubt, check_arm
 from pidtsm_experiments.commands.options import CONSOLE
@@ -53,7 +52,7 @@ def execute(options: argparse.Namespace) -> int:
     if not 1.0 <= options.rate <= 100_000.0:
         raise UsageError(f"--rate {options.rate:g}: must be from 1 to 100000 Hz")
     place = None if options.html is None else writable_file(options.html)
-    settings: dict[str, Any] = {DESCRIPTION.name: resolved_description(options.robot)}
+    settings: dict[str, Any] = {DESCRIPTION.name: options.robot}
     check = check_arm(settings, options.rate)
     if options.json:
         print(json.dumps(check.as_json(), allow_nan=False))

@@ -18,6 +18,9 @@ those up to 10 stay within 0.4 mrad, 20 is 3 mrad, 80 is 80 mrad (14-bit encoder
 _LIGHT = 1e6
 """Acceleration under the largest effort that only a joint without rotor has; all arms with rotors are below 1e3."""
 
+_STRONG = 1e4
+"""The same of a joint with a rotor, whose effort limit is a mistake then."""
+
 
 class _Statics:
     """Torque of gravity and inertia matrix of an arm."""
@@ -89,6 +92,9 @@ def _light(joint: JointFacts, load: Load, rate: float) -> Iterator[Doubt]:
     elif joint.armature == 0.0 and np.isfinite(joint.effort) and joint.effort > _LIGHT * load.least_inertia:
         text = f"its motor, {joint.effort:g} {unit}, is too strong for {moved}{rotor}"
         yield Doubt(code, "joint", joint.name, text, f"{add}, or correct the inertia of its link")
+    elif joint.armature > 0.0 and np.isfinite(joint.effort) and joint.effort > _STRONG * load.least_inertia:
+        text = f"its effort limit, {joint.effort:g} {unit}, is too large for {moved}"
+        yield Doubt("effort-large", "joint", joint.name, text, f"correct it, in {unit}, or the inertia of the rotor")
 
 
 def _weak(joint: JointFacts, load: Load) -> Iterator[Doubt]:

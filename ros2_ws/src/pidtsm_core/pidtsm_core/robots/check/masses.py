@@ -23,7 +23,7 @@ public arms, the farthest has 0.31."""
 _WIDE = 0.5
 """Radius of gyration as a share of the reach; 0.35 at most, where inertias are not mistaken."""
 _MATTERS = 0.2
-"""Share of the inertia that moves together from which on that of one link matters."""
+"""Share of the mass or inertia that moves together from which on that of one link matters."""
 _LEAD = 11_300.0
 """Density of lead, kg/m^3. A link as dense as a ball of its mass and inertia exceeds it nowhere, but by mistake: the
 densest of public arms has 10,000, the others 7,300 at most."""
@@ -56,7 +56,9 @@ def mass_doubts(arm: Description, masses: tuple[Mass, ...], structure: Structure
         if not stated:
             continue
         yield from _center(arm, i, mass, size, _name_of_farthest(arm, stated))
-        yield from _dense(mass, arm.links.names[max(stated, key=lambda k: stated[k].mass)])
+        for k, inertial in stated.items():
+            if inertial.mass > _MATTERS * mass.mass:
+                yield from _dense(arm.links.names[k], inertial)
         widest = max(stated, key=lambda k: float(np.trace(stated[k].inertia)))
         yield from _wide(mass, size, arm.links.names[widest], stated[widest])
 
@@ -107,17 +109,16 @@ def _center(arm: Description, i: int, mass: Mass, size: float, name: str) -> Ite
         )
 
 
-def _dense(mass: Mass, heaviest: str) -> Iterator[Doubt]:
-    """Whether what moves together has too little inertia for its mass."""
-    total = sum(mass.principal)
-    ball = (3.0 * mass.mass / (4.0 * math.pi * _LEAD)) ** (1.0 / 3.0)
-    if total < 2.0 * 0.6 * mass.mass * ball**2:
+def _dense(name: str, inertial: Inertial) -> Iterator[Doubt]:
+    """Whether a link has too little inertia for its mass."""
+    principal = np.linalg.eigvalsh(inertial.inertia)
+    ball = (3.0 * inertial.mass / (4.0 * math.pi * _LEAD)) ** (1.0 / 3.0)
+    if 0.0 <= float(principal.sum()) < 2.0 * 0.6 * inertial.mass * ball**2:
         yield Doubt(
             "inertia-small",
             "link",
-            heaviest,
-            f"its inertia, {mass.principal[2]:.2g} kg m^2, is so small that its {mass.mass:.3g} kg would be denser "
-            "than lead",
+            name,
+            f"its inertia, {principal[2]:.2g} kg m^2, is so small for its {inertial.mass:.3g} kg that it is denser than lead",
             "correct its inertia, in kg m^2 about the centre of mass, or its mass",
         )
 

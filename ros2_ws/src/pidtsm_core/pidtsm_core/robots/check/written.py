@@ -13,6 +13,8 @@ _ROUNDING = 1.001
 """A limit of 6.29 rad is still one turn."""
 _FAST = {"revolute": 60.0, "continuous": 60.0, "prismatic": 20.0}
 """Velocity limits beyond which no joint of an arm goes, rad/s and m/s."""
+_LONG = 10.0
+"""Limit of a sliding joint beyond that of arms, m."""
 _NO_LIMIT = 1000.0
 """Velocity limit that is meant as none."""
 _FAR = 5.0
@@ -74,6 +76,15 @@ def _limit_doubts(name: str, kind: str, limit: Mapping[str, float]) -> Iterator[
     """Doubts about the element ``limit`` of a joint that moves."""
     if kind == "revolute":
         yield from range_doubts(name, limit.get("lower", 0.0), limit.get("upper", 0.0))
+    stroke = max(abs(limit.get("lower", 0.0)), abs(limit.get("upper", 0.0)))
+    if kind == "prismatic" and _LONG < stroke < math.inf:
+        yield Doubt(
+            "limits-millimetres",
+            "joint",
+            name,
+            f"its limits are {limit.get('lower', 0.0):g} to {limit.get('upper', 0.0):g} m",
+            "write metres, if these are millimetres",
+        )
     for key, unit in (("velocity", "rad/s" if kind != "prismatic" else "m/s"), ("effort", "")):
         if not limit.get(key):
             state = "is 0" if key in limit else "is missing"
