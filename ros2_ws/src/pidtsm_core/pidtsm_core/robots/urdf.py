@@ -27,6 +27,8 @@ def check_urdf(root: Element) -> None:
     Raises:
         DescriptionError: with the link or joint, and the element.
     """
+    if any("/xacro}" in element.tag for element in root):
+        raise DescriptionError("the description has elements of xacro; let the name of its file end with .xacro")
     for kind in ("link", "joint"):
         names = [element.get("name") for element in root.findall(kind)]
         for name in names:
@@ -95,7 +97,7 @@ def _check_tree(root: Element) -> None:
             )
         parents[child] = (parent, name)
     if not links:
-        raise DescriptionError("the description has no links; is it a xacro file? Then its name must end with .xacro")
+        raise DescriptionError("the description has no links")
     bases = [link for link in links if link not in parents]
     if not bases:
         raise DescriptionError("every link has a parent, so the joints form a loop; the base has none")

@@ -126,6 +126,11 @@ BROKEN = {
         "joint shoulder: rpy of its origin is '0.1 0.2'; it needs three numbers",
     ),
     "no movable joint": (urdf(BASE), "no chain of movable joints|cannot be read"),
+    "xacro in a URDF": (
+        urdf(ARM + '<x:include xmlns:x="http://www.ros.org/wiki/xacro" filename="hand.xacro"/>'),
+        "the description has elements of xacro; let the name of its file end with .xacro",
+    ),
+    "no links": (urdf(""), "the description has no links"),
     "two links of one name": (urdf(ARM + link("upper")), "two links are called upper"),
     "two joints of one name": (
         urdf(ARM + link("hand") + joint("elbow", "lower", "hand")),

@@ -99,7 +99,9 @@ def _center(arm: Description, i: int, mass: Mass, size: float, name: str) -> Ite
     ends += [row[Column.TRANSLATION : Column.MASS] for row in rows(arm.tree) if row[Column.PARENT] == i]
     ends += [arm.links.placements[k, :, 3] for k in np.flatnonzero(arm.links.rows == i)]
     away = min(_distance(center, end) for end in ends)
-    if size > 0.0 and away > _OUTSIDE * size:
+    # Where nothing shows how long the last link is, it may be as long as the rest.
+    ends_here = not any(np.any(end) for end in ends)
+    if size > 0.0 and away > (1.0 if ends_here else _OUTSIDE) * size:
         yield Doubt(
             "center-outside",
             "link",
@@ -118,7 +120,7 @@ def _dense(name: str, inertial: Inertial) -> Iterator[Doubt]:
             "inertia-small",
             "link",
             name,
-            f"its inertia, {principal[2]:.2g} kg m^2, is so small for its {inertial.mass:.3g} kg that it is denser than lead",
+            f"its inertia, {principal[2]:.2g} kg m^2, is so small that its {inertial.mass:.3g} kg are denser than lead",
             "correct its inertia, in kg m^2 about the centre of mass, or its mass",
         )
 

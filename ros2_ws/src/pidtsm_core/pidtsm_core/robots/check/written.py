@@ -15,8 +15,8 @@ _FAST = {"revolute": 60.0, "continuous": 60.0, "prismatic": 20.0}
 """Velocity limits beyond which no joint of an arm goes, rad/s and m/s."""
 _LONG = 10.0
 """Limit of a sliding joint beyond that of arms, m."""
-_NO_LIMIT = 1000.0
-"""Velocity limit that is meant as none."""
+_STAND_IN, _NO_LIMIT = 100.0, 1000.0
+"""Velocity limits that are meant as none: this one, and all from this one on."""
 _FAR = 5.0
 """Distance of a joint from the one before it that no arm has, m."""
 _NARROW = 0.11
@@ -95,7 +95,7 @@ def _limit_doubts(name: str, kind: str, limit: Mapping[str, float]) -> Iterator[
                 f"its {key} limit {state}, so it counts as unlimited",
                 f"write that of its motor, or set the parameter limits.{key}",
             )
-        elif key == "velocity" and _FAST[kind] < limit[key] < _NO_LIMIT:
+        elif key == "velocity" and _FAST[kind] < limit[key] < _NO_LIMIT and limit[key] != _STAND_IN:
             wrong = "degrees per second" if kind != "prismatic" else "millimetres per second"
             yield Doubt(
                 "velocity-large",
