@@ -240,6 +240,19 @@ def test_a_weak_shoulder_is_named_itself() -> None:
     assert re.search(r"gravity takes up to 59\.\d N m of its 40 N m", str(doubt))
 
 
+def test_effort_limits_a_payload_and_rotors_may_be_given_beside_the_description() -> None:
+    text = re.sub(' effort="[^"]*"', "", TURNTABLE)
+    bare = check_arm({"robot.description": text})
+    assert [doubt.code for doubt in bare.doubts] == ["effort-missing", "effort-missing"]
+    given = {"robot.description": text, "limits.effort": (60.0, 20.0), "robot.armature": (0.4, 0.4)}
+    found = check_arm(given)
+    assert found.doubts == ()
+    assert [(joint.effort, joint.armature) for joint in found.used] == [(60.0, 0.4), (20.0, 0.4)]
+    assert found.loads[1].least_inertia > bare.loads[1].least_inertia + 0.2
+    (weak,) = check_arm({**given, "payload.mass": 5.0}).doubts
+    assert (weak.code, weak.name) == ("too-weak-for-gravity", "joint2")
+
+
 def hand(*fingers: str) -> str:
     """Fingers on the last link of the turntable, and a lift below it; and a camera beside it."""
     links = "".join(

@@ -8,6 +8,7 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.robots import TreeRobot, find_robot
 from pidtsm_core.robots.placement import link_placements
+from pidtsm_core.robots.tree.layout import Column, rows
 from pidtsm_studies.reports.skeleton import find_skeleton
 
 _VIEWS = {"from the side (x to the right, z up)": (0, 2), "from the front (y, z)": (1, 2), "from above (x, y)": (0, 1)}
@@ -48,7 +49,7 @@ def drawing(settings: Mapping[str, object]) -> dict[str, Any]:
         ends = [(place(start, axes), place(end, axes)) for start, end in pairs]
         return "".join(f"M{x} {y}L{u} {v}" for (x, y), (u, v) in ends)
 
-    numbers = [int(row[2]) + 1 for row in _rows(skeleton.tree)]
+    numbers = [int(row[Column.PLACE]) + 1 for row in rows(skeleton.tree)]
     return {
         "size": _SIZE,
         "views": [
@@ -65,12 +66,6 @@ def drawing(settings: Mapping[str, object]) -> dict[str, Any]:
             for title, axes in _VIEWS.items()
         ],
     }
-
-
-def _rows(tree: Array) -> Array:
-    from pidtsm_core.robots.tree.layout import rows
-
-    return rows(tree)
 
 
 def _links(robot: TreeRobot, q: Array) -> list[tuple[Array, Array]]:

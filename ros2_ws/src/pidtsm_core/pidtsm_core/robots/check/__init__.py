@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from pidtsm_core.parameters import ParameterError
+from pidtsm_core.parameters import ParameterError, Value, joint_array
 from pidtsm_core.robots import DESCRIPTION, ROBOTS, find_robot
 from pidtsm_core.robots.base import Robot
 from pidtsm_core.robots.check.elements import Lines, file_of, lines_of
@@ -27,6 +27,7 @@ __all__ = ["FIXED", "LOCKED", "RATE", "USED", "ArmCheck", "Doubt", "JointFacts",
 
 RATE = 1000.0
 """Rate of the loop for which friction is judged by default, Hz."""
+_EFFORT, _ARMATURE = "limits.effort", "robot.armature"
 _NO_ROTORS = "no joint has rotor inertia, which behind gears is often more than that of the links (robot.armature)"
 
 
@@ -36,12 +37,12 @@ def check_arm(settings: Mapping[str, object], rate: float = RATE) -> ArmCheck:
     An arm that cannot be used is a result too, with its `refusal` and with what else looks like a mistake.
 
     Args:
-        settings: parameters of a node; ``robot.description``, ``joints`` and the group ``robot`` matter.
+        settings: parameters of a node; ``joints``, ``limits.effort`` and the groups ``robot`` and ``payload`` matter.
         rate: of the loop, Hz.
     """
     source = str(settings.get(DESCRIPTION.name, DESCRIPTION.default))
     if source in ROBOTS.names:
-        return _closed_form(ROBOTS[source], rate)
+        return _closed_form(ROBOTS[source], settings, rate)
     lines = lines_of(source)
     found = ArmCheck(source, file_of(source), "", rate)
     root = _root(source)
@@ -59,7 +60,8 @@ def check_arm(settings: Mapping[str, object], rate: float = RATE) -> ArmCheck:
 def _checked(found: ArmCheck, robot: TreeRobot, settings: Mapping[str, object], lines: Lines) -> ArmCheck:
     """The check of an arm that can be used."""
     arm, structure = robot.description, Structure(robot)
-    joints, masses, loads = structure.joints(settings, lines), find_masses(arm), find_loads(robot, found.rate)
+    masses, loads = find_masses(arm), find_loads(robot, settings, found.rate)
+    joints = _with_limits(structure.joints(settings, lines), len(robot.joints), settings)
     used = joints[: len(robot.joints)]
     doubts: list[Doubt] = []
     notes: list[Doubt] = []
@@ -74,6 +76,8 @@ def _checked(found: ArmCheck, robot: TreeRobot, settings: Mapping[str, object], 
     if not any(joint.armature for joint in used):
         notes.append(Doubt("rotors-missing", "arm", "", _NO_ROTORS, ""))
     doubts += load_doubts(used, loads, found.rate)
+    if _EFFORT in settings:
+        doubts = [each for each in doubts if each.code not in ("effort-missing", "effort-zero")]
     tool = link_placements(arm, np.array(robot.initial_position))[arm.tool_link, :, 3]
     return replace(
         found,
@@ -90,8 +94,25 @@ def _checked(found: ArmCheck, robot: TreeRobot, settings: Mapping[str, object], 
     )
 
 
-def _closed_form(robot: Robot, rate: float) -> ArmCheck:
-    loads = find_loads(robot, rate)
+def _with_limits(joints: tuple[JointFacts, ...], used: int, settings: Mapping[str, object]) -> tuple[JointFacts, ...]:
+    """Joints of which the first, which are used, have the effort limits and rotors of the settings."""
+    found = joints[:used]
+    if _EFFORT in settings:
+        limits = joint_array(_value(settings[_EFFORT]), used)
+        found = tuple(replace(each, effort=float(limit)) for each, limit in zip(found, limits, strict=True))
+    if _ARMATURE in settings:
+        rotors = joint_array(_value(settings[_ARMATURE]), used)
+        found = tuple(replace(each, armature=float(rotor)) for each, rotor in zip(found, rotors, strict=True))
+    return (*found, *joints[used:])
+
+
+def _value(given: object) -> Value:
+    """A number, or one number per joint."""
+    return tuple(float(each) for each in given) if isinstance(given, (list, tuple)) else float(str(given))
+
+
+def _closed_form(robot: Robot, settings: Mapping[str, object], rate: float) -> ArmCheck:
+    loads = find_loads(robot, settings, rate)
     n = len(robot.joints)
     limits = robot.position_limits or [(-np.inf, np.inf)] * n
     joints = tuple(

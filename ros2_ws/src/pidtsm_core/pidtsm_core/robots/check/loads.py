@@ -1,12 +1,14 @@
 """What the joints of an arm carry and accelerate over its range, and doubts about it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.robots.base import Robot
 from pidtsm_core.robots.check.result import Doubt, JointFacts, Load
+from pidtsm_core.robots.payload import payload_of
 
 _POSTURES, _BEST, _GRID, _ROUNDS = 200, 3, 13, 2
 """Random postures, those from which the search for the largest torque begins, points per joint, and rounds."""
@@ -25,9 +27,12 @@ _STRONG = 1e4
 class _Statics:
     """Torque of gravity and inertia matrix of an arm."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, settings: Mapping[str, Any]) -> None:
         self._robot, self._joints = robot, len(robot.joints)
-        self._p = robot.pack_model({f"robot.{each.name}": each.default for each in robot.parameters})
+        defaults = {f"robot.{each.name}": each.default for each in robot.parameters}
+        self._p = robot.pack_model({name: settings.get(name, value) for name, value in defaults.items()})
+        if "payload.mass" in settings:
+            self._p = robot.with_payload(self._p, payload_of(settings))
         self._units = np.vstack([np.zeros(self._joints), np.eye(self._joints)])
 
     def at(self, q: Array) -> tuple[Array, Array]:
@@ -45,14 +50,15 @@ class _Statics:
             return np.zeros(self._joints)
 
 
-def find_loads(robot: Robot, rate: float) -> tuple[Load, ...]:
+def find_loads(robot: Robot, settings: Mapping[str, Any], rate: float) -> tuple[Load, ...]:
     """What each joint carries and accelerates.
 
     Args:
         robot: the arm.
+        settings: parameters of the groups ``robot`` and ``payload`` that differ from their defaults.
         rate: Hz.
     """
-    statics = _Statics(robot)
+    statics = _Statics(robot, settings)
     lower, upper = _box(robot)
     postures = np.random.default_rng(1).uniform(lower, upper, (_POSTURES, lower.size))
     postures[0] = robot.initial_position

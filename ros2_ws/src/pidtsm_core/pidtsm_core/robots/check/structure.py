@@ -4,12 +4,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from pidtsm_core.robots.check.elements import Lines
 from pidtsm_core.robots.check.result import FIXED, LOCKED, USED, JointFacts
-from pidtsm_core.robots.compiler import parse
+from pidtsm_core.robots.compiler import load_mujoco, parse
 from pidtsm_core.robots.inertials import Inertial, compile_bodies
 from pidtsm_core.robots.tree_robot import TreeRobot
 
@@ -60,7 +61,7 @@ class Structure:
         if found is None:
             m = self.model
             axes = np.empty(9)
-            _mujoco().mju_quat2Mat(axes, m.body_iquat[body])
+            load_mujoco().mju_quat2Mat(axes, m.body_iquat[body])
             turned = axes.reshape(3, 3)
             inertia = turned @ np.diag(m.body_inertia[body]) @ turned.T
             found = Inertial(float(m.body_mass[body]), m.body_ipos[body].copy(), inertia)
@@ -179,8 +180,6 @@ class Structure:
 
 def _joints_of(text: str) -> list[tuple[str, str, str, str]]:
     """Name, type, parent and child of the joints of a URDF."""
-    from xml.etree import ElementTree
-
     root = ElementTree.fromstring(text)  # noqa: S314  It was read before.
     return [
         (joint.get("name", ""), joint.get("type", ""), _end(joint, "parent"), _end(joint, "child"))
@@ -191,9 +190,3 @@ def _joints_of(text: str) -> list[tuple[str, str, str, str]]:
 def _end(joint: Any, kind: str) -> str:
     end = joint.find(kind)
     return "" if end is None else str(end.get("link", ""))
-
-
-def _mujoco() -> Any:
-    from pidtsm_core.robots.compiler import load_mujoco
-
-    return load_mujoco()
