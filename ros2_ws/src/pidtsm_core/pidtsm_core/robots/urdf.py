@@ -45,7 +45,12 @@ def check_urdf(root: Element) -> None:
 
 
 def _check_inertial(inertial: Element, of: str) -> None:
-    """Check the numbers of a mass; `of` is the link."""
+    """Check that a mass is complete, and its numbers; `of` is the link."""
+    for part, names in (("mass", ("value",)), ("inertia", _INERTIAS)):
+        element = inertial.find(part)
+        missing = [part] if element is None else [name for name in names if name not in element.attrib]
+        if missing:
+            raise DescriptionError(f"{of}: its inertial has no {missing[0]}; add it, or remove the inertial")
     if (mass := inertial.find("mass")) is not None and not _number(mass.get("value", ""), f"{of}: mass") >= 0.0:
         raise DescriptionError(f"{of}: its mass is {mass.get('value')} kg; it must be positive")
     _check_vectors(inertial, f"{of}: its inertial")
@@ -88,6 +93,8 @@ def _check_tree(root: Element) -> None:
     for joint in root.findall("joint"):
         name = joint.attrib["name"]
         parent, child = (_end(joint, kind) for kind in ("parent", "child"))
+        if parent == child:
+            raise DescriptionError(f"joint {name}: its parent and its child are both link {child}; correct one of them")
         for end in (parent, child):
             if end not in links:
                 raise DescriptionError(f"joint {name}: there is no link {end}{did_you_mean(end, links)}")
@@ -180,7 +187,7 @@ def rotor_inertias(root: Element) -> dict[str, float]:
     ``drake:gear_ratio`` in its ``actuator``.
 
     Raises:
-        DescriptionError: one is not a number.
+        DescriptionError: one is not a number, or negative.
     """
     found = {}
     for transmission in root.findall("transmission"):
@@ -190,6 +197,8 @@ def rotor_inertias(root: Element) -> dict[str, float]:
         name, gear = joint.get("name", ""), actuator.find("{*}gear_ratio")
         ratio = 1.0 if gear is None else _number(gear.get("value", ""), f"joint {name}: gear_ratio")
         found[name] = ratio * ratio * _number(rotor.get("value", ""), f"joint {name}: rotor_inertia")
+        if found[name] < 0.0:
+            raise DescriptionError(f"joint {name}: its rotor_inertia is negative; it must be positive")
     return found
 
 

@@ -77,6 +77,11 @@ def has_range(joint: Element) -> bool:
     return joint.get("type") != "continuous"
 
 
+def has_upper(joint: Element) -> bool:
+    """Whether the joint still has a range without its lower limit, which counts as 0 then."""
+    return float(child(joint, "limit").get("upper", "0")) > 0.0
+
+
 def in_degrees(_root: Element, joint: Element, _link: Element) -> bool:
     return turns(joint) and scaled(joint, "limit", 180.0 / math.pi, "lower", "upper")
 
@@ -95,6 +100,12 @@ def without_rotor(root: Element, joint: Element, _link: Element) -> bool:
         if child(transmission, "joint").get("name") == joint.get("name"):
             root.remove(transmission)
     return True
+
+
+def heavy_rotor(root: Element, joint: Element, _link: Element) -> bool:
+    """The square of the gear ratio is counted twice."""
+    drives = [each for each in root.findall("transmission") if child(each, "joint").get("name") == joint.get("name")]
+    return bool(drives) and scaled(child(drives[0], "actuator"), "{*}rotor_inertia", 1e4)
 
 
 def set_dynamics(joint: Element, name: str, value: str) -> bool:
@@ -140,10 +151,19 @@ MISTAKES = {
         ("velocity-large",), "joint", lambda _r, j, _l: turns(j) and limit(j, velocity="180")
     ),
     "a negative velocity": Mistake(("refused",), "joint", lambda _r, j, _l: limit(j, velocity="-2")),
+    "a velocity of nearly 0": Mistake(("velocity-small",), "joint", lambda _r, j, _l: limit(j, velocity="0.0002")),
+    "no lower limit": Mistake(("limits-missing",), "joint", lambda _r, j, _l: has_upper(j) and limit(j, lower=None)),
+    "a weak motor": Mistake(
+        ("too-weak-to-move", "too-weak-for-gravity"), "joint", lambda _r, j, _l: scaled(j, "limit", 0.001, "effort")
+    ),
+    "a heavy rotor": Mistake(("too-weak-to-move",), "joint", heavy_rotor),
+    "its own parent": Mistake(
+        ("refused",), "joint", lambda _r, j, _l: set_on(j, "parent", "link", child(j, "child").get("link", ""))
+    ),
     "no effort": Mistake(("effort-missing",), "joint", lambda _r, j, _l: limit(j, effort=None)),
     "an effort of 0": Mistake(("effort-zero",), "joint", lambda _r, j, _l: limit(j, effort="0")),
     "an effort that is not a number": Mistake(("refused",), "joint", lambda _r, j, _l: limit(j, effort="nan")),
-    "an infinite limit": Mistake(("refused",), "joint", lambda _r, j, _l: limit(j, upper="inf")),
+    "an infinite limit": Mistake(("refused",), "joint", lambda _r, j, _l: has_range(j) and limit(j, upper="inf")),
     "no axis": Mistake(("axis-missing",), "joint", lambda _r, j, _l: removed(j, "axis")),
     "an axis of zeros": Mistake(("refused",), "joint", lambda _r, j, _l: set_on(j, "axis", "xyz", "0 0 0")),
     "an origin in millimetres": Mistake(
@@ -171,6 +191,10 @@ MISTAKES = {
     "a negative mass": Mistake(("refused",), "link", lambda _r, _j, n: set_on(n, "inertial/mass", "value", "-2")),
     "a mass that is not a number": Mistake(
         ("refused",), "link", lambda _r, _j, n: set_on(n, "inertial/mass", "value", "nan")
+    ),
+    "no element of mass": Mistake(("refused",), "link", lambda _r, _j, n: removed(child(n, "inertial"), "mass")),
+    "an incomplete inertia": Mistake(
+        ("refused",), "link", lambda _r, _j, n: child(n, "inertial/inertia").attrib.pop("iyy") is not None
     ),
     "no mass": Mistake(("refused",), "link", lambda _r, _j, n: removed(n, "inertial")),
     "a centre of mass outside": Mistake(("center-outside",), "link", far_center),
@@ -200,7 +224,9 @@ def seeded() -> Iterator[tuple[str, str, str, Mistake]]:
             for joint in movable[turn % len(movable) :] + movable[: turn % len(movable)]:
                 name = child(joint, "child").get("link")
                 link = next(each for each in root.findall("link") if each.get("name") == name)
-                if mistake.seed(root, joint, link):
+                # A heavier link that is fixed to it would hide the mistake.
+                hidden = mistake.kind == "link" and name == "link06"
+                if not hidden and mistake.seed(root, joint, link):
                     element = joint if mistake.kind == "joint" else link
                     yield f"{what} in {base}", ElementTree.tostring(root, "unicode"), element.get("name", ""), mistake
                     break

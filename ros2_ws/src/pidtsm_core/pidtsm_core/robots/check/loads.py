@@ -17,6 +17,8 @@ _SLIDING = 0.5
 _UNSTEADY = 20.0
 """Acceleration by Coulomb friction, rad/s^2 or m/s^2, beyond which a loop cannot hold a joint steady: of public arms,
 those up to 10 stay within 0.4 mrad, 20 is 3 mrad, 80 is 80 mrad (14-bit encoders, 1 ms of delay, `first_gains`)."""
+_SLOW = 0.5
+"""Acceleration under the largest effort that is too little for an arm, rad/s^2 or m/s^2."""
 _LIGHT = 1e6
 """Acceleration under the largest effort that only a joint without rotor has; all arms with rotors are below 1e3."""
 
@@ -113,6 +115,16 @@ def _weak(joint: JointFacts, load: Load) -> Iterator[Doubt]:
             f"it cannot carry the arm everywhere: gravity takes up to {load.gravity:.3g} {unit} of its "
             f"{joint.effort:g} {unit}",
             "correct its effort limit, or the masses that it carries",
+        )
+    elif joint.effort < _SLOW * load.largest_inertia < np.inf:
+        moved, acceleration = ("kg", "m/s^2") if joint.type == "prismatic" else ("kg m^2", "rad/s^2")
+        yield Doubt(
+            "too-weak-to-move",
+            "joint",
+            joint.name,
+            f"its {joint.effort:g} {unit} accelerate the {load.largest_inertia:.3g} {moved} that it moves by only "
+            f"{joint.effort / load.largest_inertia:.2g} {acceleration}",
+            "correct its effort limit, the inertia of its rotor, or the masses that it carries",
         )
     elif joint.friction > 0.0 and joint.friction >= joint.effort:
         yield Doubt(

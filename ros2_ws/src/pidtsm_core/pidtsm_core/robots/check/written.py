@@ -15,6 +15,8 @@ _FAST = {"revolute": 60.0, "continuous": 60.0, "prismatic": 20.0}
 """Velocity limits beyond which no joint of an arm goes, rad/s and m/s."""
 _LONG = 10.0
 """Limit of a sliding joint beyond that of arms, m."""
+_STILL = 0.01
+"""Velocity limit below which no joint of an arm can do its work, rad/s or m/s."""
 _STAND_IN, _NO_LIMIT = 100.0, 1000.0
 """Velocity limits that are meant as none: this one, and all from this one on."""
 _FAR = 5.0
@@ -76,6 +78,16 @@ def _limit_doubts(name: str, kind: str, limit: Mapping[str, float]) -> Iterator[
     """Doubts about the element ``limit`` of a joint that moves."""
     if kind == "revolute":
         yield from range_doubts(name, limit.get("lower", 0.0), limit.get("upper", 0.0))
+    missing = [key for key in ("lower", "upper") if key not in limit]
+    if missing and kind != "continuous":
+        meaning = "it moves without limits" if len(missing) > 1 else "it counts as 0"
+        yield Doubt(
+            "limits-missing",
+            "joint",
+            name,
+            f"its limit has no {' and no '.join(missing)}, so {meaning}",
+            f"write {' and '.join(missing)}, or make the joint continuous if it turns without end",
+        )
     stroke = max(abs(limit.get("lower", 0.0)), abs(limit.get("upper", 0.0)))
     if kind == "prismatic" and _LONG < stroke < math.inf:
         yield Doubt(
@@ -95,6 +107,9 @@ def _limit_doubts(name: str, kind: str, limit: Mapping[str, float]) -> Iterator[
                 f"its {key} limit {state}, so it counts as unlimited",
                 f"write that of its motor, or set the parameter limits.{key}",
             )
+        elif key == "velocity" and 0.0 < limit[key] < _STILL:
+            text = f"its velocity limit is {limit[key]:g} {unit}, slower than joints of arms"
+            yield Doubt("velocity-small", "joint", name, text, f"correct it, in {unit}")
         elif key == "velocity" and _FAST[kind] < limit[key] < _NO_LIMIT and limit[key] != _STAND_IN:
             wrong = "degrees per second" if kind != "prismatic" else "millimetres per second"
             yield Doubt(
