@@ -13,6 +13,7 @@ LINKS = ("joint", "moves", "kg", "centre (mm)", "principal inertias")
 """Columns of `link_rows`."""
 LOCKED = ("joint", "type", "at", "reason")
 """Columns of `locked_rows`."""
+_LARGE = 1000.0
 _NOTHING = 1e-9
 """Torque that is rounding, N m."""
 
@@ -32,8 +33,8 @@ def load_rows(check: ArmCheck) -> list[list[str]]:
         gravity = load.gravity if load.gravity > _NOTHING else 0.0
         share = "-" if math.isinf(joint.effort) else f"{100.0 * gravity / joint.effort:.0f} %"
         rotor = f"{joint.armature:.3g}" if joint.armature else "none" if check.masses else "-"
-        numbers = (_number(joint.effort), _number(gravity), share, f"{load.least_inertia:.2g}", rotor)
-        rows.append([joint.name, *numbers, f"{joint.damping:.3g}", f"{joint.friction:.3g}"])
+        numbers = (_number(joint.effort), _number(gravity), share, _number(load.least_inertia), rotor)
+        rows.append([joint.name, *numbers, _number(joint.damping), _number(joint.friction)])
     return rows
 
 
@@ -69,7 +70,7 @@ def facts(check: ArmCheck) -> list[tuple[str, str]]:
     if check.loads:
         worst = max(check.loads, key=lambda load: load.friction_ratio)
         of = f" ({worst.joint})" if worst.friction_ratio > 0.0 else ""
-        text = f"at most {100.0 * worst.friction_ratio:.2g} % of a joint's velocity is lost in one period{of}"
+        text = f"at most {_number(100.0 * worst.friction_ratio)} % of a joint's velocity is lost in one period{of}"
         found.append((f"viscous friction at {check.rate:g} Hz", text))
     if check.mimics:
         found.append(("mimic joints", ", ".join(f"{one} mimics {other}" for one, other in check.mimics.items())))
@@ -94,4 +95,7 @@ def _vector(values: Sequence[float], form: str) -> str:
 
 
 def _number(value: float) -> str:
-    return "none" if math.isinf(value) else f"{value:.3g}"
+    """A limit or torque with three digits, without a power of ten where it is large."""
+    if math.isinf(value):
+        return "none"
+    return f"{value:.3g}" if abs(value) < _LARGE else f"{value:.0f}"

@@ -162,7 +162,9 @@ def _format(found: ArmCheck, root: Element | None) -> str:
 
 def _refusal(error: ParameterError, source: str) -> Doubt:
     """A refusal from the message of `find_robot`."""
-    text = str(error).removeprefix(f"{DESCRIPTION.name}: ").removeprefix(f"{source}: ")
+    text = str(error).removeprefix(f"{DESCRIPTION.name}: ")
+    if file_of(source):  # `ArmCheck.where` names it.
+        text = text.removeprefix(f"{source}: ")
     element = DescriptionError(text).element
     kind, name = element or ("arm", "")
     return Doubt("refused", kind, name, text.removeprefix(f"{kind} {name}: ") if element else text, "")
