@@ -24,6 +24,7 @@ _COMMANDS = {
     "report": "make metrics, figures and report of a result folder anew",
     "compare": "compare runs: one report with curves over each other, metrics with differences, parameters that differ",
     "compare-engines": "simulate an experiment on both engines of the simulated arm, and show how far they differ",
+    "check": "show what is understood of an arm, and what in its description looks like a mistake",
     "gains": "compute a first set of gains for an arm, with the reason for each number",
     "excite": "make a motion that shows inertias and friction of an arm",
     "identify": "correct the description of an arm from bags of its motions, with intervals",
