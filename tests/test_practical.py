@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import PRACTICAL, make_experiment
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metrics import metrics
@@ -96,8 +95,3 @@ def test_nodes_and_rollout_agree_to_the_last_bit(scenario: str, tmp_path: Path) 
     np.testing.assert_array_equal(recording.position, result.position)
     np.testing.assert_array_equal(recording.effort, result.effort)
     np.testing.assert_array_equal(recording.signals, result.signals)
-
-
-def test_a_law_that_it_is_not_made_for_is_refused() -> None:
-    with pytest.raises(UsageError, match="practical parameters exist only for piddtsm, not for pid;"):
-        make_experiment("case1", "pid", params=[PRACTICAL])

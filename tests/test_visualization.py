@@ -117,7 +117,7 @@ def test_renamed_joints_of_the_closed_form_are_shown(testbed: Testbed) -> None:
 @pytest.mark.parametrize(
     ("parameter", "cause"),
     [
-        ("robot.description:='<robot/>'", "cannot start: robot.description: there must be one link without parent"),
+        ("robot.description:='<robot/>'", "cannot start: robot.description: the description has no links"),
         ("robot.descripton:=panda", "cannot start: unknown parameter robot.descripton; did you mean robot.description"),
     ],
 )

@@ -24,6 +24,7 @@ _COMMANDS = {
     "report": "make metrics, figures and report of a result folder anew",
     "compare": "compare runs: one report with curves over each other, metrics with differences, parameters that differ",
     "compare-engines": "simulate an experiment on both engines of the simulated arm, and show how far they differ",
+    "check": "show what is understood of an arm, and what in its description looks like a mistake",
     "gains": "compute a first set of gains for an arm, with the reason for each number",
     "excite": "make a motion that shows inertias and friction of an arm",
     "identify": "correct the description of an arm from bags of its motions, with intervals",
@@ -93,7 +94,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not words:
             _parser(None).print_help()
             return 2
-        options = _parser(command).parse_args(words)
+        parser = _parser(command)
+        options, others = parser.parse_known_args(words)
+        if command == "test":
+            options.arguments = [*others, *options.arguments]  # such as pytest's -k
+        elif others:
+            parser.error(f"unrecognized arguments: {' '.join(others)}")
         return int(options.execute(options))
     except UsageError as error:
         print(f"pidtsm: {error}", file=sys.stderr)

@@ -55,6 +55,10 @@ class ArmNotFoundError(ArmError):
     """There is no running system."""
 
 
+class TargetError(ArmError, ValueError):
+    """A target that is none: the number or the name of a joint, or a scale, is wrong."""
+
+
 class GoalError(ArmError):
     """A motion was rejected or ended before its goal.
 
@@ -230,10 +234,10 @@ class Arm:
 
         Raises:
             GoalError: the motion is not possible, was rejected or not completed.
-            ValueError: the number or the name of a joint, or the scale, is wrong.
+            TargetError: the number or the name of a joint, or the scale, is wrong.
         """
         if not 0.0 < velocity_scale <= 1.0:
-            raise ValueError(f"velocity_scale {velocity_scale:g}: must be above 0 and at most 1")
+            raise TargetError(f"velocity_scale {velocity_scale:g}: must be above 0 and at most 1")
         self._check_controller()
         if np.abs(self.state.desired[1]).max() > _AT_REST:
             self.hold()
@@ -252,10 +256,10 @@ class Arm:
     def _posture(self, target: Sequence[float] | Array | Mapping[str, float], start: Array) -> Array:
         if isinstance(target, Mapping):
             if unknown := [name for name in target if name not in self.names]:
-                raise ValueError(f"unknown joints {', '.join(unknown)}; expected: {', '.join(self.names)}")
+                raise TargetError(f"unknown joints {', '.join(unknown)}; expected: {', '.join(self.names)}")
             return np.array([target.get(name, start[j]) for j, name in enumerate(self.names)], dtype=float)
         if len(target) != len(self.names):
-            raise ValueError(f"{len(target)} positions for {len(self.names)} joints: {', '.join(self.names)}")
+            raise TargetError(f"{len(target)} positions for {len(self.names)} joints: {', '.join(self.names)}")
         return np.array(target, dtype=float)
 
     def follow(self, trajectory: JointTrajectory | PiecewiseMotion) -> None:
@@ -324,7 +328,7 @@ class Arm:
             target: as for `move_to`, shape (joints,), rad or m.
 
         Raises:
-            ValueError: the number or the name of a joint is wrong.
+            TargetError: the number or the name of a joint is wrong.
         """
         names = list(target) if isinstance(target, Mapping) else list(self.names)
         self._posture(target, np.zeros(len(self.names)))

@@ -310,9 +310,7 @@ def _slow_enough(config: ControllerConfig, state: ControllerState, difference: A
 
 @part
 def _duration(config: ControllerConfig, state: ControllerState, shortest: float, most: float) -> tuple[float, float]:
-    """Duration of the approach, s, and its `_excess`: at most `most`, or else the least there is.
-
-    The duration is at least `shortest`.
+    """Duration of the approach, at least `shortest` (s), and its `_excess`: at most `most`, or else the least there is.
 
     ``state.scratch`` has the difference with which the approach begins, then that with which it ends.
     """

@@ -248,25 +248,23 @@ def tuned_parameters(name: str, law: str | None, settings: Settings) -> Path:
 
 
 def practical_settings(law: str | None, settings: Settings) -> Settings:
-    """Parameters for real sensors and drives: those of ``practical.yaml``, or for an arm of data its `first_gains`.
+    """Parameters for real sensors and drives: the `first_gains` of the law.
+
+    Of the proposed law on an arm in closed form, they are those of ``practical.yaml``.
 
     Args:
         law: name of the law; None: the default law.
         settings: of the experiment without this set; the arm and the rate matter.
 
     Raises:
-        UsageError: the law is not the proposed one, or the arm cannot be used.
+        UsageError: there is no rule for the law, or the arm cannot be used.
     """
-    if law not in (None, LAW_NAME.default):
-        raise UsageError(
-            f"{PRACTICAL} parameters exist only for {LAW_NAME.default}, not for {law}; omit --params {PRACTICAL}, "
-            "or specify a file"
-        )
     controller = settings["controller"]
-    if _robot(settings) in ROBOTS.names:
+    name = law or str(LAW_NAME.default)
+    if _robot(settings) in ROBOTS.names and name == LAW_NAME.default:
         return load_ros_parameters(PRACTICAL_FILE)
-    gains = first_gains(controller, rate=as_float(RATE.check(settings["simulator"].get("rate", RATE.default), 1)))
-    return {"controller": {gain.name: gain.value for gain in gains}}
+    rate = as_float(RATE.check(settings["simulator"].get("rate", RATE.default), 1))
+    return {"controller": {gain.name: gain.value for gain in first_gains(controller, rate=rate, law=name)}}
 
 
 def _robot(settings: Settings) -> str:

@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.control import LAW_NAME
+from pidtsm_core.experiment.law_gains import Gain, Known, gains_of_law, rounded
 from pidtsm_core.parameters import Parameter, Value, joint_array, resolve
 from pidtsm_core.robots import Robot, find_robot, payload_of, payload_schema, robot_joints, robot_schema
 
@@ -24,33 +25,16 @@ _ELASTIC = 60.0
 """Largest bandwidth, rad/s: about 10 Hz, where the gears and links of many arms begin to resonate."""
 _WAITING = 1.5
 """Periods that pass between a measurement and the mean effect of its command."""
-_LAW = 8.0 / 60.0
-"""Kp and Ki, relative to the bandwidth of the observer."""
-_DERIVATIVE = 0.5
-"""Kd of the law."""
-_LEAST_ZONE = 0.05
-"""Smallest dead zone of the adaptation, for ideal sensors."""
-
-
-@dataclass(frozen=True)
-class Gain:
-    """One parameter of the controller.
-
-    Attributes:
-        name: its full name.
-        value: one number per joint, or one for all.
-        reason: why it has this value, one sentence.
-    """
-
-    name: str
-    value: Value
-    reason: str
 
 
 def first_gains(
-    settings: Mapping[str, object], bits: int = BITS, delay: float = DELAY, rate: float = RATE
+    settings: Mapping[str, object],
+    bits: int = BITS,
+    delay: float = DELAY,
+    rate: float = RATE,
+    law: str = str(LAW_NAME.default),
 ) -> tuple[Gain, ...]:
-    """Gains of the proposed law with the extended state observer, for an arm with these sensors.
+    """Gains of a law with the extended state observer, for an arm with these sensors.
 
     Because of the steps of its encoder, joint k makes the torque of joint j change by 0.06 |H_jk| w_k^2 step_k from
     sample to sample, where w_k is the bandwidth of its observer. So the more inertia a joint moves, the lower is its
@@ -61,41 +45,29 @@ def first_gains(
         bits: resolution of the encoders, 2^bits steps per revolution, or per metre of a sliding joint; 0: ideal.
         delay: from a position to its joint state, plus from a command to its torque, s.
         rate: joint states per second.
+        law: name of the law.
 
     Raises:
-        ParameterError: see `find_robot`, or a parameter of the robot is invalid.
+        UsageError: there is no rule for the law, or (`ParameterError`) the arm cannot be used, see `find_robot`.
     """
     robot = find_robot(settings)
     span = np.where(robot.slides or [False] * len(robot.joints), 1.0, 2.0 * math.pi)
     steps = span / 2.0**bits if bits else np.zeros_like(span)
     bandwidth, bounds = _bandwidths(robot, settings, steps, delay + _WAITING / rate)
-    # The estimated acceleration has noise of 0.43 w^2 times that of the position, see `extended_state`.
-    noise = _DERIVATIVE * 0.43 * bandwidth**2 * steps / math.sqrt(12.0)
-    law = _rounded(_LAW * bandwidth)
+    known = Known(
+        bandwidth=bandwidth,
+        steps=steps,
+        inertia=np.abs(np.diag(_inertia(robot, settings))),
+    )
     return (
-        Gain("law.name", "piddtsm", "the proposed law"),
+        Gain("law.name", law, "the proposed law" if law == LAW_NAME.default else "the law that was asked for"),
         Gain("estimator.name", "extended_state_observer", "it differentiates without the noise of differences"),
         Gain(
             "estimator.bandwidth",
-            _rounded(bandwidth),
+            rounded(bandwidth),
             f"the faster, the better; limited by {_grouped(robot.joints, bounds)}",
         ),
-        Gain(
-            "law.disturbance_rejection",
-            True,
-            "unknown torques accelerate light joints strongly",
-        ),
-        Gain("law.kp", law, f"{_LAW:.2f} times the bandwidth: the law must be slower than the observer"),
-        Gain("law.ki", law, "the same"),
-        Gain("law.kd", _DERIVATIVE, "as in the article's Table 1"),
-        Gain(
-            "law.upsilon",
-            _rounded(np.maximum(3.0 * noise, _LEAST_ZONE)),
-            "dead zone of the adaptation: three times the noise of sigma, which otherwise makes the gain grow",
-        ),
-        Gain("law.xi", 0.3, "the least switching gain, so that little is left to adapt to"),
-        Gain("law.layer", 0.02, "the sign of sigma would make a large gain chatter"),
-        Gain("law.gain_maximum", 20.0, "the observer leaves little to adapt to, so more would be noise"),
+        *gains_of_law(law, known),
         Gain(
             "law.anti_windup",
             "conditional",
@@ -139,8 +111,3 @@ def _inertia(robot: Robot, settings: Mapping[str, object]) -> Array:
     accelerations, efforts = np.vstack([np.zeros(n), np.eye(n)]), np.zeros((n + 1, n))
     robot.dynamics.inverse_dynamics(q, np.zeros(n), accelerations, p, efforts)
     return efforts[1:] - efforts[0]
-
-
-def _rounded(values: Array) -> tuple[float, ...]:
-    """Two significant digits, which is all that such a rule can promise."""
-    return tuple(float(f"{value:.2g}") for value in values)

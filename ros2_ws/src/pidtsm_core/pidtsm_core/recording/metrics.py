@@ -58,6 +58,7 @@ def metrics(
     Returns:
         One value per joint, None if it does not exist; for a joint that slides, rad is m, and N m is N:
 
+        * max_error: max |e|, rad.
         * rmse: sqrt(mean(e^2)), rad, eq. (53).
         * eci: mean |tau|, N m, eq. (54).
         * steady_state_error: max |e| over the last 40 % of the run, rad.
@@ -82,6 +83,7 @@ def metrics(
         magnitude = np.abs(np.ascontiguousarray(e))
         steps = np.abs(np.diff(tau))
         of_joint: dict[str, float | None] = {
+            "max_error": float(magnitude.max()),
             "rmse": float(np.sqrt(np.mean(magnitude**2))),
             "eci": float(np.mean(np.abs(tau))),
             "steady_state_error": float(magnitude[late:].max()),

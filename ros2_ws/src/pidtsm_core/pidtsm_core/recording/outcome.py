@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pidtsm_core.control.configuration import LIMITS
 from pidtsm_core.control.report import cause
 from pidtsm_core.parameters import ParameterError
+from pidtsm_core.recording.overload import overload, overload_text
 from pidtsm_core.robots import find_robot
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 from pidtsm_core.units import either, joint_units
@@ -17,7 +18,8 @@ from pidtsm_core.units import either, joint_units
 if TYPE_CHECKING:
     from pidtsm_core.recording import Recording
 
-FOLLOWED, STRAYED, HELD, FREED, STOPPED, RAN_AWAY = "followed", "strayed", "held", "freedrive", "stopped", "ran away"
+FOLLOWED, STRAYED, OVERLOADED = "followed", "strayed", "overloaded"
+HELD, FREED, STOPPED, RAN_AWAY = "held", "freedrive", "stopped", "ran away"
 """Possible outcomes of a run."""
 
 GROUND_TRUTH = "ground truth"
@@ -29,7 +31,10 @@ ASTRAY = np.pi
 SHARE_OF_RANGE = 0.15
 """A run in which an error exceeds this share of the joint's range, at most of a turn, is not `FOLLOWED`."""
 
-OF_TRACKING = ("rmse", "eci", "steady_state_error")
+NOTABLE_SATURATION = 0.1
+"""Share of the samples at an effort limit that the verdict of a run names."""
+
+OF_TRACKING = ("max_error", "rmse", "eci", "steady_state_error")
 """Metrics that are meaningless if the arm ran away."""
 
 
@@ -37,13 +42,14 @@ def outcome(recording: "Recording") -> str:
     """Outcome of a run: ran away if the error ever exceeded `ASTRAY`, else according to the final mode.
 
     A run that follows at the end has strayed if an error exceeded `SHARE_OF_RANGE` while it followed, after it had once
-    been less: an arm may begin far from its reference, or be led away from it by hand.
+    been less: an arm may begin far from its reference, or be led away from it by hand. It was overloaded if a joint
+    ends at its effort limit and away from the reference, see `overload`.
     """
     if np.abs(recording.error).max() > ASTRAY:
         return RAN_AWAY
     if _stopped(recording)[-1]:
         return STOPPED
-    follows = STRAYED if _strayed(recording) else FOLLOWED
+    follows = OVERLOADED if overload(recording, _ranges(recording)) else STRAYED if _strayed(recording) else FOLLOWED
     return {Mode.HOLDING: HELD, Mode.FREEDRIVE: FREED}.get(Mode(recording.status[-1, Status.MODE]), follows)
 
 
@@ -86,6 +92,7 @@ def happenings(recording: "Recording") -> dict[str, Any]:
     return {
         "outcome": (result := outcome(recording)),
         "strayed": _strayed(recording) if result == STRAYED else None,
+        "overloaded": overload(recording, _ranges(recording)) if result in (OVERLOADED, RAN_AWAY) else None,
         "faults": list(_faults(recording)),
         "violations": list(_violations(recording, lasts)),
         "time_holding": _sum(lasts, ~stopped & (mode == Mode.HOLDING)),
@@ -218,8 +225,30 @@ def _outcome(metrics: Mapping[str, Any]) -> str:
             f"{100.0 * far['share']:.0f} % of its range; a run with more than {100.0 * SHARE_OF_RANGE:g} % has not "
             "followed"
         )
+    if metrics["outcome"] == OVERLOADED:
+        return f"does not follow: {overload_text(metrics['overloaded'])}"
     units = joint_units(metrics["slides"], len(metrics["joints"]))
-    return _OUTCOMES[metrics["outcome"]].format(unit=either(unit.position for unit in units))
+    text = _OUTCOMES[metrics["outcome"]].format(unit=either(unit.position for unit in units))
+    overloaded = metrics.get("overloaded")  # Metrics of older versions lack it.
+    return f"{text}; {overload_text(overloaded)}" if overloaded else text
+
+
+def verdict(metrics: Mapping[str, Any]) -> str:
+    """The run in one sentence: whether it followed, how well, or why not.
+
+    Args:
+        metrics: as in metrics.json.
+    """
+    if reason := why_not_followed(metrics):
+        return reason
+    units = joint_units(metrics["slides"], len(metrics["joints"]))
+    errors, saturation = metrics["steady_state_error"], metrics["saturation"]
+    worst = max(range(len(errors)), key=lambda joint: errors[joint] or 0.0)
+    most = max(range(len(saturation)), key=lambda joint: saturation[joint])
+    joint = metrics["joints"][most]
+    limited = f", but {joint} was at a limit of its effort {100.0 * saturation[most]:.0f} % of the time"
+    text = FOLLOWED + (limited if saturation[most] >= NOTABLE_SATURATION else "")
+    return f"{text}; in the end within {errors[worst]:.2g} {units[worst].position} ({metrics['joints'][worst]})"
 
 
 def _fault(fault: Mapping[str, Any]) -> str:

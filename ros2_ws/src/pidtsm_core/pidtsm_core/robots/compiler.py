@@ -1,5 +1,6 @@
 """MuJoCo's compiler: from the text of a URDF or MJCF to bodies, joints and inertias."""
 
+import math
 import re
 from collections.abc import Mapping
 from contextlib import suppress
@@ -8,9 +9,26 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
+
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots.bounds import LONGEST, check_bounds, read_text
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.urdf import check_urdf, joint_limits, keep_shapes, rotor_inertias, strip
+
+_ON_JOINT, _FIXED, _NO_BIAS = 0, 0, 0  # mjtTrn, mjtGain, mjtBias
+_WORDS = {
+    "mass and inertia of moving bodies must be larger than mjMINVAL": (
+        "a joint moves it, and it has no mass or no inertia; give it both"
+    ),
+    "inertia must satisfy A + B >= C; use 'balanceinertia' to fix": (
+        "no body has its inertia: the largest principal inertia exceeds the sum of the others; correct the figures"
+    ),
+    "error 'inertia must have positive eigenvalues' in fullinertia": (
+        "no body has its inertia: a principal inertia is not positive; correct the figures"
+    ),
+}
+"""Errors of MuJoCo's compiler in the words of the project."""
 
 
 @dataclass(frozen=True)
@@ -98,8 +116,19 @@ def compile_spec(spec: Any) -> Any:
         raise DescriptionError(_cause(str(error))) from None
 
 
+def motor_limits(model: Any) -> Array:
+    """Largest effort of the motors on each joint of an MJCF, shape (njnt,), N m or N; infinite without one."""
+    limits = np.full(model.njnt, math.inf)
+    for i in range(model.nu):
+        force = model.actuator_gainprm[i, 0] * model.actuator_gear[i, 0]
+        is_motor = (model.actuator_gaintype[i], model.actuator_biastype[i]) == (_FIXED, _NO_BIAS)
+        if is_motor and model.actuator_trntype[i] == _ON_JOINT and model.actuator_ctrllimited[i]:
+            limits[model.actuator_trnid[i, 0]] = abs(force) * model.actuator_ctrlrange[i, 1]
+    return limits
+
+
 def load_mujoco() -> Any:
-    """The module ``mujoco``, which takes long to import.
+    """The module ``mujoco``, which takes long to import, without its warnings.
 
     Raises:
         DescriptionError: it is not installed.
@@ -108,11 +137,20 @@ def load_mujoco() -> Any:
         import mujoco
     except ImportError:
         raise DescriptionError("reading a robot description needs MuJoCo: pip install mujoco") from None
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(_ignore)
     return mujoco
+
+
+def _ignore(_message: str) -> None:
+    """MuJoCo would print its warnings, and write them to a file in the working folder."""
 
 
 def _cause(message: str) -> str:
     """An error of MuJoCo's compiler on one line, with the name of the link or joint in front."""
     text = " ".join(message.split()).removeprefix("Error: ")
     named = re.fullmatch(r"(.*?)[,;]? Element name '(.*)', id -?\d+.*", text)
-    return f"{named[2]}: {named[1]}" if named else f"the description cannot be read: {text}"
+    if not named:
+        return f"the description cannot be read: {text}"
+    name = named[2] or "an element without name"
+    return f"link {name}: {_WORDS[named[1]]}" if named[1] in _WORDS else f"{name}: {named[1]}"

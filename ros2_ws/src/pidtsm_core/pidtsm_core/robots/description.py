@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import did_you_mean
 from pidtsm_core.robots.chains import Chain, find_chain, how_to_choose
-from pidtsm_core.robots.compiler import compile_spec, parse
+from pidtsm_core.robots.compiler import motor_limits, parse
 from pidtsm_core.robots.errors import DescriptionError
+from pidtsm_core.robots.inertials import Inertial, compile_bodies, possible
 from pidtsm_core.robots.tree.layout import GRAVITY, Column, rotation, rows, set_inertia, size
 from pidtsm_core.robots.urdf import check_ranges
 
 _SLIDE, _HINGE = 2, 3  # mjtJoint
-_ON_JOINT, _FIXED, _NO_BIAS = 0, 0, 0  # mjtTrn, mjtGain, mjtBias
+_ON_JOINT = 0  # mjtTrn
 _CONNECT, _WELD, _COUPLE = 0, 1, 2  # mjtEq
 
 
@@ -100,6 +101,7 @@ class _Model:
         limits: by joint of a URDF, the attributes of its element ``limit``.
         text: the text of the description.
         is_urdf: whether it is a URDF.
+        inertials: those that the model does not have, by body, see `compile_bodies`.
     """
 
     model: Any
@@ -108,6 +110,7 @@ class _Model:
     limits: Mapping[str, Mapping[str, float]]
     text: str
     is_urdf: bool
+    inertials: Mapping[int, Inertial]
 
 
 def read_description(
@@ -136,12 +139,12 @@ def read_description(
 def _compile(text: str) -> _Model:
     """Compile a description without its geometry."""
     parsed = parse(text)
-    model = compile_spec(parsed.spec)
+    model, inertials = compile_bodies(parsed.spec)
     names = tuple(model.joint(i).name for i in range(model.njnt))
     for name, inertia in parsed.rotors.items():
         if name in names:
             model.dof_armature[model.joint(name).dofadr] = inertia
-    return _Model(model, names, parsed.base, parsed.limits, text, parsed.is_urdf)
+    return _Model(model, names, parsed.base, parsed.limits, text, parsed.is_urdf, inertials)
 
 
 def _check_types(compiled: _Model) -> None:
@@ -150,7 +153,8 @@ def _check_types(compiled: _Model) -> None:
     for i, name in enumerate(names):
         if m.jnt_type[i] not in (_SLIDE, _HINGE):
             raise DescriptionError(
-                f"joint {name or i} of link {m.body(m.jnt_bodyid[i]).name}: floating and ball joints are not supported"
+                f"joint {name or i}: it lets link {m.body(m.jnt_bodyid[i]).name} float or turn freely; floating and "
+                "ball joints are not supported, so remove it or replace it"
             )
 
 
@@ -214,6 +218,7 @@ class _Assembly:
         self._locked: dict[str, float] = {}
         self._bodies = [_Placement(-1, np.eye(3), np.zeros(3))]
         self._inertias = np.zeros((len(chosen), 3, 3))
+        self._impossible: dict[int, str] = {}  # by row: a link whose inertia the compiler refuses
         for body in range(1, self._model.nbody):
             self._bodies.append(self._moved(body))
             self._add_mass(body)
@@ -261,16 +266,23 @@ class _Assembly:
         mass = m.body_mass[body]
         principal = frame.at(rotation_of(m.body_iquat[body]), m.body_ipos[body])
         centre, axes = principal.translation, principal.rotation
+        about = axes @ np.diag(m.body_inertia[body]) @ axes.T
+        if (given := self._compiled.inertials.get(body)) is not None:
+            mass, centre = given.mass, frame.translation + frame.rotation @ given.center
+            about = frame.rotation @ given.inertia @ frame.rotation.T
+            self._impossible.setdefault(frame.row, m.body(body).name)
         self._rows[frame.row, Column.MASS] += mass
         self._rows[frame.row, Column.MOMENT : Column.INERTIA] += mass * centre
-        about = axes @ np.diag(m.body_inertia[body]) @ axes.T
         self._inertias[frame.row] += about + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
 
     def _check_masses(self) -> None:
-        for row, joint in zip(self._rows, self._used, strict=True):
+        for i, (row, joint) in enumerate(zip(self._rows, self._used, strict=True)):
+            link, name = self._model.body(self._model.jnt_bodyid[joint]).name, self._compiled.names[joint]
             if not row[Column.MASS] > 0.0:
-                link, name = self._model.body(self._model.jnt_bodyid[joint]).name, self._compiled.names[joint]
-                raise DescriptionError(f"link {link}, which joint {name} moves, has no mass: its inertial is missing")
+                raise DescriptionError(f"link {link}: joint {name} moves it, and it has no mass; give it an inertial")
+            if i in self._impossible:
+                moment = row[Column.MOMENT : Column.INERTIA]
+                self._inertias[i] = possible(self._inertias[i], row[Column.MASS], moment, f"link {self._impossible[i]}")
 
     def _check_loops(self) -> None:
         m = self._model
@@ -288,7 +300,7 @@ class _Assembly:
         limits = [self._compiled.limits.get(name, {}) for name in self._chosen]
         bounded = m.jnt_limited[order].astype(bool)
         forces = np.where(m.jnt_actfrclimited[order].astype(bool), m.jnt_actfrcrange[order, 1], math.inf)
-        forces = np.minimum(forces, _motor_limits(m)[order])
+        forces = np.minimum(forces, motor_limits(m)[order])
         return Description(
             joints=self._chosen,
             tree=self._tree,
@@ -328,17 +340,6 @@ class _Assembly:
         while len(children := np.flatnonzero(m.body_parentid == body)) == 1 and m.body_jntnum[children[0]] == 0:
             body = int(children[0])
         return body
-
-
-def _motor_limits(model: Any) -> Array:
-    """Largest effort of the motors on each joint of an MJCF, shape (njnt,), N m or N; infinite without one."""
-    limits = np.full(model.njnt, math.inf)
-    for i in range(model.nu):
-        force = model.actuator_gainprm[i, 0] * model.actuator_gear[i, 0]
-        is_motor = (model.actuator_gaintype[i], model.actuator_biastype[i]) == (_FIXED, _NO_BIAS)
-        if is_motor and model.actuator_trntype[i] == _ON_JOINT and model.actuator_ctrllimited[i]:
-            limits[model.actuator_trnid[i, 0]] = abs(force) * model.actuator_ctrlrange[i, 1]
-    return limits
 
 
 def joint_displacement(model: Any, joint: int, value: float) -> tuple[Array, Array]:

@@ -5,9 +5,10 @@ from typing import Any
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.robots.compiler import compile_spec, load_mujoco, parse
+from pidtsm_core.robots.compiler import load_mujoco, parse
 from pidtsm_core.robots.description import Description, joint_displacement, rotation_of
 from pidtsm_core.robots.errors import DescriptionError
+from pidtsm_core.robots.inertials import compile_bodies
 from pidtsm_core.robots.tree.layout import Column, inertia_matrix, rows, steiner
 
 PAYLOAD = "pidtsm_payload"
@@ -41,7 +42,9 @@ def described_bodies(arm: Description, length: float = 1.0, tree: Array | None =
     if touchable and arm.is_urdf:
         for geom in spec.geoms:
             geom.conaffinity = 0
-    model = compile_spec(spec)
+    model, inertials = compile_bodies(spec)
+    if tree is None and inertials:
+        tree = arm.tree
     links = [body for body in spec.bodies if body.id >= model.nbody - len(arm.links.names)]
     for body, name in zip(links, arm.links.names, strict=True):
         if body.id:

@@ -6,6 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
+from pidtsm_core.parameters import did_you_mean
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.source import file_in_package
 
@@ -26,13 +27,15 @@ def check_urdf(root: Element) -> None:
     Raises:
         DescriptionError: with the link or joint, and the element.
     """
+    if any("/xacro}" in element.tag for element in root):
+        raise DescriptionError("the description has elements of xacro; let the name of its file end with .xacro")
     for kind in ("link", "joint"):
         names = [element.get("name") for element in root.findall(kind)]
         for name in names:
             if not name:
-                raise DescriptionError(f"a {kind} has no name")
+                raise DescriptionError(f"a {kind} has no name; give each {kind} one of its own")
             if names.count(name) > 1:
-                raise DescriptionError(f"two {kind}s are called {name}")
+                raise DescriptionError(f"{kind} {name}: two {kind}s are called {name}; rename one of them")
     for joint in root.findall("joint"):
         _check_joint(joint)
     _check_tree(root)
@@ -42,9 +45,14 @@ def check_urdf(root: Element) -> None:
 
 
 def _check_inertial(inertial: Element, of: str) -> None:
-    """Check the numbers of a mass; `of` is the link."""
+    """Check that a mass is complete, and its numbers; `of` is the link."""
+    for part, names in (("mass", ("value",)), ("inertia", _INERTIAS)):
+        element = inertial.find(part)
+        missing = [part] if element is None else [name for name in names if name not in element.attrib]
+        if missing:
+            raise DescriptionError(f"{of}: its inertial has no {missing[0]}; add it, or remove the inertial")
     if (mass := inertial.find("mass")) is not None and not _number(mass.get("value", ""), f"{of}: mass") >= 0.0:
-        raise DescriptionError(f"{of}: its mass is {mass.get('value')} kg")
+        raise DescriptionError(f"{of}: its mass is {mass.get('value')} kg; it must be positive")
     _check_vectors(inertial, f"{of}: its inertial")
     if (inertia := inertial.find("inertia")) is not None:
         for name in _INERTIAS:
@@ -69,6 +77,10 @@ def _check_joint(joint: Element) -> None:
     if kind == "revolute" and joint.find("limit") is None:
         raise DescriptionError(f"joint {name}: a revolute joint needs a limit; one without limits is continuous")
     _check_vectors(joint, f"joint {name}")
+    if (dynamics := joint.find("dynamics")) is not None:
+        for key in ("damping", "friction"):
+            if (value := _number(dynamics.get(key, "0"), f"joint {name}: {key} of its dynamics")) < 0.0:
+                raise DescriptionError(f"joint {name}: {key} of its dynamics is {value:g}; it must not be negative")
     axis = joint.find("axis")
     if kind != "fixed" and axis is not None and not any(float(x) for x in axis.get("xyz", "1 0 0").split()):
         raise DescriptionError(f"joint {name}: its axis is {axis.get('xyz')!r}; it needs a direction, such as 0 0 1")
@@ -81,21 +93,32 @@ def _check_tree(root: Element) -> None:
     for joint in root.findall("joint"):
         name = joint.attrib["name"]
         parent, child = (_end(joint, kind) for kind in ("parent", "child"))
+        if parent == child:
+            raise DescriptionError(f"joint {name}: its parent and its child are both link {child}; correct one of them")
         for end in (parent, child):
             if end not in links:
-                raise DescriptionError(f"joint {name}: there is no link {end}")
+                raise DescriptionError(f"joint {name}: there is no link {end}{did_you_mean(end, links)}")
         if child in parents:
-            raise DescriptionError(f"link {child} is the child of two joints, {parents[child][1]} and {name}: a loop")
+            raise DescriptionError(
+                f"link {child}: it is the child of two joints, {parents[child][1]} and {name}: a loop; remove one"
+            )
         parents[child] = (parent, name)
+    if not links:
+        raise DescriptionError("the description has no links")
     bases = [link for link in links if link not in parents]
-    if len(bases) != 1:
-        raise DescriptionError(f"there must be one link without parent, and there are {len(bases)} {' '.join(bases)}")
+    if not bases:
+        raise DescriptionError("every link has a parent, so the joints form a loop; the base has none")
+    if len(bases) > 1:
+        raise DescriptionError(
+            f"link {bases[1]}: it has no parent, and neither has {bases[0]}; connect them with a joint, since an arm "
+            "has one base"
+        )
     for link in links:
         above, steps = link, 0
         while above in parents and steps <= len(links):
             above, steps = parents[above][0], steps + 1
         if above in parents:
-            raise DescriptionError(f"link {link} is not connected to {bases[0]}: its joints form a loop")
+            raise DescriptionError(f"link {link}: it is not connected to {bases[0]}: its joints form a loop")
 
 
 def _end(joint: Element, kind: str) -> str:
@@ -116,7 +139,7 @@ def _number(text: str, what: str) -> float:
 
 
 def joint_limits(root: Element) -> dict[str, dict[str, float]]:
-    """Attributes of the element ``limit``, by joint.
+    """Attributes of the element ``limit``, by joint; a continuous joint loses its range, which means nothing.
 
     Raises:
         DescriptionError: one is not a finite number.
@@ -124,13 +147,16 @@ def joint_limits(root: Element) -> dict[str, dict[str, float]]:
     found = {}
     for joint in root.findall("joint"):
         name, limit = joint.attrib["name"], joint.find("limit")
+        if limit is not None and joint.get("type") == "continuous":
+            for key in ("lower", "upper"):  # They mean nothing to a joint that turns without end.
+                limit.attrib.pop(key, None)
         if limit is not None:
             found[name] = {key: _number(value, f"joint {name}: {key}") for key, value in limit.attrib.items()}
     return found
 
 
 def check_ranges(limits: Mapping[str, Mapping[str, float]], joints: Iterable[str]) -> None:
-    """Check that joints have room between their limits, of which one that is missing is zero.
+    """Check that joints have room between their limits, of which one that is missing is zero, and no negative others.
 
     Joints that do not move need none, and a joint without both moves without limits.
 
@@ -143,6 +169,9 @@ def check_ranges(limits: Mapping[str, Mapping[str, float]], joints: Iterable[str
     """
     for name in joints:
         limit = limits.get(name, {})
+        for key in ("effort", "velocity"):
+            if limit.get(key, 0.0) < 0.0:
+                raise DescriptionError(f"joint {name}: {key} of its limit is {limit[key]:g}; it must be positive")
         low, high = limit.get("lower", 0.0), limit.get("upper", 0.0)
         if {"lower", "upper"} & limit.keys() and not low < high:
             raise DescriptionError(
@@ -158,7 +187,7 @@ def rotor_inertias(root: Element) -> dict[str, float]:
     ``drake:gear_ratio`` in its ``actuator``.
 
     Raises:
-        DescriptionError: one is not a number.
+        DescriptionError: one is not a number, or negative.
     """
     found = {}
     for transmission in root.findall("transmission"):
@@ -168,6 +197,8 @@ def rotor_inertias(root: Element) -> dict[str, float]:
         name, gear = joint.get("name", ""), actuator.find("{*}gear_ratio")
         ratio = 1.0 if gear is None else _number(gear.get("value", ""), f"joint {name}: gear_ratio")
         found[name] = ratio * ratio * _number(rotor.get("value", ""), f"joint {name}: rotor_inertia")
+        if found[name] < 0.0:
+            raise DescriptionError(f"joint {name}: its rotor_inertia is negative; it must be positive")
     return found
 
 

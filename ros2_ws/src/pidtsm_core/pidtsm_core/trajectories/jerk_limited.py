@@ -36,6 +36,39 @@ def fastest(given: InputParameter) -> PiecewiseMotion:
     return _cubics(times, np.array([found.at_time(float(t)) for t in times]))
 
 
+def fastest_line(start: Array, end: Array, velocity: Array, acceleration: Array, jerk: Array) -> PiecewiseMotion:
+    """The fastest motion on a straight line, from rest to rest; to stay there if it has no length.
+
+    It is computed as that of one joint from 0 to 1, in a unit of time in which the smallest of its limits is 1: numbers
+    of that size suit ruckig for a line of any length.
+
+    Args:
+        start: shape (joints,), rad or m.
+        end: likewise.
+        velocity: limits, shape (joints,), rad/s or m/s.
+        acceleration: likewise, rad/s^2 or m/s^2.
+        jerk: likewise, rad/s^3 or m/s^3.
+
+    Raises:
+        TrajectoryError: ruckig finds none.
+    """
+    way = end - start
+    if not way.any():
+        return _cubics(np.array([0.0, _SHORTEST]), np.array([[start, 0.0 * way, 0.0 * way]] * 2))
+    moves = way != 0.0
+    limits = [float((limit[moves] / np.abs(way[moves])).min()) for limit in (velocity, acceleration, jerk)]
+    unit = max(limit ** (-1.0 / order) for order, limit in enumerate(limits, start=1))
+    given = InputParameter(1)
+    given.current_position, given.target_position = [0.0], [1.0]
+    scaled = [limit * unit**order for order, limit in enumerate(limits, start=1)]
+    (given.max_velocity, given.max_acceleration, given.max_jerk) = ([limit] for limit in scaled)
+    line = fastest(given)
+    coefficients = way[:, np.newaxis, np.newaxis] * line.coefficients
+    coefficients[..., 0] += start[:, np.newaxis]
+    times = np.tile(unit * line.times, (way.size, 1))
+    return PiecewiseMotion(np.hstack([times, coefficients.reshape(way.size, -1)]))
+
+
 def _cubics(times: Array, states: Array) -> PiecewiseMotion:
     """The motion whose acceleration is linear between these states, shape (n, 3, joints), the last of which rests."""
     states[-1, 1:] = 0.0

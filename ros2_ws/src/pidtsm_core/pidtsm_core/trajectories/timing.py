@@ -4,14 +4,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from ruckig import InputParameter, Synchronization
 from scipy.interpolate import CubicSpline
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.trajectories.checking import check, excessive_effort
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.interpolation import interpolate
-from pidtsm_core.trajectories.jerk_limited import fastest
+from pidtsm_core.trajectories.jerk_limited import fastest_line
 from pidtsm_core.trajectories.limits import MotionLimits
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 from pidtsm_core.trajectories.path_speed import path_speed
@@ -79,12 +78,8 @@ def _spare(motion: PiecewiseMotion, limits: MotionLimits) -> MotionLimits:
 
 def _on_a_line(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     """The fastest motion between two way points; of one, to stay there."""
-    given = InputParameter(len(limits.joints))
-    given.synchronization = Synchronization.Phase
-    given.current_position, given.target_position = waypoints[0].tolist(), waypoints[-1].tolist()
-    given.max_velocity = np.minimum(limits.planned_velocity, _FASTEST).tolist()
-    given.max_acceleration, given.max_jerk = limits.acceleration.tolist(), limits.jerk.tolist()
-    return fastest(given)
+    velocity = np.minimum(limits.planned_velocity, _FASTEST)
+    return fastest_line(waypoints[0], waypoints[-1], velocity, limits.acceleration, limits.jerk)
 
 
 def _on_a_spline(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:

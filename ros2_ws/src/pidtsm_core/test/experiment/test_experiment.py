@@ -84,8 +84,9 @@ def test_a_named_set_is_that_of_the_law_of_the_scenario(tmp_path: Path) -> None:
     experiment = make_experiment(scenario, params=["article"])
     assert experiment.law == "dtsm"
     assert experiment.settings["controller"]["law.kappa"] == 0.3
-    with pytest.raises(UsageError, match="practical parameters exist only for piddtsm, not for dtsm"):
-        make_experiment(scenario, params=["practical"])
+    practical = make_experiment(scenario, params=["practical"])
+    assert practical.law == practical.settings["controller"]["law.name"] == "dtsm"
+    assert "law.ki" not in practical.settings["controller"]
 
 
 @pytest.mark.parametrize("schemas", [SCHEMAS, NODE_SCHEMAS], ids=["rollout", "nodes"])

@@ -9,10 +9,13 @@ from hypothesis import strategies as st
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import controller_schema
-from pidtsm_core.experiment import PRACTICAL_FILE, make_experiment
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import PRACTICAL, PRACTICAL_FILE, make_experiment
 from pidtsm_core.experiment.gains import first_gains
+from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import resolve
 from pidtsm_core.parameters.files import load_ros_parameters
+from pidtsm_core.robots import robot_joints
 from pidtsm_core.robots.source import ARMS, rated_payload
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Status
@@ -45,6 +48,18 @@ def test_they_suit_the_sensors_whatever_the_load(arm: str, bits: int, delay: int
     assert np.abs(np.diff(run.effort[4000:], axis=0)).mean(axis=0).max() < 0.3
 
 
+@pytest.mark.parametrize("arm", [*ARMS, "two_link"])
+@pytest.mark.parametrize("law", LAWS.names)
+def test_practical_suits_every_law_on_every_arm(arm: str, law: str) -> None:
+    """With 14-bit encoders and 1 ms of delay, and the friction of the arm, which PID has no model of."""
+    sensors = {"encoder.bits": 14, "delay.samples": 1}
+    run = rollout(None, law, PRACTICAL, arm, duration=6.0, simulator=sensors)
+    assert not run.status[:, Status.FAULT].any()
+    assert np.abs(run.error[run.time >= 4.0]).max() < 5e-3
+    limits = np.abs(run.effort).max(axis=0)
+    assert (np.abs(np.diff(run.effort[4000:], axis=0)).mean(axis=0) < 0.01 * limits + 0.2).all()
+
+
 @given(bits=st.integers(8, 24), delay=st.floats(0.0, 0.05), rate=st.floats(100.0, 4000.0))
 def test_worse_sensors_never_make_the_observer_faster(bits: int, delay: float, rate: float) -> None:
     def bandwidth(**sensors: Any) -> Array:
@@ -67,12 +82,18 @@ def test_heavier_rotors_make_it_slower() -> None:
 
 @pytest.mark.parametrize("arm", [*ARMS, "two_link"])
 @pytest.mark.parametrize("bits", [0, 14])
-def test_every_gain_is_a_parameter_and_has_a_reason(arm: str, bits: int) -> None:
+@pytest.mark.parametrize("law", LAWS.names)
+def test_every_gain_is_a_parameter_and_has_a_reason(arm: str, bits: int, law: str) -> None:
     robot = {"robot.description": arm}
-    gains = first_gains(robot, bits)
-    resolve(controller_schema, {**robot, **{g.name: g.value for g in gains}}, len(value(arm, "law.kp")))
+    gains = first_gains(robot, bits, law=law)
+    resolve(controller_schema, {**robot, **{g.name: g.value for g in gains}}, robot_joints(robot))
     assert all(gain.reason for gain in gains)
     assert len({gain.name for gain in gains}) == len(gains)
+
+
+def test_a_law_without_a_rule_is_refused_with_those_that_have_one() -> None:
+    with pytest.raises(UsageError, match=r"no rule for the gains of mine, only for piddtsm, .*; set its parameters"):
+        first_gains({"robot.description": "panda"}, law="mine")
 
 
 def test_for_the_arm_of_the_article_they_are_near_those_tuned_by_hand() -> None:

@@ -47,7 +47,7 @@ BROKEN = {
     "not a robot": ("<html/>", "neither URDF nor MJCF: its root element is <html>"),
     "a moving link without inertial": (
         urdf(ARM.replace(link("upper"), '<link name="upper"/>')),
-        "upper: mass and inertia of moving bodies must be larger than",
+        "link upper: joint shoulder moves it, and it has no mass; give it an inertial",
     ),
     "a mass of zero": (urdf(ARM.replace(link("lower"), link("lower", mass="0"))), "lower"),
     "a negative mass": (urdf(ARM.replace(link("lower"), link("lower", mass="-1"))), "link lower: its mass is -1 kg"),
@@ -56,12 +56,21 @@ BROKEN = {
         "link lower: mass: 'nan' is not a number",
     ),
     "a mass in words": (urdf(ARM.replace(link("lower"), link("lower", mass="two"))), "link lower: mass: 'two'"),
-    "an impossible inertia": (urdf(ARM.replace(link("upper"), link("upper", inertia="0.1 0.1 0.9"))), "upper"),
-    "a negative inertia": (urdf(ARM.replace(link("upper"), link("upper", inertia="-0.1 0.1 0.1"))), "upper"),
-    "a loop": (urdf(ARM + joint("again", "base", "lower")), "link lower is the child of two joints, elbow and again"),
+    "an impossible inertia": (
+        urdf(ARM.replace(link("upper"), link("upper", inertia="0.1 0.1 0.9"))),
+        "link upper: no body has its",
+    ),
+    "a negative inertia": (
+        urdf(ARM.replace(link("upper"), link("upper", inertia="-0.1 0.1 0.1"))),
+        "link upper: no body has its",
+    ),
+    "a loop": (
+        urdf(ARM + joint("again", "base", "lower")),
+        "link lower: it is the child of two joints, elbow and again",
+    ),
     "a circle": (
         urdf(ARM.replace('<parent link="base"/>', '<parent link="lower"/>')),
-        "link upper is not connected to base: its joints form a loop",
+        "link upper: it is not connected to base: its joints form a loop",
     ),
     "a floating joint": (
         urdf(ARM + link("boat") + joint("sea", "base", "boat", "floating")),
@@ -117,6 +126,11 @@ BROKEN = {
         "joint shoulder: rpy of its origin is '0.1 0.2'; it needs three numbers",
     ),
     "no movable joint": (urdf(BASE), "no chain of movable joints|cannot be read"),
+    "xacro in a URDF": (
+        urdf(ARM + '<x:include xmlns:x="http://www.ros.org/wiki/xacro" filename="hand.xacro"/>'),
+        "the description has elements of xacro; let the name of its file end with .xacro",
+    ),
+    "no links": (urdf(""), "the description has no links"),
     "two links of one name": (urdf(ARM + link("upper")), "two links are called upper"),
     "two joints of one name": (
         urdf(ARM + link("hand") + joint("elbow", "lower", "hand")),

@@ -178,7 +178,10 @@ def test_a_simulation_that_diverges_ends_without_leaving_a_file(
         ({"engine": "bullet"}, "engine: 'bullet' must be one of rigid_body, mujoco"),
         ({"engine": "mujoco", "robot.coriolis": "paper"}, "robot.coriolis: 'paper' must be one of lagrange"),
         ({"mujoco.timestep": 1e-3}, "timestep belongs to engine mujoco"),
-        ({"engine": "mujoco", "robot.m1": 0.0}, r"robot\.description: link1: mass and inertia of moving bodies"),
+        (
+            {"engine": "mujoco", "robot.m1": 0.0},
+            r"robot\.description: link link1: a joint moves it, and it",
+        ),
     ],
 )
 def test_what_mujoco_cannot_simulate_is_refused(changes: dict[str, Any], reason: str) -> None:

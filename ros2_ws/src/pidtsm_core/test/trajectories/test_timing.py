@@ -101,6 +101,19 @@ def test_two_points_are_joined_by_a_straight_line_on_which_a_limit_is_always_rea
     assert np.mean(reached[moving] > 0.999) > 0.95
 
 
+@pytest.mark.parametrize("size", [1.0, 1e-3, 1e-6, 2e-9, 0.0])
+def test_any_two_postures_are_joined_however_near(arm: Arm, size: float) -> None:
+    """Round numbers, joints that stay, and ends that differ by rounding alone."""
+    limits, random = motion_limits(arm.settings), np.random.default_rng(1)
+    for _ in range(50):
+        start, end = waypoints(limits, 2, int(random.integers(1000)))
+        way = size * (end - start) * random.integers(0, 2, end.size) + 1e-16 * random.integers(-1, 2, end.size)
+        start = np.round(start, 2)
+        motion = retime(np.array([start, start + way]), limits)
+        assert 0.0 < motion.end < 10.0
+        np.testing.assert_allclose(sampled(motion)[1][-1, 0], start + way, atol=1.1e-9)
+
+
 def test_it_is_slowed_down_until_the_efforts_suffice() -> None:
     start = np.array(PANDA.start)
     gravity = max(np.abs(PANDA.effort(start)).max(), np.abs(PANDA.effort(start + 0.3)).max())

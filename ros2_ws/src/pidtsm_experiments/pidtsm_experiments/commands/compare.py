@@ -16,7 +16,7 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.recording.outcome import sources
 from pidtsm_core.units import joint_units
 from pidtsm_experiments.commands.options import CONSOLE, read
-from pidtsm_experiments.commands.table import FACTOR, ONLY_IF_ANY, ROWS
+from pidtsm_experiments.commands.table import METRICS, Metric
 from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_experiments.runs.saved import read_parameters
@@ -105,7 +105,7 @@ def differences(metrics: _Metrics) -> dict[str, dict[str, list[float | None]]]:
     return {
         other: {
             key: [_minus(metrics, other, first, key, j) for j in range(len(metrics[first]["joints"]))]
-            for key, *_ in ROWS
+            for key in (metric.key for metric in METRICS)
             if key in metrics[first] and key in metrics[other]
         }
         for other in others
@@ -127,18 +127,19 @@ def _metrics_tables(metrics: _Metrics) -> Iterator[Table]:
         for start in range(0, len(others), step):
             names = [first, *others[start : start + step]]
             table = _table(joint, "metric", "unit", *names)
-            for key, label, unit in ROWS:
-                if any(key in metrics[name] and (key not in ONLY_IF_ANY or metrics[name][key][j]) for name in names):
-                    cells = (_cell(metrics, name, first, key, j) for name in names)
-                    table.add_row(label, unit.format(**units[j]._asdict()), *cells)
+            for metric in METRICS:
+                runs = [metrics[name] for name in names]
+                if any(metric.key in run and (not metric.only_if_any or run[metric.key][j]) for run in runs):
+                    cells = (_cell(metrics, name, first, metric, j) for name in names)
+                    table.add_row(metric.label, metric.unit.format(**units[j]._asdict()), *cells)
             yield table
 
 
-def _cell(metrics: _Metrics, name: str, first: str, key: str, joint: int) -> str:
-    text = metric_text(metrics[name], key, joint, FACTOR.get(key, 1.0))
+def _cell(metrics: _Metrics, name: str, first: str, metric: Metric, joint: int) -> str:
+    text = metric_text(metrics[name], metric.key, joint, metric.factor)
     if name == first:
         return text
-    values = (metric_value(metrics[each], key, joint) for each in (first, name))
+    values = (metric_value(metrics[each], metric.key, joint) for each in (first, name))
     return f"{text} [dim]{difference_text(*values)}[/]".rstrip()
 
 

@@ -5,8 +5,11 @@ import json
 from pathlib import Path
 from textwrap import fill
 
+from pidtsm_core.control import LAW_NAME
 from pidtsm_core.errors import UsageError
-from pidtsm_core.experiment.gains import BITS, DELAY, RATE, Gain, first_gains
+from pidtsm_core.experiment.gains import BITS, DELAY, RATE, first_gains
+from pidtsm_core.experiment.law_gains import Gain
+from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Value
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm, settings_of
 from pidtsm_experiments.runs.files import writable_file, write_file
@@ -25,6 +28,7 @@ _WIDTH = 100
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _EPILOG
     add_arm_arguments(parser)
+    parser.add_argument("--law", choices=LAWS.names, default=LAW_NAME.default, help="default: %(default)s")
     parser.add_argument(
         "--encoder-bits",
         type=int,
@@ -55,7 +59,7 @@ def execute(options: argparse.Namespace) -> int:
         raise UsageError(f"--rate {options.rate:g}: must be from 1 to 100000 Hz")
     place = None if options.out is None else writable_file(options.out)
     arm = settings_of(read_arm(options))
-    gains = first_gains(arm, options.encoder_bits, 1e-3 * options.delay, options.rate)
+    gains = first_gains(arm, options.encoder_bits, 1e-3 * options.delay, options.rate, options.law)
     introduce(options)
     text = comment() + _parameter_file(gains)
     if options.json:

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    from pidtsm_ros.client import Arm, ArmError  # Only this command needs rclpy.
+    from pidtsm_ros.client import Arm, ArmError, TargetError  # Only this command needs rclpy.
 
     target, robot = _target(options.to), read_arm(options)
     if robot is not None:
@@ -56,7 +56,7 @@ def execute(options: argparse.Namespace) -> int:
             except KeyboardInterrupt:
                 arm.hold()
                 raise
-            except ValueError as error:
+            except TargetError as error:
                 raise UsageError(str(error)) from None
             state = arm.state
             result: dict[str, Any] = {

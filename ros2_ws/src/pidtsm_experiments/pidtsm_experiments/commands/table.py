@@ -1,94 +1,118 @@
 """The metrics of a run as a table on the terminal."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pidtsm_core.recording.outcome import OF_TRACKING, RAN_AWAY, what_happened
-from pidtsm_core.units import alike, joint_units
+from pidtsm_core.recording.outcome import FOLLOWED, OF_TRACKING, RAN_AWAY, verdict, what_happened
+from pidtsm_core.units import joint_units
 from pidtsm_studies.reports.labels import value_text
 
-ROWS = (
-    ("rmse", "RMSE", "{position}"),
-    ("eci", "ECI, mean |effort|", "{effort}"),
-    ("steady_state_error", "steady-state error", "{position}"),
-    ("settling_time", "settling time", "s"),
-    ("recovery_time", "recovery time", "s"),
-    ("torque_variation", "effort variation", "{effort}"),
-    ("torque_variation_rate", "effort variation rate", "{effort}/s"),
-    ("torque_jumps", "effort jumps", ""),
-    ("saturation", "saturated", "%"),
-    ("time_at_effort_limit", "at the effort limit", "s"),
-    ("time_at_rate_limit", "at the rate limit", "s"),
-    ("adaptive_gain", "adaptive gain, last", ""),
+
+class Metric(NamedTuple):
+    """A metric in tables.
+
+    Attributes:
+        key: in metrics.json.
+        label: name.
+        heading: of a narrow column.
+        unit: with a placeholder for that of the joint's position or effort.
+        factor: of the value, if the unit is another one than in metrics.json.
+        only_if_any: whether the metric is shown only if it is not 0.
+    """
+
+    key: str
+    label: str
+    heading: str
+    unit: str = ""
+    factor: float = 1.0
+    only_if_any: bool = False
+
+
+METRICS = (
+    Metric("max_error", "largest error", "largest error", "{position}"),
+    Metric("rmse", "RMSE", "RMSE", "{position}"),
+    Metric("steady_state_error", "steady-state error", "steady error", "{position}"),
+    Metric("eci", "ECI, mean |effort|", "mean effort", "{effort}"),
+    Metric("saturation", "saturated", "at limit", "%", 100.0),
+    Metric("recovery_time", "recovery time", "recovery", "s"),
+    Metric("settling_time", "settling time", "settling", "s"),
+    Metric("torque_variation", "effort variation", "effort variation", "{effort}"),
+    Metric("torque_variation_rate", "effort variation rate", "variation rate", "{effort}/s"),
+    Metric("torque_jumps", "effort jumps", "effort jumps"),
+    Metric("time_at_effort_limit", "at the effort limit", "effort limit", "s", only_if_any=True),
+    Metric("time_at_rate_limit", "at the rate limit", "rate limit", "s", only_if_any=True),
+    Metric("adaptive_gain", "adaptive gain, last", "adaptive gain"),
 )
-"""Key, name and unit of each metric."""
-FACTOR = {"saturation": 100.0}
-"""Factors of metrics whose unit in tables is another one."""
-ONLY_IF_ANY = ("time_at_effort_limit", "time_at_rate_limit")
-"""Metrics that are shown only if they are not 0."""
-_LABELS, _CELL = 35, 10
-"""Widths of the metrics with their units, and of a value, characters."""
+"""Every metric, in the order of columns; those that do not fit are left out from the end."""
+_CELL = 9
+"""Largest width of a value, characters; headings wrap."""
 
 
-def metrics_tables(metrics: Mapping[str, Any], width: int = 80) -> Iterator[Table]:
-    """The metrics with one column per joint, in tables of joints with the same units.
+def metrics_table(metrics: Mapping[str, Any], width: int = 80) -> Table:
+    """The metrics with one row per joint, and as many columns as fit.
 
     Args:
         metrics: as in metrics.json.
-        width: largest width of a table that has more than one joint, characters.
+        width: largest width of the table, characters; at least one metric is shown.
     """
     joints = metrics["joints"]
-    columns = (width - _LABELS) // (max(_CELL, *map(len, joints)) + 3)
+    units = joint_units(metrics["slides"], len(joints))
+    mixed = len({*units}) > 1
     labels = [str(metrics[key]) for key in ("scenario", "law", "clock") if metrics[key] is not None]
     run = f"{_number(metrics['duration'])} s, {metrics['samples']} samples"
-    title: str | None = escape(": ".join(filter(None, (", ".join(labels), run))))
-    units = joint_units(metrics["slides"], len(joints))
-    for group in alike(units, max(1, columns)):
-        table = Table(title=title, title_style="bold", box=box.SIMPLE_HEAD)
-        title = None
-        table.add_column("metric")
-        table.add_column("unit")
-        for joint in group:
-            table.add_column(escape(joints[joint]), justify="right")
-        for key, label, unit in ROWS:
-            if key in metrics and (key not in ONLY_IF_ANY or any(metrics[key])):
-                cells = _cells(metrics, key)
-                of_group = unit.format(**units[group[0]]._asdict())
-                table.add_row(label, of_group, *(cells[joint] for joint in group))
-        yield table
+    title = escape(": ".join(filter(None, (", ".join(labels), run))))
+    table = Table(title=title, title_style="bold", box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
+    table.add_column("joint", no_wrap=True)
+    taken = max(5, *map(len, joints))
+    if mixed:
+        table.add_column("units", no_wrap=True)
+        taken += 10
+    known = [m for m in METRICS if m.key in metrics and (not m.only_if_any or any(metrics[m.key]))]
+    columns = known[: max(1, (width - taken - 3) // (_CELL + 2))]
+    for metric in columns:
+        unit = "" if mixed and "{" in metric.unit else metric.unit.format(**units[0]._asdict())
+        table.add_column(f"{metric.heading}\n{unit}".strip(), justify="right", vertical="bottom", max_width=_CELL)
+    for j, joint in enumerate(joints):
+        of_joint = [f"{units[j].position}, {units[j].effort}"] if mixed else []
+        table.add_row(escape(joint), *of_joint, *(_cell(metrics, metric, j) for metric in columns))
+    return table
 
 
-def _cells(metrics: Mapping[str, Any], key: str) -> list[str]:
-    """A metric of each joint; no tracking metrics if the arm ran away, since the numbers would be misleading."""
-    if metrics["outcome"] == RAN_AWAY and key in OF_TRACKING:
-        return [f"[bold red]{RAN_AWAY}[/]"] * len(metrics[key])
-    return [_number(value, FACTOR.get(key, 1.0)) for value in metrics[key]]
+def _cell(metrics: Mapping[str, Any], metric: Metric, joint: int) -> str:
+    """A metric of a joint; no tracking metrics if the arm ran away, since the numbers would be misleading."""
+    if metrics["outcome"] == RAN_AWAY and metric.key in OF_TRACKING:
+        return f"[bold red]{RAN_AWAY}[/]"
+    return _number(metrics[metric.key][joint], metric.factor)
 
 
 def print_metrics(metrics: Mapping[str, Any], console: Console | None = None) -> None:
-    """Print the tables, the timing and everything unusual; plain text if the output is not a terminal.
+    """Print the table, the timing, everything unusual and the verdict; plain text if the output is not a terminal.
 
     Args:
         metrics: as in metrics.json.
         console: output, by default standard output.
     """
     console = console or Console()
-    for table in metrics_tables(metrics, console.width):
-        console.print(table)
+    console.print(metrics_table(metrics, console.width))
     timing = metrics["timing"]
-    tick = " / ".join(_number(timing["compute_time"][key], 1e6) for key in ("p50", "p99", "max"))
-    console.print(
-        f"{_number(timing['rate'])} Hz, longest period {_number(timing['period_max'], 1e3)} ms, "
-        f"compute time {tick} us (p50 / p99 / max)",
-        highlight=False,
-    )
+    if timing["compute_time"]["p50"] is not None:  # Only nodes have one.
+        tick = " / ".join(_number(timing["compute_time"][key], 1e6) for key in ("p50", "p99", "max"))
+        console.print(
+            f"{_number(timing['rate'])} Hz, longest period {_number(timing['period_max'], 1e3)} ms, "
+            f"compute time {tick} us (p50 / p99 / max)",
+            highlight=False,
+        )
+    judgement = verdict(metrics)
     for text in what_happened(metrics):
-        console.print(text, style="bold red", highlight=False, markup=False)
+        if text != judgement:
+            console.print(text, style="red", highlight=False, markup=False)
+    style = "bold green" if metrics["outcome"] == FOLLOWED else "bold red"
+    console.print(judgement, style=style, highlight=False, markup=False)
 
 
 def _number(value: float | None, factor: float = 1.0) -> str:

@@ -59,7 +59,7 @@ def write_page(
             data={"figures": {name: figure.to_dict() for name, figure in figures.items()}, "arm": arm},
             style=_text("report.css"),
             script=_text("report.js") + (_text("arm.js") if arm else ""),
-            plotly=get_plotlyjs(),
+            plotly=get_plotlyjs() if figures else "",
         )
     )
     path.write_text(page, encoding="utf-8")

@@ -19,6 +19,7 @@ Cases: TypeAlias = Mapping[str, Mapping[str, Run]]
 
 # Key, name, unit and factor. In a name, {position} and {effort} are the units of all joints, in a unit those of one.
 _METRICS = (
+    ("max_error", "largest error, max |e|", "{position}", 1.0),
     ("rmse", "RMSE, root of the mean of e²", "{position}", 1.0),
     ("eci", "ECI, mean |τ|", "{effort}", 1.0),
     ("steady_state_error", "steady-state error, max |e| over the last 40 % of the run", "{position}", 1.0),

@@ -1,0 +1,168 @@
+"""The rule for the gains of each law, given the bandwidth of its observer: `gains_of_law`."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.errors import UsageError
+from pidtsm_core.parameters import Value
+
+_MANIFOLD = 8.0 / 60.0
+"""Kp and Ki of a PID manifold, relative to the bandwidth of the observer."""
+_DERIVATIVE = 0.5
+"""Kd of a PID manifold."""
+_LEAST_ZONE = 0.05
+"""Smallest dead zone of the adaptation, for ideal sensors."""
+_MODEL_BASED = 0.25
+"""Bandwidth of a law with a linear surface, or of computed torque, relative to that of the observer."""
+_MODEL_FREE = 0.55
+"""Bandwidth of PID, relative to that of the observer: nothing else resists friction and gravity. With our arms,
+friction leaves 10 mrad at a third of the observer's bandwidth, and the torque is twice as rough at two thirds."""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """One parameter of the controller.
+
+    Attributes:
+        name: its full name.
+        value: one number per joint, or one for all.
+        reason: why it has this value, one sentence.
+    """
+
+    name: str
+    value: Value
+    reason: str
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the rules know of an arm, shape (joints,) each.
+
+    Attributes:
+        bandwidth: of the observer, rad/s.
+        steps: of the encoders, rad or m; 0: ideal.
+        inertia: diagonal of the inertia matrix in the middle of the range, kg m^2 or kg.
+    """
+
+    bandwidth: Array
+    steps: Array
+    inertia: Array
+
+
+def gains_of_law(law: str, known: Known) -> tuple[Gain, ...]:
+    """Parameters of a law, without its name and its observer.
+
+    Args:
+        law: its name.
+        known: what the rules know of the arm.
+
+    Raises:
+        UsageError: there is no rule for the law.
+    """
+    if law not in _RULES:
+        raise UsageError(f"there is no rule for the gains of {law}, only for {', '.join(_RULES)}; set its parameters")
+    return _RULES[law](known)
+
+
+def rounded(values: Array) -> tuple[float, ...]:
+    """Values of any shape with two significant digits, which is all that such a rule can promise."""
+    return tuple(float(f"{value:.2g}") for value in values)
+
+
+_REJECTION = Gain("law.disturbance_rejection", True, "unknown torques accelerate light joints strongly")
+
+
+def _adaptation(known: Known) -> tuple[Gain, ...]:
+    # The estimated acceleration has noise of 0.43 w^2 times that of the position, see `extended_state`.
+    noise = _DERIVATIVE * 0.43 * known.bandwidth**2 * known.steps / math.sqrt(12.0)
+    return (
+        Gain(
+            "law.upsilon",
+            rounded(np.maximum(3.0 * noise, _LEAST_ZONE)),
+            "dead zone of the adaptation: three times the noise of sigma, which otherwise makes the gain grow",
+        ),
+        Gain("law.xi", 0.3, "the least switching gain, so that little is left to adapt to"),
+        Gain("law.layer", 0.02, "the sign of sigma would make a large gain chatter"),
+        Gain("law.gain_maximum", 20.0, "the observer leaves little to adapt to, so more would be noise"),
+    )
+
+
+def _pid_manifold(known: Known) -> tuple[Gain, ...]:
+    gain = rounded(_MANIFOLD * known.bandwidth)
+    return (
+        _REJECTION,
+        Gain("law.kp", gain, f"{_MANIFOLD:.2f} times the bandwidth: the law must be slower than the observer"),
+        Gain("law.ki", gain, "the same"),
+        Gain("law.kd", _DERIVATIVE, "as in the article's Table 1"),
+        *_adaptation(known),
+    )
+
+
+def _dual_terminal(known: Known) -> tuple[Gain, ...]:
+    pole = rounded(_MODEL_BASED * known.bandwidth)
+    return (
+        _REJECTION,
+        Gain("law.k1", 6.0, "twice the article's: the surface has no PID to help it"),
+        Gain("law.k2", 4.0, "the error decays at this rate where the terminal term is small"),
+        Gain("law.k", pole, f"{_MODEL_BASED:g} times the bandwidth: the law must be slower than the observer"),
+        *_adaptation(known),
+    )
+
+
+def _linear_surface(known: Known) -> Gain:
+    rate = rounded(_MODEL_BASED * known.bandwidth)
+    return Gain("law.k1", rate, f"{_MODEL_BASED:g} times the bandwidth: the law must be slower than the observer")
+
+
+def _sliding_mode(known: Known) -> tuple[Gain, ...]:
+    return (
+        _REJECTION,
+        Gain("law.surface", "linear", "the simplest one"),
+        _linear_surface(known),
+        Gain("law.reaching", "boundary_layer", "the sign of sigma would chatter"),
+        Gain("law.gain", 1.0, "the observer leaves little to switch against"),
+        Gain("law.width", rounded(1.0 / (_MODEL_BASED * known.bandwidth)), "sigma decays as fast as the error"),
+    )
+
+
+def _super_twisting(known: Known) -> tuple[Gain, ...]:
+    return (
+        _REJECTION,
+        _linear_surface(known),
+        Gain("law.gain", 1.0, "the observer leaves little to switch against"),
+        Gain("law.integral_gain", 0.1, "small: the observer finds constant disturbances"),
+    )
+
+
+def _computed_torque(known: Known) -> tuple[Gain, ...]:
+    rate = _MODEL_BASED * known.bandwidth
+    return (
+        _REJECTION,
+        Gain("law.kp", rounded(rate**2), f"a double pole at {_MODEL_BASED:g} times the bandwidth of the observer"),
+        Gain("law.kd", rounded(2.0 * rate), "the same"),
+    )
+
+
+def _pid(known: Known) -> tuple[Gain, ...]:
+    rate = _MODEL_FREE * known.bandwidth
+    reason = f"a triple pole at {_MODEL_FREE:g} times the bandwidth of the observer, with the joint's inertia"
+    return (
+        Gain("law.kp", rounded(3.0 * known.inertia * rate**2), reason),
+        Gain("law.ki", rounded(known.inertia * rate**3), "the same"),
+        Gain("law.kd", rounded(3.0 * known.inertia * rate), "the same"),
+    )
+
+
+_RULES: Mapping[str, Callable[[Known], tuple[Gain, ...]]] = {
+    "piddtsm": _pid_manifold,
+    "pidnftsm": _pid_manifold,
+    "dtsm": _dual_terminal,
+    "sliding_mode": _sliding_mode,
+    "super_twisting": _super_twisting,
+    "computed_torque": _computed_torque,
+    "pid": _pid,
+}

@@ -1,0 +1,87 @@
+"""The page about what was understood of an arm."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pidtsm_core.parameters import ParameterError
+from pidtsm_core.robots.check import ArmCheck, Doubt
+from pidtsm_studies.checks.drawing import drawing
+from pidtsm_studies.checks.tables import (
+    JOINTS,
+    LINKS,
+    LOADS,
+    LOCKED,
+    facts,
+    joint_rows,
+    link_rows,
+    load_rows,
+    locked_rows,
+)
+from pidtsm_studies.reports.page import Section, write_page
+
+
+def write_check_report(path: Path, check: ArmCheck, settings: Mapping[str, object]) -> None:
+    """Write the page; the same result gives the same file.
+
+    Args:
+        path: the HTML file; an existing one is replaced.
+        check: the result.
+        settings: parameters of the robot, with which it was checked.
+    """
+    fixed = [[joint.name, f"{joint.parent} to {joint.child}", joint.reason] for joint in check.fixed]
+    tables = [
+        _table("Joints: axis in the frame of the joint, limits (rad and rad/s; m and m/s)", JOINTS, joint_rows(check)),
+        _table("Motors: effort limit and gravity's largest torque (N m or N), least inertia that the motor accelerates "
+               "while the other joints move freely, rotor, and friction", LOADS, load_rows(check)),
+        _table("Links: what moves with each joint, centre of mass from the joint with z along its axis, and inertias "
+               "about it (kg m²)", LINKS, link_rows(check)),
+        _table("Joints that do not move", LOCKED, locked_rows(check)),
+        _table("Fixed joints", ("joint", "links", "reason"), fixed),
+    ]  # fmt: skip
+    sections = (
+        _section("doubts", "Doubts", _doubts(check)),
+        _section("picture", "The arm", _picture(check, settings)),
+        _section("facts", "What was understood", facts(check)),
+        _section("tables", "Joints and links", [table for table in tables if table["rows"]]),
+    )
+    write_page(path, f"Check of {Path(check.source).name}", summary(check), sections, {})
+
+
+def summary(check: ArmCheck) -> str:
+    """What the check found, in one sentence."""
+    if check.refusal is not None:
+        return "This arm cannot be used."
+    joints = f"{len(check.used)} joint{'s' if len(check.used) != 1 else ''}"
+    if not check.doubts:
+        return f"This arm with {joints} can be used; nothing looks like a mistake."
+    number = len(check.doubts)
+    looks = f"{number} thing{'s look like mistakes' if number > 1 else ' looks like a mistake'}"
+    return f"This arm with {joints} can be used, but {looks}."
+
+
+def _section(name: str, heading: str, content: Any) -> Section:
+    return Section(name, heading, f"checks/templates/{name}.html", content)
+
+
+def _table(caption: str, columns: Sequence[str], rows: list[list[str]]) -> dict[str, Any]:
+    return {"caption": caption, "columns": columns, "rows": rows}
+
+
+def _doubts(check: ArmCheck) -> list[dict[str, str]]:
+    refusal = [] if check.refusal is None else [("cannot be used", check.refusal)]
+    every = [*refusal, *(("doubt", each) for each in check.doubts), *(("note", each) for each in check.notes)]
+    return [{"kind": kind, "where": _where(check, each), "text": str(each)} for kind, each in every]
+
+
+def _where(check: ArmCheck, doubt: Doubt) -> str:
+    return check.where(doubt) if doubt.name else ""
+
+
+def _picture(check: ArmCheck, settings: Mapping[str, object]) -> dict[str, Any]:
+    if check.refusal is not None:
+        return {}
+    try:
+        return drawing(settings)
+    except ParameterError:
+        return {}
