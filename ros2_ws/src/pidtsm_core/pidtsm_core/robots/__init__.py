@@ -46,6 +46,7 @@ __all__ = [
     "robot_joints",
     "robot_parameters",
     "robot_schema",
+    "xacro_arguments",
 ]
 
 ROBOTS: Family[Robot] = Family.of(Robot, globals())
@@ -104,7 +105,7 @@ def find_robot(settings: Mapping[str, object]) -> Robot:
     joints, locked = settings.get("joints"), str(settings.get(LOCKED.name, ""))
     chosen = tuple(str(joint) for joint in joints) if isinstance(joints, (list, tuple)) else None
     try:
-        name, text = read_source(source, _arguments(str(settings.get(XACRO.name, ""))))
+        name, text = read_source(source, xacro_arguments(settings))
     except DescriptionError as error:
         raise ParameterError(f"{DESCRIPTION.name}: {error}", DESCRIPTION.name) from None
     file = "" if "<" in source else f"{source}: "
@@ -143,8 +144,13 @@ def _positions(text: str) -> tuple[tuple[str, float], ...]:
         raise ParameterError(f"{LOCKED.name}: {text!r} is not of the form JOINT=POSITION ...", LOCKED.name) from None
 
 
-def _arguments(text: str) -> tuple[tuple[str, str], ...]:
-    """The arguments in the text of `XACRO`."""
+def xacro_arguments(settings: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
+    """The arguments of a xacro file in the parameter `XACRO`, as pairs of name and value.
+
+    Raises:
+        ParameterError: its text has another form.
+    """
+    text = str(settings.get(XACRO.name, ""))
     with suppress(ValueError):  # A quotation that does not end.
         pairs = [word.partition(":=") for word in shlex.split(text)]
         if all(name and separator for name, separator, _ in pairs):

@@ -164,7 +164,8 @@ def test_a_gripper_is_never_locked_silently() -> None:
     arm = ArmDefinition(
         Path("arm.urdf.xacro").read_text("utf-8").replace("$(arg mass)", "2").replace("</robot>", FINGER)
     )
-    arm = replace(arm, description=arm.description.replace("$(arg length)", "0.5"))
+    arguments = '<xacro:arg name="mass"/><xacro:arg name="length" default="0.5"/>'
+    arm = replace(arm, description=arm.description.replace("$(arg length)", "0.5").replace(arguments, ""))
     with pytest.warns(GripperLockedWarning, match=r"moves swing, bend; locks grip \(a gripper: by its name"):
         make_experiment(None, robot=arm)
     assert arm.with_joints().joints == ("swing", "bend")

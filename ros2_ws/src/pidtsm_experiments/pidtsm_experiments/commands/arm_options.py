@@ -27,7 +27,10 @@ _OPTIONS = ("joints", "lock", "effort", "payload", "xacro", "save")
 
 
 def add_arm_arguments(
-    parser: argparse.ArgumentParser, several: bool = False, of: str = "simulator and controller"
+    parser: argparse.ArgumentParser,
+    several: bool = False,
+    of: str = "simulator and controller",
+    positional: bool = False,
 ) -> None:
     """Add the options that say which arm.
 
@@ -35,11 +38,14 @@ def add_arm_arguments(
         parser: of the command.
         several: whether ``--robot`` can be repeated.
         of: what uses the arm.
+        positional: whether the command cannot do without an arm, so that ``--robot`` is left out.
     """
     folder = _shown(arms_folder()).replace("%", "%%")
     group = parser.add_argument_group("arm", _ABOUT)
     text = f"the arm of {of}: one of {', '.join(NAMES)}, a name given to --save, or a URDF, xacro or MJCF file"
-    if several:
+    if positional:
+        group.add_argument("robot", metavar="ROBOT", help=text)
+    elif several:
         group.add_argument("--robot", action="append", default=[], metavar="NAME|FILE", help=f"{text}; can be repeated")
     else:
         group.add_argument("--robot", metavar="NAME|FILE", help=text)
@@ -86,7 +92,7 @@ def read_arm(options: argparse.Namespace) -> ArmDefinition | None:
     Raises:
         UsageError: an option needs ``--robot``, or the arm cannot have what is said about it.
     """
-    given = _given(options)
+    given = given_arm(options)
     # What decides on the joints may follow: an override of a parameter.
     with suppress(ParameterError):
         return given and given.with_joints()
@@ -101,7 +107,7 @@ def introduce(options: argparse.Namespace) -> None:
     Raises:
         UsageError: see `read_arm`; with ``--save``, also if the arm or its place cannot be used.
     """
-    arm = _given(options)
+    arm = given_arm(options)
     for each in [find_arm(robot) for robot in _robots(options)] if arm is None else [arm]:
         if each.is_file and not each.name:
             with suppress(ParameterError):
@@ -134,8 +140,12 @@ def settings_of(arm: ArmDefinition | None) -> Mapping[str, Any]:
     return {} if arm is None else arm.settings()
 
 
-def _given(options: argparse.Namespace) -> ArmDefinition | None:
-    """The arm as the options say."""
+def given_arm(options: argparse.Namespace) -> ArmDefinition | None:
+    """The arm exactly as the options say; None: they say nothing.
+
+    Raises:
+        UsageError: an option needs ``--robot``, or contradicts another one.
+    """
     said = [name for name in _OPTIONS if getattr(options, name) is not None]
     robots = _robots(options)
     if not robots:

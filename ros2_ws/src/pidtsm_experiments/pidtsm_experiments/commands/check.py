@@ -13,8 +13,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.robots import DESCRIPTION, NAMES
+from pidtsm_core.robots import DESCRIPTION
 from pidtsm_core.robots.check import RATE, ArmCheck, Doubt, check_arm
+from pidtsm_experiments.commands.arm_options import add_arm_arguments, given_arm, introduce
 from pidtsm_experiments.commands.options import CONSOLE
 from pidtsm_experiments.runs.files import writable_file
 
@@ -34,9 +35,7 @@ _FINE, _DOUBTFUL, _UNUSABLE = 0, 1, 2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _EPILOG
-    parser.add_argument(
-        "robot", metavar="ROBOT", help=f"the arm: one of {', '.join(NAMES)}, or a URDF, xacro or MJCF file"
-    )
+    add_arm_arguments(parser, positional=True, of="the check")
     parser.add_argument(
         "--rate",
         type=float,
@@ -52,7 +51,10 @@ def execute(options: argparse.Namespace) -> int:
     if not 1.0 <= options.rate <= 100_000.0:
         raise UsageError(f"--rate {options.rate:g}: must be from 1 to 100000 Hz")
     place = None if options.html is None else writable_file(options.html)
-    settings: dict[str, Any] = {DESCRIPTION.name: options.robot}
+    arm = given_arm(options)
+    assert arm is not None  # It is no option.
+    # As typed, for messages.
+    settings: dict[str, Any] = {**arm.settings(), DESCRIPTION.name: arm.description}
     check = check_arm(settings, options.rate)
     if options.json:
         print(json.dumps(check.as_json(), allow_nan=False))
@@ -67,6 +69,8 @@ def execute(options: argparse.Namespace) -> int:
     if check.refusal is not None:
         print(f"pidtsm: {_told(check, check.refusal)}", file=sys.stderr)
         return _UNUSABLE
+    if options.save is not None:
+        introduce(options)
     return _DOUBTFUL if check.doubts else _FINE
 
 

@@ -150,6 +150,17 @@ def test_a_stored_arm_is_known_to_commands_and_to_python(call: Call) -> None:
     assert "one of two_link, panda, scara, ur5, xarm7, z1, crane; did you mean crane?" in err
 
 
+def test_check_judges_the_arm_that_the_options_say(call: Call) -> None:
+    words = ["--joints", "elbow,wrist", "--effort", "elbow=1", "--xacro", "mass:=3", "--save", "crane"]
+    code, out, err = call("check", FILE, *words)
+    assert code == 1, err
+    assert "elbow" in out
+    assert find_arm("crane").joints == ("elbow", "wrist")
+    assert call("check", "crane")[:2] == (code, out.replace(FILE, str(Path(FILE).absolute())))
+    code, out, err = call("check", FILE, "--json")
+    assert "gripper: by its name" in out, err
+
+
 def test_options_vary_a_stored_arm(call: Call) -> None:
     assert call("gains", "--robot", FILE, "--payload", "1", "--save", "crane")[0] == 0
     assert find_arm("crane").joints == ("shoulder", "elbow", "wrist")

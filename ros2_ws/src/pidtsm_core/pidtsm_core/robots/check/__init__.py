@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from pidtsm_core.parameters import ParameterError, Value, joint_array
-from pidtsm_core.robots import DESCRIPTION, ROBOTS, find_robot
+from pidtsm_core.robots import DESCRIPTION, ROBOTS, find_robot, xacro_arguments
 from pidtsm_core.robots.base import Robot
 from pidtsm_core.robots.check.elements import Lines, file_of, lines_of
 from pidtsm_core.robots.check.loads import find_loads, load_doubts
@@ -45,7 +45,7 @@ def check_arm(settings: Mapping[str, object], rate: float = RATE) -> ArmCheck:
         return _closed_form(ROBOTS[source], settings, rate)
     lines = lines_of(source)
     found = ArmCheck(source, file_of(source), "", rate)
-    root = _root(source)
+    root = _root(source, settings)
     found = replace(found, format=_format(found, root))
     try:
         robot = find_robot(settings)
@@ -144,10 +144,10 @@ def _closed_form(robot: Robot, settings: Mapping[str, object], rate: float) -> A
     return ArmCheck(robot.name, None, "closed form", rate, joints, loads, base=robot.base, doubts=tuple(doubts))
 
 
-def _root(source: str) -> Element | None:
+def _root(source: str, settings: Mapping[str, object]) -> Element | None:
     """Root element of a description; None if it cannot be read."""
     try:
-        return ElementTree.fromstring(read_source(source)[1])  # noqa: S314  A robot's own description.
+        return ElementTree.fromstring(read_source(source, xacro_arguments(settings))[1])  # noqa: S314  A robot's own description.
     except (DescriptionError, ElementTree.ParseError, ValueError):
         return None
 

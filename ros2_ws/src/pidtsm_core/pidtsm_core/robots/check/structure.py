@@ -121,6 +121,8 @@ class Structure:
         """Why a movable joint is not used."""
         if (other := self.mimics().get(name)) is not None:
             return f"mimics {other}"
+        if sign := self._arm.grippers.get(name):
+            return f"gripper: {sign}"
         m = self.model
         body = int(m.jnt_bodyid[self._names.index(name)])
         driven = {int(joint) for joint in m.actuator_trnid[m.actuator_trntype == _ON_JOINT, 0]}
