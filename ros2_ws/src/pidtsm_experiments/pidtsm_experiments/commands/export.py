@@ -10,7 +10,7 @@ from pidtsm_core.recording import Recording
 from pidtsm_experiments.commands.options import CONSOLE, read
 from pidtsm_experiments.runs.files import writable_file, write_file
 
-_EPILOG = """The file has one row per sample: time (s), and position, velocity, error, effort, reference and signals of the
+_EPILOG = """The file has one row per sample: time (s); position, velocity, error, effort, reference and signals of the
 controller for each joint, in columns such as effort.joint2, in SI units. Numbers are exact to the last bit.
 
 examples:
