@@ -37,6 +37,7 @@ _COMMANDS = {
     "leaderboard": "put all scores into one page and one document",
     "move": "move the arm of a running system to a posture",
     "analyze": "compute the metrics of a recorded bag",
+    "export": "write the arrays of a run as a table for other programs",
     "bench": "run benchmarks, each compared with a lower bound or another implementation measured in the same run",
     "test": "run all tests and checks",
 }

@@ -1,7 +1,8 @@
 """Masses that MuJoCo's compiler refuses: read beside it, because many of them cannot matter.
 
 The inertia of a link that does not move, or is fixed to a heavier one, may be impossible without any effect. So the
-compiler gets another one, and what moves together is judged as a whole, see `possible`.
+compiler gets another one, and what moves together is judged as a whole, see `possible`: a body has masses at places, so
+its second moments of mass are not negative (Wensing, Kim and Slotine, IEEE RA-L 2018).
 """
 
 from collections.abc import Mapping

@@ -101,10 +101,12 @@ def _told(check: ArmCheck, doubt: Doubt) -> str:
 def _tables(check: ArmCheck) -> Iterator[Table]:
     from pidtsm_studies.checks import tables
 
-    yield _table("joints", tables.JOINTS, tables.joint_rows(check), 4)
-    yield _table("motors: gravity at worst, least inertia, friction", tables.LOADS, tables.load_rows(check), 1)
+    yield _table("joints (rad; prismatic: m)", tables.JOINTS, tables.joint_rows(check), 4)
+    title = "motors, gravity at worst, least inertia (N m, kg m²; N, kg)"
+    yield _table(title, tables.LOADS, tables.load_rows(check), 1)
     if check.masses:
-        yield _table("links: what moves with each joint", tables.LINKS, tables.link_rows(check), 2)
+        title = "links: centre from the joint, z along its axis (kg m²)"
+        yield _table(title, tables.LINKS, tables.link_rows(check), 2)
     if check.locked:
         yield _table("joints that do not move", tables.LOCKED, tables.locked_rows(check), len(tables.LOCKED))
 

@@ -10,11 +10,12 @@ from pidtsm_core.errors import UsageError
 from pidtsm_experiments.errors import RunError
 
 
-def writable_file(out: Path) -> Path:
+def writable_file(out: Path, option: str = "--out") -> Path:
     """Check that a file can be written, before the work; a file that is there may be replaced, as by ``cp``.
 
     Args:
         out: its path; links to a file are followed.
+        option: with which it was named.
 
     Returns:
         The path, for `write_file`.
@@ -31,15 +32,15 @@ def writable_file(out: Path) -> Path:
         place.parent.stat()
         is_broken = out.is_symlink() and not out.exists()
     except (OSError, ValueError) as error:  # ValueError: a null character.
-        raise UsageError(f"--out {out}: {getattr(error, 'strerror', None) or error}") from None
+        raise UsageError(f"{option} {out}: {getattr(error, 'strerror', None) or error}") from None
     if place.is_dir():
-        raise UsageError(f"--out {out}: is a folder; name a file")
+        raise UsageError(f"{option} {out}: is a folder; name a file")
     if is_broken:
-        raise UsageError(f"--out {out}: is a link to nothing; remove it, or name another file")
+        raise UsageError(f"{option} {out}: is a link to nothing; remove it, or name another file")
     if not place.parent.is_dir():
-        raise UsageError(f"--out {out}: {place.parent} is not a folder")
+        raise UsageError(f"{option} {out}: {place.parent} is not a folder")
     if not may:
-        raise UsageError(f"--out {out}: may not be written")
+        raise UsageError(f"{option} {out}: may not be written")
     return place
 
 
