@@ -15,6 +15,7 @@ from pidtsm_core.control import LAW_NAME
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment.default_motion import DURATION, default_motion
 from pidtsm_core.experiment.gains import first_gains
+from pidtsm_core.experiment.law_gains import RULED
 from pidtsm_core.experiment.node_parameters import NODE_ONLY
 from pidtsm_core.experiment.node_settings import resolve_nodes
 from pidtsm_core.laws import LAWS
@@ -36,6 +37,8 @@ TUNED = "tuned_"
 """Prefix of the names of tuned parameter sets; a class of hardware follows."""
 _SCENARIOS, _PARAMETERS = (Path(__file__).with_name(folder) for folder in ("scenarios", "params"))
 PRACTICAL_FILE = _PARAMETERS / f"{PRACTICAL}.yaml"
+_CHOICES = {"estimator.name", "law.surface", "law.manifold", "law.reaching"}
+"""Parameters on which others depend: with another choice than its own, `PRACTICAL` has some that are not known."""
 _SCENARIO_KEYS = ("description", "duration", *NODES)
 
 
@@ -124,7 +127,8 @@ def make_experiment(
             for another robot, also one among the overrides, its `default_motion`.
         law: a name in `LAWS`; None: the law of the scenario or parameter files, or else the default law.
         duration: s; replaces the scenario's if given.
-        params: path of a ROS parameter file, or several. ``article`` is the article's Table 1 for the law (`law` if
+        params: path of a ROS parameter file, or several; none: ``practical`` for an arm from a file, unless
+            the scenario has gains. ``article`` is the article's Table 1 for the law (`law` if
             given, else the one set by the earlier parts), ``practical`` the set for real sensors and drives
             (`practical_settings`), ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm.
         overrides: texts ``NODE.PARAMETER=VALUE``, or values by node and name; groups may be nested.
@@ -151,9 +155,11 @@ def make_experiment(
     if arm is not None:
         _warn_of_gripper(arm, of_arm)
         merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
-    for name in [params] if isinstance(params, str) else params:
-        before = settings["controller"].get("law.name")
-        of_law = law or (before if before in LAWS.names else None)
+    named = [params] if isinstance(params, str) else params
+    asked = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
+    for name in named or _usual(arm, asked, base, chosen):
+        before = asked or settings["controller"].get(LAW_NAME.name)
+        of_law = before if before in LAWS.names else None
         if name == PRACTICAL:
             merge(practical_settings(of_law, _overridden(settings, chosen)), Path(name))
             continue
@@ -169,6 +175,17 @@ def make_experiment(
     name_of_law = str(settings["controller"].get("law.name", LAW_NAME.default))
     seconds = base.duration if duration is None else _positive(duration, "duration")
     return Experiment(base.scenario, name_of_law, seconds, settings, files)
+
+
+def _usual(
+    arm: ArmDefinition | None, law: str | None, base: Experiment, overrides: Iterable[tuple[str, str, Any]]
+) -> list[str]:
+    """Parameter sets if none is named: `PRACTICAL` for an arm from a file; the article's are those of another arm."""
+    given = base.settings.get("controller", {})
+    choices = {name for node, name, _ in overrides if node == "controller"} & _CHOICES
+    chosen = choices or any(name.startswith(("law.", "estimator.")) and name != "law.name" for name in given)
+    name = law or given.get("law.name", LAW_NAME.default)
+    return [PRACTICAL] if arm is not None and arm.is_file and not chosen and name in RULED else []
 
 
 def _overrides(given: Sequence[str] | Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, str, Any]]:

@@ -166,3 +166,5 @@ _RULES: Mapping[str, Callable[[Known], tuple[Gain, ...]]] = {
     "computed_torque": _computed_torque,
     "pid": _pid,
 }
+RULED = tuple(_RULES)
+"""Names of the laws that have a rule."""

@@ -1,11 +1,13 @@
 """The first gains of an arm keep what they promise, and follow from its sensors."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.testarms import CRANE
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import controller_schema
@@ -102,3 +104,27 @@ def test_for_the_arm_of_the_article_they_are_near_those_tuned_by_hand() -> None:
         ratio = value("two_link", name) / np.array(tuned[name])
         assert (1.0 / factor < ratio).all()
         assert (ratio < factor).all()
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> str:
+    path = tmp_path / "arm.urdf"
+    path.write_text(str(CRANE.settings["robot.description"]))
+    return str(path)
+
+
+@pytest.mark.parametrize("law", LAWS.names)
+def test_an_arm_from_a_file_has_them_without_asking(file: str, law: str) -> None:
+    without, with_them = (make_experiment(None, law, params=params, robot=file) for params in ((), (PRACTICAL,)))
+    by_parameter = make_experiment(None, overrides=[f"controller.law.name={law}"], robot=file)
+    assert without.settings == with_them.settings == by_parameter.settings
+    one = make_experiment(None, law, overrides={"controller": {"law.anti_windup": "none"}}, robot=file)
+    assert one.settings["controller"] == {**without.settings["controller"], "law.anti_windup": "none"}
+
+
+def test_other_gains_are_those_that_are_asked_for(file: str) -> None:
+    of_the_article = make_experiment(None, params=["article"], robot=file)
+    assert "estimator.bandwidth" not in of_the_article.settings["controller"]
+    differentiated = make_experiment(None, overrides=["controller.estimator.name=exact"], robot=file)
+    assert "estimator.bandwidth" not in differentiated.settings["controller"]
+    assert "law.kp" not in make_experiment(None, robot="panda").settings["controller"]

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from pidtsm_core.control import LAW_NAME, Controller
-from pidtsm_core.experiment import DEFAULT_SCENARIO, Experiment, make_experiment, scenario_names
+from pidtsm_core.experiment import DEFAULT_SCENARIO, PRACTICAL, Experiment, make_experiment, scenario_names
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Value
 from pidtsm_core.recording import Recording
@@ -68,7 +68,7 @@ def add_parameter_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="article|practical|tuned_14bit|FILE",
         help="the article's Table 1, the set for real sensors and drives, one tuned for the arm and its encoders "
         "(tuned_ideal, 17bit, 14bit, 12bit), or a ROS parameter file for any of the nodes; overrides the scenario; can "
-        "be repeated, later files override earlier ones",
+        "be repeated, later files override earlier ones (default: practical for an arm from a file)",
     )
     parser.add_argument(
         "--set",
@@ -111,6 +111,12 @@ def experiment_of(options: argparse.Namespace, usual: str = "") -> Experiment:
     if arm is not None:
         experiment.without_node_parameters().resolved(SCHEMAS)
         introduce(options)
+    if not options.params and not usual and PRACTICAL in experiment.files.values():
+        print(
+            "pidtsm: gains: by rule from the inertias of the arm, for 14-bit encoders and 1 ms of delay "
+            "(./pidtsm gains shows them, --params chooses others)",
+            file=sys.stderr,
+        )
     return experiment
 
 
