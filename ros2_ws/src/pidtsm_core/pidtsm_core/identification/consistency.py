@@ -1,6 +1,6 @@
 """Physically consistent parameters: those of real bodies, nearest to the description, that explain the data."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -137,14 +137,23 @@ class _Problem:
         return np.vstack([self._mapping @ self.parameters(variables)[1], self._certainty])
 
 
-def consistent_parameters(prior: Prior, base: BaseParameters, fit: Fit) -> tuple[Array, float]:
+def consistent_parameters(
+    prior: Prior, base: BaseParameters, fit: Fit, preferred: Array | None = None
+) -> tuple[Array, float]:
     """The parameters pi of possible bodies that are nearest to data and description, shape (14 joints,).
 
     Each is weighted with its uncertainty, so the data decide wherever they say more than the description, and along
     directions about which they say nothing, the description stays. The second result is how far they are from
     both, as a mean in standard deviations; about 1 at most if data and description are of the same arm.
+
+    Args:
+        prior: what the description says.
+        base: the combinations that the data can say something about.
+        fit: what they say.
+        preferred: standard deviations that take the place of `prior.deviation` where the data do not decide; the
+            distance does not count them. Shape (4 joints,).
     """
-    problem = _Problem(prior, base, fit)
+    problem = _Problem(prior if preferred is None else replace(prior, deviation=preferred), base, fit)
     # Near bounds, the singular values that SciPy's default method needs were once not found; this one takes a fifth of
     # the steps. The prior gives the slopes full rank, as it requires.
     found = least_squares(
@@ -156,7 +165,10 @@ def consistent_parameters(prior: Prior, base: BaseParameters, fit: Fit) -> tuple
         x_scale="jac",
         max_nfev=200,
     )
-    return problem.parameters(found.x)[0], float(np.sqrt(2.0 * found.cost / found.x.size))
+    parameters, variables, links = problem.parameters(found.x)[0], found.x.copy(), prior.carriers.size
+    variables[links:] = parameters[links:] / prior.deviation
+    distance = np.linalg.norm(_Problem(prior, base, fit).residuals(variables)) / np.sqrt(variables.size)
+    return parameters, float(distance)
 
 
 def expectation(prior: Prior, base: BaseParameters) -> Expectation:

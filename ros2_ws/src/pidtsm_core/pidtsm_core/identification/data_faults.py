@@ -12,11 +12,10 @@ from pidtsm_core.identification.base_parameters import base_parameters
 from pidtsm_core.identification.consistency import Prior, expectation
 from pidtsm_core.identification.least_squares import motion_regressor
 from pidtsm_core.identification.measurement import Measurement, Motion
+from pidtsm_core.identification.motion_needs import LEAST_MOTION
 from pidtsm_core.identification.regressor import LINK, regressor
 from pidtsm_core.robots.tree.layout import GRAVITY
 
-_LEAST_MOTION = 0.05
-"""rad or m; a joint that moves less counts as standing still."""
 _LARGEST_LOSS = 0.01
 """Share of missing samples that needs no mention."""
 _AT_LIMIT = 0.995
@@ -71,15 +70,13 @@ def recording_faults(measurement: Measurement) -> Iterator[Fault]:
         text = f"{100.0 * measurement.missing:.1f} % of the samples are missing"
         yield Fault(f"{text}; short gaps are interpolated, the recording is cut at long ones", fatal=False)
     low, high = np.percentile(measurement.position, (1.0, 99.0), axis=0)
-    moving = high - low >= _LEAST_MOTION
-    still = _listed(measurement.joints, ~moving)
+    moving = high - low >= LEAST_MOTION
     if not moving.any():
-        yield Fault("the arm stands still; record a motion of all joints, see ./pidtsm excite", fatal=True)
+        yield Fault("the arm stands still; record a motion of all joints", fatal=True)
     elif moving.size > 1 and np.count_nonzero(moving) == 1:
         only = _listed(measurement.joints, moving)
-        yield Fault(f"only {only} moves; record a motion of all joints, see ./pidtsm excite", fatal=True)
-    elif not moving.all():
-        yield Fault(f"too little motion of {still}: what they show stays as the description has it", fatal=False)
+        still = _listed(measurement.joints, ~moving)
+        yield Fault(f"only {only} moves, {still} stand still; record a motion of all joints", fatal=True)
     share = np.mean(np.abs(measurement.effort) >= measurement.limit, axis=0)
     for joint, part in zip(measurement.joints, share, strict=True):
         if part > _OFTEN_AT_LIMIT:

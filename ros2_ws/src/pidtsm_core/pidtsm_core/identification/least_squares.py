@@ -107,6 +107,8 @@ def fit(
     """
     joints = len(measurements[0].joints)
     pieces = [piece for each in measurements for piece in filtered(each, cutoff)]
+    if not pieces:
+        raise ValueError("no part of the recording is long enough")
     full = [[motion_regressor(tree, m) for m in (piece.motion, piece.slow)] for piece in pieces]
     matrices = [[matrix[..., base.columns] for matrix in both] for both in full]
     explained = [fast @ known if known is not None else 0.0 for fast, _ in full]
@@ -128,9 +130,10 @@ def fit(
             ]
             colours, scales = _noise(errors, pieces)
             pieces = [piece for each in measurements for piece in filtered(each, cutoff, delay)]
-    # Of the base parameters alone, without those of the delay, which is the last one.
     inverse = solve_triangular(triangle, np.eye(count))
-    factor = np.linalg.cholesky(np.linalg.inv((inverse @ inverse.T)[:-1, :-1])).T
+    # Of the base parameters alone: with the delay, which is the last one, as the first column, the other rows of the
+    # triangle are free of it. No matrix is inverted or squared, so poor data make wide intervals and no error.
+    factor = qr(np.roll(triangle, 1, axis=1), mode="r")[0][1:, 1:]
     return Fit(
         beta=solution[:-1],
         factor=factor,
