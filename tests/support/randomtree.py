@@ -130,7 +130,7 @@ def judged_errors(found: Identification, folder: Path) -> Array:
     written: dict[str, Any] = load_ros_parameters(folder / "identified.yaml")["controller"]
     joints = found.arm.joints
     rotors = {}
-    for transmission in ElementTree.fromstring(text).iter("transmission"):  # noqa: S314
+    for transmission in ElementTree.fromstring(text).iter("transmission"):
         driven, rotor = transmission.find("joint"), transmission.find(".//{*}rotor_inertia")
         assert driven is not None
         assert rotor is not None

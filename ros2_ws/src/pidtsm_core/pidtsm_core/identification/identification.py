@@ -16,7 +16,7 @@ from pidtsm_core.identification.data_faults import gravity_faults, limited, reco
 from pidtsm_core.identification.inseparable import inseparable, like_gravity
 from pidtsm_core.identification.least_squares import Fit, fit, motion_regressor
 from pidtsm_core.identification.measurement import Measurement, Motion, Piece, bandwidth, filtered, joined
-from pidtsm_core.identification.motion_needs import cure, motion_needs, too_short
+from pidtsm_core.identification.motion_needs import cure, motion_needs, moves_enough, too_short
 from pidtsm_core.identification.regressor import described_parameters
 from pidtsm_core.robots import Description, tree
 
@@ -137,7 +137,8 @@ def _identify(arm: Description, measurements: Sequence[Measurement], robot: str)
     try:
         found = fit(arm.tree, base, [each.between(0.0, _APART) for each in measured], cutoff, expected)
     except ValueError as error:  # np.linalg.LinAlgError is one.
-        reasons = needs or [str(error), cure(robot)]
+        told = [] if isinstance(error, np.linalg.LinAlgError) else [str(error)]
+        reasons = [*told, *(needs or [cure(robot)])]
         raise IdentificationError("\n".join(["the motion does not suffice", *reasons])) from None
     parameters, distance = consistent_parameters(prior, base, found, _preferred(arm, prior))
     undetermined = np.flatnonzero(found.deviation > expected.deviation)
@@ -262,8 +263,10 @@ def _warnings(
     check, free = checks
     size = np.sqrt(np.mean(check.measured**2, axis=0)) + 1e-12
     after, any_numbers = check.error(check.after) / size, free.error(free.after) / size
-    bad = any_numbers > _UNEXPLAINED
-    if refusal := _refusal(arm, distance, after, any_numbers):
+    # Nothing is said of the friction of joints that stand still, which holds them.
+    moving = moves_enough(check.motion.position)
+    bad = (any_numbers > _UNEXPLAINED) & moving
+    if refusal := _refusal(arm, distance, np.where(moving, after, 0.0), np.where(moving, any_numbers, 0.0)):
         fact, guess = refusal
         # Poor data explain nothing well, of the right arm neither.
         reasons = [*needs, f"with such a motion, {fact}"] if needs else [f"{fact}: {guess}"]
@@ -273,18 +276,17 @@ def _warnings(
         for joint, share, is_bad in zip(arm.joints, any_numbers, bad, strict=True)
         if is_bad
     ]
-    warnings += needs
     if needs:
-        warnings.append("what this motion does not show stays as the description has it")
+        warnings += [*needs[:-1], f"what this motion does not show stays as the description has it; {needs[-1]}"]
     if distance > _FAR:
         guess = "" if needs else ": is this the bag of another robot, or does the arm carry something?"
         warnings.append(f"{_disagreement(distance)}{guess}")
-    if found.condition > _POOR:
+    if found.condition > _POOR and not needs:
         warnings.append(
             f"the motion is a poor one (condition number {found.condition:.0f}); ./pidtsm excite makes a better one"
         )
     before = check.error(check.before) / size
-    worse = [joint for joint, a, b in zip(arm.joints, after, before, strict=True) if a > b]
+    worse = [joint for joint, is_worse in zip(arm.joints, (after > before) & moving, strict=True) if is_worse]
     if worse:
         warnings.append(f"on data kept apart, the description predicts the torque of {', '.join(worse)} better")
     return warnings
@@ -300,8 +302,11 @@ def _refusal(arm: Description, distance: float, after: Array, any_numbers: Array
         any_numbers: the same of numbers that no body need have.
     """
     bad = any_numbers > _UNEXPLAINED
-    if np.count_nonzero(bad) > len(arm.joints) // 2 or (distance > _FAR and bad.any()):
-        shares = [f"{joint} {100.0 * max(0.0, 1.0 - e):.0f} %" for joint, e in zip(arm.joints, any_numbers, strict=True)]
+    useless = min(after.max(), any_numbers.max()) > 1.0
+    if np.count_nonzero(bad) > len(arm.joints) // 2 or useless or (distance > _FAR and bad.any()):
+        shares = [
+            f"{joint} {100.0 * max(0.0, 1.0 - e):.0f} %" for joint, e in zip(arm.joints, any_numbers, strict=True)
+        ]
         return (
             f"no parameters of this arm explain the torques (explained: {', '.join(shares)})",
             "are the joints in another order, is this the bag of another robot, or does the description have other "
@@ -313,7 +318,7 @@ def _refusal(arm: Description, distance: float, after: Array, any_numbers: Array
             "is this the bag of another robot, does the description have other lengths or axes, or did something else "
             "act on the arm, such as a disturbance or a contact?",
         )
-    ratio = np.sqrt(np.mean(after**2) / np.mean(any_numbers**2))
+    ratio = np.sqrt(np.mean(after**2) / (np.mean(any_numbers**2) + 1e-30))
     if ratio > _IMPOSSIBLE:
         return (
             f"no bodies explain the torques: with possible masses and inertias the error is {ratio:.1f} times that "

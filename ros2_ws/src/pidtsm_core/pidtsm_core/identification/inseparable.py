@@ -1,4 +1,4 @@
-"""What no motion of an arm can tell apart although descriptions have it: mass, armature and offset of joints that slide."""
+"""What no motion can tell apart although descriptions have it: mass, armature and offset of joints that slide."""
 
 import numpy as np
 
@@ -52,7 +52,9 @@ def inseparable(arm: Description, parameters: Array) -> tuple[str, ...]:
         text += f"({armature[j]:.4g} kg); acceleration shows their sum, {moved + armature[j]:.4g} kg"
         if like_gravity(arm)[j]:
             weight = float(weights(arm)[j] @ mass)
-            text = f"{arm.joints[j]}: no motion tells mass, armature and offset apart: acceleration shows mass + armature "
+            text = (
+                f"{arm.joints[j]}: no motion tells mass, armature and offset apart: acceleration shows mass + armature "
+            )
             text += f"= {moved:.4g} + {armature[j]:.4g} kg, gravity weight + offset = {weight:.4g} + {offset[j]:.4g} N"
         sentences.append(f"{text}; the sum is right as written")
     return tuple(sentences)

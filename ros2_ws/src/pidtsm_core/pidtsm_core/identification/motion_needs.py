@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.identification.measurement import FAST, SETTLING, SLOW, Measurement, Piece, joined
@@ -40,12 +41,12 @@ def too_short(measured: Sequence[Measurement], cutoff: float) -> str:
     enough = max(_ENOUGH, 5.0 * math.ceil(4.0 * settling / _KEPT / 5.0))
     return (
         f"{longest:.1f} s of motion are too short: the filter of a motion this slow ({cutoff:.2g} Hz) needs "
-        f"{settling:.1f} s to settle at either end, and the last fifth judges the result; record at least {enough:.0f} s"
+        f"{settling:.1f} s to settle at either end, and the last fifth judges the result; record {enough:.0f} s or more"
     )
 
 
 def motion_needs(arm: Description, pieces: Sequence[Piece]) -> list[str]:
-    """A sentence for each joint whose motion does not show everything, and one if it is short.
+    """A sentence for the joints that stand still, for each whose motion does not show everything, and if it is short.
 
     Args:
         arm: its description.
@@ -54,14 +55,17 @@ def motion_needs(arm: Description, pieces: Sequence[Piece]) -> list[str]:
     motion = joined([piece.motion for piece in pieces])
     periods = [piece.time[1] - piece.time[0] for piece in pieces if piece.time.size > 1]
     period = float(np.median(periods)) if periods else 0.0
-    turns = _postures_matter(arm, motion.position)
-    needs = []
+    usable = period * len(motion.position)
+    if usable < _SHORT:
+        return [f"only {usable:.1f} s of motion remain after the filter; record at least {_ENOUGH:.0f} s"]
+    turns, moving = _postures_matter(arm, motion.position), moves_enough(motion.position)
+    still = ", ".join(joint for joint, moves in zip(arm.joints, moving, strict=True) if not moves)
+    needs = [f"these joints do not move enough (less than {LEAST_MOTION:g} rad or m): {still}"] if still else []
     for j, joint in enumerate(arm.joints):
         unit = "m" if arm.slides[j] else "rad"
         q, speed = motion.position[:, j], np.abs(motion.velocity[:, j])
         moves = float(np.ptp(np.percentile(q, (1.0, 99.0))))
-        if moves < LEAST_MOTION:
-            needs.append(f"{joint} does not move enough ({moves:.2g} {unit})")
+        if not moving[j]:
             continue
         lacks = list(_lacks(speed, np.abs(motion.acceleration[:, j]), period, unit))
         if turns[j] and moves < _POSTURES:
@@ -70,10 +74,13 @@ def motion_needs(arm: Description, pieces: Sequence[Piece]) -> list[str]:
             )
         if lacks:
             needs.append(f"the motion of {joint} lacks {'; '.join(lacks)}")
-    usable = period * len(motion.position)
-    if usable < _SHORT:
-        needs.append(f"only {usable:.1f} s of motion remain after the filter; record at least {_ENOUGH:.0f} s")
     return needs
+
+
+def moves_enough(positions: Array) -> NDArray[np.bool_]:
+    """Whether joints count as moving; positions have shape (samples, joints), rad or m."""
+    low, high = np.percentile(positions, (1.0, 99.0), axis=0)
+    return np.asarray(high - low >= LEAST_MOTION)
 
 
 def _lacks(speed: Array, acceleration: Array, period: float, unit: str) -> list[str]:
@@ -81,7 +88,7 @@ def _lacks(speed: Array, acceleration: Array, period: float, unit: str) -> list[
     lacks, fast = [], speed[speed > FAST]
     if fast.size * period < _MOVING:
         lacks.append(
-            f"time in motion (it is faster than {FAST:g} {unit}/s for {fast.size * period:.1f} s; {_MOVING:g} s or more)"
+            f"time in motion ({fast.size * period:.1f} s faster than {FAST:g} {unit}/s; {_MOVING:g} s or more)"
         )
     else:
         slow, quick = np.percentile(fast, (10.0, 90.0))

@@ -57,9 +57,7 @@ def judged_as_written(found: Identification, settings: Mapping[str, Any]) -> Ide
     warnings = tuple(
         f"what is written does not reproduce the result: it leaves {error:.3g} {unit} of {joint} unexplained on data "
         f"kept apart, instead of {before:.3g} {unit}"
-        for joint, unit, error, before, scale in zip(
-            found.arm.joints, found.units, errors, reported, size, strict=True
-        )
+        for joint, unit, error, before, scale in zip(found.arm.joints, found.units, errors, reported, size, strict=True)
         if not abs(error - before) <= _SAME * before + _NOTHING * scale
     )
     return replace(found, as_written=errors, warnings=(*found.warnings, *warnings))

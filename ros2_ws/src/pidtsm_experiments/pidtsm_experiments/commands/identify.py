@@ -73,9 +73,9 @@ def execute(options: argparse.Namespace) -> int:
         for table in _tables(result):
             Console().print(table)
     for note in found.notes:
-        CONSOLE.print(f"pidtsm: note: {note}", highlight=False)
+        CONSOLE.print(f"pidtsm: note: {note}", highlight=False, soft_wrap=True)
     for warning in found.warnings:
-        CONSOLE.print(f"pidtsm: warning: {warning}", highlight=False)
+        CONSOLE.print(f"pidtsm: warning: {warning}", highlight=False, soft_wrap=True)
     CONSOLE.print(f"{options.out}: {URDF} {PARAMETERS} identification.html identification.json", highlight=False)
     return 0
 
