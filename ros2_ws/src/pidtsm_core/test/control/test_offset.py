@@ -5,6 +5,7 @@ import pytest
 
 from pidtsm_core.recording import Recording
 from pidtsm_core.rollouts.closed_loop import rollout
+from pidtsm_core.signals import Mode, Status
 
 LIFT = """
 <robot name="lift">
@@ -17,13 +18,13 @@ LIFT = """
     <limit lower="-0.5" upper="0.5" effort="300" velocity="1"/>
   </joint>
 </robot>"""
-FAULT = {"limits.velocity": 0.2, "limits.velocity_action": "stop"}
-DOES: dict[str, dict[str, object]] = {
-    "follows": {},
-    "holds": {"rehearsal.hold": 0.5},
-    "is guided": {"rehearsal.freedrive": 0.5},
-    "stops": FAULT,
-    "stops without holding": {**FAULT, "stop.effort": "gravity_damping"},
+FAULT = {"limits.velocity": 0.02, "limits.velocity_action": "stop"}
+DOES: dict[str, tuple[Mode, dict[str, object]]] = {
+    "follows": (Mode.FOLLOWING, {}),
+    "holds": (Mode.HOLDING, {"rehearsal.hold": 0.5}),
+    "is guided": (Mode.FREEDRIVE, {"rehearsal.freedrive": 0.5}),
+    "stops": (Mode.STOPPED, FAULT),
+    "stops without holding": (Mode.STOPPED, {**FAULT, "stop.effort": "gravity_damping"}),
 }
 
 
@@ -35,8 +36,10 @@ def lifted(offset: float, **controller: object) -> Recording:
 
 @pytest.mark.parametrize("does", DOES)
 def test_a_compensated_offset_changes_nothing_but_the_effort(does: str) -> None:
-    without = lifted(0.0, **DOES[does])
-    with_offset = lifted(23.0, **DOES[does], **{"compensation.offset": 23.0})
+    mode, controller = DOES[does]
+    without = lifted(0.0, **controller)
+    with_offset = lifted(23.0, **controller, **{"compensation.offset": 23.0})
+    assert without.status[-1, Status.MODE] == with_offset.status[-1, Status.MODE] == mode
     np.testing.assert_allclose(with_offset.position, without.position, atol=1e-5)
     np.testing.assert_allclose(with_offset.effort[1:] - without.effort[1:], 23.0, atol=0.2)
 
