@@ -266,7 +266,8 @@ def _warnings(
     # Nothing is said of the friction of joints that stand still, which holds them.
     moving = moves_enough(check.motion.position)
     bad = (any_numbers > _UNEXPLAINED) & moving
-    if refusal := _refusal(arm, distance, np.where(moving, after, 0.0), np.where(moving, any_numbers, 0.0)):
+    shares = np.where(moving, after, 0.0), np.where(moving, any_numbers, 0.0)
+    if refusal := _refusal(arm, distance, *shares, bool(needs)):
         fact, guess = refusal
         # Poor data explain nothing well, of the right arm neither.
         reasons = [*needs, f"with such a motion, {fact}"] if needs else [f"{fact}: {guess}"]
@@ -292,7 +293,9 @@ def _warnings(
     return warnings
 
 
-def _refusal(arm: Description, distance: float, after: Array, any_numbers: Array) -> tuple[str, str] | None:
+def _refusal(
+    arm: Description, distance: float, after: Array, any_numbers: Array, is_poor: bool
+) -> tuple[str, str] | None:
     """Why the model does not explain the torques, and what may be the reason; None if it does.
 
     Args:
@@ -300,9 +303,10 @@ def _refusal(arm: Description, distance: float, after: Array, any_numbers: Array
         distance: see `consistent_parameters`.
         after: share of the torque that the identified parameters leave unexplained, shape (joints,).
         any_numbers: the same of numbers that no body need have.
+        is_poor: whether the motion lacks something.
     """
     bad = any_numbers > _UNEXPLAINED
-    useless = min(after.max(), any_numbers.max()) > 1.0
+    useless = is_poor and min(after.max(), any_numbers.max()) > 1.0
     if np.count_nonzero(bad) > len(arm.joints) // 2 or useless or (distance > _FAR and bad.any()):
         shares = [
             f"{joint} {100.0 * max(0.0, 1.0 - e):.0f} %" for joint, e in zip(arm.joints, any_numbers, strict=True)
