@@ -77,10 +77,11 @@ class ActivationConfig(NamedTuple):
 
 
 class CompensationConfig(NamedTuple):
-    """Friction that is compensated."""
+    """Friction and constant efforts that are compensated."""
 
     coulomb: Array  # shape (joints,), N m
     viscous: Array  # shape (joints,), N m s/rad
+    offset: Array  # shape (joints,), N m
 
 
 class FreedriveConfig(NamedTuple):
@@ -121,7 +122,8 @@ class ControllerConfig(NamedTuple):
     rate_limited: bool  # a joint has a rate limit
     watches: bool  # a joint has a limit of position, velocity or error
     rehearses: bool  # something is rehearsed
-    compensates: bool  # a joint has friction that is compensated
+    compensates: bool  # a joint has friction or a constant effort that is compensated
+    offsets: bool  # a joint has a constant effort
     checks_plausibility: bool  # the measurements of a joint are checked for plausibility
     turns: bool  # a joint is continuous
     senses_contact: bool  # a joint has a limit of the external effort
@@ -169,6 +171,7 @@ def make_config(values: Mapping[str, Value]) -> ControllerConfig:
         ),
         rehearses=any(rehearsal),
         compensates=law.uses_model and _any(*compensation),
+        offsets=_any(compensation.offset),
         checks_plausibility=_any(plausible),
         turns=any(robot.continuous),
         senses_contact=_any(limits.external_effort),

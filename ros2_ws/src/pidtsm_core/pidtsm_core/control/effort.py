@@ -40,6 +40,16 @@ def carry(config: ControllerConfig, state: ControllerState, q: Array) -> None:
         state.accelerations[1, j] = 0.0
     efforts = y[Signal.EQUIVALENT_EFFORT : Signal.EFFORT + 1]
     inverse_dynamics(config.model, q, state.accelerations[0], state.accelerations, efforts)
+    add_offset(config, efforts, 1.0)
+
+
+@inlined
+def add_offset(config: ControllerConfig, efforts: Array, sign: float) -> None:
+    """Add the constant effort of each joint, times a sign, to every row of efforts, shape (rows, joints), N m."""
+    if config.offsets:
+        for i in range(efforts.shape[0]):
+            for j in range(efforts.shape[1]):
+                efforts[i, j] += sign * config.compensation.offset[j]
 
 
 @inlined

@@ -42,7 +42,7 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.effort import friction, limit_effort
+from pidtsm_core.control.effort import add_offset, friction, limit_effort
 from pidtsm_core.control.state import ControllerState, Count, Hold, Time, part
 from pidtsm_core.control.stopping import learn
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics
@@ -101,6 +101,7 @@ def make_free(config: ControllerConfig, state: ControllerState, stamp: int, dt: 
         state.added[j] = _compensation(config, state, j, pull[j])
         y[Signal.EQUIVALENT_EFFORT, j] = gravity[j]
         y[Signal.EFFORT, j] = gravity[j] + share * (pull[j] + damping[j]) + hold[Hold.LEARNT, j] + state.added[j]
+    add_offset(config, state.added.reshape((1, -1)), 1.0)  # Part of what carries the arm.
     limit_effort(config, state)
     _ease(config, state, begins)
     limit_effort(config, state)
@@ -124,6 +125,7 @@ def _begin(config: ControllerConfig, state: ControllerState, stamp: int) -> None
         most = _trust(state, j) * _held(config, state, bandwidth, j)
         hold[Hold.LEARNT, j] = min(max(hold[Hold.LEARNT, j], -most), most)
         state.net[j] = efforts[0, j] + hold[Hold.LEARNT, j]
+    add_offset(config, state.net.reshape((1, -1)), -1.0)
     forward_dynamics(config.model, y[Signal.POSITION], efforts[5], state.net, efforts[4])
     share = 1.0
     for j in range(hold.shape[1]):
@@ -220,6 +222,7 @@ def _pull(config: ControllerConfig, state: ControllerState, bandwidth: float) ->
     inverse_dynamics(config.model, q, efforts[5], motion[:2], efforts[:2])
     for j in range(q.size):
         efforts[1, j] -= efforts[0, j]
+    add_offset(config, efforts[:1], 1.0)
 
 
 @inlined
@@ -278,6 +281,7 @@ def _damp(config: ControllerConfig, state: ControllerState, bandwidth: float, ea
         motion[1, j] = _given_way(config, state, bandwidth, j)
         efforts[5, j] = 0.0
     inverse_dynamics(config.model, y[Signal.POSITION], efforts[5], motion[:2], efforts[3:5])
+    add_offset(config, efforts[3:5], 1.0)
     own = followed = 0.0  # Twice the kinetic energy q' H q', and q' H u.
     for j in range(y.shape[1]):
         own += motion[0, j] * (efforts[3, j] - efforts[0, j])

@@ -236,6 +236,13 @@ FRICTION = (
         minimum=0.0,
         per_joint=True,
     ),
+    Parameter(
+        "compensation.offset",
+        0.0,
+        "constant effort that the joint needs beside its model and friction, such as that of a counterbalance",
+        "N m",
+        per_joint=True,
+    ),
 )
 
 

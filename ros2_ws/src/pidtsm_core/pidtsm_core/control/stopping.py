@@ -10,7 +10,7 @@ from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.desired import come_to_rest, learnt_acceleration
-from pidtsm_core.control.effort import carry, time_of_change
+from pidtsm_core.control.effort import add_offset, carry, time_of_change
 from pidtsm_core.control.history import RECENT, noted_acceleration, noted_effort, noted_motion
 from pidtsm_core.control.state import (
     HISTORY,
@@ -67,6 +67,7 @@ def learn(config: ControllerConfig, state: ControllerState) -> None:
         state.hold[Hold.LEARNT, j] = learnt
         state.hold[Hold.INTEGRAL, j] = 0.0
     inverse_dynamics(config.model, y[Signal.POSITION], scratch[0], state.accelerations, scratch[1:3])
+    add_offset(config, scratch[1:3], 1.0)
     for j in range(scratch.shape[1]):
         effort = scratch[2, j] if config.uses_model else state.hold[Hold.LEARNT, j]
         learnt, most = effort - scratch[1, j], _LARGEST_SHARE * config.limits.effort[j]
@@ -128,6 +129,7 @@ def _continue_acceleration(config: ControllerConfig, state: ControllerState) -> 
         state.net[j] = state.sent[j] - state.hold[Hold.LEARNT, j]
         state.scratch[0, j] = state.desired[0, j]
         state.scratch[1, j] = state.desired[1, j]
+    add_offset(config, state.net.reshape((1, -1)), -1.0)
     forward_dynamics(config.model, state.scratch[0], state.scratch[1], state.net, state.desired[2])
 
 
@@ -232,6 +234,7 @@ def _find_load(config: ControllerConfig, state: ControllerState, stamp: int) -> 
         _, velocities[j] = noted_motion(state, stamp, j, RECENT)
         motion[0, j] = noted_acceleration(state, stamp, j)
     inverse_dynamics(config.model, state.measured, velocities, motion[:1], state.scratch[2:3])
+    add_offset(config, state.scratch[2:3], 1.0)
     for j in range(state.measured.size):
         state.scratch[2, j] = noted_effort(state, stamp, j) - state.scratch[2, j]
 

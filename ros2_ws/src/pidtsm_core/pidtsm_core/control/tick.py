@@ -76,7 +76,7 @@ def _command(config: ControllerConfig, state: ControllerState, desired: Array, d
 
 @inlined
 def _add(config: ControllerConfig, state: ControllerState, desired: Array) -> None:
-    """Compute the effort beyond the law's: what is fed forward, and what compensates friction.
+    """Compute the effort beyond the law's: what is fed forward, and what compensates friction and offsets.
 
     Friction is computed from the desired velocity, which is free of noise.
     """
@@ -84,6 +84,8 @@ def _add(config: ControllerConfig, state: ControllerState, desired: Array) -> No
         state.added[j] = state.feedforward_effort[j]
         if config.compensates:
             state.added[j] += friction(config, desired[1, j], j)
+            if config.offsets:
+                state.added[j] += config.compensation.offset[j]
 
 
 @part

@@ -127,10 +127,10 @@ def make_experiment(
             for another robot, also one among the overrides, its `default_motion`.
         law: a name in `LAWS`; None: the law of the scenario or parameter files, or else the default law.
         duration: s; replaces the scenario's if given.
-        params: path of a ROS parameter file, or several; none: ``practical`` for an arm from a file, unless
-            the scenario has gains. ``article`` is the article's Table 1 for the law (`law` if
-            given, else the one set by the earlier parts), ``practical`` the set for real sensors and drives
-            (`practical_settings`), ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm.
+        params: path of a ROS parameter file, or several; none: ``practical`` for an arm from a file, unless the
+            scenario has gains. ``article`` is the article's Table 1 for the law (`law` if given, else the one set by
+            the earlier parts), ``practical`` the set for real sensors and drives (`practical_settings`),
+            ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm.
         overrides: texts ``NODE.PARAMETER=VALUE``, or values by node and name; groups may be nested.
         robot: the arm of simulator and controller: a name, also one under which the user has stored an arm, the path of
             a description, or an `ArmDefinition`; None: that of the scenario.
@@ -159,14 +159,7 @@ def make_experiment(
     asked = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
     for name in named or _usual(arm, asked, base, chosen):
         before = asked or settings["controller"].get(LAW_NAME.name)
-        of_law = before if before in LAWS.names else None
-        if name == PRACTICAL:
-            merge(practical_settings(of_law, _overridden(settings, chosen)), Path(name))
-            continue
-        source = article_parameters(of_law) if name == ARTICLE else Path(name)
-        if name.startswith(TUNED):
-            source = tuned_parameters(name, of_law, _overridden(settings, chosen))
-        merge(load_ros_parameters(source), source)
+        merge(*_parameter_set(name, before if before in LAWS.names else None, _overridden(settings, chosen)))
     if law is not None:
         settings["controller"]["law.name"] = law
     for node, name, value in chosen:
@@ -175,6 +168,22 @@ def make_experiment(
     name_of_law = str(settings["controller"].get("law.name", LAW_NAME.default))
     seconds = base.duration if duration is None else _positive(duration, "duration")
     return Experiment(base.scenario, name_of_law, seconds, settings, files)
+
+
+def _parameter_set(name: str, law: str | None, settings: Settings) -> tuple[Settings, Path]:
+    """The parameters of a named set or of a file, and where they come from; see `make_experiment`.
+
+    Args:
+        name: of the set, or path of the file.
+        law: name of the law; None: the default law.
+        settings: of the experiment without this set.
+    """
+    if name == PRACTICAL:
+        return practical_settings(law, settings), Path(name)
+    source = article_parameters(law) if name == ARTICLE else Path(name)
+    if name.startswith(TUNED):
+        source = tuned_parameters(name, law, settings)
+    return load_ros_parameters(source), source
 
 
 def _usual(

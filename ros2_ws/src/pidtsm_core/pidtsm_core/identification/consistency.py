@@ -1,10 +1,11 @@
 """Physically consistent parameters: those of real bodies, nearest to the description, that explain the data."""
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.identification.base_parameters import BaseParameters
@@ -19,6 +20,8 @@ _ROUNDNESS = 0.01
 """m; a body is taken to extend at least so far in all directions: descriptions have points and rods."""
 _LIGHTEST = 1e-3
 """kg; smallest mass of a body whose pseudo-inertia is estimated."""
+_STUCK = 0.5
+"""Cost for each variable from which on another method tries: more than one standard deviation."""
 _UPPER = np.triu_indices(4)
 _CENTER = np.flatnonzero((_UPPER[1] == 3) & (_UPPER[0] < 3))
 """Elements of theta that move the centre of mass."""
@@ -137,26 +140,54 @@ class _Problem:
         return np.vstack([self._mapping @ self.parameters(variables)[1], self._certainty])
 
 
-def consistent_parameters(prior: Prior, base: BaseParameters, fit: Fit) -> tuple[Array, float]:
+def consistent_parameters(
+    prior: Prior, base: BaseParameters, fit: Fit, preferred: Array | None = None
+) -> tuple[Array, float]:
     """The parameters pi of possible bodies that are nearest to data and description, shape (14 joints,).
 
     Each is weighted with its uncertainty, so the data decide wherever they say more than the description, and along
     directions about which they say nothing, the description stays. The second result is how far they are from
     both, as a mean in standard deviations; about 1 at most if data and description are of the same arm.
+
+    Args:
+        prior: what the description says.
+        base: the combinations that the data can say something about.
+        fit: what they say.
+        preferred: standard deviations that take the place of `prior.deviation` where the data do not decide; the
+            distance does not count them. Shape (4 joints,).
     """
-    problem = _Problem(prior, base, fit)
-    # Near bounds, the singular values that SciPy's default method needs were once not found; this one takes a fifth of
-    # the steps. The prior gives the slopes full rank, as it requires.
-    found = least_squares(
-        problem.residuals,
-        problem.start,
-        jac=problem.slopes,
-        bounds=problem.bounds,
-        method="dogbox",
-        x_scale="jac",
-        max_nfev=200,
-    )
-    return problem.parameters(found.x)[0], float(np.sqrt(2.0 * found.cost / found.x.size))
+    problem = _Problem(prior if preferred is None else replace(prior, deviation=preferred), base, fit)
+    found = _nearest(problem)
+    parameters, variables, links = problem.parameters(found.x)[0], found.x.copy(), prior.carriers.size
+    variables[links:] = parameters[links:] / prior.deviation
+    distance = np.linalg.norm(_Problem(prior, base, fit).residuals(variables)) / np.sqrt(variables.size)
+    return parameters, float(distance)
+
+
+def _nearest(problem: _Problem) -> OptimizeResult:
+    """The solution of the problem.
+
+    Dogbox takes a fifth of the steps of SciPy's default method, and needs no singular values, which were once not found
+    near bounds. But it may end at a bound that it should leave, far from data and description; then the other method
+    has its try. The prior gives the slopes full rank, as both require.
+    """
+
+    def solved(method: str) -> OptimizeResult:
+        return least_squares(
+            problem.residuals,
+            problem.start,
+            jac=problem.slopes,
+            bounds=problem.bounds,
+            method=method,
+            x_scale="jac",
+            max_nfev=200,
+        )
+
+    found = solved("dogbox")
+    if found.cost > _STUCK * found.x.size:
+        with suppress(np.linalg.LinAlgError):
+            found = min(found, solved("trf"), key=lambda each: float(each.cost))
+    return found
 
 
 def expectation(prior: Prior, base: BaseParameters) -> Expectation:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from pidtsm_core.arrays import Array
@@ -12,11 +13,10 @@ from pidtsm_core.identification.base_parameters import base_parameters
 from pidtsm_core.identification.consistency import Prior, expectation
 from pidtsm_core.identification.least_squares import motion_regressor
 from pidtsm_core.identification.measurement import Measurement, Motion
+from pidtsm_core.identification.motion_needs import moves_enough
 from pidtsm_core.identification.regressor import LINK, regressor
 from pidtsm_core.robots.tree.layout import GRAVITY
 
-_LEAST_MOTION = 0.05
-"""rad or m; a joint that moves less counts as standing still."""
 _LARGEST_LOSS = 0.01
 """Share of missing samples that needs no mention."""
 _AT_LIMIT = 0.995
@@ -70,16 +70,13 @@ def recording_faults(measurement: Measurement) -> Iterator[Fault]:
     if measurement.missing > _LARGEST_LOSS:
         text = f"{100.0 * measurement.missing:.1f} % of the samples are missing"
         yield Fault(f"{text}; short gaps are interpolated, the recording is cut at long ones", fatal=False)
-    low, high = np.percentile(measurement.position, (1.0, 99.0), axis=0)
-    moving = high - low >= _LEAST_MOTION
-    still = _listed(measurement.joints, ~moving)
+    moving = moves_enough(measurement.position)
     if not moving.any():
-        yield Fault("the arm stands still; record a motion of all joints, see ./pidtsm excite", fatal=True)
+        yield Fault("the arm stands still; record a motion of all joints", fatal=True)
     elif moving.size > 1 and np.count_nonzero(moving) == 1:
         only = _listed(measurement.joints, moving)
-        yield Fault(f"only {only} moves; record a motion of all joints, see ./pidtsm excite", fatal=True)
-    elif not moving.all():
-        yield Fault(f"too little motion of {still}: what they show stays as the description has it", fatal=False)
+        still = _listed(measurement.joints, ~moving)
+        yield Fault(f"only {only} moves, not {still}; record a motion of all joints", fatal=True)
     share = np.mean(np.abs(measurement.effort) >= measurement.limit, axis=0)
     for joint, part in zip(measurement.joints, share, strict=True):
         if part > _OFTEN_AT_LIMIT:
@@ -196,5 +193,5 @@ def _unexplained(tree: Array, links: Array, data: Array, size: Array) -> float:
     return float(np.mean(np.minimum(shares, 4.0)))
 
 
-def _listed(joints: Sequence[str], chosen: Array) -> str:
+def _listed(joints: Sequence[str], chosen: NDArray[np.bool_]) -> str:
     return ", ".join(joint for joint, is_chosen in zip(joints, chosen, strict=True) if is_chosen)

@@ -13,8 +13,10 @@ from pidtsm_core.identification.base_parameters import BaseParameters, base_para
 from pidtsm_core.identification.consistency import Prior, consistent_parameters, expectation
 from pidtsm_core.identification.corrected_urdf import carriers
 from pidtsm_core.identification.data_faults import gravity_faults, limited, recording_faults, structure_faults
+from pidtsm_core.identification.inseparable import inseparable, like_gravity
 from pidtsm_core.identification.least_squares import Fit, fit, motion_regressor
-from pidtsm_core.identification.measurement import Measurement, Piece, bandwidth, filtered
+from pidtsm_core.identification.measurement import Measurement, Motion, Piece, bandwidth, filtered, joined
+from pidtsm_core.identification.motion_needs import cure, motion_needs, moves_enough, too_short
 from pidtsm_core.identification.regressor import described_parameters
 from pidtsm_core.robots import Description, tree
 
@@ -22,6 +24,8 @@ _APART = 0.8
 """Share of each measurement, from its start, that is fitted; the rest is kept apart to judge the result."""
 _FRICTION = 0.2
 """Standard deviation of unknown friction and offsets, as a share of the effort limit."""
+_SMALL = 0.1
+"""Share of this for an offset that looks as weight, which is more often the weight itself."""
 _QUICKEST = 100.0
 """rad/s^2 or m/s^2: the effort limit is taken to accelerate the rotor alone at least so fast."""
 _UNEXPLAINED = 0.3
@@ -50,6 +54,7 @@ class Check:
         measured: efforts, shape (samples, joints), N m or N.
         before, after: efforts by the description and by the identified parameters, likewise.
         usable: see `Piece`, likewise.
+        motion: see `Piece`.
     """
 
     time: Array
@@ -57,6 +62,7 @@ class Check:
     before: Array
     after: Array
     usable: NDArray[np.bool_]
+    motion: Motion
 
     def error(self, predicted: Array) -> Array:
         """Root mean square of the difference between predicted and measured efforts, shape (joints,), N m or N."""
@@ -78,6 +84,9 @@ class Identification:
         cutoff: bandwidth of the data that were used, Hz.
         check: the result judged with data that were kept apart.
         warnings: sentences.
+        notes: likewise, what no motion can tell apart.
+        as_written: errors of what was written and read back, on the data kept apart, shape (joints,), see
+            `written.judged_as_written`; None: nothing was written.
     """
 
     arm: Description
@@ -89,14 +98,22 @@ class Identification:
     cutoff: float
     check: Check
     warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+    as_written: Array | None = None
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the efforts."""
+        return tuple("N" if slides else "N m" for slides in self.arm.slides)
 
 
-def identify(arm: Description, measurements: Sequence[Measurement]) -> Identification:
+def identify(arm: Description, measurements: Sequence[Measurement], robot: str = "ROBOT") -> Identification:
     """Identify inertias, armature, friction and offsets of an arm.
 
     Args:
         arm: its description, a URDF; its geometry and gravity are taken as right.
         measurements: of its motions; each has the joints of the arm, in any order.
+        robot: what ``--robot`` names it, for messages.
 
     Raises:
         IdentificationError: the measurements cannot be used.
@@ -104,41 +121,55 @@ def identify(arm: Description, measurements: Sequence[Measurement]) -> Identific
     """
     # The systems are small: several threads of BLAS wait for each other, on a busy machine up to 20 times as long.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _identify(arm, measurements)
+        return _identify(arm, measurements, robot)
 
 
-def _identify(arm: Description, measurements: Sequence[Measurement]) -> Identification:
+def _identify(arm: Description, measurements: Sequence[Measurement], robot: str) -> Identification:
     _, bodies = carriers(arm)
     measured = [limited(_ordered(each, arm), arm.effort) for each in measurements]
     described = described_parameters(arm.tree, arm.damping, arm.friction)
-    warnings = _recording_warnings(measured)
-    try:
-        cutoff = bandwidth(measured)
-    except ValueError as error:
-        raise IdentificationError(str(error)) from None
+    warnings = _recording_warnings(measured, robot)
+    cutoff, needs = _bandwidth_and_needs(arm, measured, robot)
     prior = Prior(described, bodies, _deviation(arm, measured))
-    _refuse_structure(arm, prior, measured, cutoff)
+    _refuse_structure(arm, prior, measured, cutoff, needs)
     base = base_parameters(arm.tree, len(arm.joints))
     expected = expectation(prior, base)
     try:
         found = fit(arm.tree, base, [each.between(0.0, _APART) for each in measured], cutoff, expected)
-    except np.linalg.LinAlgError:
-        raise IdentificationError(
-            "the motion does not suffice: it leaves the parameters or the noise of the torque undetermined; record a "
-            "longer motion of all joints, such as that of ./pidtsm excite"
-        ) from None
-    except ValueError as error:
-        raise IdentificationError(str(error)) from None
-    parameters, distance = consistent_parameters(prior, base, found)
+    except ValueError as error:  # np.linalg.LinAlgError is one.
+        told = [] if isinstance(error, np.linalg.LinAlgError) else [str(error)]
+        reasons = [*told, *(needs or [cure(robot)])]
+        raise IdentificationError("\n".join(["the motion does not suffice", *reasons])) from None
+    parameters, distance = consistent_parameters(prior, base, found, _preferred(arm, prior))
     undetermined = np.flatnonzero(found.deviation > expected.deviation)
     pieces = [p for each in measured for p in filtered(each.between(_APART, 1.0), cutoff, found.delay)]
-    pieces = pieces or [p for each in measured for p in filtered(each, cutoff, found.delay)]
+    if not pieces:
+        warnings.append("the last fifth is too short to judge the result, which is judged with data that were fitted")
+        pieces = [p for each in measured for p in filtered(each, cutoff, found.delay)]
     check = _check(arm, pieces, described, parameters)
     free = _check(arm, pieces, described, _any_parameters(base, found))
-    warnings += _warnings(arm, found, distance, check, free)
+    warnings += _warnings(arm, found, distance, (check, free), needs)
+    notes = inseparable(arm, parameters)
     return Identification(
-        arm, base, found, described, parameters, tuple(undetermined.tolist()), cutoff, check, tuple(warnings)
+        arm, base, found, described, parameters, tuple(undetermined.tolist()), cutoff, check, tuple(warnings), notes
     )
+
+
+def _bandwidth_and_needs(arm: Description, measured: Sequence[Measurement], robot: str) -> tuple[float, list[str]]:
+    """The bandwidth (Hz) of the motion, and what it lacks; the last sentence of a motion that lacks something cures it.
+
+    Raises:
+        IdentificationError: it is too short.
+    """
+    try:
+        cutoff = bandwidth(measured)
+    except ValueError as error:
+        raise IdentificationError(f"{error}; {cure(robot)}") from None
+    fitted = [p for each in measured for p in filtered(each.between(0.0, _APART), cutoff)]
+    if not fitted:
+        raise IdentificationError(f"{too_short(measured, cutoff)}; {cure(robot)}")
+    needs = motion_needs(arm, fitted)
+    return cutoff, [*needs, cure(robot)] if needs else []
 
 
 def _ordered(measurement: Measurement, arm: Description) -> Measurement:
@@ -151,7 +182,7 @@ def _ordered(measurement: Measurement, arm: Description) -> Measurement:
     return measurement.of(arm.joints)
 
 
-def _recording_warnings(measured: Sequence[Measurement]) -> list[str]:
+def _recording_warnings(measured: Sequence[Measurement], robot: str) -> list[str]:
     """Faults of recordings that do not prevent identification.
 
     Raises:
@@ -159,11 +190,13 @@ def _recording_warnings(measured: Sequence[Measurement]) -> list[str]:
     """
     faults = [fault for each in measured for fault in recording_faults(each)]
     if fatal := [fault.text for fault in faults if fault.fatal]:
-        raise IdentificationError("\n".join(dict.fromkeys(fatal)))
+        raise IdentificationError("\n".join(dict.fromkeys([*fatal, cure(robot)])))
     return [fault.text for fault in faults]
 
 
-def _refuse_structure(arm: Description, prior: Prior, measured: Sequence[Measurement], cutoff: float) -> None:
+def _refuse_structure(
+    arm: Description, prior: Prior, measured: Sequence[Measurement], cutoff: float, needs: Sequence[str]
+) -> None:
     """Check order and signs of the joints, and gravity.
 
     Raises:
@@ -174,6 +207,9 @@ def _refuse_structure(arm: Description, prior: Prior, measured: Sequence[Measure
             faults = [*structure_faults(arm.tree, prior.parameters, arm.joints, piece.motion)]
             if faults := faults or [*gravity_faults(arm.tree, prior, piece.motion)]:
                 texts = [fault.text for fault in faults]
+                if needs:
+                    told = "the motion is too poor to judge; it looks as if"
+                    raise IdentificationError("\n".join([*needs, *(f"{told} {text}" for text in texts)]))
                 raise IdentificationError("\n".join([*texts, "if that is not so, is this the bag of another robot?"]))
 
 
@@ -186,6 +222,13 @@ def _deviation(arm: Description, measured: Sequence[Measurement]) -> Array:
     tree.inertia_matrix(measured[0].position[0].copy(), arm.tree.copy(), inertia)
     rotor = np.maximum(np.diag(inertia), limit / _QUICKEST)
     return np.concatenate([rotor, *[_FRICTION * limit] * 3])
+
+
+def _preferred(arm: Description, prior: Prior) -> Array:
+    """Deviations by which what no motion can tell apart is divided: gravity tells the mass of what a joint lifts."""
+    preferred = prior.deviation.copy()
+    preferred[-len(arm.joints) :] *= np.where(like_gravity(arm), _SMALL, 1.0)
+    return preferred
 
 
 def _any_parameters(base: BaseParameters, found: Fit) -> Array:
@@ -205,51 +248,89 @@ def _check(arm: Description, pieces: Sequence[Piece], before: Array, after: Arra
         before=matrix @ before,
         after=matrix @ after,
         usable=np.concatenate([piece.usable for piece in pieces]),
+        motion=joined([piece.motion for piece in pieces]),
     )
 
 
-def _warnings(arm: Description, found: Fit, distance: float, check: Check, free: Check) -> list[str]:
+def _warnings(
+    arm: Description, found: Fit, distance: float, checks: tuple[Check, Check], needs: Sequence[str]
+) -> list[str]:
     """What is doubtful about a result.
 
     Raises:
         IdentificationError: the model does not explain the torques.
     """
-    after, any_numbers = check.error(check.after), free.error(free.after)
+    check, free = checks
     size = np.sqrt(np.mean(check.measured**2, axis=0)) + 1e-12
-    bad = any_numbers / size > _UNEXPLAINED
-    far = distance > _FAR
-    if np.count_nonzero(bad) > len(arm.joints) // 2 or (far and bad.any()):
-        shares = ", ".join(
-            f"{joint} {100.0 * (1.0 - e):.0f} %" for joint, e in zip(arm.joints, any_numbers / size, strict=True)
-        )
-        raise IdentificationError(
-            f"no parameters of this arm explain the torques (explained: {shares}): are the joints in "
-            "another order, is this the bag of another robot, or does the description have other lengths or axes?"
-        )
-    disagreement = f"data and description disagree {distance:.1f} times as much as they should"
-    if distance > _ANOTHER:
-        raise IdentificationError(
-            f"{disagreement}: is this the bag of another robot, does the description have other lengths or axes, or "
-            "did something else act on the arm, such as a disturbance or a contact?"
-        )
-    ratio = np.sqrt(np.mean((after / size) ** 2) / np.mean((any_numbers / size) ** 2))
-    if ratio > _IMPOSSIBLE:
-        raise IdentificationError(
-            f"no bodies explain the torques: with possible masses and inertias the error is {ratio:.1f} times that "
-            "with any numbers. Is this the bag of another robot, or is a sign wrong?"
-        )
+    after, any_numbers = check.error(check.after) / size, free.error(free.after) / size
+    # Nothing is said of the friction of joints that stand still, which holds them.
+    moving = moves_enough(check.motion.position)
+    bad = (any_numbers > _UNEXPLAINED) & moving
+    shares = np.where(moving, after, 0.0), np.where(moving, any_numbers, 0.0)
+    if refusal := _refusal(arm, distance, *shares, bool(needs)):
+        fact, guess = refusal
+        # Poor data explain nothing well, of the right arm neither.
+        reasons = [*needs, f"with such a motion, {fact}"] if needs else [f"{fact}: {guess}"]
+        raise IdentificationError("\n".join(reasons))
     warnings = [
-        f"{100.0 * e:.0f} % of the torque of {joint} is unexplained"
-        for joint, e, is_bad in zip(arm.joints, any_numbers / size, bad, strict=True)
+        f"{100.0 * share:.0f} % of the torque of {joint} is unexplained"
+        for joint, share, is_bad in zip(arm.joints, any_numbers, bad, strict=True)
         if is_bad
     ]
-    if far:
-        warnings.append(f"{disagreement}: is this the bag of another robot, or does the arm carry something?")
-    if found.condition > _POOR:
+    if needs:
+        warnings += [*needs[:-1], f"what this motion does not show stays as the description has it; {needs[-1]}"]
+    if distance > _FAR:
+        guess = "" if needs else ": is this the bag of another robot, or does the arm carry something?"
+        warnings.append(f"{_disagreement(distance)}{guess}")
+    if found.condition > _POOR and not needs:
         warnings.append(
             f"the motion is a poor one (condition number {found.condition:.0f}); ./pidtsm excite makes a better one"
         )
-    worse = [joint for joint, a, b in zip(arm.joints, after, check.error(check.before), strict=True) if a > b]
+    before = check.error(check.before) / size
+    worse = [joint for joint, is_worse in zip(arm.joints, (after > before) & moving, strict=True) if is_worse]
     if worse:
         warnings.append(f"on data kept apart, the description predicts the torque of {', '.join(worse)} better")
     return warnings
+
+
+def _refusal(
+    arm: Description, distance: float, after: Array, any_numbers: Array, is_poor: bool
+) -> tuple[str, str] | None:
+    """Why the model does not explain the torques, and what may be the reason; None if it does.
+
+    Args:
+        arm: its description.
+        distance: see `consistent_parameters`.
+        after: share of the torque that the identified parameters leave unexplained, shape (joints,).
+        any_numbers: the same of numbers that no body need have.
+        is_poor: whether the motion lacks something.
+    """
+    bad = any_numbers > _UNEXPLAINED
+    useless = is_poor and min(after.max(), any_numbers.max()) > 1.0
+    if np.count_nonzero(bad) > len(arm.joints) // 2 or useless or (distance > _FAR and bad.any()):
+        shares = [
+            f"{joint} {100.0 * max(0.0, 1.0 - e):.0f} %" for joint, e in zip(arm.joints, any_numbers, strict=True)
+        ]
+        return (
+            f"no parameters of this arm explain the torques (explained: {', '.join(shares)})",
+            "are the joints in another order, is this the bag of another robot, or does the description have other "
+            "lengths or axes?",
+        )
+    if distance > _ANOTHER:
+        return (
+            _disagreement(distance),
+            "is this the bag of another robot, does the description have other lengths or axes, or did something else "
+            "act on the arm, such as a disturbance or a contact?",
+        )
+    ratio = np.sqrt(np.mean(after**2) / (np.mean(any_numbers**2) + 1e-30))
+    if ratio > _IMPOSSIBLE:
+        return (
+            f"no bodies explain the torques: with possible masses and inertias the error is {ratio:.1f} times that "
+            "with any numbers",
+            "is this the bag of another robot, or is a sign wrong?",
+        )
+    return None
+
+
+def _disagreement(distance: float) -> str:
+    return f"data and description disagree {distance:.1f} times as much as they should"

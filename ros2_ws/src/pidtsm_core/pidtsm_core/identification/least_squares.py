@@ -106,12 +106,10 @@ def fit(
         ValueError: there are too few usable samples.
     """
     joints = len(measurements[0].joints)
-    pieces = [piece for each in measurements for piece in filtered(each, cutoff)]
+    pieces = _usable(measurements, cutoff)
     full = [[motion_regressor(tree, m) for m in (piece.motion, piece.slow)] for piece in pieces]
     matrices = [[matrix[..., base.columns] for matrix in both] for both in full]
     explained = [fast @ known if known is not None else 0.0 for fast, _ in full]
-    if (most := max(np.sum([np.count_nonzero(_used(piece), axis=0) for piece in pieces], axis=0))) < _FEWEST:
-        raise ValueError(f"too few samples in which a joint moves and its torque is below its limit: {most}")
     colours, scales, delay, count = np.zeros((joints, _ORDER)), np.ones(joints), 0.0, base.columns.size + 1
     for done in range(1 + _ROUNDS):
         tables = [_table(*each) for each in zip(pieces, matrices, explained, strict=True)]
@@ -128,9 +126,10 @@ def fit(
             ]
             colours, scales = _noise(errors, pieces)
             pieces = [piece for each in measurements for piece in filtered(each, cutoff, delay)]
-    # Of the base parameters alone, without those of the delay, which is the last one.
     inverse = solve_triangular(triangle, np.eye(count))
-    factor = np.linalg.cholesky(np.linalg.inv((inverse @ inverse.T)[:-1, :-1])).T
+    # Of the base parameters alone: with the delay, which is the last one, as the first column, the other rows of the
+    # triangle are free of it. No matrix is inverted or squared, so poor data make wide intervals and no error.
+    factor = qr(np.roll(triangle, 1, axis=1), mode="r")[0][1:, 1:]
     return Fit(
         beta=solution[:-1],
         factor=factor,
@@ -140,6 +139,20 @@ def fit(
         freedom=max(1, len(targets) - joints * _ORDER - count),
         condition=_condition(rows[:, :-1]),
     )
+
+
+def _usable(measurements: Sequence[Measurement], cutoff: float) -> list[Piece]:
+    """The filtered pieces of the measurements.
+
+    Raises:
+        ValueError: there are too few usable samples.
+    """
+    pieces = [piece for each in measurements for piece in filtered(each, cutoff)]
+    if not pieces:
+        raise ValueError("no part of the recording is long enough")
+    if (most := max(np.sum([np.count_nonzero(_used(piece), axis=0) for piece in pieces], axis=0))) < _FEWEST:
+        raise ValueError(f"too few samples in which a joint moves and its torque is below its limit: {most}")
+    return pieces
 
 
 def _table(piece: Piece, matrices: Sequence[Array], explained: Array | float) -> Array:

@@ -17,7 +17,7 @@ _SHORTEST_PIECE = 2.0
 """s; shorter pieces are not used."""
 _ORDER = 4
 """Of the Butterworth low-pass, which runs forwards and backwards."""
-_SETTLING = 1.5
+SETTLING = 1.5
 """Part of each end of a piece that is not used, where the filter has not settled, in periods of the bandwidth."""
 _MEMORY = 0.5
 """Time over which the filter averages to either side, in periods of the bandwidth."""
@@ -29,7 +29,7 @@ _LOWEST, _HIGHEST = 1.0, 15.0
 """Range of the bandwidth, Hz: motions of arms are slower, and their elasticity begins above."""
 _ABOVE_NOISE = 4.0
 """Ratio to the spectrum of the noise above which the spectrum of a position counts as motion."""
-_FAST = 3.0 * REVERSAL
+FAST = 3.0 * REVERSAL
 """rad/s or m/s; from this velocity on, Coulomb friction has reached its level."""
 _SPECTRUM = 4.0
 """Length of the pieces whose spectra are averaged, s."""
@@ -112,6 +112,11 @@ class Motion:
         return Motion(*(getattr(self, each.name)[samples] for each in fields(self)))
 
 
+def joined(motions: Sequence[Motion]) -> Motion:
+    """One motion after the other; there is at least one."""
+    return Motion(*(np.concatenate([getattr(each, field.name) for each in motions]) for field in fields(Motion)))
+
+
 @dataclass(frozen=True)
 class Piece:
     """A piece of a measurement, filtered, at independent samples.
@@ -155,7 +160,7 @@ def bandwidth(measurements: Sequence[Measurement]) -> float:
 
 
 def filtered(measurement: Measurement, cutoff: float, delay: float = 0.0) -> list[Piece]:
-    """The pieces of a measurement, filtered.
+    """The pieces of a measurement, filtered, that are long enough for the filter.
 
     Position and effort pass the same low-pass, so that it does not change the relation between them; derivatives are
     central differences of fourth order.
@@ -165,10 +170,11 @@ def filtered(measurement: Measurement, cutoff: float, delay: float = 0.0) -> lis
         cutoff: bandwidth, Hz.
         delay: time by which the stamps of efforts are later than the motion they cause, s.
     """
-    return [
+    pieces = [
         _filtered(even, position, _onto(even + delay, even, effort), measurement.limit, cutoff)
         for even, position, effort in measurement.pieces()
     ]
+    return [piece for piece in pieces if piece.time.size]
 
 
 def _filtered(time: Array, position: Array, effort: Array, limit: Array, cutoff: float) -> Piece:
@@ -176,16 +182,16 @@ def _filtered(time: Array, position: Array, effort: Array, limit: Array, cutoff:
     period = float(time[1] - time[0])
     motion, slow = (_low_passed(position, effort, period, each) for each in (cutoff, SLOW * cutoff))
     memory = 2 * round(_MEMORY / (cutoff * period)) + 1
-    usable = (np.abs(motion.velocity) > _FAST) & (np.abs(effort) < limit)
-    margin = max(2, round(_SETTLING / (SLOW * cutoff * period)))
-    used = slice(margin, len(time) - margin, max(1, round(1.0 / (_OVERSAMPLING * cutoff * period))))
+    usable = (np.abs(motion.velocity) > FAST) & (np.abs(effort) < limit)
+    margin = max(2, round(SETTLING / (SLOW * cutoff * period)))
+    used = slice(margin, max(margin, len(time) - margin), max(1, round(1.0 / (_OVERSAMPLING * cutoff * period))))
     return Piece(time[used], motion.at(used), slow.at(used), minimum_filter1d(usable, memory, axis=0)[used])
 
 
 def _low_passed(position: Array, effort: Array, period: float, cutoff: float) -> Motion:
     """Motion with this bandwidth (Hz), from samples with this period (s)."""
     sections = butter(_ORDER, cutoff, fs=1.0 / period, output="sos")
-    padding = min(len(position) - 1, round(_SETTLING / (cutoff * period)))
+    padding = min(len(position) - 1, round(SETTLING / (cutoff * period)))
     q, torque = (sosfiltfilt(sections, each, axis=0, padlen=padding) for each in (position, effort))
     dq = _difference(q, period)
     coulomb = sosfiltfilt(sections, coulomb_column(dq), axis=0, padlen=padding)

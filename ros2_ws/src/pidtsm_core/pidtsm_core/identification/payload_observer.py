@@ -56,11 +56,12 @@ class PayloadObserver:
         """
         joints = len(robot.joints)
         self._tree = robot.pack_model(values)
-        viscous, coulomb, limit = (
+        viscous, coulomb, offset, limit = (
             joint_array(values[name], joints)
-            for name in ("compensation.viscous", "compensation.coulomb", "limits.effort")
+            for name in ("compensation.viscous", "compensation.coulomb", "compensation.offset", "limits.effort")
         )
         self._known = described_parameters(self._tree, viscous, coulomb)
+        self._known[-joints:] = offset
         self._scale = 1.0 / (_MODEL_ERROR * limit)
         arm = robot.description
         link = LINK * int(rows(arm.tree)[arm.tool_row, Column.PLACE])

@@ -1,4 +1,4 @@
-"""Joint friction: Stribeck curve."""
+"""Joint friction: Stribeck curve, and a constant effort."""
 
 import math
 from collections.abc import Mapping
@@ -32,6 +32,7 @@ PARAMETERS = (
         per_joint=True,
     ),
     Parameter("friction.viscous", 0.0, "viscous friction Fv", "N m s/rad", minimum=0.0, per_joint=True),
+    Parameter("friction.offset", 0.0, "constant effort that a joint needs beside friction", "N m", per_joint=True),
 )
 
 _SHARPNESS = 10.0  # vs / v0, see `add_friction`.
@@ -52,6 +53,7 @@ class FrictionConfig(NamedTuple):
     excess: Array  # static minus Coulomb friction, N m
     stribeck_velocity: Array  # rad/s
     viscous: Array  # N m s/rad
+    offset: Array  # N m
     none: bool
 
 
@@ -66,16 +68,17 @@ def friction_config(values: Mapping[str, Value], inertia: Array, dt: float) -> F
         inertia: that the effort of each joint accelerates, shape (joints,), kg m^2.
         dt: step of the integration, s.
     """
-    coulomb, static, velocity, viscous = (joint_array(values[p.name], inertia.size) for p in PARAMETERS)
+    coulomb, static, velocity, viscous, offset = (joint_array(values[p.name], inertia.size) for p in PARAMETERS)
     steepest = _STEEPEST * inertia / dt
     velocity = np.maximum(velocity, _SHARPNESS * np.maximum(coulomb, static) / steepest)
-    none = not (coulomb.any() or static.any() or viscous.any())
-    return FrictionConfig(coulomb, np.maximum(static - coulomb, 0.0), velocity, np.minimum(viscous, steepest), none)
+    none = not (coulomb.any() or static.any() or viscous.any() or offset.any())
+    excess, viscous = np.maximum(static - coulomb, 0.0), np.minimum(viscous, steepest)
+    return FrictionConfig(coulomb, excess, velocity, viscous, offset, none)
 
 
 def without_viscous(config: FrictionConfig) -> FrictionConfig:
     """The same friction without its viscous part, for an engine that has its own."""
-    none = not (config.coulomb.any() or config.excess.any())
+    none = not (config.coulomb.any() or config.excess.any() or config.offset.any())
     return config._replace(viscous=np.zeros_like(config.viscous), none=none)
 
 
@@ -95,12 +98,14 @@ def check_friction(values: Mapping[str, Value], inertia: Array, dt: float) -> No
         )
 
 
-part = PartOf(lambda: FrictionConfig(np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1), none=True))
+part = PartOf(lambda: FrictionConfig(np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1), none=True))
 
 
 @part
 def add_friction(config: FrictionConfig, dq: Array, effort: Array) -> None:
-    """Subtract (Fc + (Fs - Fc) exp(-(v / vs)^2)) tanh(v / v0) + Fv v from effort, N m, shape (joints,); v0 = vs / 10.
+    """Subtract (Fc + (Fs - Fc) exp(-(v / vs)^2)) tanh(v / v0) + Fv v + F0 from effort, N m; v0 = vs / 10.
+
+    F0 is the offset; effort has shape (joints,).
 
     The curve is that of Armstrong-Helouvry, Dupont and Canudas de Wit (Automatica 30, 1994). With tanh instead of the
     sign (Makkar et al., AIM 2005), Runge-Kutta can solve the equation, and nothing chatters at rest. The drawback: a
@@ -110,3 +115,5 @@ def add_friction(config: FrictionConfig, dq: Array, effort: Array) -> None:
         ratio = dq[j] / config.stribeck_velocity[j]
         level = config.coulomb[j] + config.excess[j] * math.exp(-ratio * ratio)
         effort[j] -= level * math.tanh(_SHARPNESS * ratio) + config.viscous[j] * dq[j]
+        if config.offset[j] != 0.0:
+            effort[j] -= config.offset[j]

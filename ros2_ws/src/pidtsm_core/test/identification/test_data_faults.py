@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.knownarm import KnownArm, known_arm
+from support.knownarm import STEP, KnownArm, known_arm, periodic_motion
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.identification.corrected_urdf import corrected_urdf
@@ -116,3 +116,47 @@ def test_saturated_torques_are_named_and_not_used(panda: KnownArm) -> None:
     assert any(w.startswith("the torque of panda_joint2 is at its limit in 1") for w in found.warnings)
     error = np.abs(found.fit.beta - found.base.mapping @ panda.truth) / found.fit.deviation
     assert np.mean(error**2) < 2.0
+
+
+def moved(arm: KnownArm, reach: float = 1.0, slower: float = 1.0) -> Measurement:
+    """The measurement of a motion that is smaller, and slower."""
+    time = arm.measured.time
+    q, dq, ddq = periodic_motion(arm.described, time / slower, np.random.default_rng(5))
+    middle = q.mean(axis=0)
+    motion = np.stack([middle + reach * (q - middle), reach / slower * dq, reach / slower**2 * ddq])
+    effort = regressor(arm.described.tree, *motion) @ arm.truth
+    effort += arm.noise * np.random.default_rng(0).normal(size=effort.shape)
+    return replace(arm.measured, position=STEP * np.round(motion[0] / STEP), effort=effort)
+
+
+POOR: dict[str, tuple[Callable[[KnownArm], Measurement], tuple[str, ...]]] = {
+    "1.5 s": (lambda arm: arm.measured.between(0.0, 0.05), ("no piece without gaps is longer than 2 s",)),
+    "2.5 s": (lambda arm: arm.measured.between(0.0, 0.08), ("2.4 s of motion are too short", "record 20 s or more")),
+    "3 s": (lambda arm: arm.measured.between(0.0, 0.1), ("s of motion remain after the filter; record at least 20 s",)),
+    "small": (lambda arm: moved(arm, 0.1), ("joint4 lacks different postures for gravity (it covers 0.13 rad",)),
+    "slow": (
+        lambda arm: moved(arm, slower=10.0),
+        (
+            "joint4 lacks a range of velocities for friction (0.034 to 0.055 rad/s",
+            "acceleration for inertia (0.023 rad",
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("poor", POOR)
+def test_the_motion_that_is_missing_is_named_with_the_command_that_makes_it(panda: KnownArm, poor: str) -> None:
+    spoil, told = POOR[poor]
+    with pytest.raises(IdentificationError) as refused:
+        identify(panda.described, [spoil(panda)], "my_arm")
+    for text in (*told, "./pidtsm excite --robot my_arm --duration 60 --out motion.yaml makes such a motion"):
+        assert text in str(refused.value)
+    assert "another robot" not in str(refused.value)
+    assert "positive definite" not in str(refused.value)
+
+
+def test_a_poor_motion_that_says_something_is_used_and_named(panda: KnownArm) -> None:
+    found = identify(panda.described, [panda.measured.between(0.0, 0.25)])
+    assert found.warnings[0].startswith("the last fifth is too short")
+    assert "s of motion remain after the filter; record at least 20 s" in found.warnings[1]
+    assert found.warnings[2].startswith("what this motion does not show stays as the description has it; ./pidtsm")

@@ -15,8 +15,9 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import Identification, identify
 from pidtsm_core.identification.measurement import Measurement
+from pidtsm_core.identification.written import judged_as_written, written_parameters
 from pidtsm_core.parameters import Value
-from pidtsm_core.parameters.files import ros_parameters
+from pidtsm_core.parameters.files import load_ros_parameters, ros_parameters
 from pidtsm_core.robots import DESCRIPTION, LOCKED
 from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_core.robots.payload import MASS
@@ -63,12 +64,15 @@ def execute(options: argparse.Namespace) -> int:
     introduce(options)
     measurements = [measurement_of(bag) for bag in options.bags]
     with CONSOLE.status("identifying"):
-        found = identify(arm, measurements)
-    result = as_json(found)
+        found = identify(arm, measurements, options.robot)
     with result_folder(options.out, MadeOf(runs=tuple(options.bags))) as folder:
         (folder / URDF).write_text(corrected_urdf(arm, found.parameters), encoding="utf-8")
-        text = _parameter_file(found, options.out.absolute() / URDF, definition)
+        written = written_parameters(found, str(options.out.absolute() / URDF))
+        more = _said_of(definition)
+        text = "".join(ros_parameters(node, {**values, **more}) for node, values in written.items())
         (folder / PARAMETERS).write_text(text, encoding="utf-8")
+        found = _read_back(found, folder)
+        result = as_json(found)
         (folder / "identification.json").write_text(json.dumps(result, allow_nan=False) + "\n", encoding="utf-8")
         write_identification_report(folder / "identification.html", found, Path(definition.label).stem)
     if options.json:
@@ -76,8 +80,10 @@ def execute(options: argparse.Namespace) -> int:
     else:
         for table in _tables(result):
             Console().print(table)
+    for note in found.notes:
+        CONSOLE.print(f"pidtsm: note: {note}", highlight=False, soft_wrap=True)
     for warning in found.warnings:
-        CONSOLE.print(f"pidtsm: warning: {warning}", highlight=False)
+        CONSOLE.print(f"pidtsm: warning: {warning}", highlight=False, soft_wrap=True)
     CONSOLE.print(f"{options.out}: {URDF} {PARAMETERS} identification.html identification.json", highlight=False)
     return 0
 
@@ -99,24 +105,23 @@ def measurement_of(bag: Path) -> Measurement:
     return measurement
 
 
-def _parameter_file(found: Identification, urdf: Path, arm: ArmDefinition) -> str:
-    """ROS parameter file with which simulator and controller use the identified arm."""
-    joints = len(found.arm.joints)
-    armature, viscous, coulomb, _ = (
-        tuple(each.tolist()) for each in found.parameters[10 * joints :].reshape(4, joints)
-    )
-    common: dict[str, Value] = {"joints": found.arm.joints, DESCRIPTION.name: str(urdf), "robot.armature": armature}
-    if arm.payload:
-        common[MASS] = 0.0  # It is a part of the identified arm.
-    common |= {name: value for name, value in arm.settings().items() if name in (LOCKED.name, "limits.effort")}
-    return ros_parameters(
-        "controller", {**common, "compensation.coulomb": coulomb, "compensation.viscous": viscous}
-    ) + ros_parameters("simulator", {**common, "friction.coulomb": coulomb, "friction.viscous": viscous})
+def _said_of(arm: ArmDefinition) -> dict[str, Value]:
+    """What the options say of the arm and still holds of the identified one; its payload is a part of that."""
+    said = {name: value for name, value in arm.settings().items() if name in (LOCKED.name, "limits.effort")}
+    return {**said, **({MASS: 0.0} if arm.payload else {})}
+
+
+def _read_back(found: Identification, folder: Path) -> Identification:
+    """The result, judged by the files in the folder; the parameters name the URDF where it will be."""
+    settings = load_ros_parameters(folder / PARAMETERS)["controller"]
+    urdf = (folder / URDF).read_text(encoding="utf-8")
+    return judged_as_written(found, {**settings, DESCRIPTION.name: urdf})
 
 
 def _tables(result: dict[str, Any]) -> Iterator[Table]:
     """Errors of the torque, and friction; each as wide as names of joints of 20 letters need in 80 columns."""
-    errors = {"error before": result["torque_error"]["before"], "error after": result["torque_error"]["after"]}
+    kinds = {"error before": "before", "error after": "after", "as written": "as_written"}
+    errors = {title: result["torque_error"][kind] for title, kind in kinds.items()}
     friction = {name: result[name.lower()] for name in ("Coulomb", "viscous", "armature", "offset")}
     for title, columns in (("torque on data kept apart", errors), ("friction and armature", friction)):
         table = Table(title=title, title_style="bold", box=box.SIMPLE_HEAD)

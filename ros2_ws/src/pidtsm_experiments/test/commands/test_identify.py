@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from support.knownarm import KnownArm, known_arm
+from support.randomtree import random_tree
 
 from pidtsm_core.identification.measurement import Measurement
 from pidtsm_core.parameters.files import load_ros_parameters
@@ -62,6 +63,10 @@ def test_the_result_is_an_arm_for_controller_and_simulator(known: KnownArm, fold
     np.testing.assert_allclose(arm.friction, result["coulomb"], rtol=1e-6)
     parameters = load_ros_parameters(folder / "result/identified.yaml")
     assert parameters["controller"]["compensation.coulomb"] == pytest.approx(result["coulomb"])
+    assert parameters["controller"]["compensation.offset"] == pytest.approx(result["offset"])
+    assert parameters["simulator"]["friction.offset"] == pytest.approx(result["offset"])
+    np.testing.assert_allclose(result["offset"], known.truth[26:28], atol=0.1)
+    np.testing.assert_allclose(errors["as_written"], errors["after"], rtol=0.01)
     urdf = str(folder / "result/identified.urdf")
     assert parameters["simulator"]["robot.description"] == urdf
     run = rollout(robot=urdf, params=[str(folder / "result/identified.yaml"), "practical"], duration=0.5)
@@ -84,7 +89,14 @@ def test_what_the_arm_carried_is_a_part_of_the_result(folder: Path, tmp_path: Pa
 
 def test_the_page_shows_torques_parameters_and_what_is_unknown(folder: Path) -> None:
     page = (folder / "result/identification.html").read_text(encoding="utf-8")
-    for text in ("Identification of arm", "data kept apart", "joint1.Izz", "joint1.my", "No motion of this arm shows"):
+    for text in (
+        "Identification of arm",
+        "data kept apart",
+        "the files, read back",
+        "joint1.Izz",
+        "joint1.my",
+        "No motion of this arm shows",
+    ):
         assert text in page
 
 
@@ -111,6 +123,31 @@ def test_bad_input_is_named(
     assert main(["identify", *words, *([] if "--robot" in words else ["--robot", "two_link"])]) == 2
     assert told in capsys.readouterr().err
     assert not (folder / "results").exists()
+
+
+def test_a_motion_that_is_too_short_is_named_with_the_command_that_makes_a_better_one(
+    known: KnownArm, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_joint_states(known.measured.between(0.0, 0.15), tmp_path / "short")
+    arm = str(folder / "arm.urdf")
+    assert main(["identify", str(tmp_path / "short"), "--robot", arm, "--out", str(tmp_path / "result")]) == 2
+    told = capsys.readouterr().err
+    assert "record at least 20 s" in told
+    assert f"./pidtsm excite --robot {arm} --duration 60 --out motion.yaml makes such a motion" in told
+    assert not (tmp_path / "result").exists()
+
+
+def test_terminal_json_and_page_say_the_same_of_a_lift(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lift = random_tree(1, "p", "z")
+    write_joint_states(lift.measured, tmp_path / "bag")
+    (tmp_path / "lift.urdf").write_text(lift.described.text, encoding="utf-8")
+    words = [str(tmp_path / "bag"), "--robot", str(tmp_path / "lift.urdf"), "--out", str(tmp_path / "result")]
+    assert main(["identify", *words, "--json"]) == 0
+    out, err = capsys.readouterr()
+    (note,) = json.loads(out)["notes"]
+    assert note.startswith("j0: no motion tells mass, armature and offset apart: ")
+    assert f"pidtsm: note: {note}" in err
+    assert note in (tmp_path / "result/identification.html").read_text(encoding="utf-8")
 
 
 def test_an_exciting_motion_is_a_scenario_within_the_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -54,10 +54,11 @@ def _section(name: str, heading: str, content: Any) -> Section:
 
 def _errors(result: dict[str, Any]) -> list[list[str]]:
     errors = result["torque_error"]
+    written = errors["as_written"] or [None] * len(result["joints"])
     return [
-        [joint, *(f"{value:.3g}" for value in values)]
+        [joint, *("" if value is None else f"{value:.3g}" for value in values)]
         for joint, *values in zip(
-            result["joints"], errors["before"], errors["after"], errors["of_training"], strict=True
+            result["joints"], errors["before"], errors["after"], written, errors["of_training"], strict=True
         )
     ]
 

@@ -12,8 +12,9 @@ from pidtsm_core.identification.regressor import LINK, OF_JOINT, parameter_names
 def as_json(found: Identification) -> dict[str, Any]:
     """The result, in SI units; lists are in the order of the joints.
 
-    ``combinations`` are the base parameters: what each consists of, its estimate, half of its interval of 95 %, its
-    value by the description, and whether the data say more about it than the description.
+    ``as_written`` are the errors of the files that were written and read back, null if there are none; ``notes`` say
+    what no motion can tell apart. ``combinations`` are the base parameters: what each consists of, its estimate, half
+    of its interval of 95 %, its value by the description, and whether the data say more about it than the description.
     """
     check, fit, names = found.check, found.fit, parameter_names(found.arm.joints)
     described = found.base.mapping @ found.described
@@ -22,10 +23,12 @@ def as_json(found: Identification) -> dict[str, Any]:
     return {
         "joints": list(found.arm.joints),
         "warnings": list(found.warnings),
+        "notes": list(found.notes),
         "torque_error": {
             "before": check.error(check.before).tolist(),
             "after": check.error(check.after).tolist(),
             "of_training": fit.residual.tolist(),
+            "as_written": None if found.as_written is None else found.as_written.tolist(),
         },
         "delay": {"value": fit.delay, "deviation": fit.delay_deviation},
         "bandwidth": found.cutoff,
