@@ -1,0 +1,157 @@
+"""Tries the commands on arms that nobody here chose: descriptions from public packages, which it fetches.
+
+./pidtsm shell -c "python benchmarks/public_arms.py --out results/public_arms"
+
+Of each arm: what `check` says, `gains`, a rollout with 14-bit encoders and 1 ms of delay, `excite`, and `identify` on
+that motion. What a message proposes (``--joints``, ``--effort``, ``robot.armature``) is followed literally. A run that
+is interrupted is resumed by the same command.
+"""
+
+import argparse
+import contextlib
+import io
+import json
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from pidtsm_experiments.cli import main
+
+PACKAGES = ("example-robot-data==6.0.0", "robosuite==1.5.2", "gymnasium==1.4.0")
+_DATA = "cmeel.prefix/share/example-robot-data/robots"
+ARMS = (
+    *(
+        f"{_DATA}/{file}"
+        for file in (
+            "baxter_description/urdf/baxter.urdf",
+            "talos_data/robots/talos_left_arm.urdf",
+            "talos_data/robots/talos_full_v2.urdf",
+            "tiago_description/robots/tiago.urdf",
+            "tiago_pro_description/robots/tiago_pro.urdf",
+            "so_arm_description/urdf/so101.urdf",
+            "so_arm_description/urdf/so100.urdf",
+            "kinova_description/robots/kinova.urdf",
+            "ur_description/urdf/ur3_robot.urdf",
+            "ur_description/urdf/ur5_gripper.urdf",
+            "ur_description/urdf/ur10_robot.urdf",
+            "panda_description/urdf/panda.urdf",
+            "z1_description/urdf/z1.urdf",
+            "xarm_description/urdf/xarm7.urdf",
+            "pr2_description/urdf/pr2.urdf",
+            "g1_description/urdf/g1_29dof_rev_1_0.urdf",
+            "alex_description/urdf/alex_sake_hands.urdf",
+            "simple_humanoid_description/urdf/simple_humanoid.urdf",
+            "asr_twodof_description/urdf/TwoDofs.urdf",
+        )
+    ),
+    *(
+        f"robosuite/models/assets/robots/{name}/robot.xml"
+        for name in ("tiago", "baxter", "iiwa", "sawyer", "ur5e", "kinova3", "jaco", "spot_arm", "panda", "xarm7")
+    ),
+    "gymnasium/envs/mujoco/assets/pusher_v5.xml",
+)
+"""Files below the folder of the packages."""
+SENSORS = ("--set", "simulator.encoder.bits=14", "--set", "simulator.delay.samples=1")
+_ARMATURE = "0.05"
+"""kg m^2, where a message asks for rotors."""
+_CURES = 3
+_SHOWN = ("rollout", "check", "gains", "excite", "identify")
+
+
+def fetch(folder: Path) -> None:
+    """Unpack the packages into a folder, without what they depend on."""
+    command = ["uv", "pip", "install", "-q", "--no-deps", "--target", str(folder), *PACKAGES]
+    subprocess.run(command, check=True)
+
+
+def call(words: Sequence[str]) -> tuple[int, str, str]:
+    """Exit code, output and errors of a command; an exception ends the benchmark, because no input may cause one."""
+    output, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+        code = main(list(words))
+    return code, output.getvalue(), errors.getvalue()
+
+
+def cured(words: list[str]) -> tuple[int, str, str, list[str]]:
+    """Call a command; if it is refused with a cure, again with that, which is returned, too."""
+    more: list[str] = []
+    for _ in range(1 + _CURES):
+        code, output, errors = call([*words, *more])
+        proposed = list(_proposed(errors, more)) if code else []
+        if not proposed:
+            break
+        more += proposed
+    return code, output, errors, more
+
+
+def _proposed(errors: str, more: Sequence[str]) -> Iterator[str]:
+    """Options that a message proposes and that are not followed yet."""
+    for option in ("--joints", "--effort"):
+        if option not in more and (found := re.search(rf"{option} (\S+)", errors)):
+            yield from (option, found[1].replace("LIMIT", "50").rstrip(".,;)"))
+            return
+    if "set robot.armature" in errors and "--set" not in more:
+        for node in ("simulator", "controller"):
+            yield from ("--set", f"{node}.robot.armature={_ARMATURE}")
+
+
+def tried(file: Path, folder: Path) -> dict[str, Any]:
+    """What came of every command for one arm."""
+    folder.mkdir(parents=True, exist_ok=True)
+    robot, row = ["--robot", str(file)], dict[str, Any]()
+    began = time.perf_counter()
+    code, output, errors, cure = cured(["rollout", *robot, *SENSORS, "--duration", "8", "--json"])
+    row |= {"rollout": code, "cure": cure, "said": errors.strip().splitlines()[-1:] if code else []}
+    if code in (0, 1) and output:
+        metrics = json.loads(output)
+        row |= {"joints": len(metrics["joints"]), "outcome": metrics["outcome"]}
+        row["error"] = max(metrics["steady_state_error"])
+    arm = [word for option in ("--joints", "--effort") if option in cure for word in _pair(cure, option)]
+    code, output, errors = call(["check", str(file), *arm, "--json"])
+    row |= {"check": code, "doubts": [doubt["code"] for doubt in json.loads(output)["doubts"]] if output else []}
+    row["gains"] = call(["gains", *robot, *arm])[0]
+    motion, moved = str(folder / "motion.yaml"), str(folder / "moved")
+    row["excite"], _, errors = call(["excite", *robot, *arm, "--duration", "10", "--out", motion])
+    if row["excite"] == 0:
+        sets = [word for i, word in enumerate(cure) if word == "--set" or cure[i - 1 : i] == ["--set"]]
+        row["moved"], _, errors = call(["rollout", "--scenario", motion, *SENSORS, *sets, "--bag", "--out", moved])
+        bag = Path(moved) if Path(moved).exists() else Path(f"{moved}.failed")
+        code, output, errors = call(
+            ["identify", str(bag / "bag"), *robot, *arm, "--out", str(folder / "identified"), "--json"]
+        )
+        row |= {"identify": code, "warnings": json.loads(output)["warnings"] if output else errors.strip()}
+    return {**row, "seconds": round(time.perf_counter() - began, 1)}
+
+
+def _pair(words: Sequence[str], option: str) -> Sequence[str]:
+    place = words.index(option)
+    return words[place : place + 2]
+
+
+def run() -> None:
+    """Fetch, try, and print one line for each arm."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="results and fetched packages")
+    options = parser.parse_args()
+    packages, results = options.out / "packages", options.out / "arms.json"
+    if not packages.exists():
+        fetch(packages)
+    rows: dict[str, Any] = json.loads(results.read_text(encoding="utf-8")) if results.exists() else {}
+    for name in ARMS:
+        if name not in rows:
+            rows[name] = tried(packages / name, options.out / name.replace("/", "_"))
+            results.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+        row = rows[name]
+        error = f"{1e3 * row['error']:.2f} mrad or mm" if "error" in row else "-"
+        codes = " ".join(
+            f"{key} {row[key]}" for key in ("rollout", "check", "gains", "excite", "identify") if key in row
+        )
+        print(f"{Path(name).parent.name}/{Path(name).name}: {codes}; {error}; {row.get('doubts')}", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(run())
