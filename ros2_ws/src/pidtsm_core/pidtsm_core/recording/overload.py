@@ -18,6 +18,9 @@ TIME, ERROR = 0.5, 0.02
 """A joint is overloaded if it ends the run by more than this share of its range away from its reference, and at its
 effort limit for more than this share of the last part, or at times if the limit does not carry the arm."""
 
+_SHORTEST = 2.0
+"""A shorter run may still be on its way to its reference, s."""
+
 
 def overload(recording: "Recording", ranges: Array) -> dict[str, Any] | None:
     """The overloaded joint that is farthest from its reference in the last part of the run; None: there is none.
@@ -31,6 +34,8 @@ def overload(recording: "Recording", ranges: Array) -> dict[str, Any] | None:
         and units.
     """
     begin, end = recording.time[[0, -1]]
+    if end - begin < _SHORTEST:
+        return None
     late = recording.time >= end - STEADY_SHARE * (end - begin)
     limited = recording.signals[late, Signal.SATURATED].astype(np.int64) & Limited.EFFORT != 0
     shares, errors = limited.mean(axis=0), np.abs(recording.error[late]).max(axis=0)

@@ -183,8 +183,12 @@ class RecorderNode(Node):
 
     @property
     def samples(self) -> int:
-        """Number of ground truth samples received; without ground truth, that of joint states."""
-        return self._topics[TRUTH].received or (self._topics[BARRIER].received if self.connected else 0)
+        """Number of ground truth samples received; without ground truth, that of joint states; 0 before there are both.
+
+        So nobody ends a recording that counts samples and still lacks the joint states.
+        """
+        joint_states = self._topics[BARRIER].received if self.connected else 0
+        return min(joint_states, self._topics[TRUTH].received or joint_states)
 
     def connect(self) -> None:
         """Subscribe to `BARRIER` once all other topics have a publisher, or are not to be expected any more.
