@@ -131,7 +131,7 @@ def _pair(words: Sequence[str], option: str) -> Sequence[str]:
     return words[place : place + 2]
 
 
-def run() -> None:
+def try_all() -> None:
     """Fetch, try, and print one line for each arm."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="results and fetched packages")
@@ -153,4 +153,4 @@ def run() -> None:
 
 
 if __name__ == "__main__":
-    run()
+    try_all()
