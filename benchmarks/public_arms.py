@@ -90,7 +90,7 @@ def cured(words: list[str]) -> tuple[int, str, str, list[str]]:
 def _proposed(errors: str, more: Sequence[str]) -> Iterator[str]:
     """Options that a message proposes and that are not followed yet."""
     for option in ("--joints", "--effort"):
-        if option not in more and (found := re.search(rf"{option} (\S+)", errors)):
+        if option not in more and (found := re.search(rf"{option} (?!and |or )(\S+)", errors)):
             yield from (option, found[1].replace("LIMIT", "50").rstrip(".,;)"))
             return
     if "set robot.armature" in errors and "--set" not in more:
@@ -114,7 +114,7 @@ def tried(file: Path, folder: Path) -> dict[str, Any]:
     row |= {"check": code, "doubts": [doubt["code"] for doubt in json.loads(output)["doubts"]] if output else []}
     row["gains"] = call(["gains", *robot, *arm])[0]
     motion, moved = str(folder / "motion.yaml"), str(folder / "moved")
-    row["excite"], _, errors = call(["excite", *robot, *arm, "--duration", "10", "--out", motion])
+    row["excite"], _, errors = call(["excite", *robot, *arm, "--duration", "20", "--out", motion])
     if row["excite"] == 0:
         sets = [word for i, word in enumerate(cure) if word == "--set" or cure[i - 1 : i] == ["--set"]]
         row["moved"], _, errors = call(["rollout", "--scenario", motion, *SENSORS, *sets, "--bag", "--out", moved])
