@@ -101,7 +101,8 @@ def _proposed(errors: str, more: Sequence[str]) -> Iterator[str]:
 def tried(file: Path, folder: Path) -> dict[str, Any]:
     """What came of every command for one arm."""
     folder.mkdir(parents=True, exist_ok=True)
-    robot, row = ["--robot", str(file)], dict[str, Any]()
+    robot: list[str] = ["--robot", str(file)]
+    row: dict[str, Any] = {}
     began = time.perf_counter()
     code, output, errors, cure = cured(["rollout", *robot, *SENSORS, "--duration", "8", "--json"])
     row |= {"rollout": code, "cure": cure, "said": errors.strip().splitlines()[-1:] if code else []}

@@ -78,7 +78,7 @@ No torque exceeds its limit. The controller recognises contact by the effort tha
 estimated motion needs by the model, less the applied effort. The arm is taken to be in contact while this effort has
 changed by more than `limits.external_effort` since the arm was last within 10 mrad of its reference. Meanwhile, all
 integrals and the adaptation pause, and the disturbance that the law rejects may only decrease (with
-`law.anti_windup: conditional`, the default). Afterwards `piddtsm` is back on its reference, with the gains of Table 1
+`law.anti_windup: conditional`, the default). Afterwards `piddtsm` returns to its reference, with the gains of Table 1
 and with `practical`. Without it (`limits.external_effort: 0`), see the last rows, its gain runs away.
 
 The other laws need longer with these gains, also without windup: `super_twisting` unlearns by at most `integral_gain`

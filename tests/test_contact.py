@@ -10,6 +10,10 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 import contact  # noqa: E402
 
+BACK = {("piddtsm", "of the arm"): 6e-3}
+"""Largest error 1 s after contact where it exceeds 2.5 mrad, rad. Starts within 7 microradians of the page's end with
+4.7 to 5.4 mrad; an impulse at the first sample, which is gone, made 2.1 mrad of exactly one of them."""
+
 
 def told(*first: str, cells: int) -> list[str]:
     """The cells of the row that begins with these and has so many more."""
@@ -34,7 +38,7 @@ def test_a_controller_does_in_the_wall_what_the_page_says(contender: str, limits
     else:
         # Back on its reference, and nothing has run away.
         assert judged.fault == ""
-        assert judged.after < 10e-3
+        assert judged.after < BACK.get((contender, limits), 2.5e-3)
         assert judged.gain < 50.0
         assert float(after) == pytest.approx(1e3 * judged.after, rel=0.2, abs=0.2)
         assert float(free) < 0.1

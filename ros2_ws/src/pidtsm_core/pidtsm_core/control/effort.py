@@ -44,6 +44,13 @@ def carry(config: ControllerConfig, state: ControllerState, q: Array) -> None:
 
 
 @inlined
+def feed_offset(config: ControllerConfig, state: ControllerState) -> None:
+    """Add the constant efforts to what goes beyond the law's effort, if the law compensates anything."""
+    if config.compensates:
+        add_offset(config, state.added.reshape((1, -1)), 1.0)
+
+
+@inlined
 def add_offset(config: ControllerConfig, efforts: Array, sign: float) -> None:
     """Add the constant effort of each joint, times a sign, to every row of efforts, shape (rows, joints), N m."""
     if config.offsets:

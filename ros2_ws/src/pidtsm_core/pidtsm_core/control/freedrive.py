@@ -42,7 +42,7 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.effort import add_offset, friction, limit_effort
+from pidtsm_core.control.effort import add_offset, feed_offset, friction, limit_effort
 from pidtsm_core.control.state import ControllerState, Count, Hold, Time, part
 from pidtsm_core.control.stopping import learn
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics
@@ -101,7 +101,7 @@ def make_free(config: ControllerConfig, state: ControllerState, stamp: int, dt: 
         state.added[j] = _compensation(config, state, j, pull[j])
         y[Signal.EQUIVALENT_EFFORT, j] = gravity[j]
         y[Signal.EFFORT, j] = gravity[j] + share * (pull[j] + damping[j]) + hold[Hold.LEARNT, j] + state.added[j]
-    add_offset(config, state.added.reshape((1, -1)), 1.0)  # Part of what carries the arm.
+    feed_offset(config, state)  # It is a part of what carries the arm, so it is in the effort already.
     limit_effort(config, state)
     _ease(config, state, begins)
     limit_effort(config, state)

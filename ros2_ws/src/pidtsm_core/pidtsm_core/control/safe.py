@@ -11,7 +11,7 @@ import math
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.desired import write_desired
-from pidtsm_core.control.effort import LARGEST_CHANGE, add_offset, added_gravity, carry, limit_effort
+from pidtsm_core.control.effort import LARGEST_CHANGE, add_offset, added_gravity, carry, feed_offset, limit_effort
 from pidtsm_core.control.state import Condition, ControllerState, Held, Hold, Time, part
 from pidtsm_core.control.stopping import DETOUR, QUICKEST, SLOWEST, begin_hold, learn, resume_hold
 from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
@@ -38,7 +38,7 @@ _SHARE_OF_RATE = 0.5
 @part
 def make_safe(config: ControllerConfig, state: ControllerState, stamp: int, dt: float) -> None:
     """Replace the effort for the joint state of `stamp` (ns), dt (s) after the last one, with the safe effort."""
-    _add_offset(config, state)
+    _add_only_offset(config, state)
     if config.stop.holds:
         _hold(config, state, stamp, dt)
         supervise(state, stamp)
@@ -56,7 +56,7 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
     it. Meanwhile it fades.
     """
     conditions, times = state.conditions, state.times
-    _add_offset(config, state)
+    _add_only_offset(config, state)
     conditions[Condition.BRAKES] = config.stop.brakes
     if not config.stop.holds:
         _damp(config, state)
@@ -78,10 +78,11 @@ def make_safe_blindly(config: ControllerConfig, state: ControllerState, now: int
 
 
 @inlined
-def _add_offset(config: ControllerConfig, state: ControllerState) -> None:
+def _add_only_offset(config: ControllerConfig, state: ControllerState) -> None:
     """The safe effort compensates no friction, and feeds nothing forward but offsets; the estimator must know."""
     for j in range(state.added.size):
-        state.added[j] = config.compensation.offset[j] if config.compensates else 0.0
+        state.added[j] = 0.0
+    feed_offset(config, state)
 
 
 @inlined

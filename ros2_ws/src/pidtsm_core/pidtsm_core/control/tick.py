@@ -4,7 +4,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact, sense_contact
-from pidtsm_core.control.effort import friction, limit_effort, write_net_effort
+from pidtsm_core.control.effort import feed_offset, friction, limit_effort, write_net_effort
 from pidtsm_core.control.state import Condition, ControllerState, Handover, Time, part
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
@@ -84,8 +84,7 @@ def _add(config: ControllerConfig, state: ControllerState, desired: Array) -> No
         state.added[j] = state.feedforward_effort[j]
         if config.compensates:
             state.added[j] += friction(config, desired[1, j], j)
-            if config.offsets:
-                state.added[j] += config.compensation.offset[j]
+    feed_offset(config, state)
 
 
 @part

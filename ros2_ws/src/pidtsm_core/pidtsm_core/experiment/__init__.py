@@ -213,9 +213,8 @@ def _warn_of_gripper(arm: ArmDefinition, of_arm: Mapping[str, Any]) -> None:
     """Warn if joints that nobody has named were recognised as a gripper."""
     if arm.joints or not arm.is_file:
         return
-    with suppress(
-        ParameterError
-    ):  # An override may choose the joints; if none does, the nodes' schemas refuse the arm.
+    # An override may choose the joints; if none does, the nodes' schemas refuse the arm.
+    with suppress(ParameterError):
         robot = find_robot({name: value for name, value in of_arm.items() if name in OF_ARM})
         if isinstance(robot, TreeRobot) and robot.description.grippers:
             sentence = joints_sentence(robot.description, "ArmDefinition(joints=..., locked=...)")

@@ -60,7 +60,7 @@ def first_gains(
         inertia=np.abs(np.diag(_inertia(robot, settings))),
     )
     return (
-        Gain("law.name", law, "the proposed law" if law == LAW_NAME.default else "the law that was asked for"),
+        Gain("law.name", law, "the proposed law" if law == LAW_NAME.default else "the chosen law"),
         Gain("estimator.name", "extended_state_observer", "it differentiates without the noise of differences"),
         Gain(
             "estimator.bandwidth",

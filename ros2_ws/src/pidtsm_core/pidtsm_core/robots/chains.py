@@ -6,15 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from pidtsm_core.robots.compiler import COUPLE, HINGE, ON_JOINT, SLIDE
 from pidtsm_core.robots.errors import DescriptionError
-
-_SLIDE, _HINGE = 2, 3  # mjtJoint
-_ON_JOINT = 0  # mjtTrn
-_COUPLE = 2  # mjtEq
 
 _LIGHT, _TINY = 0.1, 0.03
 """Largest mass of a gripper, and of one that only its place shows, relative to that of the arm before it."""
-_HAND = 0.2
+HAND = 0.2
 """Largest mass of all fingers of a hand, relative to that of the arm before it."""
 _STROKE, _OPENING = 0.08, 2.0
 """Largest range of a sliding finger (m), and of a turning one that only its place shows (rad)."""
@@ -133,7 +130,7 @@ class _Tree:
     def _is_hand(self, path: Sequence[int], following: Sequence[int]) -> bool:
         """Whether the bodies behind a path are the fingers of a hand."""
         fingers = sum(self._model.body_subtreemass[body] for body in following)
-        return len(following) > 1 and len(path) >= _LEAST and bool(fingers <= _HAND * self._mass(path))
+        return len(following) > 1 and len(path) >= _LEAST and bool(fingers <= HAND * self._mass(path))
 
     def _without_gripper(self, path: list[int]) -> Chain:
         """The chain of a path that ends before its gripper."""
@@ -167,7 +164,7 @@ class _Tree:
         joint = int(m.body_jntadr[body])
         name, link = self._names[joint], str(m.body(body).name)
         extent = float(np.ptp(m.jnt_range[joint])) if m.jnt_limited[joint] else np.inf
-        turns, slides = (m.jnt_type[joint] == kind for kind in (_HINGE, _SLIDE))
+        turns, slides = (m.jnt_type[joint] == kind for kind in (HINGE, SLIDE))
         beside = [other for other in self._moving(before[-1], undriven=True) if other != body]
         light = sum(m.body_subtreemass[other] for other in beside) <= _LIGHT * arm
         coupled = self._coupled_to(joint)
@@ -184,7 +181,7 @@ class _Tree:
     def _coupled_to(self, joint: int) -> str:
         """Name of the joint that mimics a joint, or that it mimics; empty: there is none."""
         m = self._model
-        for i in np.flatnonzero(m.eq_type == _COUPLE):
+        for i in np.flatnonzero(m.eq_type == COUPLE):
             pair = [int(m.eq_obj1id[i]), int(m.eq_obj2id[i])]
             if joint in pair:
                 other = pair[1 - pair.index(joint)]
@@ -201,7 +198,7 @@ class _Tree:
 
 def _driven(model: Any) -> set[int]:
     """The bodies with a motor at one of their joints, and those between them and the base."""
-    on_joints = model.actuator_trnid[model.actuator_trntype == _ON_JOINT, 0]
+    on_joints = model.actuator_trnid[model.actuator_trntype == ON_JOINT, 0]
     found: set[int] = set()
     for joint in on_joints:
         body = int(model.jnt_bodyid[joint])

@@ -16,7 +16,13 @@ from pidtsm_core.robots.bounds import LONGEST, check_bounds, read_text
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.urdf import check_urdf, joint_limits, keep_shapes, rotor_inertias, strip
 
-_ON_JOINT, _FIXED, _NO_BIAS = 0, 0, 0  # mjtTrn, mjtGain, mjtBias
+SLIDE, HINGE = 2, 3
+"""Types of joints that the tree can represent, of mjtJoint; MuJoCo, which is slow to import, is not needed for them."""
+ON_JOINT = 0
+"""A motor that acts on a joint, of mjtTrn."""
+CONNECT, WELD, COUPLE = 0, 1, 2
+"""Constraints between bodies or joints, of mjtEq."""
+_FIXED, _NO_BIAS = 0, 0  # mjtGain, mjtBias
 _WORDS = {
     "mass and inertia of moving bodies must be larger than mjMINVAL": (
         "a joint moves it, and it has no mass or no inertia; give it both"
@@ -122,7 +128,7 @@ def motor_limits(model: Any) -> Array:
     for i in range(model.nu):
         force = model.actuator_gainprm[i, 0] * model.actuator_gear[i, 0]
         is_motor = (model.actuator_gaintype[i], model.actuator_biastype[i]) == (_FIXED, _NO_BIAS)
-        if is_motor and model.actuator_trntype[i] == _ON_JOINT and model.actuator_ctrllimited[i]:
+        if is_motor and model.actuator_trntype[i] == ON_JOINT and model.actuator_ctrllimited[i]:
             limits[model.actuator_trnid[i, 0]] = abs(force) * model.actuator_ctrlrange[i, 1]
     return limits
 

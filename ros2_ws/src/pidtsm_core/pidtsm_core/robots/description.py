@@ -11,15 +11,11 @@ from numpy.typing import NDArray
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import did_you_mean
 from pidtsm_core.robots.chains import Chain, find_chain, how_to_choose
-from pidtsm_core.robots.compiler import motor_limits, parse
+from pidtsm_core.robots.compiler import CONNECT, COUPLE, HINGE, SLIDE, WELD, motor_limits, parse
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.inertials import Inertial, compile_bodies, possible
 from pidtsm_core.robots.tree.layout import GRAVITY, Column, rotation, rows, set_inertia, size
 from pidtsm_core.robots.urdf import check_ranges
-
-_SLIDE, _HINGE = 2, 3  # mjtJoint
-_ON_JOINT = 0  # mjtTrn
-_CONNECT, _WELD, _COUPLE = 0, 1, 2  # mjtEq
 
 
 @dataclass(frozen=True)
@@ -151,7 +147,7 @@ def _check_types(compiled: _Model) -> None:
     """Check that the tree can represent the joints."""
     m, names = compiled.model, compiled.names
     for i, name in enumerate(names):
-        if m.jnt_type[i] not in (_SLIDE, _HINGE):
+        if m.jnt_type[i] not in (SLIDE, HINGE):
             raise DescriptionError(
                 f"joint {name or i}: it lets link {m.body(m.jnt_bodyid[i]).name} float or turn freely; floating and "
                 "ball joints are not supported, so remove it or replace it"
@@ -186,7 +182,7 @@ def _check_couplings(compiled: _Model, chosen: Sequence[str]) -> None:
     """Check that no chosen joint mimics another one."""
     m, names = compiled.model, compiled.names
     for i in range(m.neq):
-        joint = names[m.eq_obj1id[i]] if m.eq_type[i] == _COUPLE else ""
+        joint = names[m.eq_obj1id[i]] if m.eq_type[i] == COUPLE else ""
         if joint in chosen:
             other = names[m.eq_obj2id[i]] if m.eq_obj2id[i] >= 0 else "a constant"
             raise DescriptionError(f"joint {joint} mimics {other}; choose joints without it, with --joints a,b,c")
@@ -240,7 +236,7 @@ class _Assembly:
 
     def _add_row(self, joint: int, here: _Placement) -> _Placement:
         m = self._model
-        turned, slides = _onto(m.jnt_axis[joint]), m.jnt_type[joint] == _SLIDE
+        turned, slides = _onto(m.jnt_axis[joint]), m.jnt_type[joint] == SLIDE
         frame = here.at(turned, m.jnt_pos[joint])
         row = self._rows[len(self._used)]
         row[Column.SLIDES] = slides
@@ -288,7 +284,7 @@ class _Assembly:
         m = self._model
         for i in range(m.neq):
             ends = self._bodies[m.eq_obj1id[i]].row, self._bodies[m.eq_obj2id[i]].row
-            if m.eq_type[i] in (_CONNECT, _WELD) and m.eq_active0[i] and ends[0] != ends[1]:
+            if m.eq_type[i] in (CONNECT, WELD) and m.eq_active0[i] and ends[0] != ends[1]:
                 raise DescriptionError(f"constraint {m.eq(i).name or i} closes a loop, which is not supported")
 
     def description(self, grippers: Mapping[str, str]) -> Description:
@@ -304,7 +300,7 @@ class _Assembly:
         return Description(
             joints=self._chosen,
             tree=self._tree,
-            slides=np.array(m.jnt_type[order] == _SLIDE),
+            slides=np.array(m.jnt_type[order] == SLIDE),
             lower=np.where(bounded, m.jnt_range[order, 0], -math.inf),
             upper=np.where(bounded, m.jnt_range[order, 1], math.inf),
             velocity=np.array([each.get("velocity") or math.inf for each in limits]),
@@ -350,7 +346,7 @@ def joint_displacement(model: Any, joint: int, value: float) -> tuple[Array, Arr
         joint: index of the joint.
         value: its position, rad or m.
     """
-    if model.jnt_type[joint] == _SLIDE:
+    if model.jnt_type[joint] == SLIDE:
         return np.eye(3), model.jnt_axis[joint] * value
     turned, c, s = _onto(model.jnt_axis[joint]), math.cos(value), math.sin(value)
     spin = turned @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ turned.T

@@ -15,7 +15,7 @@ from pidtsm_core.robots.compiler import compile_spec, load_mujoco
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.tree.layout import steiner
 
-_ROUNDING = 0.02
+ROUNDING = 0.02
 """Share of the largest inertia by which published figures, which are rounded, may miss what a body can have."""
 _LEAST = 1e-6
 """Smallest second moment of mass, relative to the largest one, for MuJoCo's own check."""
@@ -68,7 +68,7 @@ def possible(inertia: Array, mass: float, moment: Array, what: str) -> Array:
         raise DescriptionError(f"{what}: it has a mass, but no inertia; compute its inertia from its shape")
     if lack(inertia - displaced) <= 0.0:
         return inertia
-    if lack(inertia - displaced) > _ROUNDING:
+    if lack(inertia - displaced) > ROUNDING:
         numbers = ", ".join(f"{value:.3g}" for value in principal)
         raise DescriptionError(
             f"{what}: no body has its inertia: the principal inertias are {numbers} kg m^2, and none may be negative, "

@@ -65,16 +65,16 @@ def test_the_arm_follows_its_reference_with_a_torque_that_keeps_within_the_rate(
 def test_a_push_that_brings_torque_and_rate_to_their_limits_is_over_soon(arm: Arm, name: str, strength: float) -> None:
     """Pushes of slightly different strength: where limits meet, small causes have large effects.
 
-    The torque of the last joint and the rate of the first reach their limits.
+    The torque of the last joint and the rates of all reach their limits; of many joints, the last are slow to do so.
     """
     limits, push = arm.limits.copy(), np.array([120.0, -40.0])
     if arm is not TWO_LINK:
         limits[-1] = arm.weak_limits(4.0)[-1]
         push = arm.effort(arm.start, ddq=arm.alternating(5.0)) - arm.effort(arm.start)
     pushed = {"push.effort": (strength * push).tolist(), "push.time": 5.0, "push.duration": 0.3}
-    run = roll(arm, name, 3.0 * arm.limits * arm.spread(1.0, 2.0), 10.0, limits, **pushed)
+    run = roll(arm, name, 3.0 * arm.limits * arm.spread(1.0, 2.0 if arm.joints <= 3 else 0.6), 10.0, limits, **pushed)
     assert limited(run, Limited.EFFORT)[-1] > 0
-    assert limited(run, Limited.RATE)[0] > 0
+    assert (limited(run, Limited.RATE) > 0).all()
     assert not run.status[:, Status.FAULT].any()
     assert errors(run)[run.time >= 5.0].max() > 0.01
     assert errors(run)[run.time >= 7.3].max() < 0.02

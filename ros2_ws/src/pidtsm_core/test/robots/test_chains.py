@@ -1,8 +1,9 @@
 """Which joints of a description are the arm, and which its gripper."""
 
+import mujoco
 import pytest
 
-from pidtsm_core.robots import NAMES, DescriptionError, TreeRobot, find_robot
+from pidtsm_core.robots import NAMES, DescriptionError, TreeRobot, compiler, find_robot
 from pidtsm_core.robots.description import Description, read_description
 
 
@@ -133,3 +134,11 @@ def test_an_arm_with_a_short_branch_ends_there() -> None:
     """As before: what follows has fewer joints than the arm, but is no gripper."""
     branches = link("a") + joint("a", "wrist", "a") + link("b") + joint("b", "wrist", "b")
     assert read(arm() + branches).joints == JOINTS
+
+
+def test_the_numbers_of_mujoco_are_those_of_mujoco() -> None:
+    joint, motor, constraint = mujoco.mjtJoint, mujoco.mjtTrn, mujoco.mjtEq
+    assert (joint.mjJNT_SLIDE, joint.mjJNT_HINGE) == (compiler.SLIDE, compiler.HINGE)
+    assert motor.mjTRN_JOINT == compiler.ON_JOINT
+    numbers = constraint.mjEQ_CONNECT, constraint.mjEQ_WELD, constraint.mjEQ_JOINT
+    assert numbers == (compiler.CONNECT, compiler.WELD, compiler.COUPLE)

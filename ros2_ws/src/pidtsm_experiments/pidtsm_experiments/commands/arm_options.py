@@ -19,7 +19,7 @@ from pidtsm_core.robots.definition import ArmDefinition, check_name, file_conten
 from pidtsm_core.robots.stored import arms_folder, stored_file
 from pidtsm_experiments.runs.files import writable_file, write_file
 
-_ABOUT = "say which arm; --save keeps it all under a name, which --robot takes from then on"
+_ABOUT = "choose the arm; --save stores the choice under a name for --robot"
 _HARDLY = 0.9
 """Share of its effort limit above which a joint can hardly carry the arm."""
 _OPTIONS = ("joints", "lock", "effort", "payload", "xacro", "save")
@@ -131,7 +131,7 @@ def _warn_of_weakness(arm: ArmDefinition) -> None:
     cure = ",".join(f"{robot.joints[j]}={2.0 * needed[j]:.2g}" for j in weak)
     _say(
         f"warning: to carry the arm about the middle of its range takes {shares}; move where it takes less, or if "
-        f"the drives can do more, say --effort {cure}"
+        f"the drives can do more, give --effort {cure}"
     )
 
 
@@ -150,12 +150,12 @@ def given_arm(options: argparse.Namespace) -> ArmDefinition | None:
     robots = _robots(options)
     if not robots:
         if said:
-            raise UsageError(f"--{said[0]} needs --robot, which says of which arm")
+            raise UsageError(f"--{said[0]} needs --robot")
         return None
     if len(robots) > 1:
         if said:
             raise UsageError(
-                f"--{said[0]} is of one arm, and there are {len(robots)}; store each one with --save first"
+                f"--{said[0]} is for one arm, and --robot names {len(robots)}; store each one with --save first"
             )
         return None
     arm = find_arm(robots[0])

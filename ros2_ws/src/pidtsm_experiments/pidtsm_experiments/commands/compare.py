@@ -105,7 +105,7 @@ def differences(metrics: _Metrics) -> dict[str, dict[str, list[float | None]]]:
     return {
         other: {
             key: [_minus(metrics, other, first, key, j) for j in range(len(metrics[first]["joints"]))]
-            for key in (metric.key for metric in METRICS)
+            for key, *_ in METRICS
             if key in metrics[first] and key in metrics[other]
         }
         for other in others

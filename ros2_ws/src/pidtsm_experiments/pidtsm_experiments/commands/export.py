@@ -1,6 +1,7 @@
 """``./pidtsm export``: the arrays of a run as a table for other programs."""
 
 import argparse
+import csv
 import io
 from pathlib import Path
 
@@ -34,10 +35,10 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _csv(recording: Recording) -> str:
-    """A header and one row per sample; the names of joints are quoted where they need it."""
+    """A header and one row per sample."""
     arrays = recording.arrays()
     names = ["time", *(f"{name}.{joint}" for name in arrays for joint in recording.joints)]
-    header = ",".join(f'"{name.replace(chr(34), chr(34) * 2)}"' if set(name) & set(',"\n') else name for name in names)
     text = io.StringIO()
-    np.savetxt(text, np.column_stack([recording.time, *arrays.values()]), "%.17g", ",", header=header, comments="")
+    csv.writer(text, lineterminator="\n").writerow(names)
+    np.savetxt(text, np.column_stack([recording.time, *arrays.values()]), "%.17g", ",")
     return text.getvalue()

@@ -9,7 +9,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.robots.check.result import Doubt, Mass
 from pidtsm_core.robots.check.structure import Structure
 from pidtsm_core.robots.description import Description
-from pidtsm_core.robots.inertials import Inertial, lack
+from pidtsm_core.robots.inertials import ROUNDING, Inertial, lack
 from pidtsm_core.robots.picture import reach
 from pidtsm_core.robots.tree.layout import Column, inertia_matrix, rows, steiner
 
@@ -29,8 +29,6 @@ _LEAD = 11_300.0
 densest of public arms has 10,000, the others 7,300 at most."""
 _NEGLIGIBLE = 0.01
 """Share of the inertia that moves with a link below which its own does not matter."""
-_ROUNDED = 0.02
-"""See `inertials`."""
 
 
 def find_masses(arm: Description) -> tuple[Mass, ...]:
@@ -68,7 +66,7 @@ def impossible_links(arm: Description, structure: Structure) -> Iterator[tuple[D
     for k, (name, row) in enumerate(zip(arm.links.names, arm.links.rows, strict=True)):
         inertial, given = structure.inertial(k)
         missing = lack(inertial.inertia)
-        if not given or missing <= _ROUNDED or not inertial.mass > 0.0:
+        if not given or missing <= ROUNDING or not inertial.mass > 0.0:
             continue
         numbers = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(inertial.inertia))
         text = f"no body has its inertia: the principal inertias are {numbers} kg m^2"

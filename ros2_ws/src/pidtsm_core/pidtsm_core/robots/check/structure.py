@@ -8,17 +8,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from pidtsm_core.robots.chains import HAND
 from pidtsm_core.robots.check.elements import Lines
 from pidtsm_core.robots.check.result import FIXED, LOCKED, USED, JointFacts
-from pidtsm_core.robots.compiler import load_mujoco, parse
+from pidtsm_core.robots.compiler import COUPLE, ON_JOINT, SLIDE, load_mujoco, parse
 from pidtsm_core.robots.inertials import Inertial, compile_bodies
 from pidtsm_core.robots.tree_robot import TreeRobot
-
-_SLIDE = 2  # mjtJoint
-_COUPLE = 2  # mjtEq
-_ON_JOINT = 0  # mjtTrn
-_HAND = 0.2
-"""Largest mass of a gripper, relative to that of the arm before it."""
 
 
 class Structure:
@@ -38,7 +33,7 @@ class Structure:
     def mimics(self) -> dict[str, str]:
         """By joint, the joint that it mimics."""
         m, names = self.model, self._names
-        pairs = [(m.eq_obj1id[i], m.eq_obj2id[i]) for i in range(m.neq) if m.eq_type[i] == _COUPLE]
+        pairs = [(m.eq_obj1id[i], m.eq_obj2id[i]) for i in range(m.neq) if m.eq_type[i] == COUPLE]
         return {names[one]: names[other] if other >= 0 else "a constant" for one, other in pairs}
 
     def joints(self, given: Mapping[str, object], lines: Lines) -> tuple[JointFacts, ...]:
@@ -94,7 +89,7 @@ class Structure:
         m, i = self.model, self._names.index(name)
         body, dof = int(m.jnt_bodyid[i]), int(m.jnt_dofadr[i])
         limited = bool(m.jnt_limited[i])
-        kind = "prismatic" if m.jnt_type[i] == _SLIDE else "revolute" if limited else "continuous"
+        kind = "prismatic" if m.jnt_type[i] == SLIDE else "revolute" if limited else "continuous"
         lower, upper = m.jnt_range[i].tolist() if limited else (-math.inf, math.inf)
         return JointFacts(
             name=name,
@@ -125,7 +120,7 @@ class Structure:
             return f"gripper: {sign}"
         m = self.model
         body = int(m.jnt_bodyid[self._names.index(name)])
-        driven = {int(joint) for joint in m.actuator_trnid[m.actuator_trntype == _ON_JOINT, 0]}
+        driven = {int(joint) for joint in m.actuator_trnid[m.actuator_trntype == ON_JOINT, 0]}
         if driven and not any(self._names.index(each) in driven for each in self._at_or_below(body)):
             return "no motor moves it"
         if body in self._path:
@@ -135,7 +130,7 @@ class Structure:
         if branch in self._behind_last():
             behind = float(m.body_subtreemass[branch] - m.body_mass[branch])
             arm = float(m.body_subtreemass[self._of_used[0]]) - behind
-            return f"gripper, behind {where}" if behind <= _HAND * arm else f"behind {where}, where the chain branches"
+            return f"gripper, behind {where}" if behind <= HAND * arm else f"behind {where}, where the chain branches"
         return f"on another branch, from {where}"
 
     def _at_or_below(self, body: int) -> list[str]:
