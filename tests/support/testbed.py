@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import rclpy
 from lifecycle_msgs.srv import GetState
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -26,7 +26,7 @@ DEADLINE = 60.0
 ASK_AGAIN = 3.0
 """s without an answer."""
 
-REPEATABLE = (GetState, SetParametersAtomically)
+REPEATABLE = (GetParameters, GetState, SetParametersAtomically)
 """Services that do the same when they are called twice."""
 
 

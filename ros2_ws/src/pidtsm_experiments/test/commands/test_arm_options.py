@@ -257,4 +257,4 @@ def test_an_arm_that_cannot_be_stored_is_one_line(call: Call) -> None:
 def test_options_of_one_arm_do_not_fit_several(call: Call) -> None:
     code, _, err = call("tournament", "--robot", "scara", "--robot", "panda", "--payload", "1")
     assert code == 2
-    assert "--payload is of one arm, and there are 2; store each one with --save first" in err
+    assert "--payload is for one arm, and --robot names 2; store each one with --save first" in err
