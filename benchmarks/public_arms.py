@@ -2,8 +2,8 @@
 
 ./pidtsm shell -c "python benchmarks/public_arms.py --out results/public_arms"
 
-Of each arm: what `check` says, `gains`, a rollout with 14-bit encoders and 1 ms of delay, `excite`, and `identify` on
-that motion. What a message proposes (``--joints``, ``--effort``, ``robot.armature``) is followed literally. A run that
+Of each arm: what `check` says, `gains`, a rollout with 14-bit encoders and 1 ms of delay, `excite`, `identify` on that
+motion, and the planning of `move` to random targets, rounded as a person types them. What a message proposes (``--joints``, ``--effort``, ``robot.armature``) is followed literally. A run that
 is interrupted is resumed by the same command.
 """
 
@@ -18,6 +18,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from pidtsm_core.robots.definition import ArmDefinition
+from pidtsm_core.trajectories.errors import TrajectoryError
+from pidtsm_core.trajectories.limits import motion_limits
+from pidtsm_core.trajectories.timing import retime
 from pidtsm_experiments.cli import main
 
 PACKAGES = ("example-robot-data==6.0.0", "robosuite==1.5.2", "gymnasium==1.4.0")
@@ -58,7 +63,9 @@ SENSORS = ("--set", "simulator.encoder.bits=14", "--set", "simulator.delay.sampl
 _ARMATURE = "0.05"
 """kg m^2, where a message asks for rotors."""
 _CURES = 3
-_SHOWN = ("rollout", "check", "gains", "excite", "identify")
+_SHOWN = ("rollout", "check", "gains", "excite", "identify", "targets", "refused")
+_TARGETS = 400
+"""Random targets for each arm, more than 10,000 in all."""
 
 
 def fetch(folder: Path) -> None:
@@ -124,7 +131,35 @@ def tried(file: Path, folder: Path) -> dict[str, Any]:
             ["identify", str(bag / "bag"), *robot, *arm, "--out", str(folder / "identified"), "--json"]
         )
         row |= {"identify": code, "warnings": json.loads(output)["warnings"] if output else errors.strip()}
+    if "error" in row:
+        row |= planned(file, arm)
     return {**row, "seconds": round(time.perf_counter() - began, 1)}
+
+
+def planned(file: Path, options: Sequence[str]) -> dict[str, Any]:
+    """Plan motions between random postures; an exception other than a refusal ends the benchmark."""
+    words = dict(zip(options[::2], options[1::2], strict=True))
+    efforts = tuple(float(each) for each in words.get("--effort", "").split(",") if each and "=" not in each)
+    named = dict(pair.split("=") for pair in words.get("--effort", "").split(",") if "=" in pair)
+    joints = tuple(words["--joints"].split(",")) if "--joints" in words else ()
+    effort = efforts or {name: float(value) for name, value in named.items()}
+    limits = motion_limits(ArmDefinition(str(file), joints, effort=effort).settings())
+    low, high = (np.clip(each, -np.pi, np.pi) for each in (limits.lower, limits.upper))
+    random, refused, times = np.random.default_rng(0), list[str](), list[float]()
+    for _ in range(_TARGETS):
+        ends = np.clip(np.round(random.uniform(low, high, (2, low.size)), 2), low, high)
+        began = time.perf_counter()
+        try:
+            retime(ends, limits)
+        except TrajectoryError as error:
+            refused.append(str(error))
+        times.append(time.perf_counter() - began)
+    return {
+        "targets": _TARGETS,
+        "refused": len(refused),
+        "refusals": refused[:3],
+        "planning_ms": [round(1e3 * float(np.quantile(times[1:], share)), 2) for share in (0.5, 0.99, 1.0)],
+    }
 
 
 def _pair(words: Sequence[str], option: str) -> Sequence[str]:
@@ -147,9 +182,7 @@ def try_all() -> None:
             results.write_text(json.dumps(rows, indent=1), encoding="utf-8")
         row = rows[name]
         error = f"{1e3 * row['error']:.2f} mrad or mm" if "error" in row else "-"
-        codes = " ".join(
-            f"{key} {row[key]}" for key in ("rollout", "check", "gains", "excite", "identify") if key in row
-        )
+        codes = " ".join(f"{key} {row[key]}" for key in _SHOWN if key in row)
         print(f"{Path(name).parent.name}/{Path(name).name}: {codes}; {error}; {row.get('doubts')}", flush=True)
 
 

@@ -21,7 +21,7 @@ from pidtsm_core.experiment.node_settings import resolve_nodes
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import ParameterError, Schema, Value, as_float
 from pidtsm_core.parameters.files import NODES, Settings, flatten, load_mapping, load_ros_parameters, read_yaml
-from pidtsm_core.robots import DESCRIPTION, OF_ARM, ROBOTS, TreeRobot, find_robot
+from pidtsm_core.robots import DESCRIPTION, NAMES, OF_ARM, ROBOTS, TreeRobot, find_robot
 from pidtsm_core.robots.definition import ArmDefinition, GripperLockedWarning, find_arm, joints_sentence
 from pidtsm_core.simulation.plant import RATE
 from pidtsm_core.timing import LONGEST_RUN
@@ -157,7 +157,7 @@ def make_experiment(
         merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
     named = [params] if isinstance(params, str) else params
     asked = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
-    for name in named or _usual(arm, asked, base, chosen):
+    for name in named or _usual(_overridden(settings, chosen), asked, base, chosen):
         before = asked or settings["controller"].get(LAW_NAME.name)
         merge(*_parameter_set(name, before if before in LAWS.names else None, _overridden(settings, chosen)))
     if law is not None:
@@ -187,14 +187,21 @@ def _parameter_set(name: str, law: str | None, settings: Settings) -> tuple[Sett
 
 
 def _usual(
-    arm: ArmDefinition | None, law: str | None, base: Experiment, overrides: Iterable[tuple[str, str, Any]]
+    settings: Settings, law: str | None, base: Experiment, overrides: Iterable[tuple[str, str, Any]]
 ) -> list[str]:
-    """Parameter sets if none is named: `PRACTICAL` for an arm from a file; the article's are those of another arm."""
+    """Parameter sets if none is named: `PRACTICAL` for an arm from a file; the article's are those of another arm.
+
+    Args:
+        settings: of the experiment; the arm matters.
+        law: name of the law, if it is given beside the scenario.
+        base: the scenario.
+        overrides: node, name and value of each.
+    """
     given = base.settings.get("controller", {})
     choices = {name for node, name, _ in overrides if node == "controller"} & _CHOICES
     chosen = choices or any(name.startswith(("law.", "estimator.")) and name != "law.name" for name in given)
     name = law or given.get("law.name", LAW_NAME.default)
-    return [PRACTICAL] if arm is not None and arm.is_file and not chosen and name in RULED else []
+    return [PRACTICAL] if _robot(settings) not in NAMES and not chosen and name in RULED else []
 
 
 def _overrides(given: Sequence[str] | Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, str, Any]]:

@@ -18,6 +18,9 @@ from pidtsm_core.identification.regressor import LINK, regressor
 _ORDER = 3
 """Of the autoregressive model of the noise of each joint. With more, the model follows what the estimates absorb, too,
 and intervals become too narrow; with fewer, it misses the low-pass."""
+_MEMORY = 0.9
+"""Largest share of the noise that is left after one sample. What lasts longer is no noise but what the model lacks; as
+noise, it would excuse errors of gravity and friction, which last as long, and the estimates would drift away."""
 _ROUNDS = 3
 """Repetitions with better known noise and delay; the estimates change by less than a hundredth of their intervals."""
 _WEAK = 10.0
@@ -230,9 +233,15 @@ def _noise(errors: Sequence[Array], pieces: Sequence[Piece]) -> tuple[Array, Arr
         now = np.concatenate([values[_ORDER:][u[:, j]] for values, u in zip(columns, used, strict=True)])
         if len(now) <= _ORDER:
             continue
-        colours[j] = np.linalg.lstsq(past.reshape(-1, _ORDER), now.ravel(), rcond=None)[0]
+        colours[j] = _bounded(np.linalg.lstsq(past.reshape(-1, _ORDER), now.ravel(), rcond=None)[0])
         scales[j] = np.sqrt(np.sum((now - past @ colours[j]) ** 2) / (len(now) - _ORDER))
     return colours, np.maximum(scales, 1e-12)
+
+
+def _bounded(colour: Array) -> Array:
+    """Autoregressive coefficients whose poles have moved into the circle with radius `_MEMORY`, shape (order,)."""
+    largest = np.abs(np.roots([1.0, *(-colour)])).max(initial=0.0)
+    return colour * min(1.0, _MEMORY / max(largest, _MEMORY)) ** np.arange(1, _ORDER + 1)
 
 
 def _lagged(values: Array) -> Array:

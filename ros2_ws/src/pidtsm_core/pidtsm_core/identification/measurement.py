@@ -46,6 +46,8 @@ class Measurement:
         effort: N m or N, likewise.
         limit: efforts that are as large are not used, because a drive that saturates may report another effort than it
             delivers, shape (joints,), N m or N; infinite: there is none.
+        slowest: samples that are slower are not used, because friction does not follow from the velocity, see
+            `reversals`, shape (joints,), rad/s or m/s.
     """
 
     joints: tuple[str, ...]
@@ -53,6 +55,7 @@ class Measurement:
     position: Array
     effort: Array
     limit: Array
+    slowest: Array | float = FAST
 
     @property
     def period(self) -> float:
@@ -67,7 +70,9 @@ class Measurement:
     def of(self, joints: Sequence[str]) -> "Measurement":
         """The same with these joints in this order; each must be one of its own."""
         order = [self.joints.index(joint) for joint in joints]
-        return Measurement(tuple(joints), self.time, self.position[:, order], self.effort[:, order], self.limit[order])
+        slowest = self.slowest if isinstance(self.slowest, float) else self.slowest[order]
+        columns = {"position": self.position[:, order], "effort": self.effort[:, order], "limit": self.limit[order]}
+        return replace(self, joints=tuple(joints), slowest=slowest, **columns)
 
     def between(self, begin: float, end: float) -> "Measurement":
         """The part between two shares of its duration, from 0 to 1."""
@@ -171,18 +176,18 @@ def filtered(measurement: Measurement, cutoff: float, delay: float = 0.0) -> lis
         delay: time by which the stamps of efforts are later than the motion they cause, s.
     """
     pieces = [
-        _filtered(even, position, _onto(even + delay, even, effort), measurement.limit, cutoff)
+        _filtered(even, position, _onto(even + delay, even, effort), measurement, cutoff)
         for even, position, effort in measurement.pieces()
     ]
     return [piece for piece in pieces if piece.time.size]
 
 
-def _filtered(time: Array, position: Array, effort: Array, limit: Array, cutoff: float) -> Piece:
-    """One piece on an even grid."""
+def _filtered(time: Array, position: Array, effort: Array, of: Measurement, cutoff: float) -> Piece:
+    """One piece, on an even grid, of a measurement."""
     period = float(time[1] - time[0])
     motion, slow = (_low_passed(position, effort, period, each) for each in (cutoff, SLOW * cutoff))
     memory = 2 * round(_MEMORY / (cutoff * period)) + 1
-    usable = (np.abs(motion.velocity) > FAST) & (np.abs(effort) < limit)
+    usable = (np.abs(motion.velocity) > of.slowest) & (np.abs(effort) < of.limit)
     margin = max(2, round(SETTLING / (SLOW * cutoff * period)))
     used = slice(margin, max(margin, len(time) - margin), max(1, round(1.0 / (_OVERSAMPLING * cutoff * period))))
     return Piece(time[used], motion.at(used), slow.at(used), minimum_filter1d(usable, memory, axis=0)[used])

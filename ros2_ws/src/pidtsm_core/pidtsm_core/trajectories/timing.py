@@ -1,6 +1,7 @@
 """Fast motions through way points that have no times."""
 
 import math
+from bisect import bisect_left
 from dataclasses import replace
 
 import numpy as np
@@ -58,15 +59,26 @@ def retime(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     moves = np.abs(np.diff(waypoints, axis=0)).max(axis=1) > _SAME
     waypoints = waypoints[np.concatenate([[True], moves])]
     motion = _on_a_line(waypoints, limits) if len(waypoints) <= 2 else _on_a_spline(waypoints, limits)
+    motion = _slowed_down(motion, limits)
+    check(motion, limits)
+    return motion
+
+
+def _slowed_down(motion: PiecewiseMotion, limits: MotionLimits) -> PiecewiseMotion:
+    """The motion, slowed down until the efforts suffice, or as far as is tried."""
     slowest = motion.stretched(_STEP**_SLOWEST)
     # Where gravity alone needs more, no slower motion would help.
     spares = excessive_effort(slowest, _spare(slowest, limits)) is None
-    for _ in range(_SLOWEST):
-        if excessive_effort(motion, _spare(motion, limits) if spares else limits) is None:
-            break
-        motion = motion.stretched(_STEP)
-    check(motion, limits)
-    return motion
+
+    def suffices(steps: int) -> bool:
+        slower = motion.stretched(_STEP**steps)
+        return excessive_effort(slower, _spare(slower, limits) if spares else limits) is None
+
+    if suffices(0):
+        return motion
+    # The slower, the nearer the efforts are to those of gravity: a motion that suffices still does when it is slower.
+    steps = bisect_left(range(_SLOWEST), True, lo=1, key=suffices)
+    return motion.stretched(_STEP**steps)
 
 
 def _spare(motion: PiecewiseMotion, limits: MotionLimits) -> MotionLimits:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from support.testarms import CRANE
@@ -120,6 +121,18 @@ def test_an_arm_from_a_file_has_them_without_asking(file: str, law: str) -> None
     assert without.settings == with_them.settings == by_parameter.settings
     one = make_experiment(None, law, overrides={"controller": {"law.anti_windup": "none"}}, robot=file)
     assert one.settings["controller"] == {**without.settings["controller"], "law.anti_windup": "none"}
+
+
+@pytest.mark.parametrize("where", ["scenario", "overrides"])
+def test_it_has_them_however_it_is_named(tmp_path: Path, file: str, where: str) -> None:
+    nodes = {node: {"robot.description": file} for node in ("simulator", "controller")}
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text(yaml.safe_dump({"description": "an arm", "duration": 1.0, **nodes}))
+    found = make_experiment(str(scenario)) if where == "scenario" else make_experiment(None, overrides=nodes)
+    expected = make_experiment(None, params=PRACTICAL, robot=file).settings["controller"]
+    assert {**found.settings["controller"], "joints": None} == {**expected, "joints": None}
+    of_the_article = make_experiment(str(scenario), params="article").settings["controller"]
+    assert "estimator.bandwidth" not in of_the_article
 
 
 def test_other_gains_are_those_that_are_asked_for(file: str) -> None:
