@@ -3,8 +3,9 @@
 ./pidtsm shell -c "python benchmarks/public_arms.py --out results/public_arms"
 
 Of each arm: what `check` says, `gains`, a rollout with 14-bit encoders and 1 ms of delay, `excite`, `identify` on that
-motion, and the planning of `move` to random targets, rounded as a person types them. What a message proposes (``--joints``, ``--effort``, ``robot.armature``) is followed literally. A run that
-is interrupted is resumed by the same command.
+motion, and the planning of `move` to random targets, rounded as a person types them. What a message proposes
+(``--joints``, ``--effort``, ``robot.armature``) is followed literally. A run that is interrupted is resumed by the same
+command.
 """
 
 import argparse
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import motion_limits

@@ -1,5 +1,6 @@
 """Physically consistent parameters: those of real bodies, nearest to the description, that explain the data."""
 
+import math
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -22,6 +23,10 @@ _LIGHTEST = 1e-3
 """kg; smallest mass of a body whose pseudo-inertia is estimated."""
 _STUCK = 0.5
 """Cost for each variable from which on another method tries: more than one standard deviation."""
+_TRIES = 200
+"""Steps of a solver at most."""
+_STEP = 10.0
+"""Factor by which data that are nearly exact count more from one try to the next."""
 _UPPER = np.triu_indices(4)
 _CENTER = np.flatnonzero((_UPPER[1] == 3) & (_UPPER[0] < 3))
 """Elements of theta that move the centre of mass."""
@@ -47,12 +52,14 @@ def described_factor(link: Array) -> Array:
     """The upper triangle F with pseudo-inertia J = F F' of a described body, as round as `_ROUNDNESS`, shape (4, 4)."""
     mass = max(float(link[0]), _LIGHTEST)
     pseudo = pseudo_inertia(link)
-    pseudo[3, 3] = mass
-    pseudo[:3, :3] += mass * _ROUNDNESS**2 * np.eye(3)
-    values, vectors = np.linalg.eigh(pseudo)
+    center = pseudo[:3, 3] / mass
     # An impossible description becomes the possible one next to it.
-    possible = (vectors * np.maximum(values, mass * 1e-6)) @ vectors.T
-    return np.ascontiguousarray(np.linalg.cholesky(possible[::-1, ::-1])[::-1, ::-1])
+    values, vectors = np.linalg.eigh(pseudo[:3, :3] - mass * np.outer(center, center))
+    spread = (vectors * np.maximum(values, mass * _ROUNDNESS**2)) @ vectors.T
+    factor = np.zeros((4, 4))
+    factor[:3, :3] = np.linalg.cholesky(spread[::-1, ::-1])[::-1, ::-1]
+    factor[:, 3] = np.sqrt(mass) * np.array([*center, 1.0])
+    return factor
 
 
 def body(factor: Array, theta: Array) -> tuple[Array, Array]:
@@ -130,14 +137,14 @@ class _Problem:
         slopes[of_joints, of_joints] = self._prior.deviation
         return values, slopes
 
-    def residuals(self, variables: Array) -> Array:
-        """In standard deviations: of the data, then of the description."""
-        data = self._mapping @ self.parameters(variables)[0] - self._target
+    def residuals(self, variables: Array, weight: float = 1.0) -> Array:
+        """In standard deviations: of the data, times the weight that they have, then of the description."""
+        data = weight * (self._mapping @ self.parameters(variables)[0] - self._target)
         return np.concatenate([data, self._certainty @ (variables - self._described)])
 
-    def slopes(self, variables: Array) -> Array:
+    def slopes(self, variables: Array, weight: float = 1.0) -> Array:
         """Derivatives of `residuals`."""
-        return np.vstack([self._mapping @ self.parameters(variables)[1], self._certainty])
+        return np.vstack([weight * (self._mapping @ self.parameters(variables)[1]), self._certainty])
 
 
 def consistent_parameters(
@@ -168,26 +175,40 @@ def _nearest(problem: _Problem) -> OptimizeResult:
     """The solution of the problem.
 
     Dogbox takes a fifth of the steps of SciPy's default method, and needs no singular values, which were once not found
-    near bounds. But it may end at a bound that it should leave, far from data and description; then the other method
-    has its try. The prior gives the slopes full rank, as both require.
+    near bounds. But it may end at a bound that it should leave, or in a narrow valley if the data are nearly exact,
+    both far from data and description. Then the data count more and more from one try to the next; and if that ends far
+    away, too, the other method has its try. The prior gives the slopes full rank, as both methods require.
     """
-
-    def solved(method: str) -> OptimizeResult:
-        return least_squares(
-            problem.residuals,
-            problem.start,
-            jac=problem.slopes,
-            bounds=problem.bounds,
-            method=method,
-            x_scale="jac",
-            max_nfev=200,
-        )
-
-    found = solved("dogbox")
-    if found.cost > _STUCK * found.x.size:
-        with suppress(np.linalg.LinAlgError):
-            found = min(found, solved("trf"), key=lambda each: float(each.cost))
+    found = _solved(problem, problem.start)
+    for another in (_approached, lambda each: _solved(each, each.start, "trf")):
+        if found.cost > _STUCK * found.x.size:
+            with suppress(np.linalg.LinAlgError):
+                found = min(found, another(problem), key=lambda each: float(each.cost))
     return found
+
+
+def _approached(problem: _Problem) -> OptimizeResult:
+    """The solution, from those of problems in which the data count less."""
+    start = problem.start
+    far = max(1.0, float(np.linalg.norm(problem.residuals(start))) / math.sqrt(start.size))
+    for weight in np.geomspace(1.0 / far, 1.0, 2 + round(math.log(far, _STEP))):
+        found = _solved(problem, start, weight=float(weight))
+        start = found.x
+    return found
+
+
+def _solved(problem: _Problem, start: Array, method: str = "dogbox", weight: float = 1.0) -> OptimizeResult:
+    """The solution from a start with data that count as much as `_Problem.residuals` says."""
+    return least_squares(
+        problem.residuals,
+        start,
+        jac=problem.slopes,
+        bounds=problem.bounds,
+        method=method,
+        x_scale="jac",
+        max_nfev=_TRIES,
+        kwargs={"weight": weight},
+    )
 
 
 def expectation(prior: Prior, base: BaseParameters) -> Expectation:

@@ -33,7 +33,7 @@ _UNEXPLAINED = 0.3
 """Share of a torque's root mean square that a model of the right arm does not leave unexplained."""
 _IMPOSSIBLE = 2.0
 """Ratio of the errors of possible bodies and of any numbers, above which no bodies explain the torques."""
-_EXPLAINED = 0.01
+_EXPLAINED = 0.05
 """Share of a torque that nobody misses; a model that leaves less is not refused, however well other numbers do."""
 _FAR = 1.5
 """Distance of parameters from data and description, see `consistent_parameters`, above which something is strange. It
@@ -290,8 +290,8 @@ def _warnings(
         warnings.append(
             f"the motion is a poor one (condition number {found.condition:.0f}); ./pidtsm excite makes a better one"
         )
-    before = check.error(check.before) / size
-    worse = [joint for joint, is_worse in zip(arm.joints, (after > before) & moving, strict=True) if is_worse]
+    is_worse = (after > check.error(check.before) / size) & (after > _EXPLAINED) & moving
+    worse = [joint for joint, is_one in zip(arm.joints, is_worse, strict=True) if is_one]
     if worse:
         warnings.append(f"on data kept apart, the description predicts the torque of {', '.join(worse)} better")
     return warnings

@@ -23,6 +23,8 @@ _MEMORY = 0.9
 noise, it would excuse errors of gravity and friction, which last as long, and the estimates would drift away."""
 _ROUNDS = 3
 """Repetitions with better known noise and delay; the estimates change by less than a hundredth of their intervals."""
+_EXACT = 1e-4
+"""Least noise, as a share of the effort: no sensor is better, and what the filter does to exact data is larger."""
 _WEAK = 10.0
 """How much more uncertain than assumed the description is taken to be, so that it does not compete with data."""
 _LONGEST_DELAY = 0.1
@@ -114,6 +116,7 @@ def fit(
     matrices = [[matrix[..., base.columns] for matrix in both] for both in full]
     explained = [fast @ known if known is not None else 0.0 for fast, _ in full]
     colours, scales, delay, count = np.zeros((joints, _ORDER)), np.ones(joints), 0.0, base.columns.size + 1
+    least = _EXACT * _size([piece.motion.effort for piece in pieces], pieces)
     for done in range(1 + _ROUNDS):
         tables = [_table(*each) for each in zip(pieces, matrices, explained, strict=True)]
         rows, instruments, targets = np.split(_whitened(tables, pieces, colours, scales), [count, 2 * count], axis=1)
@@ -128,6 +131,7 @@ def fit(
                 for residual, table in zip(residuals, tables, strict=True)
             ]
             colours, scales = _noise(errors, pieces)
+            scales = np.maximum(scales, least)
             pieces = [piece for each in measurements for piece in filtered(each, cutoff, delay)]
     inverse = solve_triangular(triangle, np.eye(count))
     # Of the base parameters alone: with the delay, which is the last one, as the first column, the other rows of the

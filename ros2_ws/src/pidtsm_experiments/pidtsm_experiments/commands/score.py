@@ -22,7 +22,7 @@ from pidtsm_studies.score.measure import Contender, measure
 from pidtsm_studies.score.page import write_score_page
 from pidtsm_studies.score.results import FILE, Entry, as_json
 from pidtsm_studies.score.tasks import Task, find_task
-from pidtsm_studies.score.wording import COLUMNS, cells, share_text
+from pidtsm_studies.score.wording import COLUMNS, cells, failure_text, share_text
 
 SCORES = Path("results", "score")
 """Default folder of all scores."""
@@ -89,12 +89,12 @@ def made_of(task: Task, contender: Contender) -> MadeOf:
 
 def _tables(entry: Entry) -> tuple[Table, Table]:
     shares = Table(title=f"successful runs, {entry.runs} in all", title_style="bold", box=box.SIMPLE_HEAD)
-    for column in ("criterion", "share", "interval"):
+    for column in ("criterion", "share", "interval", "fails first"):
         shares.add_column(column)
     for each in entry.outcomes:
         low, high = each.interval
         interval = f"{100.0 * low:.0f} to {100.0 * high:.0f} %" if each.criterion.random else ""
-        shares.add_row(each.criterion.label, share_text(each), interval)
+        shares.add_row(each.criterion.label, share_text(each), interval, failure_text(each))
     summary = Table(title=f"on {entry.task.robot}", title_style="bold", box=box.SIMPLE_HEAD, show_header=False)
     for row in zip(COLUMNS, cells(entry), strict=True):
         summary.add_row(*row)

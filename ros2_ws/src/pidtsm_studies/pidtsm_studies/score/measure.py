@@ -1,6 +1,6 @@
 """Scores a controller: many rollouts, each with one imperfection, and the share of them that succeed."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -9,15 +9,18 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import Experiment
+from pidtsm_core.parameters import names
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metrics import JointMetrics
 from pidtsm_core.rollouts.batches import BatchResult, batch
 from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_studies.score.criteria import CRITERIA, FULL, HARDWARE, ROUGHNESS, Criterion, Extent, Range
-from pidtsm_studies.score.results import Curve, Entry, Outcome
+from pidtsm_studies.score.results import Curve, Entry, Failure, Outcome
 from pidtsm_studies.score.tasks import Task, effort_limits
 
 _NOMINAL: dict[str, dict[str, Any]] = {"ideal": {}, "hardware": dict(HARDWARE)}
+_WhyFailed = tuple[str, str] | None
+"""Joint and reason of `Failure`; None: the run succeeded."""
 _NUMBERS = ("rmse", "eci", "torque_variation")
 
 
@@ -53,7 +56,8 @@ def measure(
         UsageError: the controller or the arm is refused; see `Task.experiment`.
     """
     nominal = task.experiment(contender.law, contender.params, contender.overrides)
-    limits = effort_limits(nominal.resolved(SCHEMAS)["simulator"])
+    resolved = nominal.resolved(SCHEMAS)["simulator"]
+    limits = effort_limits(resolved)
     for each in (each for criterion in CRITERIA for each in criterion.ranges):
         _with(nominal, each.settings(each.last, 0, task, limits)).resolved(SCHEMAS)  # Refused: no failed run.
     planned = [*_plan(task, limits, extent)]
@@ -61,10 +65,10 @@ def measure(
     settings += [{"scenario": _with(nominal, changes)} for changes in _NOMINAL.values()]
     report = partial(_report, progress, len(settings)) if progress else None
     result = batch(settings, task.duration, progress=report, measure=partial(judge, after=task.after, limits=limits))
-    succeeded = _succeeded(result, task, len(settings))
-    runs: dict[tuple[str, str], list[bool]] = {}
-    for (key, _), success in zip(planned, succeeded, strict=False):
-        runs.setdefault(key, []).append(bool(success))
+    failures = _failures(result, task, names(resolved["joints"]), len(settings))
+    runs: dict[tuple[str, str], list[_WhyFailed]] = {}
+    for (key, _), failed in zip(planned, failures, strict=False):
+        runs.setdefault(key, []).append(failed)
     return Entry(
         task=task,
         law=nominal.law,
@@ -74,7 +78,7 @@ def measure(
         extent=extent,
         outcomes=tuple(_outcome(criterion, runs, extent) for criterion in CRITERIA),
         nominal={name: _numbers(result, len(planned) + i) for i, name in enumerate(_NOMINAL)},
-        succeeds={name: bool(succeeded[len(planned) + i]) for i, name in enumerate(_NOMINAL)},
+        succeeds={name: failures[len(planned) + i] is None for i, name in enumerate(_NOMINAL)},
         diverged=len(result.failed),
         runs=len(settings),
         controller=dict(nominal.settings["controller"]),
@@ -115,23 +119,34 @@ def _report(progress: Callable[[int, int], None], total: int, done: int) -> None
     progress(done, total)
 
 
-def _succeeded(result: BatchResult, task: Task, runs: int) -> Sequence[bool]:
-    """Whether each run succeeded; one that diverged has not."""
+def _failures(result: BatchResult, task: Task, joints: Sequence[str], runs: int) -> list[_WhyFailed]:
+    """Why each run failed, by the joint that was the furthest beyond its bound; None: it has not."""
     if not result.metrics:
-        return [False] * runs
-    small = np.nan_to_num(result.metrics["late_error"], nan=np.inf) < task.error
-    smooth = np.nan_to_num(result.metrics["roughness"], nan=np.inf) <= ROUGHNESS
-    return [bool(row.all()) for row in small & smooth]
+        return [("", "diverged")] * runs
+    beyond = {"error": result.metrics["late_error"] / task.error, "roughness": result.metrics["roughness"] / ROUGHNESS}
+    return [_why(run in result.failed, joints, {why: each[run] for why, each in beyond.items()}) for run in range(runs)]
 
 
-def _outcome(criterion: Criterion, runs: dict[tuple[str, str], list[bool]], extent: Extent) -> Outcome:
+def _why(diverged: bool, joints: Sequence[str], beyond: Mapping[str, Array]) -> _WhyFailed:
+    """Why a run failed whose values, relative to their bounds, are these, each of shape (joints,)."""
+    if diverged or not all(np.isfinite(each).all() for each in beyond.values()):
+        return "", "diverged"
+    reason = max(beyond, key=lambda why: float(beyond[why].max()))
+    failed = (beyond["error"] >= 1.0).any() or (beyond["roughness"] > 1.0).any()
+    return (joints[int(beyond[reason].argmax())], reason) if failed else None
+
+
+def _outcome(criterion: Criterion, runs: Mapping[tuple[str, str], list[_WhyFailed]], extent: Extent) -> Outcome:
     return Outcome(criterion, tuple(_curve(criterion, each, runs, extent) for each in criterion.ranges))
 
 
-def _curve(criterion: Criterion, each: Range, runs: dict[tuple[str, str], list[bool]], extent: Extent) -> Curve:
-    repeats = _repeats(criterion, extent)
-    table = np.reshape(runs[criterion.name, each.label], (-1, repeats))
-    return Curve(each, tuple(each.values(extent)), tuple(int(n) for n in table.sum(axis=1)), repeats)
+def _curve(
+    criterion: Criterion, each: Range, runs: Mapping[tuple[str, str], list[_WhyFailed]], extent: Extent
+) -> Curve:
+    repeats, why, values = _repeats(criterion, extent), runs[criterion.name, each.label], each.values(extent)
+    successes = [why[i : i + repeats].count(None) for i in range(0, len(why), repeats)]
+    failure = next((Failure(values[i // repeats], *failed) for i, failed in enumerate(why) if failed), None)
+    return Curve(each, tuple(values), tuple(successes), repeats, failure)
 
 
 def _numbers(result: BatchResult, run: int) -> dict[str, list[float]] | None:

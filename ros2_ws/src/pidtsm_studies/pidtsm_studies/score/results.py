@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from scipy.stats import binomtest
 
@@ -18,6 +18,20 @@ CONFIDENCE = 0.95
 FILE = "score.json"
 
 
+class Failure(NamedTuple):
+    """The first run that failed on the way from the first value of a range to the last.
+
+    Attributes:
+        value: of the range.
+        joint: name of the joint that was the furthest beyond its bound; empty: the run diverged.
+        reason: ``error``, ``roughness`` or ``diverged``.
+    """
+
+    value: float
+    joint: str
+    reason: str
+
+
 @dataclass(frozen=True)
 class Curve:
     """Successes over a range.
@@ -27,12 +41,14 @@ class Curve:
         values: shape (values,).
         successes: number of successful runs per value, shape (values,).
         runs: number of runs per value.
+        failure: the first one; None: no run failed, or the file of the score does not say.
     """
 
     range: Range
     values: tuple[float, ...]
     successes: tuple[int, ...]
     runs: int
+    failure: Failure | None = None
 
     @property
     def share(self) -> float:
@@ -137,7 +153,11 @@ def as_json(entry: Entry) -> dict[str, Any]:
                 "interval": list(each.interval),
                 "runs_per_value": each.curves[0].runs,
                 "ranges": {
-                    curve.range.label: {"values": list(curve.values), "successes": list(curve.successes)}
+                    curve.range.label: {
+                        "values": list(curve.values),
+                        "successes": list(curve.successes),
+                        "first_failure": None if curve.failure is None else curve.failure._asdict(),
+                    }
                     for curve in each.curves
                 },
             }
@@ -180,8 +200,13 @@ def read_entry(file: Path) -> Entry:
 
 
 def _outcome(criterion: Criterion, content: Mapping[str, Any]) -> Outcome:
-    ranges = ((each, content["ranges"][each.label]) for each in criterion.ranges)
-    return Outcome(
-        criterion,
-        tuple(Curve(r, tuple(c["values"]), tuple(c["successes"]), content["runs_per_value"]) for r, c in ranges),
+    return Outcome(criterion, tuple(_curve(each, content) for each in criterion.ranges))
+
+
+def _curve(each: Range, content: Mapping[str, Any]) -> Curve:
+    of_range, runs = content["ranges"][each.label], content["runs_per_value"]
+    # Older files do not say what failed.
+    failure = of_range.get("first_failure")
+    return Curve(
+        each, tuple(of_range["values"]), tuple(of_range["successes"]), runs, Failure(**failure) if failure else None
     )

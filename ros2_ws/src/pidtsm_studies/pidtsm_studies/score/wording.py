@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pidtsm_studies.limit.known import above_limit
 from pidtsm_studies.reports.labels import label
-from pidtsm_studies.score.results import Entry, Outcome
+from pidtsm_studies.score.results import Curve, Entry, Outcome
 
 COLUMNS = (
     "controller",
@@ -39,6 +39,18 @@ def score_text(entry: Entry) -> str:
 def share_text(outcome: Outcome) -> str:
     """Share of a criterion, in per cent."""
     return f"{100.0 * outcome.share:.0f} %"
+
+
+def failure_text(outcome: Outcome) -> str:
+    """Where a criterion fails first, of which joint and why; empty: nowhere."""
+    return "; ".join(_failure_text(curve) for curve in outcome.curves if curve.failure is not None)
+
+
+def _failure_text(curve: Curve) -> str:
+    assert curve.failure is not None
+    value, joint, reason = curve.failure
+    said = {"error": f"error of {joint}", "roughness": f"rough effort of {joint}"}.get(reason, reason)
+    return f"{said} at {value:g} {curve.range.unit}".rstrip()
 
 
 def cells(entry: Entry) -> list[str]:

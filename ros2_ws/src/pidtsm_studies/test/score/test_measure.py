@@ -24,7 +24,24 @@ def test_a_curve_counts_the_rollouts_that_succeed(entry: Entry, task: Task, cont
         (curve,) = entry.outcomes[names.index(name)].curves
         expected = [succeeds(task, contender, curve, value) for value in curve.values]
         assert list(curve.successes) == expected
+        failed = [value for value, success in zip(curve.values, expected, strict=True) if not success]
+        assert (curve.failure and curve.failure.value) == (failed[0] if failed else None)
     assert entry.runs == 38
+
+
+def test_the_first_failure_names_the_joint_that_is_furthest_beyond_its_bound(
+    entry: Entry, task: Task, contender: Contender
+) -> None:
+    nominal = task.experiment(None, contender.params, contender.overrides)
+    found = [(c, c.failure) for each in entry.outcomes if not each.criterion.random for c in each.curves if c.failure]
+    assert found
+    for curve, failure in found:
+        run = rollout(nominal, simulator=curve.range.settings(failure.value, 0, task, LIMITS))
+        late = run.time >= task.after
+        error = np.abs(run.error[late]).max(axis=0) / task.error
+        rough = np.abs(np.diff(run.commanded_effort[late], axis=0)).mean(axis=0) / LIMITS / ROUGHNESS
+        worst = error if failure.reason == "error" else rough
+        assert worst[run.joints.index(failure.joint)] == max(error.max(), rough.max()) > 1.0
 
 
 def succeeds(task: Task, contender: Contender, curve: Curve, value: float) -> bool:
