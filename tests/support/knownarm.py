@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.identification.carriers import carriers
 from pidtsm_core.identification.consistency import body, described_factor
-from pidtsm_core.identification.corrected_urdf import carriers, corrected_urdf
+from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.measurement import Measurement
 from pidtsm_core.identification.pseudo_inertia import moved
 from pidtsm_core.identification.regressor import LINK, described_parameters, regressor

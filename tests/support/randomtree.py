@@ -1,6 +1,6 @@
 """Random trees of joints whose parameters are known, measured and judged by MuJoCo."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -123,18 +123,13 @@ def mujoco_efforts(text: str, joints: tuple[str, ...], motion: Array) -> Array:
 def judged_errors(found: Identification, folder: Path) -> Array:
     """Root mean square of the torque that the written files do not explain, on the data kept apart, shape (joints,).
 
-    The bodies are those of the URDF, by MuJoCo; its rotors are read as text; friction and offsets are those of the
-    parameter file.
+    The bodies are those of the description, by MuJoCo, which has the rotors of an MJCF, too; those of a URDF are read
+    as text; friction and offsets are those of the parameter file.
     """
-    text = (folder / "identified.urdf").read_text(encoding="utf-8")
+    text = (folder / f"identified.{'urdf' if found.arm.is_urdf else 'xml'}").read_text(encoding="utf-8")
     written: dict[str, Any] = load_ros_parameters(folder / "identified.yaml")["controller"]
     joints = found.arm.joints
-    rotors = {}
-    for transmission in ElementTree.fromstring(text).iter("transmission"):
-        driven, rotor = transmission.find("joint"), transmission.find(".//{*}rotor_inertia")
-        assert driven is not None
-        assert rotor is not None
-        rotors[driven.get("name")] = float(rotor.get("value", "nan"))
+    rotors = _rotors(text) if found.arm.is_urdf else dict.fromkeys(joints, 0.0)
     motion, check = found.check.motion, found.check
     predicted = mujoco_efforts(text, joints, np.stack([motion.position, motion.velocity, motion.acceleration]))
     predicted += np.array([rotors[joint] for joint in joints]) * motion.acceleration
@@ -142,3 +137,22 @@ def judged_errors(found: Identification, folder: Path) -> Array:
     predicted += coulomb * motion.coulomb + viscous * motion.velocity + offset
     usable = check.usable | ~check.usable.any(axis=0)
     return np.asarray(np.sqrt(np.mean((predicted - check.measured) ** 2, axis=0, where=usable)))
+
+
+def _rotors(text: str) -> dict[str, float]:
+    """Inertia of the rotors of a URDF by joint, kg m^2 or kg."""
+    rotors = {}
+    for transmission in ElementTree.fromstring(text).iter("transmission"):
+        driven, rotor = transmission.find("joint"), transmission.find(".//{*}rotor_inertia")
+        assert driven is not None
+        assert rotor is not None
+        rotors[driven.get("name", "")] = float(rotor.get("value", "nan"))
+    return rotors
+
+
+def as_mjcf(arm: Description) -> Description:
+    """The arm of a URDF, described by the MJCF that MuJoCo makes of it."""
+    spec = mujoco.MjSpec.from_string(arm.text)
+    spec.compile()
+    found = read_description(spec.to_xml(), arm.joints)
+    return replace(found, effort=arm.effort)

@@ -10,8 +10,8 @@ from threadpoolctl import threadpool_limits
 from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.base_parameters import BaseParameters, base_parameters
+from pidtsm_core.identification.carriers import carriers
 from pidtsm_core.identification.consistency import Prior, consistent_parameters, expectation
-from pidtsm_core.identification.corrected_urdf import carriers
 from pidtsm_core.identification.data_faults import gravity_faults, limited, recording_faults, structure_faults
 from pidtsm_core.identification.inseparable import inseparable, like_gravity
 from pidtsm_core.identification.least_squares import Fit, fit, motion_regressor
@@ -114,13 +114,12 @@ def identify(arm: Description, measurements: Sequence[Measurement], robot: str =
     """Identify inertias, armature, friction and offsets of an arm.
 
     Args:
-        arm: its description, a URDF; its geometry and gravity are taken as right.
+        arm: its description; its geometry and gravity are taken as right.
         measurements: of its motions; each has the joints of the arm, in any order.
         robot: what ``--robot`` names it, for messages.
 
     Raises:
         IdentificationError: the measurements cannot be used.
-        UsageError: see `carriers`.
     """
     # The systems are small: several threads of BLAS wait for each other, on a busy machine up to 20 times as long.
     with threadpool_limits(limits=1, user_api="blas"):

@@ -10,8 +10,8 @@ from threadpoolctl import threadpool_limits
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.identification.base_parameters import base_parameters
+from pidtsm_core.identification.carriers import mass_and_center
 from pidtsm_core.identification.consistency import body
-from pidtsm_core.identification.corrected_urdf import mass_and_center
 from pidtsm_core.identification.data_faults import limited, recording_faults
 from pidtsm_core.identification.identification import IdentificationError
 from pidtsm_core.identification.least_squares import CONFIDENCE, Expectation, Fit, fit

@@ -8,11 +8,13 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control.parameters import controller_schema
+from pidtsm_core.identification.corrected_mjcf import corrected_mjcf
+from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import Identification
 from pidtsm_core.identification.measurement import Motion
 from pidtsm_core.identification.regressor import LINK, OF_JOINT
 from pidtsm_core.parameters import Value, joint_array, resolve
-from pidtsm_core.robots import DESCRIPTION, find_robot, inverse_dynamics, make_model
+from pidtsm_core.robots import DESCRIPTION, Description, find_robot, inverse_dynamics, make_model
 
 _SAME = 0.01
 """Share of the reported error by which that of the written files may differ."""
@@ -20,12 +22,22 @@ _NOTHING = 1e-6
 """Share of the torque that does not count: written numbers have nine digits."""
 
 
+def corrected_description(arm: Description, parameters: Array) -> str:
+    """The text of the description, a URDF or an MJCF as before, with other parameters.
+
+    Args:
+        arm: its description.
+        parameters: pi, see `regressor`, shape (14 joints,); offsets do not count.
+    """
+    return (corrected_urdf if arm.is_urdf else corrected_mjcf)(arm, parameters)
+
+
 def written_parameters(found: Identification, description: str) -> dict[str, dict[str, Value]]:
     """Parameters of controller and simulator with which they use the identified arm, by node and name.
 
     Args:
         found: the result.
-        description: the corrected URDF: its path or its text.
+        description: path or text of the corrected description.
     """
     joints = len(found.arm.joints)
     armature, viscous, coulomb, offset = (

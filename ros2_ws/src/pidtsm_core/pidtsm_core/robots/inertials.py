@@ -105,6 +105,25 @@ def compile_bodies(spec: Any) -> tuple[Any, Mapping[int, Inertial]]:
     return model, empty | {body.id: inertial for body, inertial in refused}
 
 
+def body_inertials(spec: Any) -> list[Inertial]:
+    """Of each body of a ``mujoco.MjSpec`` but the first, the world; see `compile_bodies`, which changes it.
+
+    Raises:
+        DescriptionError: it cannot be compiled.
+    """
+    model, missing = compile_bodies(spec)
+    return [missing[body] if body in missing else _compiled(model, body) for body in range(1, model.nbody)]
+
+
+def _compiled(model: Any, body: int) -> Inertial:
+    """Of a body of a ``mujoco.MjModel``."""
+    axes = np.empty(9)
+    load_mujoco().mju_quat2Mat(axes, model.body_iquat[body])
+    turned = axes.reshape(3, 3)
+    inertia = turned @ np.diag(model.body_inertia[body]) @ turned.T
+    return Inertial(float(model.body_mass[body]), np.array(model.body_ipos[body]), inertia)
+
+
 def _is_impossible(body: Any) -> bool:
     """Whether MuJoCo refuses the inertia of a body."""
     if not body.explicitinertial:

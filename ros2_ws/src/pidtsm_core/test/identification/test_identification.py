@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from support.knownarm import KnownArm, known_arm
 
-from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import Identification, IdentificationError, identify
 from pidtsm_core.identification.least_squares import motion_regressor
@@ -91,11 +90,6 @@ def test_directions_without_data_keep_the_description(two_link: KnownArm) -> Non
     before, after = found.base.mapping @ found.described, found.base.mapping @ found.parameters
     for i in found.undetermined:
         assert abs(after[i] - before[i]) < 2.0 * found.fit.deviation[i]
-
-
-def test_an_mjcf_is_refused_before_anything_is_computed(two_link: KnownArm) -> None:
-    with pytest.raises(UsageError, match="MJCF"):
-        identify(replace(two_link.described, is_urdf=False), [two_link.measured])
 
 
 def test_two_recordings_say_more_than_one(two_link: KnownArm) -> None:

@@ -7,20 +7,20 @@ from typing import Any
 import numpy as np
 import pytest
 from support.knownarm import KnownArm, known_arm
-from support.randomtree import judged_errors, random_tree
+from support.randomtree import as_mjcf, judged_errors, random_tree
 
-from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import Identification, identify
 from pidtsm_core.identification.measurement import Measurement
 from pidtsm_core.identification.regressor import regressor
-from pidtsm_core.identification.written import judged_as_written, written_parameters
+from pidtsm_core.identification.written import corrected_description, judged_as_written, written_parameters
 from pidtsm_core.parameters.files import load_ros_parameters, ros_parameters
 
 
 def write(found: Identification, folder: Path) -> dict[str, Any]:
     """Write the result; the parameters of the controller, read back."""
-    (folder / "identified.urdf").write_text(corrected_urdf(found.arm, found.parameters), encoding="utf-8")
-    written = written_parameters(found, str(folder / "identified.urdf"))
+    file = folder / ("identified.urdf" if found.arm.is_urdf else "identified.xml")
+    file.write_text(corrected_description(found.arm, found.parameters), encoding="utf-8")
+    written = written_parameters(found, str(file))
     text = "".join(ros_parameters(node, values) for node, values in written.items())
     (folder / "identified.yaml").write_text(text, encoding="utf-8")
     return load_ros_parameters(folder / "identified.yaml")["controller"]
@@ -53,6 +53,14 @@ def test_what_is_written_reproduces_what_is_reported(chain: str, tmp_path: Path)
     assert found.warnings == ()
     assert (found.check.error(found.check.after) < arm.noise).all()
     assert (found.check.error(found.check.before) > 20.0 * arm.noise).all()
+
+
+@pytest.mark.parametrize("chain", ["lift", "scara", "random 9"])
+def test_a_corrected_mjcf_is_as_good_as_a_urdf(chain: str, tmp_path: Path) -> None:
+    arm = random_tree(*CHAINS[chain])
+    found = reproduces(identify(as_mjcf(arm.described), [arm.measured]), tmp_path)
+    assert found.warnings == ()
+    assert (found.check.error(found.check.after) < arm.noise).all()
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])

@@ -12,10 +12,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import Identification, identify
 from pidtsm_core.identification.measurement import Measurement
-from pidtsm_core.identification.written import judged_as_written, written_parameters
+from pidtsm_core.identification.written import corrected_description, judged_as_written, written_parameters
 from pidtsm_core.parameters import Value
 from pidtsm_core.parameters.files import load_ros_parameters, ros_parameters
 from pidtsm_core.robots import DESCRIPTION, LOCKED
@@ -36,7 +35,7 @@ examples:
   ./pidtsm identify results/panda/bag --robot panda --out results/identified
   ./pidtsm gains --robot results/identified/identified.urdf
 """
-URDF, PARAMETERS = "identified.urdf", "identified.yaml"
+URDF, MJCF, PARAMETERS = "identified.urdf", "identified.xml", "identified.yaml"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=Path("results/identified"),
         metavar="DIR",
-        help=f"result folder: {URDF}, {PARAMETERS}, identification.html, identification.json (default: %(default)s)",
+        help=f"result folder: {URDF} (of an MJCF: {MJCF}), {PARAMETERS}, identification.html, identification.json "
+        "(default: %(default)s)",
     )
     parser.add_argument("--json", action="store_true", help="print the result as one JSON object")
 
@@ -61,17 +61,18 @@ def execute(options: argparse.Namespace) -> int:
     if definition is None:
         raise UsageError("--robot: name the arm of the bags, or the file of its description")
     arm = definition.described()
+    file = URDF if arm.is_urdf else MJCF
     introduce(options)
     measurements = [measurement_of(bag) for bag in options.bags]
     with CONSOLE.status("identifying"):
         found = identify(arm, measurements, options.robot)
     with result_folder(options.out, MadeOf(runs=tuple(options.bags))) as folder:
-        (folder / URDF).write_text(corrected_urdf(arm, found.parameters), encoding="utf-8")
-        written = written_parameters(found, str(options.out.absolute() / URDF))
+        (folder / file).write_text(corrected_description(arm, found.parameters), encoding="utf-8")
+        written = written_parameters(found, str(options.out.absolute() / file))
         more = _said_of(definition)
         text = "".join(ros_parameters(node, {**values, **more}) for node, values in written.items())
         (folder / PARAMETERS).write_text(text, encoding="utf-8")
-        found = _read_back(found, folder)
+        found = _read_back(found, folder, file)
         result = as_json(found)
         (folder / "identification.json").write_text(json.dumps(result, allow_nan=False) + "\n", encoding="utf-8")
         write_identification_report(folder / "identification.html", found, Path(definition.label).stem)
@@ -84,7 +85,7 @@ def execute(options: argparse.Namespace) -> int:
         CONSOLE.print(f"pidtsm: note: {note}", highlight=False, soft_wrap=True)
     for warning in found.warnings:
         CONSOLE.print(f"pidtsm: warning: {warning}", highlight=False, soft_wrap=True)
-    CONSOLE.print(f"{options.out}: {URDF} {PARAMETERS} identification.html identification.json", highlight=False)
+    CONSOLE.print(f"{options.out}: {file} {PARAMETERS} identification.html identification.json", highlight=False)
     return 0
 
 
@@ -111,11 +112,11 @@ def _said_of(arm: ArmDefinition) -> dict[str, Value]:
     return {**said, **({MASS: 0.0} if arm.payload else {})}
 
 
-def _read_back(found: Identification, folder: Path) -> Identification:
-    """The result, judged by the files in the folder; the parameters name the URDF where it will be."""
+def _read_back(found: Identification, folder: Path, file: str) -> Identification:
+    """The result, judged by the files in the folder; the parameters name the description where it will be."""
     settings = load_ros_parameters(folder / PARAMETERS)["controller"]
-    urdf = (folder / URDF).read_text(encoding="utf-8")
-    return judged_as_written(found, {**settings, DESCRIPTION.name: urdf})
+    description = (folder / file).read_text(encoding="utf-8")
+    return judged_as_written(found, {**settings, DESCRIPTION.name: description})
 
 
 def _tables(result: dict[str, Any]) -> Iterator[Table]:

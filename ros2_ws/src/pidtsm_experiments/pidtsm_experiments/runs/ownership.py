@@ -17,7 +17,7 @@ _KNOWN = {
     *("recording.npz", "run.json", "metrics.json", "score.json", "params.yaml", "video.mp4", "still.png"),
     *("tuning.json", "tuning.html", "leaderboard.html", "leaderboard.md", "tournament.md"),
     *("comparison.json", "comparison.md", "results.json", "engines.json", "report.html"),
-    *("identified.urdf", "identified.yaml", "identification.html", "identification.json"),
+    *("identified.urdf", "identified.xml", "identified.yaml", "identification.html", "identification.json"),
 }
 """Names in a folder that is being filled; of one whose process was killed, only these are removed."""
 _DRAFT = ".metrics.json."

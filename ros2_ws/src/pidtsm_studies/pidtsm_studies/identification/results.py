@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.identification.corrected_urdf import mass_and_center
+from pidtsm_core.identification.carriers import mass_and_center
 from pidtsm_core.identification.identification import Identification
 from pidtsm_core.identification.regressor import LINK, OF_JOINT, parameter_names
 

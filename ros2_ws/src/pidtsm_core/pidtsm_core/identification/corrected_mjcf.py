@@ -1,0 +1,52 @@
+"""An MJCF with other bodies."""
+
+from typing import Any
+
+import numpy as np
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.identification.carriers import corrected_links, mass_and_center
+from pidtsm_core.identification.regressor import LINK
+from pidtsm_core.robots import Description
+from pidtsm_core.robots.compiler import compile_spec, load_mujoco, parse
+from pidtsm_core.robots.inertials import Inertial, body_inertials
+
+
+def corrected_mjcf(arm: Description, parameters: Array) -> str:
+    """The text of the MJCF with other parameters.
+
+    Every body says its mass and inertia, also one whose geometry did before. Friction becomes ``damping`` and
+    ``frictionloss`` of the joint, next to ``armature``. Files are named by their absolute paths.
+
+    Args:
+        arm: described by an MJCF.
+        parameters: pi, see `regressor`, shape (14 joints,); offsets do not count.
+    """
+    spec = parse(arm.text).spec
+    inertials = body_inertials(parse(arm.text).spec)
+    for link, parameters_of_link in corrected_links(arm, parameters):
+        inertials[link - 1] = Inertial(*mass_and_center(parameters_of_link))
+    for body, inertial in zip(spec.bodies[1:], inertials, strict=True):
+        _set_inertial(body, inertial)
+    # The compiler keeps what is said.
+    spec.compiler.inertiafromgeom = load_mujoco().mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    spec.compiler.settotalmass = -1.0
+    armature, viscous, coulomb, _ = parameters[LINK * len(arm.joints) :].reshape(4, len(arm.joints))
+    for j, name in enumerate(arm.joints):
+        joint = spec.joint(name)
+        joint.armature, joint.frictionloss = armature[j], coulomb[j]
+        # Of the powers of the velocity, the first alone.
+        joint.damping = np.eye(1, np.size(joint.damping))[0] * viscous[j]
+    compile_spec(spec)
+    return str(spec.to_xml())
+
+
+def _set_inertial(body: Any, inertial: Inertial) -> None:
+    """Give a body of type ``mujoco.MjsBody`` a mass."""
+    principal, axes = np.linalg.eigh(inertial.inertia)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    turn = np.empty(4)
+    load_mujoco().mju_mat2Quat(turn, axes.ravel())
+    body.explicitinertial = True
+    body.mass, body.ipos, body.iquat, body.inertia = inertial.mass, inertial.center, turn, principal
+    body.fullinertia = np.full(6, np.nan)
