@@ -23,6 +23,7 @@ from pidtsm_studies.score.page import write_score_page
 from pidtsm_studies.score.results import FILE, Entry, as_json
 from pidtsm_studies.score.tasks import Task, find_task
 from pidtsm_studies.score.wording import COLUMNS, cells, failure_text, share_text
+from pidtsm_studies.tuning.definitions import PARAMETERS
 
 SCORES = Path("results", "score")
 """Default folder of all scores."""
@@ -78,7 +79,13 @@ def name_of(task: Task, contender: Contender) -> str:
         UsageError: the controller is refused, see `Task.experiment`.
     """
     law = task.experiment(contender.law, contender.params, contender.overrides).law
-    return contender.name or " ".join([law, *(Path(name).stem for name in contender.params)])
+    return contender.name or " ".join([law, *map(_set_name, contender.params)])
+
+
+def _set_name(params: str) -> str:
+    """Name of a parameter set: that of its file, or of the folder of a tuning."""
+    file = Path(params)
+    return file.absolute().parent.name if file.name == PARAMETERS else file.stem
 
 
 def made_of(task: Task, contender: Contender) -> MadeOf:

@@ -23,7 +23,7 @@ from pidtsm_experiments.commands.options import CONSOLE, progress_bar
 from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import renewed
 from pidtsm_studies.score.tasks import find_task
-from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES
+from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES, PARAMETERS
 from pidtsm_studies.tuning.objective import make_problem
 from pidtsm_studies.tuning.outcome import Tuning, as_json, conclude, parameter_file
 from pidtsm_studies.tuning.report import write_tuning_page
@@ -32,7 +32,7 @@ from pidtsm_studies.tuning.space import make_space
 
 TUNED = Path("results", "tune")
 """Default folder of all tuned sets."""
-PARAMETERS, HISTORY = "params.yaml", "history.jsonl"
+HISTORY = "history.jsonl"
 _BUDGET = re.compile(r"(\d+(?:\.\d+)?)(s|min|h)|(\d+)")
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 

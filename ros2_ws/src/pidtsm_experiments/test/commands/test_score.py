@@ -10,8 +10,11 @@ from pathlib import Path
 import pytest
 
 from pidtsm_experiments.cli import main
+from pidtsm_experiments.commands.score import name_of
 from pidtsm_experiments.runs.origin import ORIGIN, origin_of
 from pidtsm_experiments.runs.ownership import MARKER
+from pidtsm_studies.score.measure import Contender
+from pidtsm_studies.score.tasks import find_task
 
 DEADLINE = 120.0
 ALWAYS = (MARKER, ORIGIN)
@@ -45,6 +48,16 @@ def test_the_leaderboard_reads_it(scores: Path, tmp_path: Path) -> None:
     origin = origin_of(out)
     assert origin is not None
     assert origin["runs"] == {str(scores / "mine"): origin_of(scores / "mine")}
+
+
+@pytest.mark.parametrize(
+    ("file", "name"), [("firm.yaml", "piddtsm firm"), ("panda-17bit/params.yaml", "piddtsm panda-17bit")]
+)
+def test_a_parameter_file_is_called_as_what_tells_it_from_others(tmp_path: Path, file: str, name: str) -> None:
+    path = tmp_path / file
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("/**:\n  controller:\n    ros__parameters:\n      law.k1: 2.0\n")
+    assert name_of(find_task("two_link"), Contender(None, (str(path),))) == name
 
 
 def test_an_interrupt_ends_it_cleanly(tmp_path: Path) -> None:
