@@ -35,6 +35,7 @@ _COMMANDS = {
     "limit": "compute the smallest RMSE that any controller of the two-link arm can reach (needs CasADi)",
     "score": "measure how much imperfection of sensors, drives and model a controller tolerates on an arm",
     "leaderboard": "put all scores into one page and one document",
+    "nodes": "start controller and trajectory node in your ROS domain, and operate them: parameters, faults, recording",
     "move": "move the arm of a running system to a posture",
     "analyze": "compute the metrics of a recorded bag",
     "export": "write the arrays of a run as a table for other programs",
