@@ -48,7 +48,9 @@ def add_arguments_of(parser: argparse.ArgumentParser, action: str) -> None:
         parser.epilog = _PARAM_EPILOG
         parser.add_argument("what", choices=("list", "get", "set"), help="what to do")
         parser.add_argument("node", metavar="NODE", help="the node")
-        parser.add_argument("words", nargs="*", metavar="NAME[=VALUE]", help="parameters; for list, what names begin with")
+        parser.add_argument(
+            "words", nargs="*", metavar="NAME[=VALUE]", help="parameters; for list, what names begin with"
+        )
     if action in _SWITCHES:
         parser.add_argument("on", choices=("on", "off"), help=_SWITCHES[action])
     if action == "record":

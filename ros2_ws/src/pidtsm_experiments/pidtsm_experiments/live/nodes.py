@@ -45,7 +45,11 @@ class Nodes:
     """
 
     def __init__(
-        self, parameters: Mapping[str, Mapping[str, Value]], folder: Path, surroundings: Surroundings, words: Sequence[str]
+        self,
+        parameters: Mapping[str, Mapping[str, Value]],
+        folder: Path,
+        surroundings: Surroundings,
+        words: Sequence[str],
     ) -> None:
         """Nothing is started.
 

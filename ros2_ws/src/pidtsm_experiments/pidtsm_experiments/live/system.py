@@ -11,21 +11,22 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from rcl_interfaces.msg import Log, ParameterEvent, ParameterValue
+from rcl_interfaces.msg import Log, ParameterEvent
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParametersAtomically
 from rclpy.client import Client
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from pidtsm_core.arrays import Array
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.live.lives import REPORTS_WITHIN, SAMPLES_WITHIN, Condition, Lives, Source, time_of_day
-from pidtsm_experiments.live.parameters import Described
+from pidtsm_experiments.live.messages import one_point
+from pidtsm_experiments.live.parameters import Described, plain
 from pidtsm_experiments.live.stream import Batch, StateStream, by_name
 from pidtsm_experiments.live.words import Heard
 from pidtsm_msgs.msg import ControllerState
@@ -242,7 +243,7 @@ class System:
 
     def _on_parameters(self, message: ParameterEvent) -> None:
         if name := self._own(message.node):
-            values = {p.name: _plain(p.value) for p in message.changed_parameters}
+            values = {p.name: plain(p.value) for p in message.changed_parameters}
             self.changed.append((name, values))
 
     # Services.
@@ -311,7 +312,7 @@ class System:
         described = await self.call(DescribeParameters, f"{node}/describe_parameters", asked)
         values = await self.call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
         return [
-            Described(descriptor, _plain(value))
+            Described(descriptor, plain(value))
             for descriptor, value in zip(described.descriptors, values.values, strict=True)
         ]
 
@@ -390,11 +391,7 @@ class System:
             RefusedError: the trajectory node is known to be away.
         """
         self.require("trajectory")
-        still = [0.0] * len(joints)
-        point = JointTrajectoryPoint(positions=list(target), velocities=still, accelerations=still)
-        point.time_from_start.sec, rest = divmod(round(duration * 1e9), 10**9)
-        point.time_from_start.nanosec = rest
-        self._trajectories.publish(JointTrajectory(joint_names=list(joints), points=[point]))
+        self._trajectories.publish(one_point(joints, target, duration))
 
     def rest(self) -> None:
         """Bring the reference to rest.
@@ -404,9 +401,3 @@ class System:
         """
         self.require("trajectory")
         self._trajectories.publish(JointTrajectory())
-
-
-def _plain(value: ParameterValue) -> Any:
-    """The value of a parameter; a list as a tuple."""
-    python = parameter_value_to_python(value)
-    return tuple(python) if hasattr(python, "__iter__") and not isinstance(python, str) else python

@@ -20,6 +20,7 @@ FOUND_WITHIN = 5.0
 """s; discovery on one machine takes up to 3."""
 _NAME = "pidtsm_nodes"
 _POLL = 0.02  # s
+_START = "start one with ./pidtsm nodes start, or name the domain with ROS_DOMAIN_ID and the namespace with --namespace"
 _Answer = TypeVar("_Answer")
 
 
@@ -107,8 +108,7 @@ async def found(system: System, node: str, within: float = FOUND_WITHIN) -> None
     while not system.has(node):
         if time.monotonic() > end:
             kind = "controller" if node == "controller" else f"node {node}"
-            raise RunError(
-                f"no pidtsm {kind} {place(system.namespace)}; start one with ./pidtsm nodes start, or name the domain "
-                "with ROS_DOMAIN_ID and the namespace with --namespace"
-            )
+            others = sorted(space for name, space in system.graph() if name == node)
+            cure = f"there is one in namespace {others[0]}: --namespace {others[0].strip('/')}" if others else _START
+            raise RunError(f"no pidtsm {kind} {place(system.namespace)}; {cure}")
         await asyncio.sleep(_POLL)

@@ -62,7 +62,9 @@ class _Watched:
         batch = self.system.states()
         self.newest = self.newest if batch is None else batch.newest
         self._reported |= {node for node in self.nodes if self.system.report(node)}
-        heard = self._reported | ({"controller"} if self.newest is not None and self.newest.mode != Mode.HOLDING else set())
+        heard = self._reported | (
+            {"controller"} if self.newest is not None and self.newest.mode != Mode.HOLDING else set()
+        )
         return heard >= set(self.nodes)
 
     async def row(self, node: str) -> Row | None:

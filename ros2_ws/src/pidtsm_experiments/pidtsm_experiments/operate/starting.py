@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -34,6 +35,8 @@ _WAIT = 2.0
 """s without joint states after which it is said that they are awaited."""
 _REST_WITHIN = 3.0
 """s for the arm to come to rest before the nodes end."""
+_AGE = re.compile(r" \(\d+ s\)")
+"""How long ago something was; that it gets older is no change."""
 _AT_REST = 0.01
 """Largest desired velocity of an arm at rest, rad/s or m/s."""
 
@@ -171,9 +174,9 @@ class Watch:
 
     def _change(self, topic: str, text: str) -> None:
         """Say a text if it is not what was said last about this topic."""
-        key = f"/{topic}"  # No name of a node has a slash.
-        if self._said.get(key) != text:
-            self._said[key] = text
+        key, lasting = f"/{topic}", _AGE.sub("", text)  # No name of a node has a slash.
+        if self._said.get(key) != lasting:
+            self._said[key] = lasting
             self._say(text)
 
     async def _rest(self, stop: Stop) -> None:
