@@ -24,8 +24,8 @@ from pidtsm_experiments.operate.attached import ask, found, joined, place
 if TYPE_CHECKING:
     from pidtsm_experiments.operate.listing import Row
 
-_PARAM_EPILOG = """NODE is controller, trajectory or simulator. Values are written as in --set; those of several joints are
-separated by commas. Parameters that are set together take effect together, or none of them does.
+_PARAM_EPILOG = """NODE is controller, trajectory or simulator. Values are written as in --set; those of several joints
+are separated by commas. Parameters that are set together take effect together, or none of them does.
 
 examples:
   ./pidtsm nodes param list controller
@@ -34,7 +34,7 @@ examples:
   ./pidtsm nodes param set controller law.k1=4.0,3.0 law.kd=0.5
 """
 _SWITCHES = {
-    "freedrive": "on: a person moves the arm by hand; off: the arm is held where it is (then `hold off` lets it follow)",
+    "freedrive": "on: a person moves the arm by hand; off: the arm is held where it is, until `hold off`",
     "hold": "on: the arm comes to rest and is held; off: it follows the reference again, with a slow approach",
 }
 

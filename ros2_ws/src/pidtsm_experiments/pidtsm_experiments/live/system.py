@@ -46,7 +46,7 @@ _POLL = 0.01  # s
 _SPIN = 0.002  # s
 _EVENTS = 8
 PUSH_EVERY = 0.05
-"""Time between two messages of a push, s; each acts for 0.1 s."""
+"""s between two messages of a push; each acts for 0.1 s."""
 _ABOVE_INFO = 20
 _HELD = "call ~/hold with false"
 """What the controller reports that was told to hold the arm."""
@@ -65,12 +65,7 @@ class System:
     """
 
     def __init__(self, namespace: str | None = None, name: str = "live") -> None:
-        """Create two nodes, after `rclpy.init`.
-
-        Args:
-            namespace: of the system; None: that of the command line.
-            name: of the first node, and the begin of that of the second.
-        """
+        """Create two nodes whose names begin with `name`, after `rclpy.init`; no `namespace`: that of the command line."""
         # The listener is in no executor: its messages are taken in batches.
         self._node = Node(name, namespace=namespace)
         self._listener = Node(f"{name}_listener", namespace=namespace)

@@ -63,14 +63,13 @@ def mode(heard: Heard) -> Sentence:
         return _silent(heard)
     if reason := fault(newest):
         return Sentence(f"Stopped: {reason}. It holds the arm until the fault is reset", RED)
-    if newest.mode == Mode.FREEDRIVE:
-        return Sentence("Freedrive: the arm can be moved by hand", AMBER)
-    if newest.mode == Mode.HOLDING:
-        reasons = {True: ", as it was told to", False: ": the reference is missing or too old", None: ""}
-        return Sentence(f"Holding its position{reasons[heard.held]}", AMBER)
-    if newest.mode == Mode.FOLLOWING:
-        return Sentence("Following the reference", GREEN)
-    return Sentence(f"In mode {newest.mode}", AMBER)
+    reasons = {True: ", as it was told to", False: ": the reference is missing or too old", None: ""}
+    sentences = {
+        Mode.FOLLOWING: Sentence("Following the reference", GREEN),
+        Mode.HOLDING: Sentence(f"Holding its position{reasons[heard.held]}", AMBER),
+        Mode.FREEDRIVE: Sentence("Freedrive: the arm can be moved by hand", AMBER),
+    }
+    return sentences.get(newest.mode, Sentence(f"In mode {newest.mode}", AMBER))
 
 
 def fault(newest: ControllerState) -> str:

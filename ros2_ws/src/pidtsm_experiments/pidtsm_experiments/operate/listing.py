@@ -62,10 +62,9 @@ class _Watched:
         batch = self.system.states()
         self.newest = self.newest if batch is None else batch.newest
         self._reported |= {node for node in self.nodes if self.system.report(node)}
-        heard = self._reported | (
-            {"controller"} if self.newest is not None and self.newest.mode != Mode.HOLDING else set()
-        )
-        return heard >= set(self.nodes)
+        # Whether the arm is held on request is in the report alone.
+        tells = self.newest is not None and self.newest.mode != Mode.HOLDING
+        return self._reported | ({"controller"} if tells else set()) >= set(self.nodes)
 
     async def row(self, node: str) -> Row | None:
         """What is known of a node; None: it is not one of pidtsm."""
@@ -110,7 +109,10 @@ async def rows(root: System, namespace: str | None) -> list[Row]:
         await asyncio.sleep(_POLL)
     with _watched(_names(root, namespace)) as watched:
         end = time.monotonic() + _REPORT_WITHIN
-        while not all([each.look() for each in watched]) and time.monotonic() < end:
+        complete = False
+        while not complete and time.monotonic() < end:
+            looks = [each.look() for each in watched]
+            complete = all(looks)
             await asyncio.sleep(_POLL)
         spinning = asyncio.ensure_future(_spin(watched))
         try:
