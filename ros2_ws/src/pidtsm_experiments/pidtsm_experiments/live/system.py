@@ -65,7 +65,7 @@ class System:
     """
 
     def __init__(self, namespace: str | None = None, name: str = "live") -> None:
-        """Create two nodes whose names begin with `name`, after `rclpy.init`; no `namespace`: that of the command line."""
+        """Create two nodes named like `name`, after `rclpy.init`; no `namespace`: that of the command line."""
         # The listener is in no executor: its messages are taken in batches.
         self._node = Node(name, namespace=namespace)
         self._listener = Node(f"{name}_listener", namespace=namespace)
