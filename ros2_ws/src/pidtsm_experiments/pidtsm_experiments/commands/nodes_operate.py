@@ -87,7 +87,7 @@ def _ask(options: argparse.Namespace, question: Callable[[System], Coroutine[Any
 def _list(options: argparse.Namespace) -> int:
     from pidtsm_experiments.operate.listing import rows
 
-    with joined("") as root:
+    with joined(options.namespace or "") as root:
         only = None if options.namespace is None else f"/{options.namespace.strip('/')}"
         listed = ask(root, rows(root, only))
     if options.json:

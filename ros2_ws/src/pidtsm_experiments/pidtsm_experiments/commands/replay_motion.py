@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from pidtsm_ros.client import Arm
 
 _EPILOG = f"""The arm first moves to the first posture, on a straight line. Then it gets {RATE} targets per second,
-smoothed, as a stream (docs/streams.md), so the node keeps every limit. A motion that exceeds a limit of position or velocity is
-refused before. Ctrl-C brings the arm to rest.
+smoothed, as a stream (docs/streams.md), so the node keeps every limit. A motion that exceeds a limit of position or
+velocity is refused before. Ctrl-C brings the arm to rest.
 
 examples:
   ./pidtsm replay-motion my_bag --dry-run

@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
 import rclpy
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.signals import SignalHandlerOptions
 
 from pidtsm_core.errors import UsageError
@@ -66,7 +67,7 @@ def joined(namespace: str, words: Sequence[str] = ()) -> Iterator[System]:
 def _system(namespace: str) -> System:
     try:
         return System(namespace, _NAME)
-    except ValueError as error:  # of rclpy, with a drawing of the place
+    except InvalidNamespaceException as error:  # Its text has a drawing of the place.
         raise UsageError(f"--namespace {namespace}: {str(error).splitlines()[0].rstrip(':')}") from None
 
 
