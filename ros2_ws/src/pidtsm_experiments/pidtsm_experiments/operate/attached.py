@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import rclpy
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_namespace import validate_namespace
 
 from pidtsm_core.errors import UsageError
 from pidtsm_experiments.errors import RunError
@@ -48,6 +49,10 @@ def joined(namespace: str, words: Sequence[str] = ()) -> Iterator[System]:
         UsageError: domain, namespace or an argument is invalid, or security is requested but not available.
     """
     try:
+        validate_namespace(f"/{namespace.lstrip('/')}")
+    except InvalidNamespaceException as error:  # Its text has a drawing of the place.
+        raise UsageError(f"--namespace {namespace}: {str(error).splitlines()[0].rstrip(':')}") from None
+    try:
         arguments = prepare_process(["pidtsm", *(["--ros-args", *words] if words else [])])
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except SecurityError as error:
@@ -55,20 +60,13 @@ def joined(namespace: str, words: Sequence[str] = ()) -> Iterator[System]:
     except Exception as error:  # rcl refuses arguments and domains with errors of many types.
         raise UsageError(f"cannot join ROS domain {ros_domain()}: {' '.join(str(error).split())}") from None
     try:
-        system = _system(namespace)
+        system = System(namespace, _NAME)
         try:
             yield system
         finally:
             system.close()
     finally:
         rclpy.try_shutdown()
-
-
-def _system(namespace: str) -> System:
-    try:
-        return System(namespace, _NAME)
-    except InvalidNamespaceException as error:  # Its text has a drawing of the place.
-        raise UsageError(f"--namespace {namespace}: {str(error).splitlines()[0].rstrip(':')}") from None
 
 
 def ask(system: System, question: Coroutine[Any, Any, _Answer]) -> _Answer:
