@@ -225,7 +225,7 @@ def positions(bag: Path) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Of joint1 and joint2 in every joint state, as rosbags reads them."""
     with opened(bag) as (reader, _):
         wanted = [connection for connection in reader.connections if connection.topic == "/joint_states"]
-        decoded = (reader.deserialize(data, connection.msgtype) for connection, _, data in reader.messages(wanted))
+        decoded: list[Any] = [reader.deserialize(data, each.msgtype) for each, _, data in reader.messages(wanted)]
         return np.array([in_order(message, message.position) for message in decoded])
 
 
@@ -325,7 +325,7 @@ def test_a_real_arm_stays_where_it_is_and_is_carried_at_the_end(tmp_path: Path) 
         command.until_said("first joint_states: joint1 0.3900, joint2 -0.0100", plant.live)
         command.until_said("Following the reference", plant.live)
         end = time.monotonic() + 2.0
-        testbed.spin_until(lambda: (plant.live(), time.monotonic() > end)[1], "two seconds")
+        command.until(lambda: time.monotonic() > end, "two seconds", plant.live)
         assert np.abs(plant.q - [0.39, -0.01]).max() < 0.02
         assert list(plant.answers[-1].name) == ["joint1", "joint2"] != STRANGERS_ORDER
         assert command.interrupt(plant.live) == 0

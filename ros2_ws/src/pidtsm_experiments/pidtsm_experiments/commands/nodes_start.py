@@ -2,18 +2,27 @@
 
 import argparse
 import asyncio
+import os
+import signal
 import sys
 import tempfile
 import time
+import traceback
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import NoReturn
 
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import PRACTICAL
 from pidtsm_experiments.commands.options import add_experiment_arguments, experiment_of, warn
+from pidtsm_experiments.errors import RunError
 from pidtsm_ros.stop import Stop
 
+_LOGS = Path("results", "nodes")
+_FOLLOWS, _AWAITED = ("Following the reference", "Holding its position"), "waiting for joint_states"
+_POLL = 0.2  # s
 _EPILOG = f"""Without --plant the arm is yours: it publishes joint_states and applies the efforts of joint_commands, see
 docs/own-robot.md. The reference begins where the arm is, at rest, unless --scenario or --set trajectory.reference...
 says how it is to move. Ctrl-C brings the arm to rest; then the controller publishes a last torque that carries the arm,
@@ -36,11 +45,73 @@ def add_arguments_of(parser: argparse.ArgumentParser, _action: str) -> None:
     parser.add_argument(
         "--remap", action="append", default=[], metavar="FROM:=TO", help="another name of a topic; can be repeated"
     )
+    parser.add_argument(
+        "--detach",
+        action="store_true",
+        help="return when the arm follows, or its joint_states are awaited; ./pidtsm nodes stop ends the nodes, and what "
+        f"changes meanwhile is in {_LOGS}",
+    )
     add_experiment_arguments(parser, duration=False)
 
 
 def execute_action(options: argparse.Namespace) -> int:
     """Start the nodes, and watch them."""
+    if not options.detach:
+        return _start(options)
+    ready = _FOLLOWS if options.plant else (*_FOLLOWS, _AWAITED)
+    return _detached(lambda: _start(options), ready)
+
+
+def _detached(work: Callable[[], int], ready: Sequence[str]) -> int:
+    """Do work in a process of its own, which outlives this one; returns when its log says that it is ready.
+
+    Raises:
+        RunError: it has ended before.
+    """
+    log = _LOGS / f"start-{time.strftime('%Y-%m-%d-%H-%M-%S')}.log"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    sys.stdout.flush()
+    child = os.fork()  # Nothing of ROS runs yet.
+    if child == 0:
+        _be_detached(work, log)
+    shown = 0
+    try:
+        while True:
+            ended, status = os.waitpid(child, os.WNOHANG)
+            text = log.read_text(encoding="utf-8") if log.exists() else ""
+            print(text[shown:], end="", flush=True)
+            shown = len(text)
+            if ended:
+                raise RunError(f"the nodes have ended with exit code {os.waitstatus_to_exitcode(status)}")
+            if any(word in text for word in ready):
+                print(f"./pidtsm nodes stop ends the nodes; their changes are in {log}")
+                return 0
+            time.sleep(_POLL)
+    except KeyboardInterrupt:
+        os.kill(child, signal.SIGINT)
+        raise
+
+
+def _be_detached(work: Callable[[], int], log: Path) -> NoReturn:
+    """The life of the process that goes on."""
+    os.setsid()
+    with log.open("wb") as file, Path(os.devnull).open("rb") as nothing:
+        os.dup2(nothing.fileno(), 0)
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    code = 1
+    try:
+        code = work()
+    except (UsageError, RunError) as error:
+        print(f"pidtsm: {error}", file=sys.stderr)
+    except BaseException:
+        traceback.print_exc()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def _start(options: argparse.Namespace) -> int:
     from pidtsm_experiments.live.nodes import Nodes
     from pidtsm_experiments.operate.attached import joined, place
     from pidtsm_experiments.operate.claim import claimed
