@@ -21,7 +21,7 @@ from pidtsm_experiments.errors import RunError
 from pidtsm_ros.stop import Stop
 
 _LOGS = Path("results", "nodes")
-_FOLLOWS, _AWAITED = ("Following the reference", "Holding its position"), "waiting for joint_states"
+_FOLLOWS, _AWAITED = "Following the reference", "waiting for joint_states"
 _POLL = 0.2  # s
 _EPILOG = f"""Without --plant the arm is yours: it publishes joint_states and applies the efforts of joint_commands, see
 docs/own-robot.md. The reference begins where the arm is, at rest, unless --scenario or --set trajectory.reference...
@@ -48,7 +48,7 @@ def add_arguments_of(parser: argparse.ArgumentParser, _action: str) -> None:
     parser.add_argument(
         "--detach",
         action="store_true",
-        help="return when the arm follows, or its joint_states are awaited; ./pidtsm nodes stop ends the nodes, and what "
+        help="return when the arm follows, or its joint_states are awaited; ./pidtsm nodes stop ends the nodes, what "
         f"changes meanwhile is in {_LOGS}",
     )
     add_experiment_arguments(parser, duration=False)
@@ -58,15 +58,15 @@ def execute_action(options: argparse.Namespace) -> int:
     """Start the nodes, and watch them."""
     if not options.detach:
         return _start(options)
-    ready = _FOLLOWS if options.plant else (*_FOLLOWS, _AWAITED)
+    ready = [_FOLLOWS] if options.plant else [_FOLLOWS, _AWAITED]
     return _detached(lambda: _start(options), ready)
 
 
 def _detached(work: Callable[[], int], ready: Sequence[str]) -> int:
-    """Do work in a process of its own, which outlives this one; returns when its log says that it is ready.
+    """Do work in a process of its own, which outlives this one, until its log says that it is ready.
 
-    Raises:
-        RunError: it has ended before.
+    Returns:
+        0, or the exit code of the work if it has ended before.
     """
     log = _LOGS / f"start-{time.strftime('%Y-%m-%d-%H-%M-%S')}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
@@ -82,7 +82,7 @@ def _detached(work: Callable[[], int], ready: Sequence[str]) -> int:
             print(text[shown:], end="", flush=True)
             shown = len(text)
             if ended:
-                raise RunError(f"the nodes have ended with exit code {os.waitstatus_to_exitcode(status)}")
+                return os.waitstatus_to_exitcode(status)
             if any(word in text for word in ready):
                 print(f"./pidtsm nodes stop ends the nodes; their changes are in {log}")
                 return 0
@@ -103,6 +103,7 @@ def _be_detached(work: Callable[[], int], log: Path) -> NoReturn:
     try:
         code = work()
     except (UsageError, RunError) as error:
+        code = 2 if isinstance(error, UsageError) else 1
         print(f"pidtsm: {error}", file=sys.stderr)
     except BaseException:
         traceback.print_exc()
