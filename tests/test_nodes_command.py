@@ -296,6 +296,22 @@ def test_stop_ends_what_start_has_started(system: System, capfd: pytest.CaptureF
     assert "Traceback" not in said
 
 
+def test_detached_nodes_go_on_until_they_are_stopped(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    with open_testbed(tmp_path) as testbed, in_domain_of(testbed):
+        try:
+            started = Command(testbed, "nodes", "start", "--detach")
+            assert started.process.wait(DEADLINE) == 0
+            assert "waiting for joint_states of joint1, joint2 on /joint_states" in started.said
+            again = Command(testbed, "nodes", "start", "--detach")
+            assert again.process.wait(DEADLINE) == 2
+            assert "are started already" in again.said
+        finally:
+            assert main(["nodes", "stop"]) == 0
+        (first, _) = sorted(tmp_path.glob("results/nodes/*.log"))
+        assert first.read_text().rstrip().endswith("ended")
+        assert "ended the nodes in ROS domain" in capfd.readouterr().out
+
+
 class RealTimePlant(StrangersPlant):
     """It moves with the time of the wall, under the newest command; its brakes are closed before the first."""
 
