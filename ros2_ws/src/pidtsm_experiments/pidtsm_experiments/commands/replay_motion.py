@@ -23,7 +23,7 @@ from pidtsm_core.trajectories.recorded import (
 )
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.motions import SOURCES, read_positions
-from pidtsm_experiments.commands.arm_options import add_arm_arguments, read_arm
+from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.saved import bag_of
@@ -69,11 +69,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     if not 0.0 < options.speed < 100.0:
         raise UsageError(f"--speed {options.speed:g}: must be above 0 and below 100")
+    if (arm := read_arm(options)) is not None:
+        arm.settings()  # Refused here if it cannot be used, before the bag is read.
+        arm.robot()
     try:
         joints, times, position, stored = read_positions(bag_of(options.bag), options.source)
         motion = recorded_motion(joints, times, position, options.speed)
     except (RecordingError, TrajectoryError) as error:
         raise UsageError(str(error)) from None
+    introduce(options)
     if options.dry_run:
         limits = _known_limits(options, stored)
         if limits is not None:
