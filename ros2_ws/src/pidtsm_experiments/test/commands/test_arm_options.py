@@ -52,7 +52,7 @@ Call = Callable[..., tuple[int, str, str]]
 
 def options_of(command: str) -> set[str]:
     """Of a command, or of an action of one, such as ``nodes start``."""
-    parser: argparse.ArgumentParser = _parser(command.split()[0])
+    parser: argparse.ArgumentParser = _parser(command.split(maxsplit=1)[0])
     for word in command.split():
         parser = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction)).choices[word]
     return {text for action in parser._actions for text in action.option_strings}
