@@ -26,7 +26,7 @@ _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _RECURSIVE = re.compile(r"^\./pidtsm test\b.*$", re.MULTILINE)
 # Take long; test_reproduction.py, test_closed_loop.py and the command's own test run them.
 _LONG = re.compile(r"^\./pidtsm (reproduce --out \S+|demo|score --quick .*|tune .*)$", re.MULTILINE)
-_PLAIN = re.compile(r"(\./pidtsm (?!shell|actions|live|move)[a-z]\S*( [^$&|;<>`\n]*)?\n|\s*\n)+")
+_PLAIN = re.compile(r"(\./pidtsm (?!shell|actions|live|move|nodes)[a-z]\S*( [^$&|;<>`\n]*)?\n|\s*\n)+")
 """Commands that need no shell."""
 
 

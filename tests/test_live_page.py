@@ -3,6 +3,7 @@
 What else the page does is tested without a browser, whose software renderer takes most of a machine.
 """
 
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from matplotlib.image import imread
 from numpy.typing import NDArray
 from support.devtools import CHROMIUM, browser
+from support.judges import opened
 from support.livepage import LivePage, live_process, parameter, until
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
@@ -48,6 +50,29 @@ def test_a_gain_changed_on_the_page_is_the_nodes_and_a_bad_one_is_refused(live: 
     live.enter("k1", "-1")
     until(lambda: "law.k1: -1 must be >= 0" in live.told().replace("law.k1 (", "law.k1: ("), "the reason")
     assert parameter(live.system, "law.k1") == (3.5, 2.5)
+
+
+def test_freedrive_and_hold_are_switches_that_show_what_the_controller_does(live: LivePage) -> None:
+    live.press("Controller")
+    live.flip("freedrive", on=True)
+    until(lambda: "Freedrive: the arm can be moved by hand" in live.text("#status"), "freedrive")
+    live.flip("freedrive", on=False)
+    until(lambda: "Holding its position, as it was told to" in live.text("#status"), "the arm is held")
+    until(lambda: live.checked("hold") and not live.checked("freedrive"), "both switches show it")
+    live.flip("hold", on=False)
+    until(lambda: "Following" in live.text("#status"), "the arm follows")
+
+
+def test_a_recording_shows_its_size_until_it_is_ended(live: LivePage) -> None:
+    live.press("Keep")
+    live.press("Record")
+    sizes = r"recording, \d+ samples, (\d+\.\d) MB so far"
+    until(lambda: (found := re.search(sizes, live.text("#bag"))) and float(found[1]) > 1.0, "a megabyte")
+    live.press("End the recording")
+    until(lambda: " MB recorded: " in live.text("#bag"), "its end")
+    bag = Path(live.text("#bag").partition("recorded: ")[2].strip())
+    with opened(bag) as (reader, _):
+        assert reader.message_count > 1000
 
 
 @pytest.mark.parametrize("action", ["Push", "Pick up"])

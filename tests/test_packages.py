@@ -28,7 +28,7 @@ ROSDEP_KEYS = {
 """Of Python packages, as in rosdep/python.yaml of rosdistro; ROS packages are declared by their names."""
 WITHOUT_KEY = {"cma", "llvmlite", "mcap", "mujoco", "plotly", "ruckig", "threadpoolctl", "viser"}
 """llvmlite comes with numba. The ROS package ruckig has no Python module."""
-OPTIONAL = {"OpenGL", "av", "casadi", "dask", "distributed", "glfw", "pinocchio"}
+OPTIONAL = {"OpenGL", "av", "casadi", "dask", "distributed", "glfw", "pinocchio", "pyarrow"}
 """Imported only where they are installed."""
 HELPERS = {"support"}
 

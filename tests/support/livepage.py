@@ -130,6 +130,23 @@ class LivePage:
         self.field(label)
         return str(self.page.evaluate(f"document.querySelector('{MARKED}').value"))
 
+    def flip(self, label: str, on: bool) -> None:
+        """Click on a check box until it is, or is not, checked; a system that is busy may show it late."""
+        checked = f"document.querySelector('{MARKED}').checked"
+
+        def flipped() -> bool:
+            self.field(label)
+            if self.page.evaluate(checked) is not on:
+                self.page.evaluate(f"document.querySelector('{MARKED}').click()")
+            return self.page.evaluate(checked) is on
+
+        until(flipped, f"{label} is {'on' if on else 'off'}")
+
+    def checked(self, label: str) -> bool:
+        """Whether a check box is checked."""
+        self.field(label)
+        return bool(self.page.evaluate(f"document.querySelector('{MARKED}').checked"))
+
     def enter(self, label: str, value: str) -> None:
         """Write into a field, and press Enter."""
         self.field(label)

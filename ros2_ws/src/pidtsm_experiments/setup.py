@@ -22,7 +22,7 @@ setup(
         *((f"share/{NAME}/{folder}", files(folder)) for folder in SHARED),
     ],
     install_requires=["setuptools"],
-    extras_require={"test": ["pytest"]},
+    extras_require={"test": ["pytest"], "parquet": ["pyarrow"]},
     entry_points={
         "console_scripts": [
             "recorder = pidtsm_ros.main:main",

@@ -35,9 +35,11 @@ _COMMANDS = {
     "limit": "compute the smallest RMSE that any controller of the two-link arm can reach (needs CasADi)",
     "score": "measure how much imperfection of sensors, drives and model a controller tolerates on an arm",
     "leaderboard": "put all scores into one page and one document",
+    "nodes": "start controller and trajectory node in your ROS domain, and operate them: parameters, faults, recording",
     "move": "move the arm of a running system to a posture",
+    "replay-motion": "let the arm of a running system repeat the motion in a bag",
     "analyze": "compute the metrics of a recorded bag",
-    "export": "write the arrays of a run as a table for other programs",
+    "export": "write a run or a bag as a table for other programs, as CSV or Parquet",
     "bench": "run benchmarks, each compared with a lower bound or another implementation measured in the same run",
     "test": "run all tests and checks",
 }

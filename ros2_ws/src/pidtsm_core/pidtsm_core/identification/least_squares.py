@@ -23,8 +23,8 @@ _MEMORY = 0.9
 noise, it would excuse errors of gravity and friction, which last as long, and the estimates would drift away."""
 _ROUNDS = 3
 """Repetitions with better known noise and delay; the estimates change by less than a hundredth of their intervals."""
-_EXACT = 1e-4
-"""Least noise, as a share of the effort: no sensor is better, and what the filter does to exact data is larger."""
+_EXACT = 1e-3
+"""Least noise, as a share of the effort: no sensor of efforts and no model is better."""
 _WEAK = 10.0
 """How much more uncertain than assumed the description is taken to be, so that it does not compete with data."""
 _LONGEST_DELAY = 0.1
@@ -131,7 +131,9 @@ def fit(
                 for residual, table in zip(residuals, tables, strict=True)
             ]
             colours, scales = _noise(errors, pieces)
-            scales = np.maximum(scales, least)
+            # What is smaller is the error of the filter, of which nothing is known but that it is small.
+            exact = _size(residuals, pieces) < least
+            colours[exact], scales[exact] = 0.0, least[exact]
             pieces = [piece for each in measurements for piece in filtered(each, cutoff, delay)]
     inverse = solve_triangular(triangle, np.eye(count))
     # Of the base parameters alone: with the delay, which is the last one, as the first column, the other rows of the

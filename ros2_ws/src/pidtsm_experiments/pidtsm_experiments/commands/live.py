@@ -11,7 +11,7 @@ import rclpy
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import PRACTICAL
 from pidtsm_experiments.commands.options import CONSOLE, add_experiment_arguments, experiment_of
-from pidtsm_experiments.live.nodes import Nodes
+from pidtsm_experiments.live.nodes import Nodes, live_parameters
 from pidtsm_experiments.live.options import add_page_arguments
 from pidtsm_experiments.runs.domain import own_domain
 from pidtsm_experiments.runs.runner import environment
@@ -37,7 +37,9 @@ def execute(options: argparse.Namespace) -> int:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pidtsm-live-")))
         domain = stack.enter_context(own_domain())
-        nodes = stack.enter_context(Nodes(experiment, folder, domain, _NAMESPACE))
+        words = ["-r", f"__ns:=/{_NAMESPACE}"]
+        nodes = Nodes(live_parameters(experiment), folder, lambda node: environment(node, domain, folder), words)
+        stack.enter_context(nodes).start_all()
         # Slow to import: the nodes start meanwhile.
         from pidtsm_experiments.live.executable import serve
 

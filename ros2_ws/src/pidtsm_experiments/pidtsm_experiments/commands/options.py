@@ -93,17 +93,19 @@ def engine_overrides(engine: str | None) -> list[str]:
     return [f"simulator.{ENGINE.name}={engine}"] if engine else []
 
 
-def experiment_of(options: argparse.Namespace, usual: str = "") -> Experiment:
+def experiment_of(options: argparse.Namespace, usual: str = "", otherwise: Experiment | None = None) -> Experiment:
     """The experiment that the options define; an arm that is new to the user is introduced.
 
     Args:
         options: of `add_experiment_arguments`.
         usual: parameter set of the default law if no other is given.
+        otherwise: what is varied if no scenario is given; None: see `make_experiment`.
     """
+    scenario = options.scenario or otherwise
     overrides, arm = [*engine_overrides(options.engine), *options.set], read_arm(options)
 
     def made(params: Sequence[str]) -> Experiment:
-        return make_experiment(options.scenario, options.law, options.duration, params, overrides, robot=arm)
+        return make_experiment(scenario, options.law, options.duration, params, overrides, robot=arm)
 
     experiment = made(options.params)
     if usual and not options.params and experiment.law == LAW_NAME.default:

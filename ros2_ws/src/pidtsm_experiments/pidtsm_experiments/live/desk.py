@@ -76,13 +76,25 @@ class Desk:
 
         @button.on_click
         def _(event: GuiEvent[Any]) -> None:
-            if moves and not self.system.simulated:
-                question = f"**{label}** may set it in motion. Is everybody out of its reach?"
-                self.ask(event.client, question, label, action)
-            else:
-                self.run(action())
+            self.act(event.client, label, action, moves)
 
         return button
+
+    def act(
+        self, client: ClientHandle | None, label: str, action: Callable[[], Coroutine[Any, Any, None]], moves: bool
+    ) -> None:
+        """Run an action that a browser wants.
+
+        Args:
+            client: the browser.
+            label: what it is called.
+            action: what is to be done.
+            moves: whether it may set the arm in motion, which must be confirmed if the arm is real.
+        """
+        if moves and not self.system.simulated:
+            self.ask(client, f"**{label}** may set it in motion. Is everybody out of its reach?", label, action)
+        else:
+            self.run(action())
 
     def ask(
         self, client: ClientHandle | None, question: str, label: str, action: Callable[[], Coroutine[Any, Any, None]]

@@ -13,31 +13,38 @@ from pidtsm_experiments.live.recording import Recording
 from pidtsm_experiments.runs.files import write_file
 from pidtsm_experiments.runs.origin import comment
 
+_RECORD, _END = "Record", "End the recording"
 _GAINS = ("law.", "estimator.", "compensation.")
 
 
 class Recorded:
-    """Recording on and off, with the path of the bag."""
+    """Recording on and off, with path and size of the bag."""
 
     def __init__(self, desk: Desk, recording: Recording, values: Callable[[], Mapping[str, Mapping[str, Any]]]) -> None:
         """Add the controls to the current container; `values`: returns the parameters of the nodes, by node."""
         self._desk, self._recording, self._values = desk, recording, values
-        desk.button("Record", self.start, "record every topic to a new bag", color="red")
-        desk.button("End the recording", self._stop, "close the bag")
+        hint = "record every topic to a new bag, until it is pressed again"
+        self._button = desk.button(_RECORD, self._toggle, hint, color="red")
         self._path = desk.server.gui.add_html("")
 
     def show(self) -> None:
         """Show where the recording is."""
-        bag, samples = self._recording.bag, self._recording.samples
+        bag, so_far = self._recording.bag, self._recording.text
+        label = _END if self._recording.on else _RECORD
+        if self._button.label != label:
+            self._button.label = label
         if bag is not None:
-            what = "recorded"
+            what = f"{so_far} recorded"
             if self._recording.on:
-                what = f"recording, {samples} samples so far"
+                what = f"recording, {so_far} so far"
             elif why := self._recording.incomplete:
                 what = f"recorded without its end, because {why}"
             self._path.content = (
                 f'<div id="bag" style="padding:0.5em 0.75em;overflow-wrap:anywhere">{what}: {bag}</div>'
             )
+
+    async def _toggle(self) -> None:
+        await (self._stop() if self._recording.on else self.start())
 
     async def start(self) -> None:
         """Begin a new bag.

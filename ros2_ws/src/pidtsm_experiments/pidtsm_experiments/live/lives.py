@@ -129,6 +129,11 @@ class Lives:
         """What is known of a node now."""
         return self._lives[node].condition(time.monotonic()) if node in self._lives else Condition.UNHEARD
 
+    def age(self, node: str) -> float | None:
+        """Time since the last message of a node, s; None: none has arrived."""
+        heard = self._lives[node].heard if node in self._lives else None
+        return None if heard is None else time.monotonic() - heard
+
     def trouble(self, node: str) -> str:
         """Why a node cannot answer, as a sentence without its end; empty: nothing is known against it."""
         now, life = time.monotonic(), self._lives.get(node)

@@ -1,11 +1,11 @@
-"""The nodes that ``./pidtsm live`` starts, and may stop, break and start again."""
+"""The nodes that ``./pidtsm live`` and ``./pidtsm nodes start`` start, and the page may break and start again."""
 
 import asyncio
 import signal
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from pidtsm_core.experiment import Experiment
 from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
@@ -13,7 +13,7 @@ from pidtsm_core.experiment.node_settings import resolve_nodes
 from pidtsm_core.parameters import ParameterError, Value
 from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_experiments.live.errors import RefusedError
-from pidtsm_experiments.runs.runner import Processes, check_security, environment, how_ended, node_parameters
+from pidtsm_experiments.runs.runner import Processes, check_security, how_ended, node_parameters
 
 _LISTENING = {"simulator": 2, "controller": 1, "trajectory": 1}
 """Number of subscribers that each node waits for at the start; a page need not be one of them."""
@@ -22,40 +22,60 @@ _BLEND = 0.8
 _CHOICES = {"controller": ("law", "estimator"), "trajectory": ("reference",)}
 """By node, the groups whose parameters depend on the choice of ``GROUP.name``."""
 
+Surroundings: TypeAlias = Callable[[str], dict[str, str]]
+"""Environment variables of a node's process, by its name."""
+
+
+def live_parameters(experiment: Experiment) -> dict[str, dict[str, Value]]:
+    """Every parameter of every node of a simulated system that somebody operates; it has no end.
+
+    Raises:
+        UsageError: a parameter is invalid.
+    """
+    settings = {node: {"start.subscribers": _LISTENING[node], **given} for node, given in experiment.settings.items()}
+    settings["controller"] = {"activation.blend": _BLEND, **settings["controller"]}
+    return node_parameters(replace(experiment, settings=settings, duration=0.0), "realtime")
+
 
 class Nodes:
-    """Simulator, controller and trajectory node in real time, until the end of the block.
+    """Nodes in real time, each in its process, until the end of the block.
 
     Attributes:
         parameters: by node, what each was started with last.
     """
 
-    def __init__(self, experiment: Experiment, folder: Path, domain: int, namespace: str) -> None:
-        """Prepare the parameters; nothing is started.
+    def __init__(
+        self,
+        parameters: Mapping[str, Mapping[str, Value]],
+        folder: Path,
+        surroundings: Surroundings,
+        words: Sequence[str],
+    ) -> None:
+        """Nothing is started.
 
         Args:
-            experiment: what to run; it has no end.
+            parameters: of each node, complete.
             folder: for parameter files and logs.
-            domain: ROS domain.
-            namespace: without slashes at its ends.
+            surroundings: returns the environment variables of a node's process.
+            words: arguments of ROS for each process, such as ``-r __ns:=/left``.
 
         Raises:
-            UsageError: a parameter is invalid, or security is requested but not available.
+            UsageError: security is requested but not available.
         """
-        settings = {
-            node: {"start.subscribers": _LISTENING[node], **given} for node, given in experiment.settings.items()
-        }
-        settings["controller"] = {"activation.blend": _BLEND, **settings["controller"]}
-        self.parameters = node_parameters(replace(experiment, settings=settings, duration=0.0), "realtime")
+        self.parameters = {node: dict(values) for node, values in parameters.items()}
         check_security(self.parameters)
-        self._folder, self._domain, self._namespace = folder, domain, namespace
+        self._folder, self._surroundings, self._words = folder, surroundings, list(words)
         self._processes = Processes()
         self._frozen: set[str] = set()
         self._restarting = asyncio.Lock()
 
     def __enter__(self) -> "Nodes":
+        return self
+
+    def start_all(self) -> "Nodes":
+        """Start every node."""
         for node in self.parameters:
-            self._start(node)
+            self.start(node)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -63,12 +83,12 @@ class Nodes:
             self.thaw(node)
         self._processes.__exit__(None, None, None)
 
-    def _start(self, node: str) -> None:
+    def start(self, node: str) -> None:
+        """Start a node that does not run."""
         file = self._folder / f"{node}.yaml"
         file.write_text(ros_parameters(node, self.parameters[node]), encoding="utf-8")
-        arguments = ["--params-file", str(file), "-r", f"__ns:=/{self._namespace}"]
-        surroundings = environment(node, self._domain, self._folder)
-        self._processes.start(node, arguments, surroundings, self._folder / f"{node}.log")
+        arguments = ["--params-file", str(file), *self._words]
+        self._processes.start(node, arguments, self._surroundings(node), self._folder / f"{node}.log")
 
     def runs(self, node: str) -> bool:
         """Whether the process of a node runs."""
@@ -132,7 +152,7 @@ class Nodes:
             if self.runs(node):
                 raise RefusedError(f"{node} runs; only a node that has ended can be started again")
             await self._end(node)
-            self._start(node)
+            self.start(node)
 
     async def restart(self, node: str, changes: Mapping[str, Any] | None = None) -> None:
         """Start a node again with changed parameters, after it has been deactivated and has ended, if it runs.
@@ -150,7 +170,7 @@ class Nodes:
                 await self._end(each)
             self.parameters = changed
             for each in together:
-                self._start(each)
+                self.start(each)
 
     def _checked(self, node: str, changes: Mapping[str, Any]) -> dict[str, dict[str, Value]]:
         """The parameters of all nodes with these changes."""

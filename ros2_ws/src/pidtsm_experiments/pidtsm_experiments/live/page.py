@@ -24,6 +24,7 @@ from pidtsm_experiments.live.recording import Recording
 from pidtsm_experiments.live.scene import ArmScene
 from pidtsm_experiments.live.stream import Batch
 from pidtsm_experiments.live.strip import Strip
+from pidtsm_experiments.live.switches import Switches
 from pidtsm_experiments.live.undo import Undo
 from pidtsm_experiments.live.watch import Status, Watching
 from pidtsm_experiments.live.words import OLD
@@ -57,6 +58,7 @@ class Page:
         self._scene: ArmScene | None = None
         self._watching: Watching | None = None
         self._recorded: Recorded | None = None
+        self._switches: Switches | None = None
         self._joints: list[str] = []
         self._name = ""
         self._newest: Any = None
@@ -99,6 +101,7 @@ class Page:
             desk.button("Deactivate", self._deactivate, "the controller publishes a last, safe torque")
             reset = "follow the reference again after a fault (~/reset_fault)"
             desk.button("Reset the fault", self._reset, reset, moves=True)
+            self._switches = Switches(desk)
         self._forms["controller"] = NodeForms(desk, "controller", control)
         await _until_answered(self._forms["controller"].build)
         if desk.system.has("trajectory") or (desk.nodes is not None and "trajectory" in desk.nodes.parameters):
@@ -200,6 +203,8 @@ class Page:
         self._status.show(self._newest, self._name)
         self._strip.show()
         self._undo.show()
+        if self._switches is not None:
+            self._switches.show(self._newest)
         if self._recorded is not None:
             self._recorded.show()
 

@@ -3,7 +3,8 @@
 from typing import Any, NamedTuple
 
 import yaml
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
+from rclpy.parameter import parameter_value_to_python
 
 from pidtsm_core.parameters.files import read_yaml
 from pidtsm_experiments.live.errors import RefusedError
@@ -45,6 +46,12 @@ class Described(NamedTuple):
         """The allowed values of a text; empty if any is."""
         first = self.descriptor.additional_constraints.partition(";")[0]
         return tuple(first.removeprefix(_CHOICES).split(", ")) if first.startswith(_CHOICES) else ()
+
+
+def plain(value: ParameterValue) -> Any:
+    """The value of a parameter; a list as a tuple."""
+    python = parameter_value_to_python(value)
+    return tuple(python) if hasattr(python, "__iter__") and not isinstance(python, str) else python
 
 
 def shown(value: Any) -> str:

@@ -70,12 +70,24 @@ class Recording:
         """Why the bag that was written last lacks its end; empty: it does not."""
         return self._lost or (self.ended and f"the recorder {self.ended}")
 
-    def start(self, scenario: str, values: Mapping[str, Mapping[str, Value]]) -> Path:
+    @property
+    def size(self) -> int:
+        """Size of the bag so far, bytes."""
+        files = () if self.bag is None else tuple(self.bag.glob("*"))
+        return sum(file.stat().st_size for file in files)
+
+    @property
+    def text(self) -> str:
+        """How much has been recorded so far."""
+        return f"{self.samples} samples, {self.size / 1e6:.1f} MB"
+
+    def start(self, scenario: str, values: Mapping[str, Mapping[str, Value]], bag: Path | None = None) -> Path:
         """Begin a bag; returns its folder.
 
         Args:
             scenario: its name, for the report.
             values: parameters of the controller, and of the trajectory node if there is one, by node.
+            bag: new folder; None: one in the folder of the recordings, with the time in its name.
 
         Raises:
             RefusedError: a recorder runs, or cannot be started.
@@ -89,14 +101,13 @@ class Recording:
         try:
             metadata = json.dumps(known | robot_metadata(controller))
             self._folder.mkdir(parents=True, exist_ok=True)
-            name = time.strftime("%Y-%m-%d-%H-%M-%S")
-            bag = self._folder / f"bag-{name}"
-            file = self._folder / f"bag-{name}.yaml"
+            bag = bag or self._folder / f"bag-{time.strftime('%Y-%m-%d-%H-%M-%S')}"
+            file = bag.with_name(f"{bag.name}.yaml")
             nodes = {"recorder": {"metadata": metadata, "output": str(bag)}, **values}
             write_file(file, comment() + "".join(ros_parameters(node, given) for node, given in nodes.items()))
             words = ["--params-file", str(file), "-p", "plain_names:=true", "-r", f"__ns:={self._namespace}"]
             self._processes.running.pop("recorder", None)
-            self._processes.start("recorder", words, self._environment, bag.with_suffix(".log"))
+            self._processes.start("recorder", words, self._environment, bag.with_name(f"{bag.name}.log"))
         except (OSError, RunError, UsageError) as error:
             raise RefusedError(f"cannot record: {error}") from None
         self.bag, self._samples, self._lost = bag, 0, ""
@@ -113,6 +124,7 @@ class Recording:
             raise RefusedError("nothing is being recorded")
         process.interrupt()
         code = await asyncio.to_thread(process.wait)
+        self._samples = self.samples  # The last line that it has printed.
         self._processes.running.pop("recorder", None)
         if code:
             self._lost = f"the recorder {how_ended(code)}"

@@ -1,4 +1,4 @@
-"""A running system as a page sees it: its nodes' services, parameters, diagnostics and log, over ROS."""
+"""A running system as a page or a command sees it: its nodes' services, parameters, diagnostics and log, over ROS."""
 
 import asyncio
 import time
@@ -11,22 +11,25 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from rcl_interfaces.msg import Log, ParameterEvent, ParameterValue
+from rcl_interfaces.msg import Log, ParameterEvent
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParametersAtomically
 from rclpy.client import Client
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from std_srvs.srv import SetBool, Trigger
+from trajectory_msgs.msg import JointTrajectory
 
 from pidtsm_core.arrays import Array
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.live.lives import REPORTS_WITHIN, SAMPLES_WITHIN, Condition, Lives, Source, time_of_day
-from pidtsm_experiments.live.parameters import Described
+from pidtsm_experiments.live.messages import one_point
+from pidtsm_experiments.live.parameters import Described, plain
 from pidtsm_experiments.live.stream import Batch, StateStream, by_name
+from pidtsm_experiments.live.words import Heard
+from pidtsm_msgs.msg import ControllerState
 from pidtsm_ros.process import spin_for
 from pidtsm_ros.qos import READER, RELIABLE_READER
 from pidtsm_ros.serialization import ExactPublisher
@@ -37,14 +40,16 @@ _CONFIGURE_WITHIN = 120.0  # s; the first controller of an arm compiles
 _THERE_WITHIN = 2.0  # s; discovery of a service that exists
 _AGAIN = 1.0
 """s without an answer after which a request is repeated: a service is there before its answers find the way."""
-_REPEATABLE = (ListParameters, DescribeParameters, GetParameters, SetParametersAtomically, GetState)
+_REPEATABLE = (ListParameters, DescribeParameters, GetParameters, SetParametersAtomically, GetState, SetBool)
 """Services that do the same when they are called twice."""
 _POLL = 0.01  # s
 _SPIN = 0.002  # s
 _EVENTS = 8
 PUSH_EVERY = 0.05
-"""Time between two messages of a push, s; each acts for 0.1 s."""
+"""s between two messages of a push; each acts for 0.1 s."""
 _ABOVE_INFO = 20
+_HELD = "call ~/hold with false"
+"""What the controller reports that was told to hold the arm."""
 NODE_NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 """Stands for the name of a node whose topics are discovered before it is."""
 
@@ -59,10 +64,11 @@ class System:
         changed: the parameters that have changed since the page last looked: node and values of each change.
     """
 
-    def __init__(self, namespace: str | None = None) -> None:
-        """Create the nodes of the page, after `rclpy.init`; `namespace`: None for that of the command line."""
+    def __init__(self, namespace: str | None = None, name: str = "live") -> None:
+        """Create two nodes named like `name`, after `rclpy.init`; no `namespace`: that of the command line."""
         # The listener is in no executor: its messages are taken in batches.
-        self._node, self._listener = Node("live", namespace=namespace), Node("live_listener", namespace=namespace)
+        self._node = Node(name, namespace=namespace)
+        self._listener = Node(f"{name}_listener", namespace=namespace)
         self._executor = EventsExecutor()
         self._executor.add_node(self._node)
         self.namespace = self._node.get_namespace()
@@ -70,6 +76,8 @@ class System:
         self.lives, self.source = Lives(), Source(self.namespace)
         self.lives.of("controller")
         self._reports: dict[str, str] = {}
+        self._mode = -1
+        self._held: bool | None = None
         self.changed: list[tuple[str, dict[str, Any]]] = []
         self._clients: dict[str, Client] = {}
         self._states = StateStream(self._listener)
@@ -105,7 +113,7 @@ class System:
 
     def look(self) -> None:
         """See who is in the graph."""
-        found = self._node.get_node_names_and_namespaces()
+        found = self.graph()
         here = {name for name, space in found if space == self.namespace}
         sources = self._node.get_publishers_info_by_topic("joint_states")
         named = [f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in sources if i.node_name != NODE_NAME_UNKNOWN]
@@ -126,9 +134,17 @@ class System:
         if trouble := self.lives.trouble(node):
             raise RefusedError(trouble)
 
+    def topic(self, name: str) -> str:
+        """Full name of a topic."""
+        return str(self._node.resolve_topic_name(name))
+
+    def graph(self) -> list[tuple[str, str]]:
+        """Name and namespace of every node of the domain."""
+        return list(self._node.get_node_names_and_namespaces())
+
     def has(self, node: str) -> bool:
         """Whether the namespace has a node of this name."""
-        return (node, self.namespace) in self._node.get_node_names_and_namespaces()
+        return (node, self.namespace) in self.graph()
 
     # Samples.
 
@@ -147,6 +163,8 @@ class System:
         batch = self._states.take()
         if batch is not None:
             self._heard = time.monotonic()
+            if batch.newest.mode != self._mode:
+                self._mode, self._held = batch.newest.mode, None
             self._reports.pop("controller", None)  # It is active: what it reported before no longer holds.
             self.lives.hear("controller", SAMPLES_WITHIN)
             self._hear_source()  # Each state answers a joint state.
@@ -183,6 +201,23 @@ class System:
         """What a node has reported on /diagnostics lately; empty: nothing."""
         return self._reports.get(node, "") if self.lives.condition(node) is Condition.ALIVE else ""
 
+    @property
+    def held(self) -> bool | None:
+        """Whether the controller was told to hold the arm; None: it has not reported since its mode has changed."""
+        return self._held
+
+    def heard(self, newest: ControllerState | None, ended: str = "") -> Heard:
+        """What is known of the controller.
+
+        Args:
+            newest: its last state; None: none has arrived.
+            ended: how its process has ended; empty: it runs, or is not known.
+        """
+        alive = self.lives.condition("controller") is Condition.ALIVE
+        missing = self.lives.trouble(self.source.node)
+        report = self.report("controller")
+        return Heard(newest, self.silence, self.since, report, alive, ended, missing, self._held)
+
     def _own(self, full_name: str) -> str | None:
         """The name of a node of the namespace; None: the node is another."""
         space, _, name = f"/{full_name.lstrip('/')}".rpartition("/")
@@ -192,16 +227,18 @@ class System:
         for status in message.status:
             if name := self._own(status.name.partition(":")[0]):
                 self._reports[name] = status.message
+                if name == "controller":
+                    self._held = _HELD in status.message
                 self.lives.hear(name, REPORTS_WITHIN)
 
     def _on_log(self, message: Log) -> None:
         name = self._own(message.name.replace(".", "/"))
-        if name and message.level > _ABOVE_INFO and name not in ("live", "live_listener"):
+        if name and message.level > _ABOVE_INFO and name not in (self._node.get_name(), self._listener.get_name()):
             self.note(f"{name}: {message.msg}")
 
     def _on_parameters(self, message: ParameterEvent) -> None:
         if name := self._own(message.node):
-            values = {p.name: _plain(p.value) for p in message.changed_parameters}
+            values = {p.name: plain(p.value) for p in message.changed_parameters}
             self.changed.append((name, values))
 
     # Services.
@@ -248,6 +285,16 @@ class System:
         if not answer.success:
             raise RefusedError(answer.message)
 
+    async def switch(self, service: str, on: bool) -> None:
+        """Call a service of type std_srvs/SetBool.
+
+        Raises:
+            RefusedError: the node refuses, or see `call`.
+        """
+        answer = await self.call(SetBool, service, SetBool.Request(data=on))
+        if not answer.success:
+            raise RefusedError(answer.message)
+
     async def described(self, node: str) -> list[Described]:
         """Every parameter of a node.
 
@@ -260,7 +307,7 @@ class System:
         described = await self.call(DescribeParameters, f"{node}/describe_parameters", asked)
         values = await self.call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
         return [
-            Described(descriptor, _plain(value))
+            Described(descriptor, plain(value))
             for descriptor, value in zip(described.descriptors, values.values, strict=True)
         ]
 
@@ -339,11 +386,7 @@ class System:
             RefusedError: the trajectory node is known to be away.
         """
         self.require("trajectory")
-        still = [0.0] * len(joints)
-        point = JointTrajectoryPoint(positions=list(target), velocities=still, accelerations=still)
-        point.time_from_start.sec, rest = divmod(round(duration * 1e9), 10**9)
-        point.time_from_start.nanosec = rest
-        self._trajectories.publish(JointTrajectory(joint_names=list(joints), points=[point]))
+        self._trajectories.publish(one_point(joints, target, duration))
 
     def rest(self) -> None:
         """Bring the reference to rest.
@@ -353,9 +396,3 @@ class System:
         """
         self.require("trajectory")
         self._trajectories.publish(JointTrajectory())
-
-
-def _plain(value: ParameterValue) -> Any:
-    """The value of a parameter; a list as a tuple."""
-    python = parameter_value_to_python(value)
-    return tuple(python) if hasattr(python, "__iter__") and not isinstance(python, str) else python

@@ -11,11 +11,10 @@ from pidtsm_core.signals import Signal
 from pidtsm_core.units import JointUnits, either
 from pidtsm_experiments.live.desk import Desk
 from pidtsm_experiments.live.history import History, Measurement
-from pidtsm_experiments.live.lives import Condition
 from pidtsm_experiments.live.motion import Moving
 from pidtsm_experiments.live.plots import SHOWN, Comparison, Plots, color
 from pidtsm_experiments.live.stream import Batch
-from pidtsm_experiments.live.words import AMBER, GREEN, OLD, Heard, badge, loop, mode
+from pidtsm_experiments.live.words import AMBER, GREEN, OLD, badge, loop, mode
 from pidtsm_msgs.msg import ControllerState
 
 _PANEL = 430  # pixels
@@ -32,15 +31,7 @@ class Status:
     def show(self, newest: ControllerState | None, name: str) -> None:
         """Show the state; `newest`: last state of the controller, or None; `name`: of the arm."""
         system, nodes = self._desk.system, self._desk.nodes
-        heard = Heard(
-            newest,
-            system.silence,
-            system.since,
-            system.report("controller"),
-            system.lives.condition("controller") is Condition.ALIVE,
-            nodes.ended("controller") if nodes is not None else "",
-            system.lives.trouble(system.source.node),
-        )
+        heard = system.heard(newest, nodes.ended("controller") if nodes is not None else "")
         sentence = mode(heard)
         real = "REAL ARM" if system.source.driver else "REAL ARM, not seen yet"
         kind = badge("SIMULATED", GREEN) if system.simulated else badge(real, AMBER)

@@ -41,6 +41,7 @@ class Heard:
         alive: whether the controller was heard lately.
         ended: how its process has ended; empty: it runs, or is not known.
         missing: why there are no joint states; empty: not known.
+        held: whether the controller was told to hold the arm; None: not known.
     """
 
     newest: ControllerState | None
@@ -50,6 +51,7 @@ class Heard:
     alive: bool = False
     ended: str = ""
     missing: str = ""
+    held: bool | None = False
 
 
 def mode(heard: Heard) -> Sentence:
@@ -59,17 +61,25 @@ def mode(heard: Heard) -> Sentence:
         return Sentence(f"The controller {heard.ended}", RED)
     if newest is None or heard.silence > LATE:
         return _silent(heard)
-    if newest.fault:
-        try:
-            reason = cause(newest.fault, newest.fault_joint, newest.name)
-        except (ValueError, IndexError, KeyError):  # of another version
-            reason = f"fault {newest.fault}"
+    if reason := fault(newest):
         return Sentence(f"Stopped: {reason}. It holds the arm until the fault is reset", RED)
-    if newest.mode == Mode.HOLDING:
-        return Sentence("Holding its position: the reference is missing or too old", AMBER)
-    if newest.mode == Mode.FOLLOWING:
-        return Sentence("Following the reference", GREEN)
-    return Sentence(f"In mode {newest.mode}", AMBER)
+    reasons = {True: ", as it was told to", False: ": the reference is missing or too old", None: ""}
+    sentences = {
+        Mode.FOLLOWING: Sentence("Following the reference", GREEN),
+        Mode.HOLDING: Sentence(f"Holding its position{reasons[heard.held]}", AMBER),
+        Mode.FREEDRIVE: Sentence("Freedrive: the arm can be moved by hand", AMBER),
+    }
+    return sentences.get(newest.mode, Sentence(f"In mode {newest.mode}", AMBER))
+
+
+def fault(newest: ControllerState) -> str:
+    """Why the controller has stopped; empty: it has not."""
+    if not newest.fault:
+        return ""
+    try:
+        return cause(newest.fault, newest.fault_joint, newest.name)
+    except (ValueError, IndexError, KeyError):  # of another version
+        return f"fault {newest.fault}"
 
 
 def _silent(heard: Heard) -> Sentence:

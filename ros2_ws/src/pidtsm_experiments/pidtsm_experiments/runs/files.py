@@ -44,35 +44,36 @@ def writable_file(out: Path, option: str = "--out") -> Path:
     return place
 
 
-def write_file(place: Path, text: str) -> None:
+def write_file(place: Path, content: str | bytes) -> None:
     """Write a file; if that fails, what was there is left.
 
     Args:
         place: what `writable_file` returns, or a new file.
-        text: its content.
+        content: what is written; text as UTF-8.
 
     Raises:
         RunError: the disk is full or gone, or the folder has been removed.
     """
+    data = content.encode() if isinstance(content, str) else content
     try:
         if _is_device(place):
-            with os.fdopen(os.open(place, os.O_WRONLY | os.O_APPEND), "w", encoding="utf-8") as device:
-                device.write(text)
+            with os.fdopen(os.open(place, os.O_WRONLY | os.O_APPEND), "wb") as device:
+                device.write(data)
             return
-        _replace(place, text)
+        _replace(place, data)
     except OSError as error:
         raise RunError(f"cannot write {place}: {error.strerror or error}") from None
 
 
-def _replace(place: Path, text: str) -> None:
+def _replace(place: Path, data: bytes) -> None:
     """Write a draft beside the file, and give it the name of the file, with the rights that this has."""
     draft = place.with_name(f".{place.name[:100]}.{secrets.token_hex(4)}")
     descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666)
     try:
-        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+        with os.fdopen(descriptor, "wb") as file:
             with suppress(OSError):
                 os.fchmod(descriptor, stat.S_IMODE(place.stat().st_mode))
-            file.write(text)
+            file.write(data)
             file.flush()
             os.fsync(descriptor)
         draft.replace(place)

@@ -64,13 +64,18 @@ def read_run(path: Path) -> Recording:
         raise UsageError(f"{path}: no such file or folder")
     if (path / RECORDING).is_file():
         return load_recording(path / RECORDING)
-    bag = path / _BAG if (path / _BAG).is_dir() else path
+    bag = bag_of(path)
     if bag.is_dir() and not any(file.suffix in _BAG_FILES or file.name == "metadata.yaml" for file in bag.iterdir()):
         raise UsageError(f"{path} is neither a result folder, which has {_BAG}/ or {RECORDING}, nor a bag")
     try:
         return read_recording(bag)
     except RecordingError as error:
         raise UsageError(str(error)) from None
+
+
+def bag_of(path: Path) -> Path:
+    """The bag of a result folder, or what is a bag itself."""
+    return path / _BAG if (path / _BAG).is_dir() else path
 
 
 def write_parameters(parameters: Mapping[str, Mapping[str, Value]], folder: Path) -> None:

@@ -44,17 +44,21 @@ NEEDED = {
     "identify": ["bag"],
     "identify-payload": ["bag"],
     "move": ["--to", "0"],
+    "replay-motion": ["bag"],
 }
 """Words that a command cannot do without."""
 Call = Callable[..., tuple[int, str, str]]
 
 
 def options_of(command: str) -> set[str]:
-    parsers = next(a for a in _parser(command)._actions if isinstance(a, argparse._SubParsersAction))
-    return {text for action in parsers.choices[command]._actions for text in action.option_strings}
+    """Of a command, or of an action of one, such as ``nodes start``."""
+    parser: argparse.ArgumentParser = _parser(command.split(maxsplit=1)[0])
+    for word in command.split():
+        parser = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction)).choices[word]
+    return {text for action in parser._actions for text in action.option_strings}
 
 
-WITH_ARM = [command for command in _COMMANDS if "--robot" in options_of(command)]
+WITH_ARM = [command for command in (*_COMMANDS, "nodes start") if "--robot" in options_of(command)]
 
 
 @pytest.fixture
@@ -80,6 +84,7 @@ def gains(call: Call, *words: str) -> dict[str, dict[str, object]]:
 def test_the_commands_with_an_arm_are_known() -> None:
     """So that the tests below miss none."""
     expected = "demo run live rollout compare-engines gains excite identify identify-payload tune tournament score move"
+    assert {"nodes start", "replay-motion"} <= set(WITH_ARM)
     assert set(expected.split()) <= set(WITH_ARM)
 
 
@@ -91,7 +96,9 @@ def test_every_command_with_an_arm_has_all_options(command: str) -> None:
 @pytest.mark.parametrize("command", WITH_ARM)
 def test_every_command_uses_them(command: str, call: Call) -> None:
     """A joint that does not exist is refused, before anything is written; its name is told with those that exist."""
-    code, out, err = call(command, *NEEDED.get(command, []), "--robot", FILE, "--joints", "knee", "--save", "mine")
+    code, out, err = call(
+        *command.split(), *NEEDED.get(command, []), "--robot", FILE, "--joints", "knee", "--save", "mine"
+    )
     assert (code, out) == (2, "")
     assert "there is no movable joint knee; there are shoulder, elbow, wrist, pinch" in err
     assert err.count("\n") == 1

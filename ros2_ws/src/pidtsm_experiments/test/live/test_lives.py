@@ -126,6 +126,19 @@ def test_silence_is_explained_and_nothing_old_is_repeated(heard: Heard, words: s
     assert "Following" not in sentence.text
 
 
+@pytest.mark.parametrize(
+    ("number", "held", "words"),
+    [
+        (ControllerState.FREEDRIVE, False, "Freedrive: the arm can be moved by hand"),
+        (ControllerState.HOLDING, True, "Holding its position, as it was told to"),
+        (ControllerState.HOLDING, False, "Holding its position: the reference is missing or too old"),
+        (ControllerState.HOLDING, None, "Holding its position"),
+    ],
+)
+def test_why_the_arm_is_held_is_said_once_it_is_known(number: int, held: bool | None, words: str) -> None:
+    assert mode(Heard(ControllerState(mode=number), held=held)).text == words
+
+
 def test_the_command_that_starts_a_node_has_its_namespace() -> None:
     assert "ros2 run pidtsm_controller trajectory --ros-args -r __ns:=/left" in how_to_start(
         "trajectory", EXECUTABLES, "/left"

@@ -1,0 +1,1 @@
+"""A running system, started, looked at and operated from the command line."""

@@ -1,0 +1,68 @@
+"""One ``./pidtsm nodes start`` in each namespace of a domain, which ``./pidtsm nodes stop`` finds."""
+
+import os
+import signal
+import socket
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from pidtsm_core.errors import UsageError
+from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.operate.attached import place, ros_domain
+
+_CREDENTIALS = "3i"  # process, user, group
+_END_WITHIN = 30.0  # s
+
+
+def _address(namespace: str) -> str:
+    """Name of an abstract socket: it leaves no file behind, and the kernel frees it with the process."""
+    return f"\0pidtsm-nodes-{os.getuid()}-{ros_domain()}-{namespace.strip('/')}"
+
+
+@contextmanager
+def claimed(namespace: str) -> Iterator[None]:
+    """Be the process that has started the nodes of a namespace, until the end of the block.
+
+    Raises:
+        UsageError: another process has started them.
+    """
+    with socket.socket(socket.AF_UNIX) as listening:
+        try:
+            listening.bind(_address(namespace))
+        except OSError:
+            raise UsageError(
+                f"nodes {place(namespace)} are started already; end them with ./pidtsm nodes stop, or choose another "
+                "--namespace"
+            ) from None
+        listening.listen()
+        yield
+
+
+def end_claimed(namespace: str) -> bool:
+    """Interrupt the process that has started the nodes of a namespace, and wait for its end.
+
+    Returns:
+        Whether there was one.
+
+    Raises:
+        RunError: it does not end in time.
+    """
+    with socket.socket(socket.AF_UNIX) as calling:
+        calling.settimeout(_END_WITHIN)
+        try:
+            calling.connect(_address(namespace))
+        except OSError:
+            return False
+        given = calling.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize(_CREDENTIALS))
+        process, user, _ = struct.unpack(_CREDENTIALS, given)
+        if user != os.getuid():
+            return False
+        os.kill(process, signal.SIGINT)
+        try:
+            calling.recv(1)  # Returns when the other end is closed: it never sends.
+        except ConnectionError:
+            pass
+        except TimeoutError:
+            raise RunError(f"process {process} has not ended within {_END_WITHIN:g} s") from None
+    return True
