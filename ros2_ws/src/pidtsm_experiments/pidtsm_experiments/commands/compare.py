@@ -22,7 +22,7 @@ from pidtsm_experiments.runs.results import result_folder
 from pidtsm_experiments.runs.saved import read_parameters
 from pidtsm_studies.reports.comparison import check_comparable, differing_parameters, write_comparison
 from pidtsm_studies.reports.labels import NOTHING, difference_text
-from pidtsm_studies.reports.sections import metric_text, metric_value
+from pidtsm_studies.reports.matrix import metric_text, metric_value
 
 _TOGETHER = 3
 """Runs next to each other in 80 columns."""

@@ -1,0 +1,97 @@
+"""Numbers as people write them: few digits, a unit that fits, thin spaces and a real minus sign.
+
+The pages have the same rule as a script, `pidtsm_studies/reports/templates/written.js`; a test compares both.
+"""
+
+import math
+from collections.abc import Iterable
+from decimal import ROUND_HALF_UP, Decimal
+from typing import NamedTuple
+
+DIGITS = 3
+"""Significant digits of a number on a page; the whole number shows when the pointer rests on it."""
+MINUS, THIN, NOTHING = "−", "\u202f", "–"
+"""NOTHING stands for a value that does not exist."""
+
+_PREFIXES = (("", 1.0), ("m", 1e3), ("µ", 1e6), ("n", 1e9))
+_WITHOUT_PREFIX = ("", "%")
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SMALLEST, _LARGEST, _GROUPED = -3, 6, 10_000
+"""Numbers from 10^_SMALLEST to below 10^_LARGEST need no power of ten; groups of three begin at _GROUPED."""
+
+
+class Scale(NamedTuple):
+    """How values in an SI unit are shown.
+
+    Attributes:
+        unit: with its prefix, such as mrad.
+        factor: by which values in the SI unit are multiplied.
+    """
+
+    unit: str
+    factor: float
+
+
+def number(value: float | None, digits: int = DIGITS) -> str:
+    """A number with some significant digits, halves rounded away from zero; all digits of an int.
+
+    Args:
+        value: None and nan mean that there is none, and become `NOTHING`.
+        digits: significant digits; zeros at the end are left out.
+    """
+    if value is None or math.isnan(value):
+        return NOTHING
+    sign = MINUS if value < 0.0 else ""
+    if math.isinf(value):
+        return f"{sign}∞"
+    if isinstance(value, int):
+        return sign + _grouped(str(abs(value)))
+    if value == 0.0:
+        return "0"
+    exact = abs(Decimal(value))
+    rounded = exact.quantize(Decimal(1).scaleb(exact.adjusted() + 1 - digits), ROUND_HALF_UP)
+    exponent = rounded.adjusted()
+    if _SMALLEST <= exponent < _LARGEST:
+        text = f"{rounded:f}"
+        return sign + _grouped(text.rstrip("0").rstrip(".") if "." in text else text)
+    mantissa = f"{rounded.scaleb(-exponent):f}".rstrip("0").rstrip(".")
+    return f"{sign}{mantissa}{THIN}×{THIN}10{str(exponent).translate(_SUPERSCRIPTS)}"
+
+
+def scale(values: Iterable[float | None], unit: str) -> Scale:
+    """A common unit for several values, in which the largest is at least 1.
+
+    Args:
+        values: in the SI unit; None counts as 0.
+        unit: the SI unit.
+    """
+    largest = max((abs(value) for value in values if value is not None and math.isfinite(value)), default=0.0)
+    if unit in _WITHOUT_PREFIX or largest == 0.0:
+        return Scale(unit, 1.0)
+    prefix, factor = next((each for each in _PREFIXES if largest * each[1] >= 1.0), _PREFIXES[-1])
+    return Scale(prefix + unit, factor)
+
+
+def quantity(value: float | None, unit: str, digits: int = DIGITS) -> str:
+    """A value with the unit that fits it, such as 2.5 mrad.
+
+    Args:
+        value: in the SI unit; None means that there is none.
+        unit: the SI unit.
+        digits: significant digits.
+    """
+    if value is None:
+        return NOTHING
+    fitting = scale([value], unit)
+    return f"{number(fitting.factor * value, digits)}{THIN}{fitting.unit}".rstrip(THIN)
+
+
+def signed(value: float, digits: int = DIGITS) -> str:
+    """A difference: with its sign, also if it is positive."""
+    return f"+{number(value, digits)}" if value > 0.0 else number(value, digits)
+
+
+def _grouped(text: str) -> str:
+    """Digits in groups of three, if there are more than four before the point."""
+    whole, point, rest = text.partition(".")
+    return (f"{int(whole):,}".replace(",", THIN) if int(whole) >= _GROUPED else whole) + point + rest
