@@ -14,8 +14,10 @@ MINUS, THIN, NOTHING = "−", "\u202f", "–"
 """NOTHING stands for a value that does not exist."""
 
 _PREFIXES = (("", 1.0), ("m", 1e3), ("µ", 1e6), ("n", 1e9))
-_WITHOUT_PREFIX = ("", "%")
+_WITHOUT_PREFIX = ("", "%", "kg")
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_ROUNDING = 1e-12
+"""Quantities below this are rounding."""
 _SMALLEST, _LARGEST, _GROUPED = -3, 6, 10_000
 """Numbers from 10^_SMALLEST to below 10^_LARGEST need no power of ten; groups of three begin at _GROUPED."""
 
@@ -59,21 +61,23 @@ def number(value: float | None, digits: int = DIGITS) -> str:
 
 
 def scale(values: Iterable[float | None], unit: str) -> Scale:
-    """A common unit for several values, in which the largest is at least 1.
+    """A common unit for several values, in which their median is at least 1.
 
     Args:
-        values: in the SI unit; None counts as 0.
+        values: in the SI unit; None and 0 do not count.
         unit: the SI unit.
     """
-    largest = max((abs(value) for value in values if value is not None and math.isfinite(value)), default=0.0)
-    if unit in _WITHOUT_PREFIX or largest == 0.0:
+    sizes = sorted(abs(value) for value in values if value is not None and math.isfinite(value) and value != 0.0)
+    if unit in _WITHOUT_PREFIX or not sizes or sizes[-1] < _ROUNDING:
         return Scale(unit, 1.0)
-    prefix, factor = next((each for each in _PREFIXES if largest * each[1] >= 1.0), _PREFIXES[-1])
+    middle = sizes[len(sizes) // 2]
+    fitting = [each for each in _PREFIXES if middle * each[1] >= 1.0] or [_PREFIXES[-1]]
+    prefix, factor = fitting[0]
     return Scale(prefix + unit, factor)
 
 
 def quantity(value: float | None, unit: str, digits: int = DIGITS) -> str:
-    """A value with the unit that fits it, such as 2.5 mrad.
+    """A value with the unit that fits it, such as 2.5 mrad; what is only rounding is 0.
 
     Args:
         value: in the SI unit; None means that there is none.
@@ -83,7 +87,8 @@ def quantity(value: float | None, unit: str, digits: int = DIGITS) -> str:
     if value is None:
         return NOTHING
     fitting = scale([value], unit)
-    return f"{number(fitting.factor * value, digits)}{THIN}{fitting.unit}".rstrip(THIN)
+    shown = 0.0 if abs(value) < _ROUNDING else fitting.factor * value
+    return f"{number(shown, digits)}{THIN}{fitting.unit}".rstrip(THIN)
 
 
 def signed(value: float, digits: int = DIGITS) -> str:

@@ -249,7 +249,7 @@ def verdict(metrics: Mapping[str, Any]) -> str:
     joint = metrics["joints"][most]
     limited = f", but {joint} was at a limit of its effort {100.0 * saturation[most]:.0f} % of the time"
     text = FOLLOWED + (limited if saturation[most] >= NOTABLE_SATURATION else "")
-    within = quantity(errors[worst], units[worst].position, digits=2)
+    within = quantity(errors[worst], units[worst].position)
     return f"{text}; in the end within {within} ({metrics['joints'][worst]})"
 
 

@@ -17,6 +17,8 @@ from pidtsm_studies.reports.skeleton import Skeleton, find_skeleton
 RATE = 50.0
 """Samples of the animation a second."""
 _OBLIQUE = -math.pi / 3.0, math.pi / 9.0  # azimuth and elevation
+_SAME = 1e-6
+"""References that differ less are drawn once, m."""
 _FLAT = 1e-3
 """Points lie in a plane if their spread across it is less than this share of their largest spread."""
 
@@ -34,8 +36,9 @@ def animation(cases: Mapping[str, Mapping[str, Run]]) -> dict[str, Any]:
         * grid: distance between the lines on the ground, m.
         * view: azimuth and elevation of the first view, rad; on the plane of a planar arm, else oblique.
         * runs: under ``CASE LAW``: parents and sliding of the points, see `Skeleton`; places, the recorded joint of
-          each point but the tool; and packed, all numbers of a sample together, points of the arm (reached) and of its
-          reference, axes of the joints (unit vectors), and distance of the tool from its reference (m).
+          each point but the tool; reference_of, key of the run that has the same reference; and packed, all numbers
+          of a sample together, points of the arm (reached) and of its reference (empty if another run has it), axes of
+          the joints (unit vectors; empty if there are several runs), and distance of the tool from its reference (m).
 
     Raises:
         ParameterError: where the joints of an arm are is not known; the message is one line.
@@ -49,8 +52,26 @@ def animation(cases: Mapping[str, Mapping[str, Run]]) -> dict[str, Any]:
         "radius": round(radius, 4),
         "grid": _rounded_down(0.5 * radius),
         "view": _view(points),
-        "runs": {key: scene.data() for key, scene in scenes.items()},
+        "runs": _data(scenes),
     }
+
+
+def _data(scenes: "Mapping[str, _Scene]") -> dict[str, dict[str, Any]]:
+    """Runs in the result of `animation`; what would be drawn twice, or not at all, is left out."""
+    found: dict[str, dict[str, Any]] = {}
+    drawn: list[tuple[str, _Scene]] = []
+    for key, scene in scenes.items():
+        found[key] = scene.data()
+        same = next((name for name, other in drawn if _alike(scene.reference, other.reference)), None)
+        found[key]["reference"] = packed(scene.reference) if same is None else ""
+        found[key]["reference_of"] = same or key
+        drawn += [(key, scene)] if same is None else []
+        found[key]["axes"] = packed(scene.axes) if len(scenes) == 1 else ""
+    return found
+
+
+def _alike(reference: Array, other: Array) -> bool:
+    return reference.shape == other.shape and bool(np.abs(reference - other).max() < _SAME)
 
 
 def moments(recording: Recording) -> dict[str, Any]:
@@ -78,14 +99,12 @@ class _Scene:
         return np.concatenate([self.reached, self.reference]).reshape(-1, 3)
 
     def data(self) -> dict[str, Any]:
-        """A run in the result of `animation`."""
+        """A run in the result of `animation`, without reference and axes."""
         return {
             "parents": self.skeleton.parents,
             "sliding": self.skeleton.sliding,
             "places": self.places,
             "reached": packed(self.reached),
-            "reference": packed(self.reference),
-            "axes": packed(self.axes),
             "distance": packed(np.linalg.norm(self.reached[:, -1] - self.reference[:, -1], axis=1)),
         }
 

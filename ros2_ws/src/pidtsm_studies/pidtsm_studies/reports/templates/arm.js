@@ -49,7 +49,7 @@ function turnable(drawing, view, changed) {
 }
 
 /** A packed run with functions of a sample. */
-function unpackArm(packed) {
+function unpackArm(packed, unpackedReference) {
   const numbers = Object.fromEntries(["reached", "reference", "axes", "distance"].map((name) => [name, unpack(packed[name])]));
   const triples = (values, count, sample) => Array.from({ length: count }, (_, i) => values.subarray(3 * (sample * count + i), 3 * (sample * count + i + 1)));
   const points = packed.parents.length;
@@ -58,9 +58,11 @@ function unpackArm(packed) {
     samples: numbers.distance.length,
     distance: (sample) => numbers.distance[sample],
     reached: (sample) => triples(numbers.reached, points, sample),
-    reference: (sample) => triples(numbers.reference, points, sample),
+    hasAxes: numbers.axes.length > 0,
+    referenceAt: (sample) => triples(numbers.reference.length ? numbers.reference : unpackedReference(packed.reference_of), points, sample),
     axes: (sample) => triples(numbers.axes, points - 1, sample),
     every: [numbers.reached, numbers.reference],
+    numbers,
   };
 }
 
@@ -126,6 +128,7 @@ function armDrawer(svg, { centre, radius, grid, view }, rate) {
     const path = (found, segments) => found.setAttribute("d", segments.map((points) => `M${points.map((p) => toDrawing(p).map((x) => (1000 * x).toFixed(2)).join(" ")).join("L")}`).join(""));
     svg.querySelectorAll("[data-run]").forEach((each) => each.remove());
     path(group("ground"), lines);
+    const ghosts = new Set();
     drawn.forEach(({ arm, colour, dashes, share }, index) => {
       const sample = Math.max(0, Math.min(Math.round(time * rate), arm.samples - 1));
       const points = arm.reached(sample);
@@ -145,11 +148,14 @@ function armDrawer(svg, { centre, radius, grid, view }, rate) {
       add("sliding", dots(arm.sliding.map((i) => points[i])));
       add("tool", dots(points.slice(-1)));
       if (joint !== null) add("chosen", dots(points.slice(0, -1).filter((_, i) => arm.places[i] === joint)));
-      if (drawn.length === 1) {
+      if (!ghosts.has(arm.reference_of)) {
+        ghosts.add(arm.reference_of);
+        add("reference", bones(arm.referenceAt(sample), arm));
+      }
+      if (drawn.length === 1 && arm.hasAxes) {
         const directions = arm.axes(sample);
         add("arcs", directions.map((axis, i) => effortArc(points[i], axis, share(arm.places[i], sample), size, arm.sliding.includes(i))));
       }
-      add("reference", bones(arm.reference(sample), arm));
     });
   };
 }

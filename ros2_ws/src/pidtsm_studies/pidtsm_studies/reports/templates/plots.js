@@ -34,6 +34,6 @@ function plotInto(box, options, table) {
   if (box.plot) box.plot.destroy();
   box.plot = null;
   if (!box.checkVisibility() || !box.clientWidth) return null;
-  box.plot = new uPlot({ width: box.clientWidth, height: box.clientHeight, legend: { show: false }, ...options }, table, box);
+  box.plot = new uPlot({ width: box.clientWidth, height: box.clientHeight, legend: { show: false }, padding: [8, 10, 0, 0], ...options }, table, box);
   return box.plot;
 }

@@ -17,7 +17,7 @@ function startViewer(viewer) {
       error: at(error),
       effort: at(effort),
       share: (joint, sample) => at(effort)(joint, sample) / run.largest[joint],
-      arm: viewer.arm ? unpackArm(viewer.arm.runs[name]) : null,
+      arm: viewer.arm ? unpackArm(viewer.arm.runs[name], (other) => runs.find((each) => each.name === other).arm.numbers.reference) : null,
     };
   });
   const curves = Object.fromEntries(
@@ -98,7 +98,7 @@ function startViewer(viewer) {
       box,
       {
         scales: { x: { time: false, range: () => state.range || [start(), start() + longest()] }, y: log ? { distr: 3 } : { range: roomy } },
-        axes: axes(figure.dataset.plot === found.plots.at(-1).id || figure.closest("details") ? "time in s" : "", ""),
+        axes: axes(figure.nextElementSibling && !figure.closest("details") ? "" : "time in s", ""),
         series: [{}, ...lines.map((each) => line(each.looks, each.faded))],
         cursor: { y: false, points: { size: 5 }, drag: { x: true, y: false, setScale: false } },
         hooks: {
@@ -169,17 +169,13 @@ function startViewer(viewer) {
     const lines = several
       ? shown().map((run) => [run, state.joint ?? worst(run), run.label])
       : shown().flatMap((run) => joints.map((joint, j) => [run, j, joint]));
-    const micro = (value, unit) => {
-      const [factor, prefix] = Math.abs(value) >= 1 || value === 0 ? [1, ""] : Math.abs(value) >= 1e-3 ? [1e3, "m"] : [1e6, "µ"];
-      return `${written(factor * value)}\u202f${prefix}${unit}`;
-    };
-    const cells = lines.map(([run, j, name]) => [name, ...(several ? [joints[j]] : []), micro(run.error(j, k), units[j][0]), micro(run.effort(j, k), units[j][1]), ...(several && run.arm ? [micro(run.arm.distance(Math.min(k, run.arm.samples - 1)), "m")] : [])]);
+    const cells = lines.map(([run, j, name]) => [name, ...(several ? [joints[j]] : []), quantity(run.error(j, k), units[j][0]), quantity(run.effort(j, k), units[j][1]), ...(several && run.arm ? [quantity(run.arm.distance(Math.min(k, run.arm.samples - 1)), "m")] : [])]);
     const heads = several ? ["run", "joint", "error", "effort", "tool from its reference"] : ["joint", "error", "effort"];
     const across = !several && joints.length > 3;
     fill(element("readout"), heads, cells, across);
     if (!several && shown()[0]?.arm) {
       const run = shown()[0];
-      element("readout").caption.textContent = `Values at the cursor; the tool is ${micro(run.arm.distance(Math.min(k, run.arm.samples - 1)), "m")} from its reference`;
+      element("readout").caption.textContent = `Values at the cursor; the tool is ${quantity(run.arm.distance(Math.min(k, run.arm.samples - 1)), "m")} from its reference`;
     }
   }
 
@@ -220,24 +216,30 @@ function startViewer(viewer) {
   }
 
   function marks() {
-    const buttons = shown().flatMap((run) =>
-      run.events.map((event) => {
-        const button = document.createElement("button");
-        button.type = "button";
-        button.className = event.kind;
-        button.textContent = event.symbol;
-        button.time = event.time - start();
-        const text = `${written(event.time)} s: ${several ? `${run.label} ` : ""}${event.text}`;
-        button.title = text;
-        button.setAttribute("aria-label", text);
-        button.addEventListener("click", () => {
-          setTime(event.time - start());
-          element("event").textContent = text;
-          if (event.joint !== null) chooseJoint(event.joint);
-        });
-        return button;
-      }),
-    );
+    const together = new Map(); // what happens in several runs at the same time has one mark
+    for (const run of shown()) {
+      for (const event of run.events) {
+        const key = `${event.kind} ${event.time.toFixed(3)} ${event.text}`;
+        together.set(key, { event, runs: [...(together.get(key)?.runs ?? []), run.label] });
+      }
+    }
+    const buttons = [...together.values()].map(({ event, runs: names }) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.className = event.kind;
+      button.textContent = event.symbol;
+      button.time = event.time - start();
+      const who = names.length < shown().length ? `${names.join(", ")}: ` : "";
+      const text = `${written(event.time)}\u202fs: ${who}${event.text}`;
+      button.title = text;
+      button.setAttribute("aria-label", text);
+      button.addEventListener("click", () => {
+        setTime(event.time - start());
+        element("event").textContent = text;
+        if (event.joint !== null) chooseJoint(event.joint);
+      });
+      return button;
+    });
     const gap = 1600 / Math.max(element("marks").clientWidth, 1); // Marks that would cover each other stand beside each other.
     buttons.sort((a, b) => a.time - b.time).reduce((last, button) => {
       const at = Math.max((100 * button.time) / longest(), last + gap);

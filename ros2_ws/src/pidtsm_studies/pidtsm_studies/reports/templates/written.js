@@ -18,3 +18,11 @@ function written(value, digits = 3) {
   const grouped = Number(whole) >= 10000 ? whole.replace(/\B(?=(\d{3})+$)/g, "\u202f") : whole;
   return sign + grouped + (part ? `.${part}` : "");
 }
+
+/** A value with the unit that fits it; the same rule as pidtsm_core/written.py. */
+function quantity(value, unit, digits = 3) {
+  const size = Math.abs(value);
+  if (size < 1e-12) return `0\u202f${unit}`;
+  const [prefix, factor] = [["", 1], ["m", 1e3], ["µ", 1e6], ["n", 1e9]].find(([, each], i) => size * each >= 1 || i === 3);
+  return `${written(factor * value, digits)}\u202f${prefix}${unit}`;
+}
