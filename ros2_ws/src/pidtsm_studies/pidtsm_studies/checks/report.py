@@ -1,11 +1,13 @@
 """The page about what was understood of an arm."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots.check import ArmCheck, Doubt
+from pidtsm_core.written import number, quantity
 from pidtsm_studies.checks.drawing import drawing
 from pidtsm_studies.checks.tables import (
     JOINTS,
@@ -18,7 +20,7 @@ from pidtsm_studies.checks.tables import (
     load_rows,
     locked_rows,
 )
-from pidtsm_studies.reports.page import Section, write_page
+from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer, Page, Section, write_page
 
 
 def write_check_report(path: Path, check: ArmCheck, settings: Mapping[str, object]) -> None:
@@ -45,7 +47,9 @@ def write_check_report(path: Path, check: ArmCheck, settings: Mapping[str, objec
         _section("facts", "What was understood", facts(check)),
         _section("tables", "Joints and links", [table for table in tables if table["rows"]]),
     )
-    write_page(path, f"Check of {Path(check.source).name}", summary(check), sections, {})
+    state = BAD if check.refusal is not None else PLAIN if check.doubts else GOOD
+    title = f"Check of {Path(check.source).name}"
+    write_page(path, Page(title, summary(check), state, check.source, _answers(check), sections))
 
 
 def summary(check: ArmCheck) -> str:
@@ -58,6 +62,27 @@ def summary(check: ArmCheck) -> str:
     number = len(check.doubts)
     looks = f"{number} thing{'s look like mistakes' if number > 1 else ' looks like a mistake'}"
     return f"This arm with {joints} can be used, but {looks}."
+
+
+def _answers(check: ArmCheck) -> list[Answer]:
+    """What a user wants to know of an arm first; nothing if it cannot be used."""
+    if check.refusal is not None:
+        return []
+    reach = f"reach {quantity(check.reach, 'm')}" if math.isfinite(check.reach) else ""
+    mass = f"{number(sum(mass.mass for mass in check.masses))} kg move" if check.masses else ""
+    count = len(check.doubts)
+    answers = [
+        Answer("Can it be used?", "Yes", f"{len(check.used)} joints", GOOD),
+        Answer("What looks wrong?", f"{count} doubt{'s' if count != 1 else ''}" if count else "Nothing",
+               str(check.doubts[0]) if count else "", BAD if count else PLAIN),
+        Answer("How large is it?", reach or "not known", mass),
+    ]  # fmt: skip
+    loaded = [(load.gravity / joint.effort, joint.name) for joint, load in zip(check.used, check.loads, strict=False)
+              if math.isfinite(joint.effort) and joint.effort > 0.0]  # fmt: skip
+    if loaded:
+        share, name = max(loaded)
+        answers.append(Answer("Which joint carries most?", name, f"gravity takes {number(100.0 * share, 2)} % of its effort"))  # fmt: skip
+    return answers
 
 
 def _section(name: str, heading: str, content: Any) -> Section:

@@ -77,8 +77,8 @@ def _alike(reference: Array, other: Array) -> bool:
 def moments(recording: Recording) -> dict[str, Any]:
     """What is written beside the arm at the rate of the animation: packed error and effort, shape (times, joints)."""
     return {
-        "error": packed(_resampled(recording, recording.error)),
-        "effort": packed(_resampled(recording, recording.effort)),
+        "error": packed(resampled(recording.time, recording.error)),
+        "effort": packed(resampled(recording.time, recording.effort)),
     }
 
 
@@ -116,17 +116,17 @@ def _scene(recording: Recording) -> _Scene:
     order = [recording.joints.index(joint) for joint in skeleton.joints]
     places = [order[place] for place in skeleton.places]
     (reached, axes), (reference, _) = (
-        skeleton.placed(_resampled(recording, positions)[:, order])
+        skeleton.placed(resampled(recording.time, positions)[:, order])
         for positions in (recording.position, recording.desired)
     )
     return _Scene(recording, skeleton, places, reached, reference, axes)
 
 
-def _resampled(recording: Recording, values: Array) -> Array:
+def resampled(time: Array, values: Array) -> Array:
     """Values at the rate of the animation, shape (times, joints)."""
-    time = recording.time - recording.time[0]
-    moments = np.arange(int(time[-1] * RATE + 1e-6) + 1) / RATE
-    return np.column_stack([np.interp(moments, time, column) for column in values.T])
+    since = time - time[0]
+    times = np.arange(int(since[-1] * RATE + 1e-6) + 1) / RATE
+    return np.column_stack([np.interp(times, since, column) for column in values.T])
 
 
 def _rounded_down(length: float) -> float:

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal
+from pidtsm_core.units import JointUnits
 from pidtsm_core.written import scale
 from pidtsm_studies.reports.packed import packed
 
@@ -17,6 +18,22 @@ _NUMBERS = 225_000
 """About as many numbers does a page hold for its curves, 1.2 MB: many runs are drawn with fewer parts."""
 _OWN = ""
 """Unit of variables whose unit depends on the law."""
+
+
+class Timed(Protocol):
+    """What has curves over time: a recording, or predictions of its efforts."""
+
+    @property
+    def time(self) -> Array:
+        """Of the samples, s, shape (samples,)."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names."""
+
+    @property
+    def units(self) -> tuple[JointUnits, ...]:
+        """Of each joint."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +45,7 @@ class Quantity:
         title: title of the plot.
         symbol: label of the vertical axis, before the unit.
         unit: "position" or "effort", a field of `JointUnits`; or a unit.
-        values: returns the values of a run, shape (samples, joints).
+        values: returns the values of a run of the kind that is drawn, shape (samples, joints).
         magnitude: whether the magnitude is offered on a logarithmic axis.
         first: whether it stands beside the arm; others are folded.
     """
@@ -37,11 +54,11 @@ class Quantity:
     title: str
     symbol: str
     unit: str
-    values: Callable[[Recording], Array]
+    values: Callable[[Any], Array]
     magnitude: bool = False
     first: bool = False
 
-    def unit_of(self, recording: Recording, joint: int) -> str:
+    def unit_of(self, recording: Timed, joint: int) -> str:
         """SI unit for a joint."""
         return str(getattr(recording.units[joint], self.unit, self.unit))
 
@@ -62,7 +79,7 @@ QUANTITIES = (
 """Every quantity in the order of the plots."""
 
 
-def curves(runs: Mapping[str, Recording], quantities: Sequence[Quantity] = QUANTITIES) -> dict[str, Any]:
+def curves(runs: Mapping[str, Timed], quantities: Sequence[Quantity] = QUANTITIES) -> dict[str, Any]:
     """Curves of runs with the same joints.
 
     Args:
@@ -112,7 +129,7 @@ def _plot(quantity: Quantity, name: str, shown: tuple[str, float], joints: list[
     }
 
 
-def _by_unit(quantity: Quantity, recording: Recording) -> dict[str, list[int]]:
+def _by_unit(quantity: Quantity, recording: Timed) -> dict[str, list[int]]:
     """Indices of the joints by their unit."""
     found: dict[str, list[int]] = {}
     for joint in range(len(recording.joints)):

@@ -13,7 +13,7 @@ from pidtsm_core.written import number
 from pidtsm_studies.article.claims import Run
 from pidtsm_studies.reports.animation import RATE, animation, moments
 from pidtsm_studies.reports.curves import QUANTITIES, Quantity, curves
-from pidtsm_studies.reports.events import SYMBOLS, Event
+from pidtsm_studies.reports.events import Event
 from pidtsm_studies.reports.labels import CASES, Entry
 from pidtsm_studies.reports.page import Section
 from pidtsm_studies.reports.styles import looks
@@ -56,46 +56,69 @@ def viewer_data(
     except ParameterError as error:
         reason = str(error)
     first = next(run for runs in cases.values() for run, _ in runs.values())
+    runs = {
+        f"{case} {key}": {
+            **run_data(case, key, run.time, entries[key]),
+            "largest": _largest(run),
+            "events": [event.data() for event in happened.get((case, key), ())],
+            **moments(run),
+        }
+        for case, runs in cases.items()
+        for key, (run, _) in runs.items()
+    }
+    drawn = {case: curves({key: run for key, (run, _) in runs.items()}, quantities) for case, runs in cases.items()}
+    units = [list(units) for units in first.units]
+    return assembled(first.joints, units, drawn, runs, joint) | {"arm": arm, "reason": reason}
+
+
+def run_data(case: str, key: str, time: Array, entry: Entry) -> dict[str, Any]:
+    """What is the same for every kind of run."""
     return {
-        "rate": RATE,
-        "joints": list(first.joints),
-        "units": [list(units) for units in first.units],
-        "joint": joint,
-        "symbols": SYMBOLS,
-        "arm": arm,
-        "reason": reason,
-        "cases": {
-            case: curves({key: run for key, (run, _) in runs.items()}, quantities) for case, runs in cases.items()
-        },
-        "runs": {
-            f"{case} {key}": {
-                "key": key,
-                "case": case,
-                "label": entries[key].label,
-                **looks(entries[key].style),
-                "start": float(run.time[0]),
-                "duration": float(run.time[-1] - run.time[0]),
-                "largest": _largest(run),
-                "events": [event.data() for event in happened.get((case, key), ())],
-                **moments(run),
-            }
-            for case, runs in cases.items()
-            for key, (run, _) in runs.items()
-        },
-        "joint_looks": [looks(j) for j in range(len(first.joints))],
+        "key": key,
+        "case": case,
+        "label": entry.label,
+        **looks(entry.style),
+        "start": float(time[0]),
+        "duration": float(time[-1] - time[0]),
     }
 
 
-def viewer_section(data: Mapping[str, Any], choice: str = "Laws") -> Section:
+def assembled(
+    joints: Sequence[str],
+    units: Sequence[Sequence[str]],
+    drawn: Mapping[str, Mapping[str, Any]],
+    runs: Mapping[str, Mapping[str, Any]],
+    joint: int | None,
+) -> dict[str, Any]:
+    """Data for viewer.js without an arm; see `viewer_data`."""
+    return {
+        "rate": RATE,
+        "joints": list(joints),
+        "units": units,
+        "heads": ["error", "effort"],
+        "joint": joint,
+        "arm": None,
+        "reason": "",
+        "cases": drawn,
+        "runs": runs,
+        "joint_looks": [looks(j) for j in range(len(joints))],
+    }
+
+
+def viewer_section(
+    data: Mapping[str, Any], choice: str = "Laws", heading: str = "Motion, error and effort"
+) -> Section:
     """The arm, error and effort.
 
     Args:
         data: see `viewer_data`.
         choice: what the runs are called.
+        heading: of the section.
     """
     runs = {run["key"]: run for run in data["runs"].values()}
     content = {
         **_common(data),
+        "arm": data["arm"] is not None,
         "reason": data["reason"],
         "grid": number(data["arm"]["grid"]) if data["arm"] else "",
         "cases": {case: case_name(case) for case in data["cases"]},
@@ -106,7 +129,7 @@ def viewer_section(data: Mapping[str, Any], choice: str = "Laws") -> Section:
         ],
         "plots": _plots(data, first=True),
     }
-    return Section("motion", "Motion, error and effort", "reports/templates/viewer.html", content)
+    return Section("motion", heading, "reports/templates/viewer.html", content)
 
 
 def more_curves_section(data: Mapping[str, Any]) -> Section:

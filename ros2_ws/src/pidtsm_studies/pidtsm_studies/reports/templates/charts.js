@@ -2,16 +2,15 @@
 
 function drawChart(box) {
   const chart = data.charts[box.dataset.chart];
-  const columns = chart.series.map((series) => Array.from(series.y, (y) => (y === null ? null : y)));
-  const reversed = chart.x.at(-1) < chart.x[0] || chart.reversed;
+  const columns = chart.series.map((series) => series.y);
   plotInto(
     box,
     {
       scales: {
-        x: { time: false, distr: chart.x_log ? 3 : 1, dir: reversed ? -1 : 1 },
-        y: { distr: chart.y_log ? 3 : 1, ...(chart.y_range ? { range: chart.y_range } : chart.y_log ? {} : { range: roomy }) },
+        x: { time: false, distr: chart.x_log ? 3 : 1, dir: chart.reversed ? -1 : 1 },
+        y: { distr: chart.y_log ? 3 : 1, ...(chart.y_range.length ? { range: chart.y_range } : chart.y_log ? {} : { range: roomy }) },
       },
-      axes: axes(chart.x_label, chart.y_label),
+      axes: axes("", ""),
       series: [{}, ...chart.series.map((series) => ({
         ...line(series),
         show: !hiddenSeries.has(series.label),

@@ -45,7 +45,7 @@ function startViewer(viewer) {
 
   /** Lines of a plot: of one run a line per joint; of several runs a line per run, of the chosen joint or of all. */
   function linesOf(found, plot) {
-    return shown().flatMap((run) =>
+    return shown().filter((run) => found.values[run.key][plot.id]).flatMap((run) =>
       rowsOf(found, run, plot).flatMap((values, row) => {
         const joint = plot.joints[row];
         const chosen = state.joint === null || state.joint === joint;
@@ -170,7 +170,7 @@ function startViewer(viewer) {
       ? shown().map((run) => [run, state.joint ?? worst(run), run.label])
       : shown().flatMap((run) => joints.map((joint, j) => [run, j, joint]));
     const cells = lines.map(([run, j, name]) => [name, ...(several ? [joints[j]] : []), quantity(run.error(j, k), units[j][0]), quantity(run.effort(j, k), units[j][1]), ...(several && run.arm ? [quantity(run.arm.distance(Math.min(k, run.arm.samples - 1)), "m")] : [])]);
-    const heads = several ? ["run", "joint", "error", "effort", "tool from its reference"] : ["joint", "error", "effort"];
+    const heads = several ? ["run", "joint", ...viewer.heads, ...(viewer.arm ? ["tool from its reference"] : [])] : ["joint", ...viewer.heads];
     const across = !several && joints.length > 3;
     fill(element("readout"), heads, cells, across);
     if (!several && shown()[0]?.arm) {
