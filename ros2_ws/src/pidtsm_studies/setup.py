@@ -11,7 +11,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "pidtsm_core", "numpy", "scipy", "matplotlib", "plotly", "jinja2", "pyyaml", "cma"],
+    install_requires=["setuptools", "pidtsm_core", "numpy", "scipy", "matplotlib", "jinja2", "pyyaml", "cma"],
     extras_require={
         "test": ["pytest"],
         "limit": ["casadi"],

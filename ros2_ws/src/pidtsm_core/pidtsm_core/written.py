@@ -57,7 +57,8 @@ def number(value: float | None, digits: int = DIGITS) -> str:
         text = f"{rounded:f}"
         return sign + _grouped(text.rstrip("0").rstrip(".") if "." in text else text)
     mantissa = f"{rounded.scaleb(-exponent):f}".rstrip("0").rstrip(".")
-    return f"{sign}{mantissa}{THIN}×{THIN}10{str(exponent).translate(_SUPERSCRIPTS)}"
+    power = f"10{str(exponent).translate(_SUPERSCRIPTS)}"
+    return f"{sign}{power}" if mantissa == "1" else f"{sign}{mantissa}{THIN}×{THIN}{power}"
 
 
 def scale(values: Iterable[float | None], unit: str) -> Scale:

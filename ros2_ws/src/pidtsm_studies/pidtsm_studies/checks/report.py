@@ -34,13 +34,21 @@ def write_check_report(path: Path, check: ArmCheck, settings: Mapping[str, objec
     fixed = [[joint.name, f"{joint.parent} to {joint.child}", joint.reason] for joint in check.fixed]
     tables = [
         _table("Joints: axis in the frame of the joint, limits (rad and rad/s; m and m/s)", JOINTS, joint_rows(check)),
-        _table("Motors: effort limit and gravity's largest torque (N m or N), least inertia that the motor accelerates "
-               "while the other joints move freely, rotor, and friction", LOADS, load_rows(check)),
-        _table("Links: what moves with each joint, centre of mass from the joint with z along its axis, and inertias "
-               "about it (kg m²)", LINKS, link_rows(check)),
+        _table(
+            "Motors: effort limit and gravity's largest torque (N m or N), least inertia that the motor accelerates "
+            "while the other joints move freely, rotor, and friction",
+            LOADS,
+            load_rows(check),
+        ),
+        _table(
+            "Links: what moves with each joint, centre of mass from the joint with z along its axis, and inertias "
+            "about it (kg m²)",
+            LINKS,
+            link_rows(check),
+        ),
         _table("Joints that do not move", LOCKED, locked_rows(check)),
         _table("Fixed joints", ("joint", "links", "reason"), fixed),
-    ]  # fmt: skip
+    ]
     sections = (
         _section("doubts", "Doubts", _doubts(check)),
         _section("picture", "The arm", _picture(check, settings)),
@@ -73,15 +81,24 @@ def _answers(check: ArmCheck) -> list[Answer]:
     count = len(check.doubts)
     answers = [
         Answer("Can it be used?", "Yes", f"{len(check.used)} joints", GOOD),
-        Answer("What looks wrong?", f"{count} doubt{'s' if count != 1 else ''}" if count else "Nothing",
-               str(check.doubts[0]) if count else "", BAD if count else PLAIN),
+        Answer(
+            "What looks wrong?",
+            f"{count} doubt{'s' if count != 1 else ''}" if count else "Nothing",
+            str(check.doubts[0]) if count else "",
+            BAD if count else PLAIN,
+        ),
         Answer("How large is it?", reach or "not known", mass),
-    ]  # fmt: skip
-    loaded = [(load.gravity / joint.effort, joint.name) for joint, load in zip(check.used, check.loads, strict=False)
-              if math.isfinite(joint.effort) and joint.effort > 0.0]  # fmt: skip
+    ]
+    loaded = [
+        (load.gravity / joint.effort, joint.name)
+        for joint, load in zip(check.used, check.loads, strict=False)
+        if math.isfinite(joint.effort) and joint.effort > 0.0
+    ]
     if loaded:
         share, name = max(loaded)
-        answers.append(Answer("Which joint carries most?", name, f"gravity takes {number(100.0 * share, 2)} % of its effort"))  # fmt: skip
+        answers.append(
+            Answer("Which joint carries most?", name, f"gravity takes {number(100.0 * share, 2)} % of its effort")
+        )
     return answers
 
 

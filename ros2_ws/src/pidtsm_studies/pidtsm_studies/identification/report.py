@@ -64,22 +64,34 @@ def write_identification_report(path: Path, found: Identification, robot: str) -
     data = _viewer(found, joint)
     sections = (
         viewer_section(data, "Torque", "Torque over time"),
-        Section("errors", "Torque error", "reports/templates/matrix.html", {"tables": [_errors(found, result)], "failures": [], "note": _APART}),
+        Section(
+            "errors",
+            "Torque error",
+            "reports/templates/matrix.html",
+            {"tables": [_errors(found, result)], "failures": [], "note": _APART},
+        ),
         _section("warnings", "Warnings", result["warnings"], folded=True),
         _section("joints", "Joints and links", _joints(result), folded=True),
         _section("combinations", "Combinations of parameters", _combinations(result), folded=True),
         _section("unknown", "What data cannot show", result, folded=True),
-    )  # fmt: skip
+    )
     before, after = errors["before"][joint], errors["after"][joint]
     better = after < before
     name, unit = result["joints"][joint], found.units[joint]
     change = difference(before, after, scale([before], unit))
     verdict = (
-        f"The identified model predicts the torque of every joint within {quantity(after, unit)} RMS ({name}), {change} "
-        f"against the description."
+        f"The identified model predicts the torque of every joint within {quantity(after, unit)} RMS ({name}), "
+        f"{change} against the description."
     )
-    page = Page(f"Identification of {robot}", verdict, GOOD if better else PLAIN, _summary(found, result),
-                _answers(found, result, joint), sections, data)  # fmt: skip
+    page = Page(
+        f"Identification of {robot}",
+        verdict,
+        GOOD if better else PLAIN,
+        _summary(found, result),
+        _answers(found, result, joint),
+        sections,
+        data,
+    )
     write_page(path, page)
 
 
@@ -102,11 +114,29 @@ def _answers(found: Identification, result: dict[str, Any], joint: int) -> list[
     count = len(result["joints"])
     known = sum(each["determined"] for each in result["combinations"])
     return [
-        Answer("Is it better?", f"For {better} of {count} joints", "on data that were not fitted", GOOD if better == count else BAD),
-        Answer("What was found?", f"{known} of {len(result['combinations'])} combinations", "the data say more about them than the description"),
-        Answer("What to look at?", f"{len(warnings)} warning{'s' if len(warnings) != 1 else ''}" if warnings else "Nothing", warnings[0] if warnings else "", BAD if warnings else PLAIN),
-        Answer("Which joint is worst?", result["joints"][joint], f"RMS {quantity(errors['after'][joint], found.units[joint])}"),
-    ]  # fmt: skip
+        Answer(
+            "Is it better?",
+            f"For {better} of {count} joints",
+            "on data that were not fitted",
+            GOOD if better == count else BAD,
+        ),
+        Answer(
+            "What was found?",
+            f"{known} of {len(result['combinations'])} combinations",
+            "the data say more about them than the description",
+        ),
+        Answer(
+            "What to look at?",
+            f"{len(warnings)} warning{'s' if len(warnings) != 1 else ''}" if warnings else "Nothing",
+            warnings[0] if warnings else "",
+            BAD if warnings else PLAIN,
+        ),
+        Answer(
+            "Which joint is worst?",
+            result["joints"][joint],
+            f"RMS {quantity(errors['after'][joint], found.units[joint])}",
+        ),
+    ]
 
 
 def _viewer(found: Identification, joint: int) -> dict[str, Any]:
@@ -145,9 +175,11 @@ def _errors(found: Identification, result: dict[str, Any]) -> dict[str, Any]:
     }
     known = {name: values for name, values in rows.items() if values is not None}
     shown = {
-        unit: scale([v for values in known.values() for v, its in zip(values, found.units, strict=True) if its == unit], unit)
+        unit: scale(
+            [v for values in known.values() for v, its in zip(values, found.units, strict=True) if its == unit], unit
+        )
         for unit in dict.fromkeys(found.units)
-    }  # fmt: skip
+    }
     unit = either(each.unit for each in shown.values())
     return {
         "caption": f"Root mean square error of the torque, {unit}",
@@ -166,14 +198,16 @@ def _errors(found: Identification, result: dict[str, Any]) -> dict[str, Any]:
                         "worst": j == worst(values, found.units),
                         "key": name,
                         "joint": j,
-                        "difference": "" if name == "description" else difference(errors["before"][j], value, shown[its]),
+                        "difference": ""
+                        if name == "description"
+                        else difference(errors["before"][j], value, shown[its]),
                     }
                     for j, (value, its) in enumerate(zip(values, found.units, strict=True))
                 ],
             }
             for name, values in known.items()
         ],
-    }  # fmt: skip
+    }
 
 
 def _joints(result: dict[str, Any]) -> list[list[str]]:

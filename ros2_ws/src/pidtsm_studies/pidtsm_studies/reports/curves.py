@@ -152,7 +152,7 @@ def _grid(times: Sequence[Array], parts: int) -> tuple[Array, Callable[[Array, A
         return first, lambda _, values: values
     begin, end = min(float(time[0]) for time in times), max(float(time[-1]) for time in times)
     width = max((end - begin) / parts, 1e-9)
-    axis = begin + width * (np.arange(2 * parts) + 0.5) / 2.0
+    axis = np.asarray(begin + width * (np.arange(2 * parts) + 0.5) / 2.0, dtype=np.float64)
     axis[0], axis[-1] = begin, end
 
     def place(time: Array, values: Array) -> Array:

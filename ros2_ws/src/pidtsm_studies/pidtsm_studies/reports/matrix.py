@@ -147,7 +147,13 @@ def cell(metrics: Mapping[str, Any], metric: Metric, joint: int, shown: Scale, m
     if value is None:
         lost = metrics["outcome"] == RAN_AWAY and metric.key in OF_TRACKING
         missing = RAN_AWAY if lost else "not within the run"
-        return {"text": RAN_AWAY if lost else NOTHING, "value": None, "title": missing, "worst": False, "difference": ""}
+        return {
+            "text": RAN_AWAY if lost else NOTHING,
+            "value": None,
+            "title": missing,
+            "worst": False,
+            "difference": "",
+        }
     whole = f"{value!r} {metric.unit_of(units_of(metrics)[joint])}".strip() if metric.factor == 1.0 else f"{value!r}"
     return {
         "text": number(value if isinstance(value, int) else shown.factor * value),
@@ -169,7 +175,9 @@ def difference(first: float | None, value: float | None, shown: Scale) -> str:
     if first == 0.0:
         return signed(shown.factor * value, digits=2)
     percent = 100.0 * (value / first - 1.0)
-    return f"{signed(percent, digits=2)}{THIN}%" if abs(percent) < 1000.0 else f"{number(value / first, digits=2)}{THIN}×"
+    return (
+        f"{signed(percent, digits=2)}{THIN}%" if abs(percent) < 1000.0 else f"{number(value / first, digits=2)}{THIN}×"
+    )
 
 
 def _scales(metric: Metric, rows: Sequence[Sequence[float | None]], units: Sequence[str]) -> dict[str, Scale]:

@@ -52,7 +52,9 @@ def write_report(
         *([viewer_section(data)] if data else []),
         *matrix_sections(cases, entries, failures),
         section("article", "Article and project", _comparison_tables(comparisons), folded=single is not None),
-        section("deviations", "Deviations from the article, with reasons", _deviations(comparisons, notes), folded=True),
+        section(
+            "deviations", "Deviations from the article, with reasons", _deviations(comparisons, notes), folded=True
+        ),
         happened_section({key: _run_name(*key) for key in metrics}, metrics, happened),
         *([more_curves_section(data)] if data else []),
     )

@@ -19,7 +19,9 @@ def section(name: str, heading: str, content: Any, folded: bool = False, templat
     return Section(name, heading, f"reports/templates/{template or name}.html", content, folded)
 
 
-def events_of(cases: Cases, simulators: Mapping[tuple[str, str], Mapping[str, Any]]) -> dict[tuple[str, str], list[Event]]:
+def events_of(
+    cases: Cases, simulators: Mapping[tuple[str, str], Mapping[str, Any]]
+) -> dict[tuple[str, str], list[Event]]:
     """The events of runs.
 
     Args:
@@ -53,7 +55,8 @@ def happened_section(
 
 def matrix_sections(cases: Cases, entries: Mapping[str, Entry], failures: list[str]) -> list[Section]:
     """The metrics: one matrix for a single run; else one for each metric and case, the first of which are open."""
-    tables, folded = [], []
+    tables: list[dict[str, Any]] = []
+    folded: list[dict[str, Any]] = []
     for case, runs in cases.items():
         metrics = {key: each for key, (_, each) in runs.items()}
         if len(metrics) == 1:
@@ -69,12 +72,9 @@ def matrix_sections(cases: Cases, entries: Mapping[str, Entry], failures: list[s
     ]
 
 
-def _of_case(
-    case: str, metrics: Mapping[str, Mapping[str, Any]], entries: Mapping[str, Entry]
-) -> list[dict[str, Any]]:
+def _of_case(case: str, metrics: Mapping[str, Mapping[str, Any]], entries: Mapping[str, Entry]) -> list[dict[str, Any]]:
     labels = {key: entries[key].label for key in metrics}
     tables = [
         of_runs(metrics, metric, labels) for metric in METRICS if all(metric.key in each for each in metrics.values())
     ]
     return [{**table, "caption": f"{case_name(case)}: {table['caption']}"} for table in tables]
-

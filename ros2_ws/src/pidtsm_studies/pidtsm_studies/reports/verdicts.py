@@ -82,7 +82,9 @@ def _worst(metrics: Mapping[str, Any], joint: int | None) -> Answer:
         far = max(range(len(metrics["joints"])), key=lambda j: metrics["max_error"][j])
         return Answer("Which joint is worst?", metrics["joints"][far], "farthest from its reference", BAD)
     if joint is None:
-        return Answer("Which joint is worst?", metrics["joints"][0] if len(metrics["joints"]) == 1 else "None stands out")
+        return Answer(
+            "Which joint is worst?", metrics["joints"][0] if len(metrics["joints"]) == 1 else "None stands out"
+        )
     rmse = [value for value in values_of(metrics, _RMSE) if value is not None]
     middle = sorted(rmse)[len(rmse) // 2]
     ratio = f", {number(metrics['rmse'][joint] / middle, 2)} × the median joint" if middle and len(rmse) > 2 else ""

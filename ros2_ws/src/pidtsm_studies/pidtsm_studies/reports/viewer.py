@@ -105,9 +105,7 @@ def assembled(
     }
 
 
-def viewer_section(
-    data: Mapping[str, Any], choice: str = "Laws", heading: str = "Motion, error and effort"
-) -> Section:
+def viewer_section(data: Mapping[str, Any], choice: str = "Laws", heading: str = "Motion, error and effort") -> Section:
     """The arm, error and effort.
 
     Args:
@@ -124,9 +122,7 @@ def viewer_section(
         "cases": {case: case_name(case) for case in data["cases"]},
         "choice": choice,
         "runs": list(runs.values()) if len(runs) > 1 else [],
-        "joints": [
-            {"name": name, **look} for name, look in zip(data["joints"], data["joint_looks"], strict=True)
-        ],
+        "joints": [{"name": name, **look} for name, look in zip(data["joints"], data["joint_looks"], strict=True)],
         "plots": _plots(data, first=True),
     }
     return Section("motion", heading, "reports/templates/viewer.html", content)

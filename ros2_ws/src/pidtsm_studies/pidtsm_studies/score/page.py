@@ -103,7 +103,10 @@ def _answers(arms: Mapping[str, Sequence[Entry]]) -> list[Answer]:
     ]
     if len(every) == 1:
         low, high = every[0].interval
-        return [Answer("How good is it?", _share(every[0].score), f"with other seeds {_share(low)} to {_share(high)}"), *answers]  # fmt: skip
+        return [
+            Answer("How good is it?", _share(every[0].score), f"with other seeds {_share(low)} to {_share(high)}"),
+            *answers,
+        ]
     leads = [scored[0].score - scored[1].score for scored in arms.values() if len(scored) > 1]
     by = f"by {number(100.0 * min(leads), 2)} to {number(100.0 * max(leads), 2)} points over the next" if leads else ""
     who = ", ".join(dict.fromkeys(title(scored[0]) for scored in arms.values()))

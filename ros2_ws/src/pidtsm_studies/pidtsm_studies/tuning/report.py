@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from pidtsm_core.arrays import Array
 from pidtsm_core.written import Scale, number
 from pidtsm_studies.limit.known import above_limit
@@ -61,11 +62,24 @@ def _answers(tuning: Tuning) -> list[Answer]:
     worst = max(tuning.validation, key=lambda name: tuning.validation[name][1].cost)
     most = int(np.argmax(np.abs(tuning.sensitivity).max(axis=0)))
     return [
-        Answer("How much was gained?", difference(before, after, _PLAIN), f"objective of the conditions tuned on, {number(before)} before"),
-        Answer("Does it hold elsewhere?", f"{succeed} of {len(unseen)} succeed", "conditions that the tuning has not seen", GOOD if succeed == len(unseen) else BAD),
+        Answer(
+            "How much was gained?",
+            difference(before, after, _PLAIN),
+            f"objective of the conditions tuned on, {number(before)} before",
+        ),
+        Answer(
+            "Does it hold elsewhere?",
+            f"{succeed} of {len(unseen)} succeed",
+            "conditions that the tuning has not seen",
+            GOOD if succeed == len(unseen) else BAD,
+        ),
         Answer("Which condition is worst?", worst, f"cost {number(tuning.validation[worst][1].cost)}"),
-        Answer("Which gain matters most?", tuning.space.variables[most].label, f"{number(tuning.space.variables[most].value_at(float(tuning.x[most])))} now"),
-    ]  # fmt: skip
+        Answer(
+            "Which gain matters most?",
+            tuning.space.variables[most].label,
+            f"{number(tuning.space.variables[most].value_at(float(tuning.x[most])))} now",
+        ),
+    ]
 
 
 def front(rmse: Array, variation: Array) -> Array:
@@ -131,5 +145,8 @@ def _front(tuning: Tuning) -> Any:
         pairs = [pair[i] for pair in tuning.training.values()]
         x, y = (np.array([np.mean([getattr(each, n) for each in pairs])]) for n in ("variation", "rmse"))
         lines.append(Line(name, style, x, y, points=12))
-    return chart(lines, Axis("torque variation, relative to a smooth one", logarithmic=True),
-                 Axis("RMSE, relative to the first set", logarithmic=True))  # fmt: skip
+    return chart(
+        lines,
+        Axis("torque variation, relative to a smooth one", logarithmic=True),
+        Axis("RMSE, relative to the first set", logarithmic=True),
+    )

@@ -11,7 +11,7 @@ function written(value, digits = 3) {
   const short = (text) => (text.includes(".") ? text.replace(/\.?0+$/, "") : text);
   if (exponent < -3 || exponent >= 6) {
     const raised = String(exponent).replace(/./g, (c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]);
-    return `${sign}${short(mantissa)}\u202f×\u202f10${raised}`;
+    return short(mantissa) === "1" ? `${sign}10${raised}` : `${sign}${short(mantissa)}\u202f×\u202f10${raised}`;
   }
   const text = short(Number(`${mantissa}e${power}`).toFixed(Math.max(0, digits - 1 - exponent)));
   const [whole, part] = text.split(".");
