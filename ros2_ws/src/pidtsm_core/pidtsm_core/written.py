@@ -4,6 +4,7 @@ The pages have the same rule as a script, `pidtsm_studies/reports/templates/writ
 """
 
 import math
+import re
 from collections.abc import Iterable
 from decimal import ROUND_HALF_UP, Decimal
 from typing import NamedTuple
@@ -95,6 +96,15 @@ def quantity(value: float | None, unit: str, digits: int = DIGITS) -> str:
 def signed(value: float, digits: int = DIGITS) -> str:
     """A difference: with its sign, also if it is positive."""
     return f"+{number(value, digits)}" if value > 0.0 else number(value, digits)
+
+
+def readable(text: str) -> str:
+    """A text of a program as people write it: with minus signs before numbers, and powers of ten."""
+
+    def power(found: "re.Match[str]") -> str:
+        return f"{found[1]}{THIN}×{THIN}10{str(int(found[2])).translate(_SUPERSCRIPTS)}"
+
+    return re.sub(r"(?<!\S)-(?=\d)", MINUS, re.sub(r"\b(\d+(?:\.\d+)?)e([-+]\d+)\b", power, text))
 
 
 def _grouped(text: str) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from pidtsm_core.written import Scale, number, quantity, scale, signed
+from pidtsm_core.written import Scale, number, quantity, readable, scale, signed
 
 
 @pytest.mark.parametrize(
@@ -64,3 +64,9 @@ def test_values_of_a_table_share_the_unit_of_their_median(values: Sequence[float
 
 def test_a_difference_has_its_sign() -> None:
     assert [signed(value) for value in (1.0, -1.0, 0.0)] == ["+1", "−1", "0"]
+
+
+def test_texts_of_programs_become_readable() -> None:
+    text = "-2.9 to -0.1, 14-bit, 2026-11-25, 1.2e-05 rad, 3e+20, law.k1e5"
+    expected = "−2.9 to −0.1, 14-bit, 2026-11-25, 1.2 × 10⁻⁵ rad, 3 × 10²⁰, law.k1e5"
+    assert readable(text).replace("\u202f", " ") == expected

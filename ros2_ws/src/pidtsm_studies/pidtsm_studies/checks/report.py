@@ -7,7 +7,7 @@ from typing import Any
 
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots.check import ArmCheck, Doubt
-from pidtsm_core.written import number, quantity
+from pidtsm_core.written import number, quantity, readable
 from pidtsm_studies.checks.drawing import drawing
 from pidtsm_studies.checks.tables import (
     JOINTS,
@@ -53,7 +53,7 @@ def write_check_report(path: Path, check: ArmCheck, settings: Mapping[str, objec
         _section("doubts", "Doubts", _doubts(check)),
         _section("picture", "The arm", _picture(check, settings)),
         _section("facts", "What was understood", facts(check)),
-        _section("tables", "Joints and links", [table for table in tables if table["rows"]]),
+        _section("tables", "Joints and links", [table for table in tables if table["rows"]], folded=True),
     )
     state = BAD if check.refusal is not None else PLAIN if check.doubts else GOOD
     title = f"Check of {Path(check.source).name}"
@@ -102,12 +102,13 @@ def _answers(check: ArmCheck) -> list[Answer]:
     return answers
 
 
-def _section(name: str, heading: str, content: Any) -> Section:
-    return Section(name, heading, f"checks/templates/{name}.html", content)
+def _section(name: str, heading: str, content: Any, folded: bool = False) -> Section:
+    return Section(name, heading, f"checks/templates/{name}.html", content, folded)
 
 
 def _table(caption: str, columns: Sequence[str], rows: list[list[str]]) -> dict[str, Any]:
-    return {"caption": caption, "columns": columns, "rows": rows}
+    shown = [[name, *map(readable, cells)] for name, *cells in rows]
+    return {"caption": caption, "columns": columns, "rows": shown}
 
 
 def _doubts(check: ArmCheck) -> list[dict[str, str]]:

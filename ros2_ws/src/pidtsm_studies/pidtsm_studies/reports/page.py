@@ -11,7 +11,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from pidtsm_core.written import number, quantity
+from pidtsm_core.written import number, quantity, readable
 from pidtsm_studies.reports.styles import SERIES
 
 GOOD, BAD, PLAIN = "good", "bad", "plain"
@@ -116,7 +116,7 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
         undefined=StrictUndefined,
     )
-    environment.filters.update(number=number, quantity=quantity)
+    environment.filters.update(number=number, quantity=quantity, readable=readable)
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     return environment
 

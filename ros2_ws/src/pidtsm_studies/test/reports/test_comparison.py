@@ -26,7 +26,14 @@ from pidtsm_studies.reports.styles import looks
 
 def test_what_differs_comes_first(comparison: Path, compared: dict[str, Run]) -> None:
     page = comparison.read_text(encoding="utf-8")
-    assert re.findall(r'<h2 id="([-\w]+)"', page) == ["differs", "motion", "metrics", "more-metrics", "happened", "curves"]
+    assert re.findall(r'<h2 id="([-\w]+)"', page) == [
+        "differs",
+        "motion",
+        "metrics",
+        "more-metrics",
+        "happened",
+        "curves",
+    ]
     assert '<th scope="row">controller.law.k1</th><td>1.0</td><td>3.0</td>' in page
     (_, gentle), (_, firm) = compared.values()
     for key in ("rmse", "eci", "torque_variation"):

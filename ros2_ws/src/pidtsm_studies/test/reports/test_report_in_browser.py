@@ -145,7 +145,7 @@ def test_the_pointer_moves_the_cursor_of_every_plot_and_the_arm(page: Page, arms
 def test_runs_are_overlaid_and_can_be_hidden(page: Page, comparison: Path) -> None:
     page.open(comparison)
     assert [each.partition(" ")[0] for each in lines(page)] == ["gentle", "a/firm.1"]
-    assert len(arm(page, "links-0")) == len(arm(page, "links-1")) == 4, "two arms"
+    assert len(arm(page, "links-0")) == len(arm(page, "links-1")) == 6, "two arms"
     page.focus("#time")
     page.key("PageUp", 33)
     assert np.abs(arm(page, "links-0") - arm(page, "links-1")).max() > 1.0
@@ -205,7 +205,9 @@ def test_every_arm_is_drawn_where_it_was_and_can_be_turned(
             bones = np.stack([np.vstack([np.zeros((1, 3)), points[:-1]]), points], axis=1).reshape(-1, 3)
             found = arm(page, part)
             np.testing.assert_allclose(found, seen(page, bones, azimuth, elevation), atol=0.03)
-            left, top, width, height = map(float, page.evaluate("document.getElementById('arm').getAttribute('viewBox')").split())
+            left, top, width, height = map(
+                float, page.evaluate("document.getElementById('arm').getAttribute('viewBox')").split()
+            )
             assert np.all((found > (left, top)) & (found < (left + width, top + height))), "all of it is in view"
         assert len(arm(page, "sliding-0")) == 2 * sum(recording.slides)
 
@@ -229,7 +231,9 @@ def test_every_arm_is_drawn_where_it_was_and_can_be_turned(
     assert page.complaints == []
 
 
-def test_efforts_are_arcs_that_grow_with_them(page: Page, arms: dict[str, Path], recordings: dict[str, Recording]) -> None:
+def test_efforts_are_arcs_that_grow_with_them(
+    page: Page, arms: dict[str, Path], recordings: dict[str, Recording]
+) -> None:
     recording = recordings["panda"]
     page.open(arms["panda"])
     sample = at_the_end(page, recording)
@@ -271,7 +275,9 @@ def test_play_and_pause_work_from_the_keyboard(opened: Page) -> None:
     opened.evaluate("document.getElementById('speed').value = '10'")
     opened.key(" ", SPACE, " ")
     opened.wait("document.getElementById('play').textContent === 'Play'")  # it stops at the end
-    assert opened.evaluate(f"{STATE}.time") == pytest.approx(opened.evaluate("Number(document.getElementById('time').max)"))
+    assert opened.evaluate(f"{STATE}.time") == pytest.approx(
+        opened.evaluate("Number(document.getElementById('time').max)")
+    )
 
 
 def test_case_and_marks_of_the_time_line(opened: Page) -> None:
