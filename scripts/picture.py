@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from support.devtools import Page, browser
 
-_WIDTH, _HEIGHT = 960, 640
+_WIDTH, _HEIGHT = 1100, 800
 """Of the window, px."""
 _RATE = 10.0
 """Pictures a second."""
