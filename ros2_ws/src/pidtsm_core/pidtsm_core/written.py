@@ -102,7 +102,8 @@ def readable(text: str) -> str:
     """A text of a program as people write it: with minus signs before numbers, and powers of ten."""
 
     def power(found: "re.Match[str]") -> str:
-        return f"{found[1]}{THIN}×{THIN}10{str(int(found[2])).translate(_SUPERSCRIPTS)}"
+        raised = f"10{str(int(found[2])).translate(_SUPERSCRIPTS)}"
+        return raised if found[1] == "1" else f"{found[1]}{THIN}×{THIN}{raised}"
 
     return re.sub(r"(?<!\S)-(?=\d)", MINUS, re.sub(r"\b(\d+(?:\.\d+)?)e([-+]\d+)\b", power, text))
 

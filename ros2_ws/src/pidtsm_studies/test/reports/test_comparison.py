@@ -77,8 +77,16 @@ def test_a_difference_is_relative_to_the_first_run(first: float | None, value: f
 
 @pytest.mark.parametrize(
     ("first", "value", "text"),
-    [(2.0, 3.0, "+50 %"), (2.0, 1.0, "−50 %"), (2.0, 2.0, "="), (0.0, 0.0, "="), (0.0, 1.0, "+1"), (0.1, 5.0, "50 ×")]
-    + [(None, 1.0, ""), (1.0, None, "")],
+    [
+        (2.0, 3.0, "+50 %"),
+        (2.0, 1.0, "−50 %"),
+        (2.0, 2.0, "="),
+        (0.0, 0.0, "="),
+        (0.0, 1.0, "+1"),
+        (0.1, 5.0, "50 ×"),
+        (None, 1.0, ""),
+        (1.0, None, ""),
+    ],
 )
 def test_a_difference_on_a_page_is_short(first: float | None, value: float | None, text: str) -> None:
     assert difference(first, value, Scale("", 1.0)).replace("\u202f", " ") == text

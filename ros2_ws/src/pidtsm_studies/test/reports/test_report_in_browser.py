@@ -119,7 +119,8 @@ def test_a_joint_is_chosen_by_its_button_its_column_or_its_line(page: Page, arms
         document.getElementById('viewer').scrollIntoView();
         const box = document.getElementById('plot-effort'), { plot, lines } = box;
         const index = Math.round(plot.data[0].length / 2), over = plot.over.getBoundingClientRect();
-        return [over.left + plot.valToPos(plot.data[0][index], 'x'), over.top + plot.valToPos(lines[3].values[index], 'y')];
+        const [x, y] = [plot.valToPos(plot.data[0][index], 'x'), plot.valToPos(lines[3].values[index], 'y')];
+        return [over.left + x, over.top + y];
     })()"""
     x, y = page.evaluate(place)
     for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
@@ -160,7 +161,8 @@ def test_runs_are_overlaid_and_can_be_hidden(page: Page, comparison: Path) -> No
 
 
 def test_all_time_axes_are_zoomed_together(opened: Page) -> None:
-    ranges = "['error', 'effort'].map((name) => { const x = document.getElementById('plot-' + name).plot.scales.x; return [x.min, x.max]; })"
+    ranges = """['error', 'effort'].map((name) => document.getElementById('plot-' + name).plot.scales.x)
+        .map((x) => [x.min, x.max])"""
     whole = opened.evaluate(ranges)
     opened.drag("#plot-error .u-over", 150, 1)
     opened.wait(f"{ranges}[0][0] > 0.5")
@@ -205,9 +207,8 @@ def test_every_arm_is_drawn_where_it_was_and_can_be_turned(
             bones = np.stack([np.vstack([np.zeros((1, 3)), points[:-1]]), points], axis=1).reshape(-1, 3)
             found = arm(page, part)
             np.testing.assert_allclose(found, seen(page, bones, azimuth, elevation), atol=0.03)
-            left, top, width, height = map(
-                float, page.evaluate("document.getElementById('arm').getAttribute('viewBox')").split()
-            )
+            box = page.evaluate("document.getElementById('arm').getAttribute('viewBox')")
+            left, top, width, height = map(float, box.split())
             assert np.all((found > (left, top)) & (found < (left + width, top + height))), "all of it is in view"
         assert len(arm(page, "sliding-0")) == 2 * sum(recording.slides)
 

@@ -73,9 +73,7 @@ def test_a_browser_draws_the_curves(page: Page, board: Path) -> None:
     drawn = "[...document.querySelectorAll('[data-chart]')].filter((box) => box.plot).length"
     assert page.evaluate(rows) == 6
     assert page.evaluate(drawn) == RANGES, "those of other arms are folded"
-    page.evaluate(
-        "document.querySelectorAll('#two_link, summary').forEach((each) => each.closest('details')?.setAttribute('open', ''))"
-    )
+    page.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
     page.wait(f"{drawn} === {2 * RANGES}")
     shown = "document.getElementById('two_link-noise-1').plot.series.filter((line) => line.show).length - 1"
     assert page.evaluate(shown) == 2
