@@ -68,11 +68,10 @@ def main() -> None:
         floor = time_to_draw(page, empty)
         for title, file in written(folder).items():
             drawn = time_to_draw(page, file)
-            rows.append(
-                {"page": title, "MB": file.stat().st_size / 1e6, "s": drawn, "s above an empty page": drawn - floor}
-            )
+            above = drawn - floor
+            rows.append((title, round(file.stat().st_size / 1e6, 3), round(drawn, 3), round(above, 3)))
     for row in rows:
-        print(json.dumps({key: value if isinstance(value, str) else round(value, 3) for key, value in row.items()}))
+        print(json.dumps(dict(zip(("page", "MB", "s", "s above an empty page"), row, strict=True))))
 
 
 if __name__ == "__main__":

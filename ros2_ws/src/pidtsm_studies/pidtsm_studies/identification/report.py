@@ -141,7 +141,7 @@ def _answers(found: Identification, result: dict[str, Any], joint: int) -> list[
 
 def _viewer(found: Identification, joint: int) -> dict[str, Any]:
     check, joints = found.check, tuple(found.arm.joints)
-    units = joint_units(found.arm.slides, len(joints))
+    units = joint_units([bool(slides) for slides in found.arm.slides], len(joints))
     torques = {"measured": check.measured, "description": check.before, "identified": check.after}
     every = {
         key: Predicted(check.time - check.time[0], joints, units, torque, check.measured - torque)

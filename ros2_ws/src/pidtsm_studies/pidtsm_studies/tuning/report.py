@@ -99,10 +99,10 @@ def _result(tuning: Tuning) -> dict[str, Any]:
     for kind, caption in (("validation", "Not seen by the tuning"), ("training", "Tuned on")):
         pairs = getattr(tuning, kind)
         highest = max(pair[1].cost for pair in pairs.values())
-        rows = [_row(name, *pair, pair[1].cost == highest) for name, pair in pairs.items()]
-        before, after = tuning.objective(kind)
-        change = difference(before, after, _PLAIN)
-        tables.append({"caption": caption, "rows": rows, "before": before, "after": after, "change": change})
+        rows = [_row(name, before, after, after.cost == highest) for name, (before, after) in pairs.items()]
+        first, last = tuning.objective(kind)
+        change = difference(first, last, _PLAIN)
+        tables.append({"caption": caption, "rows": rows, "before": first, "after": last, "change": change})
     nominal = tuning.training[NOMINAL][1].metrics
     return {"tables": tables, "above": above_limit(tuning.identity["robot"], nominal["rmse"]) if nominal else ""}
 
