@@ -90,7 +90,7 @@ def test_what_the_arm_carried_is_a_part_of_the_result(folder: Path, tmp_path: Pa
 def test_the_page_shows_torques_parameters_and_what_is_unknown(folder: Path) -> None:
     page = (folder / "result/identification.html").read_text(encoding="utf-8")
     for text in (
-        "Identification of arm",
+        "/arm.urdf</h1>",
         "data kept apart",
         "the files, read back",
         "joint1.Izz",

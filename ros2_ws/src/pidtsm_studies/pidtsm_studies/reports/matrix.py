@@ -42,7 +42,7 @@ METRICS = (
     Metric("settling_time", "settling time", "until |e| stays below 2 % of its start", "s"),
     Metric("recovery_time", "recovery time", "from the event until |e| stays below 10⁻³ {position}", "s"),
     Metric("saturation", "at a limit", "of the effort or its rate, share of the samples", "%", 100.0),
-    Metric("eci", "mean effort, ECI", "mean |τ|", "{effort}", judged=False),
+    Metric("eci", "mean effort (ECI)", "mean |τ|", "{effort}", judged=False),
     Metric("torque_variation", "effort variation", "mean change from sample to sample", "{effort}"),
     Metric("torque_variation_rate", "effort variation rate", "the same per second", "{effort}/s"),
     Metric("torque_jumps", "effort jumps", "samples at which it changes by more than 5 {effort}"),

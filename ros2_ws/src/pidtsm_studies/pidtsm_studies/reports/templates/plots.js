@@ -2,11 +2,13 @@
 
 /** Axes of a plot: numbers as people write them, and as few ticks as are legible. */
 function axes(xLabel, yLabel) {
-  const common = { stroke: look("--soft"), grid: { stroke: look("--line"), width: 1 }, ticks: { stroke: look("--line"), width: 1 }, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" };
+  const size = parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;
+  const font = `${12 * size}px system-ui, sans-serif`;
+  const common = { stroke: look("--soft"), grid: { stroke: look("--line"), width: 1 }, ticks: { stroke: look("--line"), width: 1 }, font, labelFont: font };
   const values = (_, splits) => splits.map((split) => (split === null ? "" : written(split, 6)));
   return [
-    { ...common, values, size: 26, label: xLabel, labelSize: xLabel ? 16 : 0 },
-    { ...common, values, size: 52, label: yLabel, labelSize: yLabel ? 18 : 0, space: 28 },
+    { ...common, values, size: 26 * size, label: xLabel, labelSize: xLabel ? 16 * size : 0, space: 50 * size },
+    { ...common, values, size: 52 * size, label: yLabel, labelSize: yLabel ? 18 * size : 0, space: 28 * size },
   ];
 }
 
