@@ -1,8 +1,8 @@
 """An arm that the project does not know, from its URDF: commands, nodes, bag, figures and report."""
 
 import json
-import re
 import os
+import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
