@@ -6,5 +6,5 @@ from pidtsm_core.arrays import Array
 
 
 def packed(values: Array) -> str:
-    """Numbers as little-endian float32 in base64, in the order of the array's rows; read by page.js."""
+    """Numbers of any shape as little-endian float32 in base64, row after row; read by page.js."""
     return base64.b64encode(values.astype("<f4").tobytes()).decode()

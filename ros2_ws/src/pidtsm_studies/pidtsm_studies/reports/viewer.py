@@ -72,7 +72,13 @@ def viewer_data(
 
 
 def run_data(case: str, key: str, time: Array, entry: Entry) -> dict[str, Any]:
-    """What is the same for every kind of run."""
+    """What is the same for every kind of run.
+
+    Args:
+        case, key: of the run.
+        time: of its samples, s, shape (samples,).
+        entry: of the legend.
+    """
     return {
         "key": key,
         "case": case,
