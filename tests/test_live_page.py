@@ -45,12 +45,12 @@ def test_one_joint_is_chosen_for_all_curves(live: LivePage) -> None:
         .find((chart) => chart.root.textContent.includes('error e'))"""
     shown = f"{chart}.series.slice(1).filter((line) => line.show !== false).map((line) => line.label)"
     assert live.page.evaluate(shown) == ["joint1", "joint2"]
-    live.enter("joint shown", "joint2")
+    live.choose("joint shown", "joint2")
     until(lambda: live.page.evaluate(shown) == ["joint2"], "the curves of joint2 alone")
-    live.enter("time window", "5 s")
+    live.choose("time window", "5 s")
     until(lambda: live.page.evaluate(f"{chart}.scales.x.min") == -5.0, "the last 5 s")
-    live.enter("joint shown", "all joints")
-    live.enter("time window", "20 s")
+    live.choose("joint shown", "all joints")
+    live.choose("time window", "20 s")
     until(lambda: live.page.evaluate(shown) == ["joint1", "joint2"], "the curves of all joints")
 
 
