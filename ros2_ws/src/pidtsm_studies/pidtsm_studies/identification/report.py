@@ -71,7 +71,7 @@ def write_identification_report(path: Path, found: Identification, robot: str) -
             {"tables": [_errors(found, result)], "failures": [], "note": _APART},
         ),
         _section("warnings", "Warnings", result["warnings"], folded=True),
-        _section("joints", "Joints and links", _joints(result), folded=True),
+        Section("links", "Joints and links", "identification/templates/joints.html", _joints(result), folded=True),
         _section("combinations", "Combinations of parameters", _combinations(result), folded=True),
         _section("unknown", "What data cannot show", result, folded=True),
     )
