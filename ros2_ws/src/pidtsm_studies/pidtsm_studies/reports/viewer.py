@@ -75,7 +75,8 @@ def run_data(case: str, key: str, time: Array, entry: Entry) -> dict[str, Any]:
     """What is the same for every kind of run.
 
     Args:
-        case, key: of the run.
+        case: of the run.
+        key: law or name of the run.
         time: of its samples, s, shape (samples,).
         entry: of the legend.
     """
