@@ -42,6 +42,20 @@ def test_the_arm_moves(live: LivePage, tmp_path: Path) -> None:
     until(lambda: np.any(np.abs(picture("later.png") - first) > 0.2, axis=2).sum() > 100, "another picture of the arm")
 
 
+def test_one_joint_is_chosen_for_all_curves(live: LivePage) -> None:
+    chart = """Object.values(window.__viserTestpoints.uplots).map((plot) => plot.chart)
+        .find((chart) => chart.root.textContent.includes('error e'))"""
+    shown = f"{chart}.series.slice(1).filter((line) => line.show !== false).map((line) => line.label)"
+    assert live.page.evaluate(shown) == ["joint1", "joint2"]
+    live.choose("joint shown", "joint2")
+    until(lambda: live.page.evaluate(shown) == ["joint2"], "the curves of joint2 alone")
+    live.choose("time window", "5 s")
+    until(lambda: live.page.evaluate(f"{chart}.scales.x.min") == -5.0, "the last 5 s")
+    live.choose("joint shown", "all joints")
+    live.choose("time window", "20 s")
+    until(lambda: live.page.evaluate(shown) == ["joint1", "joint2"], "the curves of all joints")
+
+
 def test_a_gain_changed_on_the_page_is_the_nodes_and_a_bad_one_is_refused(live: LivePage) -> None:
     live.press("Controller")
     live.enter("k1", "3.5, 2.5")

@@ -156,6 +156,13 @@ class LivePage:
         until(lambda: self.value(label) == value, f"{label} shows {value}")
         self.page.key("Enter", 13, "\r")
 
+    def choose(self, label: str, value: str) -> None:
+        """Choose a value of a list."""
+        self.field(label)
+        self.page.click(MARKED)
+        self._mark(f"const [one] = visible('[role=option]', {json.dumps(value)}); return one ? mark(one) : false;")
+        self.page.click(MARKED)
+
     def text(self, selector: str) -> str:
         """The text of an element; empty if there is none."""
         return str(self.page.evaluate(f"document.querySelector({selector!r})?.textContent ?? ''"))

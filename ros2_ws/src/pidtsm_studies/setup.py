@@ -6,12 +6,12 @@ setup(
     name=NAME,
     version="0.2.0",
     packages=find_packages(exclude=["test"]),
-    package_data={NAME: ["py.typed", "*/*.yaml", "*/templates/*"]},
+    package_data={NAME: ["py.typed", "*/*.yaml", "*/templates/*", "*/templates/*/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "pidtsm_core", "numpy", "scipy", "matplotlib", "plotly", "jinja2", "pyyaml", "cma"],
+    install_requires=["setuptools", "pidtsm_core", "numpy", "scipy", "matplotlib", "jinja2", "pyyaml", "cma"],
     extras_require={
         "test": ["pytest"],
         "limit": ["casadi"],

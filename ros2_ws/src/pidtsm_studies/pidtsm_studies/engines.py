@@ -15,6 +15,7 @@ from pidtsm_core.robots import find_robot
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.simulation.mujoco_model import ENGINE, MUJOCO
 from pidtsm_core.units import alike
+from pidtsm_studies.reports.comparison import write_comparison
 from pidtsm_studies.reports.figures import envelope, finished, line, logarithmic, panels, save_figures
 
 COMPARED = ("rmse", "eci")
@@ -92,6 +93,21 @@ def as_json(comparison: EngineComparison) -> dict[str, Any]:
 def write_engine_figures(comparison: EngineComparison, directory: Path) -> list[Path]:
     """Draw the difference of q over time, as PNG and SVG; returns the files."""
     return save_figures({"engines": lambda: _difference(comparison)}, directory)
+
+
+def write_engine_page(comparison: EngineComparison, path: Path, simulator: Mapping[str, Any]) -> None:
+    """Write the page that shows both runs over each other.
+
+    Args:
+        comparison: the runs.
+        path: the HTML file; an existing one is replaced.
+        simulator: parameters of the simulated arm, which say when it was pushed or loaded.
+    """
+    runs = {engine: (run, comparison.metrics[engine]) for engine, run in comparison.runs.items()}
+    chosen = {f"simulator.{ENGINE.name}": {engine: engine for engine in runs}}
+    first = next(iter(comparison.runs.values()))
+    title = f"{first.scenario}, {first.law}: the equations of the model and MuJoCo"
+    write_comparison(path, runs, chosen, dict.fromkeys(runs, simulator), title)
 
 
 def _difference(comparison: EngineComparison) -> Figure:

@@ -25,7 +25,6 @@ LIBRARIES = {
     "numba",
     "numpy",
     "pandas",
-    "plotly",
     "ruckig",
     "scipy",
     "threadpoolctl",

@@ -14,6 +14,7 @@ from pidtsm_core.recording.overload import overload, overload_text
 from pidtsm_core.robots import find_robot
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 from pidtsm_core.units import either, joint_units
+from pidtsm_core.written import quantity
 
 if TYPE_CHECKING:
     from pidtsm_core.recording import Recording
@@ -248,7 +249,8 @@ def verdict(metrics: Mapping[str, Any]) -> str:
     joint = metrics["joints"][most]
     limited = f", but {joint} was at a limit of its effort {100.0 * saturation[most]:.0f} % of the time"
     text = FOLLOWED + (limited if saturation[most] >= NOTABLE_SATURATION else "")
-    return f"{text}; in the end within {errors[worst]:.2g} {units[worst].position} ({metrics['joints'][worst]})"
+    within = quantity(errors[worst], units[worst].position)
+    return f"{text}; in the end within {within} ({metrics['joints'][worst]})"
 
 
 def _fault(fault: Mapping[str, Any]) -> str:

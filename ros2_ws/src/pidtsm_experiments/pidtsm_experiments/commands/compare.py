@@ -22,7 +22,7 @@ from pidtsm_experiments.runs.results import result_folder
 from pidtsm_experiments.runs.saved import read_parameters
 from pidtsm_studies.reports.comparison import check_comparable, differing_parameters, write_comparison
 from pidtsm_studies.reports.labels import NOTHING, difference_text
-from pidtsm_studies.reports.sections import metric_text, metric_value
+from pidtsm_studies.reports.matrix import metric_text, metric_value
 
 _TOGETHER = 3
 """Runs next to each other in 80 columns."""
@@ -50,7 +50,8 @@ def execute(options: argparse.Namespace) -> int:
         raise UsageError(f"--out {options.out} is one of the runs; choose another folder")
     recordings = {name: read(path) for name, path in paths.items()}
     check_comparable(recordings)
-    parameters = differing_parameters({name: read_parameters(path) for name, path in paths.items()})
+    known = {name: read_parameters(path) for name, path in paths.items()}
+    parameters = differing_parameters(known)
     metrics = {name: recording.metrics() for name, recording in recordings.items()}
     content = {
         "runs": {name: {"path": str(paths[name]), "metrics": metrics[name]} for name in paths},
@@ -64,7 +65,8 @@ def execute(options: argparse.Namespace) -> int:
     ):
         (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
         runs = {name: (recordings[name], metrics[name]) for name in paths}
-        write_comparison(folder / "report.html", runs, parameters)
+        simulators = {name: nodes.get("simulator", {}) for name, nodes in known.items()}
+        write_comparison(folder / "report.html", runs, parameters, simulators)
     if options.json:
         print(text)
         return 0

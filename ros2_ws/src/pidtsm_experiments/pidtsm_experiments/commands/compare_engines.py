@@ -14,7 +14,14 @@ from pidtsm_experiments.commands.options import CONSOLE, add_experiment_argument
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder
-from pidtsm_studies.engines import COMPARED, EngineComparison, as_json, compare_engines, write_engine_figures
+from pidtsm_studies.engines import (
+    COMPARED,
+    EngineComparison,
+    as_json,
+    compare_engines,
+    write_engine_figures,
+    write_engine_page,
+)
 from pidtsm_studies.reports.labels import value_text
 
 _LABELS = {"rmse": "RMSE", "eci": "ECI"}
@@ -38,11 +45,12 @@ def execute(options: argparse.Namespace) -> int:
         text = json.dumps(as_json(comparison), allow_nan=False)
         (folder / "engines.json").write_text(text + "\n", encoding="utf-8")
         write_engine_figures(comparison, folder / "figures")
+        write_engine_page(comparison, folder / "report.html", experiment.settings["simulator"])
     if options.json:
         print(text)
         return 0
     Console().print(_table(comparison))
-    CONSOLE.print(f"{options.out}: engines.json figures/", highlight=False)
+    CONSOLE.print(f"{options.out}: report.html engines.json figures/", highlight=False)
     return 0
 
 

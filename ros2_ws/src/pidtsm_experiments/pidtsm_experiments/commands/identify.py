@@ -75,7 +75,7 @@ def execute(options: argparse.Namespace) -> int:
         found = _read_back(found, folder, file)
         result = as_json(found)
         (folder / "identification.json").write_text(json.dumps(result, allow_nan=False) + "\n", encoding="utf-8")
-        write_identification_report(folder / "identification.html", found, Path(definition.label).stem)
+        write_identification_report(folder / "identification.html", found, _short(definition.label))
     if options.json:
         print(json.dumps(result, allow_nan=False))
     else:
@@ -104,6 +104,12 @@ def measurement_of(bag: Path) -> Measurement:
         raise UsageError(str(error)) from None
     CONSOLE.print(f"{bag}: truth: {source}", highlight=False, soft_wrap=True)
     return measurement
+
+
+def _short(label: str) -> str:
+    """Name of an arm, or the file of its description with its folder: many files are named identified.urdf."""
+    path = Path(label)
+    return str(Path(path.parent.name, path.name))
 
 
 def _said_of(arm: ArmDefinition) -> dict[str, Value]:

@@ -28,6 +28,6 @@ def execute(options: argparse.Namespace) -> int:
     made_of = MadeOf(runs=(options.folder,))
     place = renewed(options.folder, *made) if options.out is None else result_folder(options.out, made_of)
     with place as folder, CONSOLE.status("analysing, drawing, writing the report"):
-        write_outputs(read(options.folder), folder)
+        write_outputs(read(options.folder), folder, options.folder)
     CONSOLE.print(f"{options.out or options.folder}: report.html metrics.json figures/", highlight=False)
     return 0

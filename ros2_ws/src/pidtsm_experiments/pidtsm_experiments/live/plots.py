@@ -8,26 +8,32 @@ from viser import GuiApi, GuiUplotHandle, uplot
 from pidtsm_core.arrays import Array
 from pidtsm_core.signals import Signal
 from pidtsm_experiments.live.history import SPAN, Curves
+from pidtsm_studies.reports.styles import SERIES
 
-COLORS = ("#1c7ed6", "#f76707", "#2f9e44", "#ae3ec9", "#e03131", "#0c8599", "#846358", "#f06595")
 SHOWN = {
-    Signal.POSITION_ERROR: "error e [{position}]",
-    Signal.EFFORT: "torque [{effort}]",
-    Signal.SLIDING_VARIABLE: "1000 times the sliding variable s",
-    Signal.ADAPTIVE_GAIN: "switching gain Y",
+    Signal.POSITION_ERROR: "error e in {position}",
+    Signal.EFFORT: "torque τ in {effort}",
+    Signal.SLIDING_VARIABLE: "sliding variable s, in thousandths",
+    Signal.ADAPTIVE_GAIN: "adaptive gain Υ",
 }
 """The signals with a plot, and its title with the units of the joints."""
+_FIRST = (Signal.POSITION_ERROR, Signal.EFFORT)
+"""The signals that every user watches; the others are folded."""
 _MILLI = 1e3
 _SCALED = (Signal.POSITION_ERROR, Signal.SLIDING_VARIABLE)
 """Signals drawn in thousandths: the labels of the axes have three decimals."""
-_HEIGHT = 150  # pixels
+_TALL, _LOW = 210, 150
+"""Heights of the first plots and of the others, px."""
 _NOTHING = np.array([-SPAN, 0.0])
+_WINDOWS = ("2 s", "5 s", "10 s", f"{SPAN:g} s")
+"""Lengths of the time axes."""
+_ALL = "all joints"
 _AXES: tuple[uplot.Axis, ...] = ({"size": 24}, {"size": 52})
 
 
 def color(joint: int) -> str:
-    """Colour of a joint's curves."""
-    return COLORS[joint % len(COLORS)]
+    """Colour of a joint's curves, as in the reports."""
+    return SERIES[joint % len(SERIES)].light
 
 
 class Plots:
@@ -35,8 +41,35 @@ class Plots:
 
     def __init__(self, gui: GuiApi, joints: Sequence[str], units: dict[str, str]) -> None:
         """Add the plots to the current container; `units`: of positions and efforts."""
-        series = [uplot.Series(label="s"), *(_curve(joint, color(i)) for i, joint in enumerate(joints))]
-        self._plots = [_plot(gui, len(joints), series, title.format(**units), (-SPAN, 0.0)) for title in SHOWN.values()]
+        self._joints = list(joints)
+        self._joint = gui.add_dropdown("joint shown", (_ALL, *joints), hint="whose curves are drawn")
+        self._window = gui.add_dropdown(
+            "time window", _WINDOWS, initial_value=_WINDOWS[-1], hint="length of the curves"
+        )
+        self._plots: dict[Signal, GuiUplotHandle] = {}
+        for signal in _FIRST:
+            self._plots[signal] = self._add(gui, signal, units, _TALL)
+        with gui.add_folder("variables of the law", expand_by_default=False):
+            for signal in SHOWN:
+                if signal not in _FIRST:
+                    self._plots[signal] = self._add(gui, signal, units, _LOW)
+        self._joint.on_update(lambda _: self._choose())
+        self._window.on_update(lambda _: self._choose())
+
+    def _add(self, gui: GuiApi, signal: Signal, units: dict[str, str], height: int) -> GuiUplotHandle:
+        return _plot(gui, len(self._joints), self._series(), SHOWN[signal].format(**units), (-SPAN, 0.0), height)
+
+    def _series(self) -> list[uplot.Series]:
+        chosen = self._joint.value
+        curves = [_curve(joint, i, shown=chosen in (_ALL, joint)) for i, joint in enumerate(self._joints)]
+        return [uplot.Series(label="s"), *curves]
+
+    def _choose(self) -> None:
+        """Draw the chosen joint over the chosen time."""
+        length = float(self._window.value.split()[0])
+        for plot in self._plots.values():
+            plot.series = tuple(self._series())
+            plot.scales = _scales((-length, 0.0))
 
     def show(self, curves: Curves, silence: float = 0.0) -> None:
         """Draw the curves; their signals are those of `SHOWN`. They go on to the left when nothing follows.
@@ -46,18 +79,19 @@ class Plots:
         if not curves.time.size:
             return
         time = curves.time - curves.time[-1] - silence
-        for i, (signal, plot) in enumerate(zip(SHOWN, self._plots, strict=True)):
+        for i, signal in enumerate(SHOWN):
             scale = _MILLI if signal in _SCALED else 1.0
-            plot.data = (time, *np.ascontiguousarray(scale * curves.values[:, i].T))
+            self._plots[signal].data = (time, *np.ascontiguousarray(scale * curves.values[:, i].T))
 
 
 class Comparison:
     """The error of one joint since a mark, beside the kept curve A."""
 
-    def __init__(self, gui: GuiApi) -> None:
-        """Add the plot to the current container."""
-        series = [uplot.Series(label="s"), _curve("A", "#868e96", 2.0), _curve("now", "#1c7ed6")]
-        self._plot = _plot(gui, 2, series, "1000 times the error since the mark", (0.0, SPAN))
+    def __init__(self, gui: GuiApi, units: dict[str, str]) -> None:
+        """Add the plot to the current container; `units`: of positions and efforts."""
+        series = [uplot.Series(label="s"), _curve("A", 1, 2.0), _curve("now", 0)]
+        title = "error since the mark in {position}".format(**units)
+        self._plot = _plot(gui, 2, series, title, (0.0, SPAN), _LOW)
 
     def show(self, kept: Curves, now: Curves, joint: int) -> None:
         """Draw the error of a joint in both."""
@@ -76,19 +110,25 @@ def _stretched(curves: Curves, joint: int, time: Array) -> Array:
     return np.append(values, np.full(max(0, time.size - values.size), values[-1]))[: time.size]
 
 
-def _curve(label: str, stroke: str, width: float = 1.25) -> uplot.Series:
-    return uplot.Series(label=label, stroke=stroke, width=width, points={"show": False})
+def _curve(label: str, style: int, width: float = 1.25, shown: bool = True) -> uplot.Series:
+    dash = SERIES[style % len(SERIES)].dashes
+    look = uplot.Series(label=label, stroke=color(style), width=width, points={"show": False}, show=shown)
+    return {**look, "dash": dash} if dash else look
+
+
+def _scales(span: tuple[float, float]) -> dict[str, uplot.Scale]:
+    return {"x": uplot.Scale(time=False, range=span), "y": uplot.Scale(auto=True)}
 
 
 def _plot(
-    gui: GuiApi, curves: int, series: list[uplot.Series], title: str, span: tuple[float, float]
+    gui: GuiApi, curves: int, series: list[uplot.Series], title: str, span: tuple[float, float], height: int
 ) -> GuiUplotHandle:
     return gui.add_uplot(
         data=(_NOTHING + span[1], *np.zeros((curves, _NOTHING.size))),
         series=tuple(series),
         title=title,
-        scales={"x": uplot.Scale(time=False, range=span), "y": uplot.Scale(auto=True)},
+        scales=_scales(span),
         axes=_AXES,
         legend={"show": False},
-        height=_HEIGHT,
+        height=height,
     )

@@ -9,6 +9,7 @@ from viser import GuiTabHandle
 from pidtsm_core.arrays import Array
 from pidtsm_core.signals import Signal
 from pidtsm_core.units import JointUnits, either
+from pidtsm_core.written import quantity
 from pidtsm_experiments.live.desk import Desk
 from pidtsm_experiments.live.history import History, Measurement
 from pidtsm_experiments.live.motion import Moving
@@ -47,7 +48,7 @@ class Watching:
 
     def __init__(self, desk: Desk, joints: Sequence[str], units: Sequence[JointUnits], tab: GuiTabHandle) -> None:
         """Add the controls to a tab, and the panel."""
-        self._desk, self._joints, gui = desk, list(joints), desk.server.gui
+        self._desk, self._joints, self._units, gui = desk, list(joints), list(units), desk.server.gui
         self._history, self._measured, self._kept = History(), Measurement(), Measurement()
         self.moving: Moving | None = None
         named = {
@@ -64,7 +65,7 @@ class Watching:
             kept = "A: the error since the mark; then the motion starts again"
             desk.button("Keep as A, start again", self._keep, kept, moves=True)
             self._joint = gui.add_dropdown("joint", tuple(joints), hint="joint whose error is drawn")
-            self._comparison = Comparison(gui)
+            self._comparison = Comparison(gui, named)
             self._compared = gui.add_html("")
         panel.dock_left()
         panel.set_width(_PANEL)
@@ -92,10 +93,10 @@ class Watching:
     def show(self) -> None:
         """Show metrics and events."""
         now, kept = self._measured, self._kept
-        self._metrics.content = _table("since the mark", self._joints, {"RMSE": now.rmse, "ECI": now.eci})
+        self._metrics.content = _table(self._joints, self._units, {"RMSE": now.rmse, "ECI": now.eci})
         if kept.samples and now.samples:
             columns = {"RMSE of A": kept.rmse, "RMSE": now.rmse, "ECI of A": kept.eci, "ECI": now.eci}
-            self._compared.content = _table("since the mark", self._joints, columns)
+            self._compared.content = _table(self._joints, self._units, columns)
         lines = "".join(f"<div>{time} {escape(text)}</div>" for time, text in self._desk.system.events)
         self._events.content = f'<div id="events" style="padding:0.5em 0.75em;font-size:0.8em">{lines}</div>'
 
@@ -118,14 +119,18 @@ def _legend(joints: Sequence[str]) -> str:
     return f'<div style="padding:0.25em 0.75em">{names}</div>'
 
 
-def _table(title: str, joints: Sequence[str], columns: dict[str, Array]) -> str:
-    """Numbers per joint as HTML; empty columns are left out."""
+def _table(joints: Sequence[str], units: Sequence[JointUnits], columns: dict[str, Array]) -> str:
+    """RMSE and ECI per joint since the mark, as HTML; empty columns are left out."""
     filled = {name: values for name, values in columns.items() if np.size(values) == len(joints)}
     head = "".join(f'<th style="text-align:right;padding-left:1em">{name}</th>' for name in filled)
     rows = "".join(
         f'<tr><td style="color:{color(i)};font-weight:600">{escape(joint)}</td>'
-        + "".join(f'<td style="text-align:right;padding-left:1em">{values[i]:.3g}</td>' for values in filled.values())
+        + "".join(
+            f'<td style="text-align:right;padding-left:1em;white-space:nowrap">'
+            f"{quantity(float(values[i]), units[i].position if name.startswith('RMSE') else units[i].effort)}</td>"
+            for name, values in filled.items()
+        )
         + "</tr>"
         for i, joint in enumerate(joints)
     )
-    return f'<table style="margin:0.5em 0.75em;font-size:0.85em"><tr><th>{title}</th>{head}</tr>{rows}</table>'
+    return f'<table style="margin:0.5em 0.75em;font-size:0.85em"><tr><th>since the mark</th>{head}</tr>{rows}</table>'

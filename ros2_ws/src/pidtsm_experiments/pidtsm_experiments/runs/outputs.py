@@ -5,16 +5,18 @@ from typing import Any
 
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.summary import write_metrics
+from pidtsm_experiments.runs.saved import read_parameters
 from pidtsm_studies.reports.figures import write_figures
 from pidtsm_studies.reports.report import write_report
 
 
-def write_outputs(recording: Recording, folder: Path) -> dict[str, Any]:
+def write_outputs(recording: Recording, folder: Path, run: Path | None = None) -> dict[str, Any]:
     """Write metrics.json, figures/ and report.html.
 
     Args:
         recording: the run.
         folder: an existing folder.
+        run: where the parameters of the run are, see `read_parameters`; None: in `folder`.
 
     Returns:
         The metrics, as in metrics.json.
@@ -22,5 +24,7 @@ def write_outputs(recording: Recording, folder: Path) -> dict[str, Any]:
     metrics = recording.metrics()
     write_metrics(metrics, folder / "metrics.json")
     write_figures(recording, folder / "figures")
-    write_report(folder / "report.html", (recording, metrics))
+    write_report(
+        folder / "report.html", (recording, metrics), simulator=read_parameters(run or folder).get("simulator", {})
+    )
     return metrics

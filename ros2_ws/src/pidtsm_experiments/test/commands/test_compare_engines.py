@@ -18,6 +18,8 @@ def test_it_leaves_a_figure_and_the_numbers(folder: Path, capsys: pytest.Capture
     for joint, difference in zip(content["joints"], content["largest_difference"], strict=True):
         assert f"{difference:.1e}" in next(line for line in table.splitlines() if joint in line)
     assert max(map(len, table.splitlines())) <= 80
+    page = (folder / "engines" / "report.html").read_text(encoding="utf-8")
+    assert "the equations of the model and MuJoCo" in page
     assert {file.name for file in (folder / "engines" / "figures").iterdir()} == {"engines.png", "engines.svg"}
     origin = origin_of(folder / "engines")
     assert origin is not None

@@ -1,6 +1,7 @@
 """``./pidtsm excite`` and ``identify``: from an arm to a motion, and from a bag to a better description."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -89,8 +90,10 @@ def test_what_the_arm_carried_is_a_part_of_the_result(folder: Path, tmp_path: Pa
 
 def test_the_page_shows_torques_parameters_and_what_is_unknown(folder: Path) -> None:
     page = (folder / "result/identification.html").read_text(encoding="utf-8")
+    ids = re.findall(r' id="([^"]+)"', page.partition("<script>")[0])
+    assert len(ids) == len(set(ids)) > 5
     for text in (
-        "Identification of arm",
+        "/arm.urdf</h1>",
         "data kept apart",
         "the files, read back",
         "joint1.Izz",

@@ -1,6 +1,5 @@
 """Data for the animated arm of the reports, drawn by arm.js."""
 
-import base64
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,48 +11,74 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.recording import Recording
 from pidtsm_studies.article.claims import Run
-from pidtsm_studies.reports.labels import Entry
-from pidtsm_studies.reports.plots import colour
+from pidtsm_studies.reports.packed import packed
 from pidtsm_studies.reports.skeleton import Skeleton, find_skeleton
 
-_RATE = 50.0  # samples a second
+RATE = 50.0
+"""Samples of the animation a second."""
 _OBLIQUE = -math.pi / 3.0, math.pi / 9.0  # azimuth and elevation
+_SAME = 1e-6
+"""References that differ less are drawn once, m."""
 _FLAT = 1e-3
 """Points lie in a plane if their spread across it is less than this share of their largest spread."""
 
 
-def animation(cases: Mapping[str, Mapping[str, Run]], entries: Mapping[str, Entry]) -> dict[str, Any]:
+def animation(cases: Mapping[str, Mapping[str, Run]]) -> dict[str, Any]:
     """The arm and its reference in each run, at the rate of the animation.
 
     Args:
         cases: runs by case and law or name, at least one.
-        entries: legend, by law or name.
 
     Returns:
         Plain data for JSON. All points are in the frame of the base, m.
 
-        * rate: samples a second.
         * centre, radius: of a sphere that contains everything.
         * grid: distance between the lines on the ground, m.
         * view: azimuth and elevation of the first view, rad; on the plane of a planar arm, else oblique.
-        * runs: under ``CASE LAW``: colour; names and units of the joints; parents and sliding of the points, see
-          `Skeleton`; event, s from the start, or None; and packed, all numbers of a sample together, points of the arm
-          (reached) and of its reference, error (rad or m), and distance of the tool from its reference (m).
+        * runs: under ``CASE LAW``: parents and sliding of the points, see `Skeleton`; places, the recorded joint of
+          each point but the tool; reference_of, key of the run that has the same reference; and packed, all numbers
+          of a sample together, points of the arm (reached) and of its reference (empty if another run has it), axes of
+          the joints (unit vectors; empty if there are several runs), and distance of the tool from its reference (m).
 
     Raises:
         ParameterError: where the joints of an arm are is not known; the message is one line.
     """
-    scenes = {f"{case} {law}": (law, _scene(run[0])) for case, by_law in cases.items() for law, run in by_law.items()}
-    points = np.concatenate([np.zeros((1, 3)), *(scene.every_point for _, scene in scenes.values())])
+    scenes = {f"{case} {law}": _scene(run[0]) for case, by_law in cases.items() for law, run in by_law.items()}
+    points = np.concatenate([np.zeros((1, 3)), *(scene.every_point for scene in scenes.values())])
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius = max(float(np.linalg.norm(points - centre, axis=1).max()), 1e-3)
     return {
-        "rate": _RATE,
         "centre": centre.round(4).tolist(),
         "radius": round(radius, 4),
         "grid": _rounded_down(0.5 * radius),
         "view": _view(points),
-        "runs": {key: {"colour": colour(entries[law].style), **scene.data()} for key, (law, scene) in scenes.items()},
+        "runs": _data(scenes),
+    }
+
+
+def _data(scenes: "Mapping[str, _Scene]") -> dict[str, dict[str, Any]]:
+    """Runs in the result of `animation`; what would be drawn twice, or not at all, is left out."""
+    found: dict[str, dict[str, Any]] = {}
+    drawn: list[tuple[str, _Scene]] = []
+    for key, scene in scenes.items():
+        found[key] = scene.data()
+        same = next((name for name, other in drawn if _alike(scene.reference, other.reference)), None)
+        found[key]["reference"] = packed(scene.reference) if same is None else ""
+        found[key]["reference_of"] = same or key
+        drawn += [(key, scene)] if same is None else []
+        found[key]["axes"] = packed(scene.axes) if len(scenes) == 1 else ""
+    return found
+
+
+def _alike(reference: Array, other: Array) -> bool:
+    return reference.shape == other.shape and bool(np.abs(reference - other).max() < _SAME)
+
+
+def moments(recording: Recording) -> dict[str, Any]:
+    """What is written beside the arm at the rate of the animation: packed error and effort, shape (times, joints)."""
+    return {
+        "error": packed(resampled(recording.time, recording.error)),
+        "effort": packed(resampled(recording.time, recording.effort)),
     }
 
 
@@ -63,8 +88,10 @@ class _Scene:
 
     recording: Recording
     skeleton: Skeleton
+    places: list[int]
     reached: Array
     reference: Array
+    axes: Array
 
     @property
     def every_point(self) -> Array:
@@ -72,18 +99,13 @@ class _Scene:
         return np.concatenate([self.reached, self.reference]).reshape(-1, 3)
 
     def data(self) -> dict[str, Any]:
-        """A run in the result of `animation`, without its colour."""
-        recording = self.recording
+        """A run in the result of `animation`, without reference and axes."""
         return {
-            "joints": list(recording.joints),
-            "units": [units.position for units in recording.units],
             "parents": self.skeleton.parents,
             "sliding": self.skeleton.sliding,
-            "event": None if recording.event_time is None else recording.event_time - float(recording.time[0]),
-            "reached": _packed(self.reached),
-            "reference": _packed(self.reference),
-            "error": _packed(_resampled(recording, recording.error)),
-            "distance": _packed(np.linalg.norm(self.reached[:, -1] - self.reference[:, -1], axis=1)),
+            "places": self.places,
+            "reached": packed(self.reached),
+            "distance": packed(np.linalg.norm(self.reached[:, -1] - self.reference[:, -1], axis=1)),
         }
 
 
@@ -91,24 +113,20 @@ def _scene(recording: Recording) -> _Scene:
     skeleton = find_skeleton(recording.robot)
     if set(skeleton.joints) != set(recording.joints):
         raise ParameterError(f"the recorded joints are not those of {recording.robot['robot.description']}")
-    places = [recording.joints.index(joint) for joint in skeleton.joints]
-    reached, reference = (
-        skeleton.points(_resampled(recording, positions)[:, places])
+    order = [recording.joints.index(joint) for joint in skeleton.joints]
+    places = [order[place] for place in skeleton.places]
+    (reached, axes), (reference, _) = (
+        skeleton.placed(resampled(recording.time, positions)[:, order])
         for positions in (recording.position, recording.desired)
     )
-    return _Scene(recording, skeleton, reached, reference)
+    return _Scene(recording, skeleton, places, reached, reference, axes)
 
 
-def _packed(values: Array) -> dict[str, str]:
-    """Packed floats in the format of plotly.js: little-endian, base64."""
-    return {"dtype": "f4", "bdata": base64.b64encode(values.astype("<f4").tobytes()).decode()}
-
-
-def _resampled(recording: Recording, values: Array) -> Array:
+def resampled(time: Array, values: Array) -> Array:
     """Values at the rate of the animation, shape (times, joints)."""
-    time = recording.time - recording.time[0]
-    moments = np.arange(int(time[-1] * _RATE + 1e-6) + 1) / _RATE
-    return np.column_stack([np.interp(moments, time, column) for column in values.T])
+    since = time - time[0]
+    times = np.arange(int(since[-1] * RATE + 1e-6) + 1) / RATE
+    return np.column_stack([np.interp(times, since, column) for column in values.T])
 
 
 def _rounded_down(length: float) -> float:

@@ -9,17 +9,12 @@ from pidtsm_core.experiment.node_parameters import NODE_ONLY
 from pidtsm_core.parameters.files import NODES, Settings
 from pidtsm_core.recording import Recording
 from pidtsm_studies.article.claims import Run
+from pidtsm_studies.reports.contrast import contrast_answers, contrast_section, contrast_verdict, contrasts
 from pidtsm_studies.reports.labels import NOTHING, run_entries
-from pidtsm_studies.reports.page import write_page
-from pidtsm_studies.reports.sections import (
-    arm_section,
-    draw,
-    extents,
-    happened_section,
-    metrics_table,
-    plots_section,
-    section,
-)
+from pidtsm_studies.reports.page import Page, write_page
+from pidtsm_studies.reports.sections import events_of, happened_section, matrix_sections
+from pidtsm_studies.reports.verdicts import extents
+from pidtsm_studies.reports.viewer import more_curves_section, viewer_data, viewer_section
 
 _TOGETHER = "Comparison"
 """Name of the case if the runs have different scenarios."""
@@ -71,29 +66,47 @@ def differing_parameters(parameters: Mapping[str, Settings]) -> dict[str, dict[s
     return found
 
 
-def write_comparison(path: Path, runs: Mapping[str, Run], parameters: Mapping[str, Mapping[str, Any]]) -> None:
+def write_comparison(
+    path: Path,
+    runs: Mapping[str, Run],
+    parameters: Mapping[str, Mapping[str, Any]],
+    simulators: Mapping[str, Mapping[str, Any]] | None = None,
+    title: str = "",
+) -> None:
     """Write the report of runs over each other; the same runs give the same file.
 
     Args:
         path: the HTML file.
         runs: at least two runs by name, with the same joints; differences are those to the first.
         parameters: see `differing_parameters`.
+        simulators: parameters of the simulated arm, by run, which say when it was pushed or loaded.
+        title: of the page; empty: the names of the runs.
     """
     entries = run_entries(runs)
     scenarios = {recording.scenario for recording, _ in runs.values()}
     scenario = scenarios.pop() if len(scenarios) == 1 else None
     case = scenario or _TOGETHER
     cases, metrics = {case: runs}, {name: metrics for name, (_, metrics) in runs.items()}
-    drawings = draw(cases, entries)
-    table = metrics_table(case, runs, entries, compared=True)
+    found = contrasts(metrics)
+    happened = events_of(cases, {(case, name): values for name, values in (simulators or {}).items()})
+    data = viewer_data(cases, entries, happened, found.joint)
     sections = (
-        happened_section(metrics),
-        section("parameters", "Parameters that differ", _parameters(list(runs), parameters)),
-        section("metrics", "Metrics, with the difference to the first run", {"tables": [table], "failures": []}),
-        plots_section(cases, entries, drawings, "Runs"),
-        arm_section(cases, entries, drawings, "Run"),
+        contrast_section(found, metrics, _parameters(list(runs), parameters)),
+        viewer_section(data, "Runs"),
+        *matrix_sections(cases, entries, []),
+        happened_section(
+            {(case, name): name for name in runs}, {(case, name): each for name, each in metrics.items()}, happened
+        ),
+        more_curves_section(data),
     )
-    write_page(path, " and ".join(runs), extents(metrics), sections, drawings.figures, drawings.arm)
+    verdict, state = contrast_verdict(found, metrics)
+    answers = contrast_answers(found, metrics, len(parameters))
+    page = Page(title or _listed(list(runs)), verdict, state, extents(metrics), answers, sections, data)
+    write_page(path, page)
+
+
+def _listed(names: list[str]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _parameters(runs: list[str], parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

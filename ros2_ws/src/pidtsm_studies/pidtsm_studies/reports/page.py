@@ -1,13 +1,23 @@
-"""The page of every report: a single HTML file that works offline, rendered from templates."""
+"""The page of every report: a single HTML file that works offline, rendered from templates.
+
+Every page has the same order: a verdict, four answers, what moves and its curves, a matrix, and the rest folded.
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from plotly.offline import get_plotlyjs
+
+from pidtsm_core.written import number, quantity, readable
+from pidtsm_studies.reports.styles import SERIES
+
+GOOD, BAD, PLAIN = "good", "bad", "plain"
+"""What a verdict says."""
+_SCRIPTS = ("written", "page", "plots", "arm", "viewer", "charts", "filter")
+"""Parts of the script, in their order."""
 
 
 @dataclass(frozen=True)
@@ -19,50 +29,82 @@ class Section:
         heading: text.
         template: path of the template in this package.
         content: plain data for the template, available there as ``content``; sections without content are omitted.
+        folded: whether the reader opens it.
     """
 
     id: str
     heading: str
     template: str
     content: Any
+    folded: bool = False
 
 
-def write_page(
-    path: Path,
-    title: str,
-    summary: str,
-    sections: Sequence[Section],
-    figures: Mapping[str, Any],
-    arm: Mapping[str, Any] | None = None,
-) -> None:
-    """Write a page in the style of the reports; the same arguments give the same file.
+@dataclass(frozen=True)
+class Answer:
+    """A question that every reader has, and its answer.
+
+    Attributes:
+        question: text.
+        text: the answer, a few words.
+        detail: a sentence.
+        state: `GOOD`, `BAD` or `PLAIN`.
+    """
+
+    question: str
+    text: str
+    detail: str = ""
+    state: str = PLAIN
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page.
+
+    Attributes:
+        title: what it is about, text.
+        verdict: a sentence with the one figure that matters.
+        state: of the verdict: `GOOD`, `BAD` or `PLAIN`.
+        summary: a line about where the data come from.
+        answers: in their order.
+        sections: in their order.
+        viewer: data for viewer.js, see `viewer.viewer_data`; None: nothing moves.
+        charts: data for charts.js by id, see `charts.chart`.
+    """
+
+    title: str
+    verdict: str
+    state: str
+    summary: str
+    answers: Sequence[Answer]
+    sections: Sequence[Section]
+    viewer: Mapping[str, Any] | None = None
+    charts: Mapping[str, Any] = field(default_factory=dict)
+
+
+def write_page(path: Path, page: Page) -> None:
+    """Write a page; the same page gives the same file.
 
     Args:
         path: the HTML file; an existing one is replaced.
-        title: title of the page, text.
-        summary: a sentence below the title, text.
-        sections: sections in their order.
-        figures: plotly figures by the id of their plot; their numbers are arrays of float32, and a trace whose ``meta``
-            is the value of a box named ``law`` is visible while that box is checked.
-        arm: data for the animation, see `animation.animation`; None: no animation.
+        page: its content.
 
     Raises:
-        ValueError: a number in `arm`, or one of a figure outside its arrays, is not finite.
+        ValueError: a number in the data is not finite.
     """
-    page = (
+    text = (
         _environment()
         .get_template("reports/templates/page.html")
         .render(
-            title=title,
-            summary=summary,
-            sections=[section for section in sections if section.content],
-            data={"figures": {name: figure.to_dict() for name, figure in figures.items()}, "arm": arm},
-            style=_text("report.css"),
-            script=_text("report.js") + (_text("arm.js") if arm else ""),
-            plotly=get_plotlyjs() if figures else "",
+            page=page,
+            sections=[section for section in page.sections if section.content],
+            data={"viewer": page.viewer, "charts": page.charts},
+            series=SERIES,
+            style=_text("uplot/uPlot.min.css") + _text("page.css"),
+            script="\n".join(_text(f"{name}.js") for name in _SCRIPTS),
+            uplot=_text("uplot/uPlot.iife.min.js") if page.viewer or page.charts else "",
         )
     )
-    path.write_text(page, encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
 
 
 def _environment() -> Environment:
@@ -74,6 +116,7 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
         undefined=StrictUndefined,
     )
+    environment.filters.update(number=number, quantity=quantity, readable=readable)
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     return environment
 

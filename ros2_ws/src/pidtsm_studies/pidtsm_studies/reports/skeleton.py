@@ -42,22 +42,34 @@ class Skeleton:
         """Indices of those of `points` that belong to joints that slide."""
         return np.flatnonzero(rows(self.tree)[:, Column.SLIDES]).tolist()
 
+    @property
+    def places(self) -> list[int]:
+        """Index in `joints` of the joint of each of `points` but the tool."""
+        return rows(self.tree)[:, Column.PLACE].astype(int).tolist()
+
     def points(self, positions: Array) -> Array:
-        """Origins of the joint frames after their motion, and last the tool, in the frame of the base.
+        """Origins of the joint frames after their motion, and last the tool; see `placed`."""
+        return self.placed(positions)[0]
+
+    def placed(self, positions: Array) -> tuple[Array, Array]:
+        """Where the arm is, in the frame of the base.
 
         Args:
             positions: rad or m, shape (samples, joints).
 
         Returns:
-            m, shape (samples, joints + 1, 3), joints in the order of the rows of the tree.
+            Origins of the joint frames after their motion, and last the tool, m, shape (samples, joints + 1, 3); and
+            the axes of the joints, unit vectors, shape (samples, joints, 3); in the order of the rows of the tree.
         """
         tree, placements = self.tree.copy(), np.empty((len(self.joints), 3, 4))
         points = np.empty((len(positions), len(self.joints) + 1, 3))
-        for q, found in zip(np.ascontiguousarray(positions), points, strict=True):
+        axes = np.empty((len(positions), len(self.joints), 3))
+        for q, found, axis in zip(np.ascontiguousarray(positions), points, axes, strict=True):
             forward_kinematics(q, tree, placements)
             found[:-1] = placements[:, :, 3]
             found[-1] = placements[self.tool_row] @ (*self.tool, 1.0)
-        return points
+            axis[:] = placements[:, :, 2]
+        return points, axes
 
 
 def find_skeleton(parameters: Mapping[str, object]) -> Skeleton:

@@ -1,21 +1,27 @@
-"""The page of scores: for each arm a table, and the success of every controller over each range."""
+"""The page of scores: for each arm bars, criteria and the success of every controller over each range."""
 
+import json
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 
 from pidtsm_core.arrays import Array
-from pidtsm_studies.reports.page import Section, write_page
-from pidtsm_studies.reports.plots import colour, dashes, line_style, set_style
+from pidtsm_core.written import THIN, number, scale
+from pidtsm_studies.limit.known import above_limit
+from pidtsm_studies.reports.charts import Axis, Line, chart
+from pidtsm_studies.reports.labels import label
+from pidtsm_studies.reports.page import PLAIN, Answer, Page, Section, write_page
+from pidtsm_studies.reports.styles import looks
 from pidtsm_studies.score.criteria import CRITERIA, HARDWARE, ROUGHNESS, Criterion, Range
 from pidtsm_studies.score.results import CONFIDENCE, Curve, Entry
-from pidtsm_studies.score.wording import COLUMNS, arm_of, cells, share_text, title
+from pidtsm_studies.score.wording import arm_of, combined, title
 
-_HEIGHT = 300
+_RUNS = {"ideal": "ideal", "hardware": "14 bit and 1 ms"}
+"""The nominal runs and their names."""
+_METRICS = {"rmse": ("RMSE", "rad"), "eci": ("ECI", "N m"), "torque_variation": ("torque variation", "N m")}
+"""What is shown of a nominal run: name and unit."""
 
 
 def write_score_page(path: Path, heading: str, entries: Sequence[Entry]) -> None:
@@ -26,19 +32,26 @@ def write_score_page(path: Path, heading: str, entries: Sequence[Entry]) -> None
         heading: of the page.
         entries: at least one.
     """
-    figures: dict[str, Any] = {}
+    arms = by_arm(entries)
+    styles = {name: style for style, name in enumerate(dict.fromkeys(title(entry) for entry in entries))}
+    charts: dict[str, Any] = {}
     sections = []
-    for arm, scored in by_arm(entries).items():
-        names = {name: style for style, name in enumerate(dict.fromkeys(title(entry) for entry in entries))}
-        plots = {}
-        for criterion in CRITERIA:
-            for number, each in enumerate(criterion.ranges, start=1):
-                plots[f"{arm}-{criterion.name}-{number}"] = _figure(scored, criterion, each, names)
-        figures |= plots
-        sections.append(Section(arm, arm, "score/templates/arm.html", _arm(arm, scored, plots)))
-    sections.append(Section("method", "Method", "score/templates/method.html", _method(entries[0])))
+    if len(entries) > 1:
+        sections.append(Section("filters", "Show", "score/templates/filters.html", _filters(entries)))
+    for number_of_arm, (arm, scored) in enumerate(arms.items()):
+        plots = {
+            f"{arm}-{criterion.name}-{i}": _chart(scored, criterion, each, styles)
+            for criterion in CRITERIA
+            for i, each in enumerate(criterion.ranges, start=1)
+        }
+        charts |= plots
+        content = _arm(arm, scored, list(plots), styles) | {"open": number_of_arm == 0}
+        sections.append(Section(arm, arm, "score/templates/arm.html", content))
+    sections.append(Section("method", "Method", "score/templates/method.html", _method(entries[0]), folded=True))
     runs = sum(entry.runs for entry in entries)
-    write_page(path, heading, f"{len(entries)} controllers, {runs} rollouts", sections, figures)
+    count = f"{len(entries)} controller{'s' if len(entries) > 1 else ''}"
+    summary = f"{count}, {number(runs)} rollouts"
+    write_page(path, Page(heading, _verdict(arms), PLAIN, summary, _answers(arms), sections, None, charts))
 
 
 def by_arm(entries: Sequence[Entry]) -> dict[str, list[Entry]]:
@@ -65,26 +78,127 @@ def axis_text(each: Range) -> str:
     return f"{each.label} ({each.unit})"
 
 
-def _arm(arm: str, entries: Sequence[Entry], plots: Mapping[str, Any]) -> dict[str, Any]:
+def _verdict(arms: Mapping[str, Sequence[Entry]]) -> str:
+    first = next(iter(arms.values()))
+    if len(arms) == 1 and len(first) == 1:
+        return f"{_share(first[0].score)} of the runs succeed; {_worst(first[0])} is hardest."
+    best = max((scored[0] for scored in arms.values()), key=lambda entry: entry.score)
+    leads: dict[str, int] = {}
+    for scored in arms.values():
+        leads[title(scored[0])] = leads.get(title(scored[0]), 0) + 1
+    leader = max(leads, key=lambda name: leads[name])
+    return (
+        f"{leader} leads on {leads[leader]} of {len(arms)} arm{'s' if len(arms) > 1 else ''}; the highest score is "
+        f"{_share(best.score)} of the runs ({title(best)} on {arm_of(best)})."
+    )
+
+
+def _answers(arms: Mapping[str, Sequence[Entry]]) -> list[Answer]:
+    every = [entry for scored in arms.values() for entry in scored]
+    shares = {c.name: float(np.mean([entry.outcomes[i].share for entry in every])) for i, c in enumerate(CRITERIA)}
+    hardest, easiest = min(shares, key=lambda c: shares[c]), max(shares, key=lambda c: shares[c])
+    answers = [
+        Answer("What is hardest?", hardest.replace("_", " "), f"{_share(shares[hardest])} of its runs succeed"),
+        Answer("What is easiest?", easiest.replace("_", " "), f"{_share(shares[easiest])} of its runs succeed"),
+    ]
+    if len(every) == 1:
+        low, high = every[0].interval
+        return [
+            Answer("How good is it?", _share(every[0].score), f"with other seeds {_share(low)} to {_share(high)}"),
+            *answers,
+        ]
+    leads = [scored[0].score - scored[1].score for scored in arms.values() if len(scored) > 1]
+    by = f"by {number(100.0 * min(leads), 2)} to {number(100.0 * max(leads), 2)} points over the next" if leads else ""
+    who = ", ".join(dict.fromkeys(title(scored[0]) for scored in arms.values()))
+    place = min(arms, key=lambda arm: arms[arm][0].score)
+    where = Answer("Which arm is hardest?", place, f"the best controller reaches {_share(arms[place][0].score)}")
+    return [Answer("Who leads?", who, by), *answers, *([where] if len(arms) > 1 else [])]
+
+
+def _filters(entries: Sequence[Entry]) -> dict[str, Any]:
+    laws: dict[str, list[str]] = {}
+    for entry in entries:
+        names = laws.setdefault(entry.law, [])
+        names += [title(entry)] if title(entry) not in names else []
+    return {
+        "arms": sorted({arm_of(entry) for entry in entries}),
+        "laws": [{"law": law, "label": label(law), "series": json.dumps(names)} for law, names in sorted(laws.items())],
+        "hardware": _RUNS,
+    }
+
+
+def _arm(arm: str, entries: Sequence[Entry], plots: Sequence[str], styles: Mapping[str, int]) -> dict[str, Any]:
     task = entries[0].task
     return {
         "arm": arm,
+        "tags": json.dumps({"arm": arm}),
         "task": {
             "motion": f"scenario {task.scenario}" if task.scenario else "every joint swings about its middle",
-            "after": f"{task.after:g}",
-            "duration": f"{task.duration:g}",
-            "error": f"{task.error:g}",
-            "payload": f"{task.payload:g}",
-            "event": f"{task.event:g}",
+            "after": number(task.after),
+            "duration": number(task.duration),
+            "error": number(task.error),
+            "payload": number(task.payload),
+            "event": number(task.event),
         },
-        "columns": COLUMNS,
-        "rows": [cells(entry) for entry in entries],
-        "criteria": ["controller", *(each.name.replace("_", " ") for each in CRITERIA)],
-        "shares": [[title(entry), *map(share_text, entry.outcomes)] for entry in entries],
+        "heads": [name for name, _ in _METRICS.values()],
+        "units": _units(entries),
+        "hardware": _RUNS,
+        "rows": [_row(entry, styles, _scales(entries)) for entry in entries],
+        "criteria": [each.name.replace("_", " ") for each in CRITERIA],
         "plots": [
-            {"id": name, "title": figure.layout.xaxis.title.text, "height": _HEIGHT} for name, figure in plots.items()
+            {"id": name, "title": criterion.name.replace("_", " "), "about": axis_text(each)}
+            for name, (criterion, each) in zip(plots, [(c, r) for c in CRITERIA for r in c.ranges], strict=True)
         ],
     }
+
+
+def _scales(entries: Sequence[Entry]) -> dict[str, Any]:
+    """A common unit for each metric of all entries."""
+    runs = [found for entry in entries for found in entry.nominal.values() if found is not None]
+    return {key: scale([combined(key, run[key]) for run in runs], unit) for key, (_, unit) in _METRICS.items()}
+
+
+def _units(entries: Sequence[Entry]) -> list[str]:
+    return [each.unit for each in _scales(entries).values()]
+
+
+def _row(entry: Entry, styles: Mapping[str, int], scales: Mapping[str, Any]) -> dict[str, Any]:
+    low, high = entry.interval
+    hardest = min(range(len(entry.outcomes)), key=lambda i: entry.outcomes[i].share)
+    ideal = entry.nominal["ideal"]
+    return {
+        "name": title(entry),
+        "look": looks(styles[title(entry)]),
+        "tags": json.dumps({"arm": arm_of(entry), "law": entry.law}),
+        "score": entry.score,
+        "text": _share(entry.score),
+        "interval": f"{_share(low)} to {_share(high)}",
+        "low": low,
+        "high": high,
+        "above": above_limit(entry.task.robot, ideal["rmse"]) if ideal else "",
+        "shares": [
+            {"value": outcome.share, "text": _share(outcome.share), "worst": i == hardest}
+            for i, outcome in enumerate(entry.outcomes)
+        ],
+        "nominal": {run: _nominal(entry, run, scales) for run in _RUNS},
+    }
+
+
+def _nominal(entry: Entry, run: str, scales: Mapping[str, Any]) -> dict[str, Any]:
+    found = entry.nominal[run]
+    cells = None
+    if found is not None:
+        values = {key: combined(key, found[key]) for key in _METRICS}
+        cells = [{"value": value, "text": number(scales[key].factor * value)} for key, value in values.items()]
+    return {"cells": cells, "failed": not entry.succeeds[run]}
+
+
+def _share(value: float) -> str:
+    return f"{number(100.0 * value)}{THIN}%"
+
+
+def _worst(entry: Entry) -> str:
+    return f"{entry.worst.criterion.name.replace('_', ' ')} ({_share(entry.worst.share)})"
 
 
 def _method(entry: Entry) -> dict[str, Any]:
@@ -92,31 +206,13 @@ def _method(entry: Entry) -> dict[str, Any]:
         "criteria": [{"name": each.name.replace("_", " "), "label": each.label} for each in CRITERIA],
         "values": entry.extent.values,
         "repeats": entry.extent.repeats,
-        "roughness": f"{100.0 * ROUGHNESS:g}",
-        "confidence": f"{100.0 * CONFIDENCE:g}",
+        "roughness": number(100.0 * ROUGHNESS),
+        "confidence": number(100.0 * CONFIDENCE),
         "hardware": ", ".join(f"{name}: {value}" for name, value in HARDWARE.items()),
     }
 
 
-def _figure(entries: Sequence[Entry], criterion: Criterion, each: Range, styles: Mapping[str, int]) -> Any:
-    figure = go.Figure()
-    for entry in entries:
-        x, y = success(curve_of(entry, criterion, each))
-        style = styles[title(entry)]
-        figure.add_trace(
-            go.Scatter(
-                x=x.astype(np.float32),
-                y=y.astype(np.float32),
-                name=title(entry),
-                mode="lines+markers",
-                marker={"size": 4, "color": colour(style)},
-                line=line_style(colour(style), dashes(style)),
-                showlegend=True,
-            )
-        )
-    set_style(figure, _HEIGHT)
-    figure.update_xaxes(title_text=escape(axis_text(each)), type="log" if each.logarithmic else "linear")
-    if each.last < each.first:
-        figure.update_xaxes(autorange="reversed")
-    figure.update_yaxes(title_text="success", range=[-0.05, 1.05])
-    return figure
+def _chart(entries: Sequence[Entry], criterion: Criterion, each: Range, styles: Mapping[str, int]) -> dict[str, Any]:
+    lines = [Line(title(entry), styles[title(entry)], *success(curve_of(entry, criterion, each))) for entry in entries]
+    x = Axis(axis_text(each), logarithmic=each.logarithmic, reversed=each.last < each.first)
+    return chart(lines, x, Axis("success", range=(-0.05, 1.05)))

@@ -1,22 +1,22 @@
 """The page of a tuning: progress, before and after, sensitivity of each gain, and what smoothness costs."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.written import Scale, number
 from pidtsm_studies.limit.known import above_limit
-from pidtsm_studies.reports.labels import label, value_text
-from pidtsm_studies.reports.page import Section, write_page
-from pidtsm_studies.reports.plots import colour, set_style
+from pidtsm_studies.reports.charts import Axis, Line, chart
+from pidtsm_studies.reports.labels import label
+from pidtsm_studies.reports.matrix import difference
+from pidtsm_studies.reports.page import BAD, GOOD, Answer, Page, Section, write_page
 from pidtsm_studies.tuning.definitions import NOMINAL
 from pidtsm_studies.tuning.objective import Result
 from pidtsm_studies.tuning.outcome import SHIFT, Tuning
 
-_HEIGHT = 360
+_PLAIN = Scale("", 1.0)
 _LARGEST = 30.0
 """Costs and shares above this are not drawn: they are those of failed runs."""
 
@@ -28,20 +28,58 @@ def write_tuning_page(path: Path, tuning: Tuning) -> None:
         path: the HTML file; an existing one is replaced.
         tuning: the result.
     """
-    figures = {"progress": _progress(tuning), "front": _front(tuning)}
-    plot = {"height": _HEIGHT}
+    charts = {"progress": _progress(tuning), "front": _front(tuning)}
     sections = (
         Section("result", "Before and after", "tuning/templates/result.html", _result(tuning)),
-        Section("gains", "Gains and their sensitivity", "tuning/templates/gains.html", _gains(tuning)),
-        Section("search", "Progress", "tuning/templates/progress.html", plot),
-        Section("smoothness", "RMSE against torque variation", "tuning/templates/front.html", plot),
+        Section("search", "The search", "tuning/templates/search.html", {"plots": ("progress", "front")}),
+        Section("gains", "Gains and their sensitivity", "tuning/templates/gains.html", _gains(tuning), folded=True),
     )
     identity = tuning.identity
+    subject = f"{label(identity['law'])} on {Path(identity['robot']).stem}"
     summary = (
-        f"{label(identity['law'])} on {Path(identity['robot']).stem}, hardware {identity['hardware']}, objective "
-        f"{identity['objective']}, seed {identity['seed']}: {tuning.evaluations} controllers tried"
+        f"Hardware {identity['hardware']}, objective {identity['objective']}, seed {identity['seed']}: "
+        f"{tuning.evaluations} controllers tried"
     )
-    write_page(path, "Tuning", summary, sections, figures)
+    verdict, state = _verdict(tuning)
+    write_page(path, Page(f"Tuning of {subject}", verdict, state, summary, _answers(tuning), sections, None, charts))
+
+
+def _verdict(tuning: Tuning) -> tuple[str, str]:
+    """The tuning in a sentence, and its state."""
+    before, after = tuning.objective("validation")
+    change = difference(before, after, _PLAIN)
+    if after < before:
+        text = f"Better where it was not tuned: the objective is {number(after)}, {change} against the first set."
+        return text, GOOD
+    text = f"No better where it was not tuned: the objective is {number(after)} instead of {number(before)}."
+    return text, BAD
+
+
+def _answers(tuning: Tuning) -> list[Answer]:
+    before, after = tuning.objective("training")
+    unseen = [pair[1] for pair in tuning.validation.values()]
+    succeed = sum(each.success for each in unseen)
+    worst = max(tuning.validation, key=lambda name: tuning.validation[name][1].cost)
+    most = int(np.argmax(np.abs(tuning.sensitivity).max(axis=0)))
+    return [
+        Answer(
+            "How much was gained?",
+            difference(before, after, _PLAIN),
+            f"objective of the conditions tuned on, {number(before)} before",
+        ),
+        Answer(
+            "Does it hold elsewhere?",
+            f"{succeed} of {len(unseen)} succeed",
+            "conditions that the tuning has not seen",
+            GOOD if succeed == len(unseen) else BAD,
+        ),
+        Answer("Which condition is worst?", worst, f"cost {number(tuning.validation[worst][1].cost)}"),
+        Answer(
+            "Which gain matters most?",
+            tuning.space.variables[most].label,
+            f"{number(tuning.space.variables[most].value_at(float(tuning.x[most])))} now",
+        ),
+    ]
 
 
 def front(rmse: Array, variation: Array) -> Array:
@@ -58,31 +96,28 @@ def front(rmse: Array, variation: Array) -> Array:
 
 def _result(tuning: Tuning) -> dict[str, Any]:
     tables = []
-    for kind, caption in (("training", "Tuned on"), ("validation", "Not seen by the tuning")):
-        rows = [_row(name, *pair) for name, pair in getattr(tuning, kind).items()]
-        before, after = tuning.objective(kind)
-        tables.append({"caption": caption, "rows": rows, "before": f"{before:.4g}", "after": f"{after:.4g}"})
+    for kind, caption in (("validation", "Not seen by the tuning"), ("training", "Tuned on")):
+        pairs = getattr(tuning, kind)
+        highest = max(pair[1].cost for pair in pairs.values())
+        rows = [_row(name, before, after, after.cost == highest) for name, (before, after) in pairs.items()]
+        first, last = tuning.objective(kind)
+        change = difference(first, last, _PLAIN)
+        tables.append({"caption": caption, "rows": rows, "before": first, "after": last, "change": change})
     nominal = tuning.training[NOMINAL][1].metrics
     return {"tables": tables, "above": above_limit(tuning.identity["robot"], nominal["rmse"]) if nominal else ""}
 
 
-def _row(name: str, before: Result, after: Result) -> dict[str, Any]:
-    return {
-        "name": name,
-        "cells": [
-            value_text(value)
-            for pair in ((before.cost, after.cost), (before.rmse, after.rmse), (before.variation, after.variation))
-            for value in pair
-        ],
-        "success": after.success,
-    }
+def _row(name: str, before: Result, after: Result, worst: bool) -> dict[str, Any]:
+    pairs = ((before.cost, after.cost), (before.rmse, after.rmse), (before.variation, after.variation))
+    cells = [{"before": a, "after": b, "change": difference(a, b, _PLAIN)} for a, b in pairs]
+    return {"name": name, "cells": cells, "success": after.success, "worst": worst}
 
 
 def _gains(tuning: Tuning) -> dict[str, Any]:
     rows = []
     for i, (each, x) in enumerate(zip(tuning.space.variables, tuning.x.tolist(), strict=True)):
         values = (each.value, each.value_at(x), each.low, each.high, *tuning.sensitivity[:, i].tolist())
-        rows.append({"name": each.label, "cells": [f"{value:.4g}" for value in values]})
+        rows.append({"name": each.label, "cells": values})
     return {"rows": rows, "shift": f"{SHIFT:g}"}
 
 
@@ -90,15 +125,12 @@ def _progress(tuning: Tuning) -> Any:
     lowest = np.array([min(each.costs) for each in tuning.generations])
     middle = np.array([float(np.median(each.costs)) for each in tuning.generations])
     tried = np.cumsum([len(each.costs) for each in tuning.generations])
-    figure = go.Figure()
-    lines = {"best so far": np.minimum.accumulate(lowest), "median of the generation": middle}
-    for style, (name, values) in enumerate(lines.items()):
-        shown = np.where(values < _LARGEST, values, np.nan)
-        figure.add_trace(_scatter(tried, shown, name, "lines+markers", style))
-    set_style(figure, _HEIGHT)
-    figure.update_xaxes(title_text="controllers tried")
-    figure.update_yaxes(title_text="objective")
-    return figure
+    found = {"best so far": np.minimum.accumulate(lowest), "median of the generation": middle}
+    lines = [
+        Line(name, style, tried.astype(np.float64), np.where(values < _LARGEST, values, np.nan))
+        for style, (name, values) in enumerate(found.items())
+    ]
+    return chart(lines, Axis("controllers tried"), Axis("objective"))
 
 
 def _front(tuning: Tuning) -> Any:
@@ -108,19 +140,13 @@ def _front(tuning: Tuning) -> Any:
     shown = (rmse < _LARGEST) & (variation < _LARGEST)
     rmse, variation = rmse[shown], variation[shown]
     best = front(rmse, variation) if rmse.size else np.empty(0, dtype=np.int64)
-    figure = go.Figure()
-    figure.add_trace(_scatter(variation, rmse, "tried", "markers", 3))
-    figure.add_trace(_scatter(variation[best], rmse[best], "front", "lines+markers", 2))
+    lines = [Line("tried", 7, variation, rmse, points=4), Line("front", 2, variation[best], rmse[best])]
     for style, (name, i) in enumerate((("before", 0), ("after", 1))):
         pairs = [pair[i] for pair in tuning.training.values()]
         x, y = (np.array([np.mean([getattr(each, n) for each in pairs])]) for n in ("variation", "rmse"))
-        figure.add_trace(_scatter(x, y, name, "markers", style, size=12))
-    set_style(figure, _HEIGHT)
-    figure.update_xaxes(title_text="torque variation, relative to a smooth one", type="log")
-    figure.update_yaxes(title_text="RMSE, relative to the rule-based set", type="log")
-    return figure
-
-
-def _scatter(x: Array, y: Array, name: str, mode: str, style: int, size: int = 4) -> Any:
-    look: Mapping[str, Any] = {"marker": {"size": size, "color": colour(style)}, "line": {"color": colour(style)}}
-    return go.Scatter(x=x.astype(np.float32), y=y.astype(np.float32), name=name, mode=mode, **look)
+        lines.append(Line(name, style, x, y, points=12))
+    return chart(
+        lines,
+        Axis("torque variation, relative to a smooth one", logarithmic=True),
+        Axis("RMSE, relative to the first set", logarithmic=True),
+    )

@@ -16,8 +16,7 @@ from pidtsm_core.robots import find_robot
 from pidtsm_core.robots.source import ARMS, read_source
 from pidtsm_core.signals import Signal, Status
 from pidtsm_studies.reports import skeleton
-from pidtsm_studies.reports.animation import animation
-from pidtsm_studies.reports.labels import Entry
+from pidtsm_studies.reports.animation import animation, moments
 
 """Link with the tool, where it is not ``tool``."""
 SAMPLES = 40
@@ -67,16 +66,16 @@ def recorded(description: str, backwards: bool = False) -> Recording:
 
 def animated(recording: Recording) -> tuple[dict[str, Any], dict[str, Any]]:
     """All data, and those of the only run."""
-    data = animation({"case": {"law": (recording, {})}}, {"law": Entry("law", 0)})
+    data = animation({"case": {"law": (recording, {})}})
     return data, data["runs"]["case law"]
 
 
-def unpacked(packed: dict[str, str], *shape: int) -> Array:
-    return np.frombuffer(base64.b64decode(packed["bdata"]), "<f4").astype(np.float64).reshape(*shape)
+def unpacked(packed: str, *shape: int) -> Array:
+    return np.frombuffer(base64.b64decode(packed), "<f4").astype(np.float64).reshape(*shape)
 
 
-def judged(name: str, joints: tuple[str, ...], q: Array) -> tuple[Array, Array]:
-    """The joint axes' anchors, shape (joints, 3), and the tool, by MuJoCo."""
+def judged(name: str, joints: tuple[str, ...], q: Array) -> tuple[Array, Array, Array]:
+    """The joint axes' anchors and directions, shape (joints, 3), and the tool, by MuJoCo."""
     text = read_source(name)[1]
     text = text[: text.rindex("</robot>")] + '<mujoco><compiler fusestatic="false"/></mujoco></robot>'
     model = mujoco.MjModel.from_xml_string(text)
@@ -84,7 +83,7 @@ def judged(name: str, joints: tuple[str, ...], q: Array) -> tuple[Array, Array]:
     ids = [model.joint(joint).id for joint in joints]
     data.qpos[ids] = q
     mujoco.mj_kinematics(model, data)
-    return data.xanchor[ids], data.body("tool").xpos
+    return data.xanchor[ids], data.xaxis[ids], data.body("tool").xpos
 
 
 @pytest.mark.parametrize("backwards", [False, True])
@@ -98,17 +97,19 @@ def test_arm_reference_and_tool_are_where_mujoco_has_them(name: str, backwards: 
     turning = [j for j, slides in enumerate(robot.slides) if not slides]
     assert run["sliding"] == [j for j, slides in enumerate(robot.slides) if slides]
     assert run["parents"] == [-1, *range(points - 1)]
-    assert run["units"] == ["m" if slides else "rad" for slides in recording.slides]
+    assert [recording.joints[place] for place in run["places"]] == list(robot.joints)
     for part, positions in (("reached", recording.position), ("reference", recording.reference[:, 0])):
         found = unpacked(run[part], SAMPLES, points, 3)
         for k in range(0, SAMPLES, 13):
-            anchors, tool = judged(name, robot.joints, positions[k, order])
+            anchors, axes, tool = judged(name, robot.joints, positions[k, order])
             np.testing.assert_allclose(found[k, :-1][turning], anchors[turning], atol=1e-6)
             np.testing.assert_allclose(found[k, -1], tool, atol=1e-6)
+            if part == "reached":
+                np.testing.assert_allclose(unpacked(run["axes"], SAMPLES, points - 1, 3)[k], axes, atol=1e-6)
         assert np.linalg.norm(found - data["centre"], axis=2).max() <= data["radius"] + 1e-3
     apart = unpacked(run["reached"], SAMPLES, points, 3)[:, -1] - unpacked(run["reference"], SAMPLES, points, 3)[:, -1]
     np.testing.assert_allclose(unpacked(run["distance"], SAMPLES), np.linalg.norm(apart, axis=1), atol=1e-5)
-    np.testing.assert_allclose(unpacked(run["error"], SAMPLES, points - 1), recording.error, atol=1e-6)
+    np.testing.assert_allclose(unpacked(moments(recording)["error"], SAMPLES, points - 1), recording.error, atol=1e-6)
 
 
 def test_the_two_link_arm_has_the_recorded_lengths() -> None:
@@ -174,4 +175,4 @@ def test_a_closed_form_without_kinematics_is_not_drawn(monkeypatch: pytest.Monke
 def test_a_description_in_a_file_is_drawn(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     file.write_text(two_links("0 1 0", "0.3 0 0"), encoding="utf-8")
-    assert animated(recorded(str(file)))[1]["joints"] == ["a", "b"]
+    assert animated(recorded(str(file)))[1]["places"] == [0, 1]

@@ -1,32 +1,56 @@
 """The comparison has every run, with its differences to the first."""
 
+import base64
 import re
-from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.parameters.files import Settings
 from pidtsm_core.recording import Recording
+from pidtsm_core.units import SLIDES, JointUnits
+from pidtsm_core.written import Scale
 from pidtsm_studies.article.claims import Run
+from pidtsm_studies.reports.animation import animation
 from pidtsm_studies.reports.comparison import check_comparable, differing_parameters, write_comparison
-from pidtsm_studies.reports.labels import difference_text, run_entries, value_text
-from pidtsm_studies.reports.plots import QUANTITIES, plot
+from pidtsm_studies.reports.curves import Quantity, curves
+from pidtsm_studies.reports.labels import difference_text
+from pidtsm_studies.reports.matrix import difference
+from pidtsm_studies.reports.styles import looks
 
 
-def test_it_has_all_sections_with_the_differences(comparison: Path, compared: dict[str, Run]) -> None:
+def test_what_differs_comes_first(comparison: Path, compared: dict[str, Run]) -> None:
     page = comparison.read_text(encoding="utf-8")
-    assert re.findall(r'<h2 id="(\w+)"', page) == ["parameters", "metrics", "plots", "arm"]
-    assert re.findall(r'class="plot" id="case1-(\w+)"', page) == [quantity.name for quantity in QUANTITIES]
+    assert re.findall(r'<h2 id="([-\w]+)"', page) == [
+        "differs",
+        "motion",
+        "metrics",
+        "more-metrics",
+        "happened",
+        "curves",
+    ]
     assert '<th scope="row">controller.law.k1</th><td>1.0</td><td>3.0</td>' in page
     (_, gentle), (_, firm) = compared.values()
     for key in ("rmse", "eci", "torque_variation"):
         for a, b in zip(gentle[key], firm[key], strict=True):
-            cells = f"<td>{value_text(a)}</td><td>{value_text(b)} <small>{difference_text(a, b)}</small></td>"
-            assert cells in page
+            assert f'<data value="{b!r}"' in page
+            assert f"<small>{difference(a, b, Scale('', 1.0))}</small>" in page
+    told = page.partition('class="verdict')[2].partition("</p>")[0]
+    assert "a/firm.1 follows most closely" in told
+
+
+def test_equal_runs_are_said_to_be_equal(tmp_path: Path, compared: dict[str, Run]) -> None:
+    run = compared["gentle"]
+    write_comparison(tmp_path / "report.html", {"a": run, "b": run}, {})
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "The runs are equal in every metric of every joint." in page
+    assert page.count("Equal for every joint of every run: RMSE, largest error, steady-state error") == 1
+    assert "Where the metrics differ most" not in page
 
 
 def test_the_same_runs_give_the_same_file(tmp_path: Path, comparison: Path, compared: dict[str, Run]) -> None:
@@ -51,10 +75,21 @@ def test_a_difference_is_relative_to_the_first_run(first: float | None, value: f
     assert difference_text(first, value) == text
 
 
-def lines(runs: Mapping[str, Run]) -> list[tuple[str, str | None]]:
-    """Name and run of each line of the first joint."""
-    figure = plot(QUANTITIES[0], runs, run_entries(runs))
-    return [(trace.name, trace.meta) for trace in figure.data if trace.yaxis == "y"]
+@pytest.mark.parametrize(
+    ("first", "value", "text"),
+    [
+        (2.0, 3.0, "+50 %"),
+        (2.0, 1.0, "−50 %"),
+        (2.0, 2.0, "="),
+        (0.0, 0.0, "="),
+        (0.0, 1.0, "+1"),
+        (0.1, 5.0, "50 ×"),
+        (None, 1.0, ""),
+        (1.0, None, ""),
+    ],
+)
+def test_a_difference_on_a_page_is_short(first: float | None, value: float | None, text: str) -> None:
+    assert difference(first, value, Scale("", 1.0)).replace("\u202f", " ") == text
 
 
 def shorter(recording: Recording) -> Recording:
@@ -63,21 +98,45 @@ def shorter(recording: Recording) -> Recording:
 
 
 def test_runs_share_a_reference_unless_theirs_differ(compared: dict[str, Run]) -> None:
-    (recording, metrics), other = compared.values()
-    runs: dict[str, Run] = {"a": (shorter(recording), metrics), "b": other}
-    assert lines(runs) == [("reference", None), ("a", "a"), ("b", "b")]
-    moved = replace(recording, reference=recording.reference + 0.1)
-    runs["a"] = moved, metrics
-    references = [("reference of a", "a"), ("reference of b", "b")]
-    assert lines(runs) == [*references, ("a", "a"), ("b", "b")]
+    run = compared["gentle"]
+    moved = replace(run[0], reference=run[0].reference + 0.1)
+
+    def references(other: Recording) -> list[str]:
+        found = animation({"case": {"a": run, "b": (other, run[1])}})["runs"]
+        assert [bool(each["reference"]) for each in found.values()] == [
+            each["reference_of"] == key for key, each in found.items()
+        ]
+        return [each["reference_of"] for each in found.values()]
+
+    assert references(run[0]) == ["case a", "case a"]
+    assert references(moved) == ["case a", "case b"]
 
 
-def test_many_runs_all_look_different(compared: dict[str, Run]) -> None:
-    run = next(iter(compared.values()))
-    runs = {f"run {n}": run for n in range(20)}
-    figure = plot(QUANTITIES[1], runs, run_entries(runs))
-    looks = [(trace.line.color, trace.line.dash) for trace in figure.data if trace.yaxis == "y"]
-    assert len(set(looks)) == len(runs)
+def test_many_runs_all_look_different() -> None:
+    assert len({str(looks(style)) for style in range(40)}) == 40
+
+
+def test_no_spike_is_lost_by_decimation() -> None:
+    samples, time = np.zeros((30_000, 7)), np.arange(30_000) / 1e3
+    random = np.random.default_rng(0)
+    spikes = random.integers(0, 30_000, 7), np.arange(7)
+    samples[spikes] = random.normal(size=7)
+    quantity = Quantity("spikes", "Spikes", "x", "m", lambda _: samples)
+    drawn = curves({"run": Samples(time, tuple("abcdefg"), (SLIDES,) * 7)}, [quantity])
+    values = np.frombuffer(base64.b64decode(drawn["values"]["run"]["spikes"]), "<f4").reshape(7, -1)
+    times = np.frombuffer(base64.b64decode(drawn["time"]), "<f4")
+    assert values.shape[1] == times.size <= 2000
+    assert np.all(np.diff(times) > 0.0)
+    np.testing.assert_allclose(values.sum(axis=1), samples[spikes], rtol=1e-6)
+    near = times[np.abs(values).argmax(axis=1)]
+    np.testing.assert_allclose(near, time[spikes[0]], atol=30.0 / 1000)
+
+
+@dataclass(frozen=True)
+class Samples:
+    time: Array
+    joints: tuple[str, ...]
+    units: tuple[JointUnits, ...]
 
 
 @pytest.mark.parametrize("change", [{"joints": ("joint2", "joint1")}, {"slides": (False, True)}])

@@ -12,6 +12,7 @@ import numpy as np
 
 from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Fault, Mode, Signal, Status, Stop, Violation
+from pidtsm_core.written import readable
 from pidtsm_studies.article.claims import Run, compare
 from pidtsm_studies.reports.labels import CASES
 from pidtsm_studies.reports.report import write_report
@@ -19,7 +20,8 @@ from pidtsm_studies.reports.report import write_report
 RunOf: TypeAlias = Callable[[str, str], Run]
 
 LAWS = ("piddtsm", "pidnftsm", "dtsm")
-PLOTS = ("tracking", "error", "torque", "sliding", "manifold", "gain")
+PLOTS = ["error", "effort", "position", "reference", "sliding", "manifold", "gain"]
+FOLDED = ["happened", "curves"]
 NOTE = "DTSM with the printed kappa ends at 0.5 s <not a tag> & so on."
 
 
@@ -53,10 +55,12 @@ class Outline(HTMLParser):
 
 def test_it_has_all_sections_and_plots(report: Path, reproduction: dict[tuple[str, str], Run | str]) -> None:
     outline = Outline(report)
-    assert outline.ids("h2") == ["arm", "article", "metrics", "plots", "deviations"]
-    assert [i for i in outline.ids("div") if "-" in i and i.partition("-")[0] in CASES] == list(outline.data["figures"])
-    assert list(outline.data["figures"]) == [f"{case}-{plot}" for case in CASES for plot in PLOTS]
-    assert sorted(outline.data["arm"]["runs"]) == sorted(f"{case} {law}" for case in CASES for law in LAWS)
+    assert outline.ids("h2") == ["motion", "metrics", "more-metrics", "article", "deviations", *FOLDED]
+    viewer = outline.data["viewer"]
+    assert [[plot["id"] for plot in viewer["cases"][case]["plots"]] for case in CASES] == [PLOTS, PLOTS]
+    drawn = [attributes["data-plot"] for tag, attributes in outline.tags if "data-plot" in attributes]
+    assert drawn == PLOTS
+    assert sorted(viewer["arm"]["runs"]) == sorted(f"{case} {law}" for case in CASES for law in LAWS)
     assert NOTE in outline.text
     assert str(reproduction["case1", "dtsm_printed"]) in outline.text
     assert "7 runs: 6 runs of 2 s, 2000 samples, without ROS; 1 without curves" in outline.text
@@ -70,7 +74,7 @@ def test_every_comparison_is_in_its_table_with_its_reason(
     for each in compare(reproduction):
         claim = each.claim
         for part in (claim.quantity, claim.printed(), each.project, claim.printed_in, claim.reason):
-            assert part in text
+            assert readable(part) in text
     assert {f"#{i}" for i in Outline(report).ids("li")} <= links
 
 
@@ -80,7 +84,7 @@ def test_statements_that_are_not_true_are_a_list(report: Path, reproduction: dic
     false = [each for each in judged if not each.holds]
     assert false
     assert f"{len(judged) - len(false)} of {len(judged)} statements and limits" in section
-    statements = re.findall("<li>(.*)</li>", section)
+    statements = re.findall("<li>(.*)</li>", section.partition("</details>")[0])
     assert len(statements) == len(false)
     for statement, each in zip(statements, false, strict=True):
         assert f"joint {each.claim.joint + 1}: " in statement
@@ -107,7 +111,7 @@ def test_links_and_labels_lead_somewhere(report: Path) -> None:
 
 def test_tables_have_a_caption_and_heads(report: Path) -> None:
     tags = [tag for tag, _ in Outline(report).tags]
-    assert tags.count("table") == tags.count("caption") == 4
+    assert tags.count("table") == tags.count("caption") > 4
     assert all("scope" in attributes for tag, attributes in Outline(report).tags if tag == "th")
 
 
@@ -135,14 +139,14 @@ def test_a_long_reproduction_stays_small(tmp_path: Path, run_of: RunOf) -> None:
     )
     runs = {(case, f"law{n}"): (noise, metrics) for case in CASES for n in range(6)}
     write_report(tmp_path / "report.html", runs)
-    assert (tmp_path / "report.html").stat().st_size < 12e6
+    assert (tmp_path / "report.html").stat().st_size < 4e6
 
 
 def test_a_single_run_has_no_comparison(arms: dict[str, Path]) -> None:
     outline = Outline(arms["two_link"])
-    assert outline.ids("h2") == ["arm", "metrics", "plots"]
+    assert outline.ids("h2") == ["motion", "metrics", *FOLDED]
     assert "Case 1, PIDDTSM" in outline.text
-    assert ("input", "law") not in [(tag, attributes.get("name")) for tag, attributes in outline.tags]
+    assert ("input", "run") not in [(tag, attributes.get("name")) for tag, attributes in outline.tags]
 
 
 def renamed(recording: Recording, *joints: str) -> Recording:
@@ -154,13 +158,17 @@ def happened(path: Path) -> str:
     return path.read_text(encoding="utf-8").partition('<h2 id="happened">')[2].partition("</section>")[0]
 
 
-def test_unusual_events_come_first(tmp_path: Path, run_of: RunOf) -> None:
+def test_unusual_events_are_told_and_marked(tmp_path: Path, run_of: RunOf) -> None:
     recording, _ = run_of("case1", "piddtsm")
     status = recording.status.copy()
     status[500:700] = (Mode.STOPPED, Fault.VELOCITY_LIMIT, 1, Violation.VELOCITY, Stop.HOLD)
     odd = replace(renamed(recording, "<b>", "joint2"), status=status, rejected={"controller": 2})
     write_report(tmp_path / "report.html", (odd, odd.metrics()))
-    assert Outline(tmp_path / "report.html").ids("h2") == ["happened", "arm", "metrics", "plots"]
+    outline = Outline(tmp_path / "report.html")
+    (run,) = outline.data["viewer"]["runs"].values()
+    marks = [(event["kind"], event["time"]) for event in run["events"] if event["kind"] != "learnt"]
+    assert marks == [("fault", 0.5), ("limit", 0.5), ("mode", 0.5), ("mode", 0.7)]
+    assert "Stops: <b> is beyond limits.velocity at 0.5" in outline.text
     section = happened(tmp_path / "report.html")
     assert "stopped at 0.5 s: &lt;b&gt; is beyond limits.velocity; reset at 0.7 s" in section
     assert "messages rejected: controller 2" in section
@@ -171,8 +179,8 @@ def test_of_several_runs_the_unusual_ones_are_named(tmp_path: Path, run_of: RunO
     lost = replace(bad[0], position=bad[0].position + 4.0)
     write_report(tmp_path / "report.html", {("case1", "dtsm"): (lost, lost.metrics()), ("case1", "piddtsm"): good})
     section = happened(tmp_path / "report.html")
-    assert section.count("<ul>") == 1
-    assert "Case 1, DTSM:" in section
+    assert "<h3>Case 1, DTSM</h3>" in section
+    assert "ran away" in section.partition("<h3>Case 1, DTSM</h3>")[2].partition("<h3>")[0]
 
 
 def test_a_run_that_ran_away_has_no_errors_to_compare(tmp_path: Path, run_of: RunOf) -> None:
@@ -180,7 +188,7 @@ def test_a_run_that_ran_away_has_no_errors_to_compare(tmp_path: Path, run_of: Ru
     lost = replace(recording, position=recording.position + 4.0)
     write_report(tmp_path / "report.html", (lost, lost.metrics()))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count("<td>ran away</td>") == 4 * 2
+    assert page.count('<span title="ran away">ran away</span>') == 4 * 2
     assert f"{lost.metrics()['rmse'][0]:.5g}" not in Outline(tmp_path / "report.html").text
 
 
@@ -196,28 +204,26 @@ def test_an_arm_whose_description_is_gone_is_not_drawn(tmp_path: Path, run_of: R
     gone = replace(recording, robot={**recording.robot, "robot.description": "/gone/<b>.urdf"})
     write_report(tmp_path / "report.html", (gone, metrics))
     outline = Outline(tmp_path / "report.html")
-    assert outline.ids("h2") == ["arm", "metrics", "plots"]
     assert outline.ids("svg") == []
-    assert outline.data["arm"] is None
-    assert "No animation: robot.description: /gone/<b>.urdf: No such file or directory" in outline.text
+    assert outline.data["viewer"]["arm"] is None
+    assert "The arm is not drawn: robot.description: /gone/<b>.urdf: No such file or directory" in outline.text
 
 
 def test_each_joint_has_its_own_units(tmp_path: Path, run_of: RunOf) -> None:
     recording = replace(run_of("case2", "piddtsm")[0], slides=(False, True))
     write_report(tmp_path / "report.html", (recording, recording.metrics()))
     outline = Outline(tmp_path / "report.html")
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    titles = [attributes["title"] or "" for tag, attributes in outline.tags if tag == "data"]
     for units, metrics in ((("rad", "m"), 3), (("N m", "N"), 2), (("N m/s", "N/s"), 1)):
-        for joint, unit in zip(recording.joints, units, strict=True):
-            assert page.count(f"<td>{joint}</td><td>{unit}</td>") == metrics
-    assert "below 1e-3 rad or m" in outline.text
+        for unit in units:
+            assert [title.partition(" ")[2] for title in titles].count(unit) == metrics
+    assert "below 10⁻³ rad or m" in outline.text
     assert "more than 5 N m or N" in outline.text
-    for plot, units in (("tracking", ("rad", "m")), ("error", ("rad", "m")), ("torque", ("N m", "N"))):
-        layout = outline.data["figures"][f"case2-{plot}"]["layout"]
-        titles = [layout[axis]["title"]["text"] for axis in ("yaxis", "yaxis2")]
-        for title, joint, unit in zip(titles, recording.joints, units, strict=True):
-            assert title.startswith(joint)
-            assert title.endswith(f"({unit})")
+    plots = outline.data["viewer"]["cases"]["case2"]["plots"]
+    shown = {(plot["quantity"], *plot["joints"]): plot["unit"] for plot in plots}
+    for quantity, pair in (("error", ("rad", "m")), ("effort", ("N m", "N"))):
+        for joint, unit in enumerate(pair):
+            assert shown[quantity, joint].removeprefix("m" if unit != "m" else "") in (unit, "mm")
 
 
 def test_names_cannot_break_the_page(tmp_path: Path, run_of: RunOf) -> None:
@@ -225,7 +231,7 @@ def test_names_cannot_break_the_page(tmp_path: Path, run_of: RunOf) -> None:
     odd = replace(renamed(recording, "<i>", "&amp;"), scenario="</script><b>", law='a"><script>alert(1)</script>')
     write_report(tmp_path / "report.html", (odd, odd.metrics()))
     plain = Outline(tmp_path / "report.html")
-    assert not {"b", "i"} & {tag for tag, _ in plain.tags}
+    assert not {"i"} & {tag for tag, _ in plain.tags}
     assert [tag for tag, _ in plain.tags].count("script") == 3
-    assert plain.data["arm"] is not None
+    assert plain.data["viewer"]["arm"] is not None
     assert "<i>" in plain.text

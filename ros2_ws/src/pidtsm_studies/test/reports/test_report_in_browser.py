@@ -1,4 +1,4 @@
-"""The report in a browser: plots, boxes, animation, keyboard and width."""
+"""The pages of runs in a browser: play, cursor, chosen joint, overlaid runs, folds, keyboard and width."""
 
 import math
 import re
@@ -13,10 +13,11 @@ from pidtsm_core.recording import Recording
 from pidtsm_studies.reports.labels import CASES
 from pidtsm_studies.reports.skeleton import find_skeleton
 
-PLOTS = 6  # a case
-LAWS = 3
-
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
+
+STATE = "data.viewer.state"
+END, HOME, LEFT, UP, RIGHT, DOWN, SPACE = 35, 36, 37, 38, 39, 40, 32
+"""Codes of keys."""
 
 
 @pytest.fixture
@@ -25,122 +26,165 @@ def opened(page: Page, report: Path) -> Page:
     return page
 
 
-def show_all_plots(page: Page) -> None:
-    """Scroll through the page like a reader."""
-    for index in range(page.evaluate("document.querySelectorAll('.plot').length")):
-        plot = f"document.querySelectorAll('.plot')[{index}]"
-        page.evaluate(f"{plot}.scrollIntoView()")
-        page.wait(f"{plot}.querySelectorAll('.scatterlayer .trace').length > 0")
+def plotted(page: Page, plot: str, what: str) -> object:
+    """Something of a uPlot."""
+    return page.evaluate(f"document.getElementById('plot-{plot}').plot.{what}")
 
 
-def traces(page: Page, law: str) -> int:
-    """How many lines of a law are drawn, in all plots."""
-    return int(
-        page.evaluate(
-            "[...document.querySelectorAll('.plot')].flatMap(plot => plot._fullData || [])"
-            f".filter(trace => trace.meta === {law!r} && trace.visible === true).length"
-        )
+def lines(page: Page, plot: str = "error") -> list[str]:
+    """What the lines of a plot are of: run and joint."""
+    found: list[str] = page.evaluate(
+        f"document.getElementById('plot-{plot}').lines.map((each) => each.run.key + ' ' + each.joint)"
     )
+    return found
 
 
-def lines(page: Page, plot: str) -> int:
-    return int(page.evaluate(f"document.querySelectorAll('#{plot} .scatterlayer .trace .js-line').length"))
-
-
-def arm(page: Page, part: str = "links") -> Array:
+def arm(page: Page, part: str = "links-0") -> Array:
     """Points of a part of the drawing, shape (points, 2)."""
-    path = page.evaluate(f"document.getElementById('arm-{part}').getAttribute('d')")
+    path = page.evaluate(f"document.getElementById('arm-{part}')?.getAttribute('d') ?? ''")
     return np.array(re.findall(r"[-\d.]+", path), dtype=np.float64).reshape(-1, 2)
 
 
 def seen(page: Page, points: Array, azimuth: float, elevation: float) -> Array:
-    """Where the page must draw points, shape (points, 3), that are seen from a direction (degrees)."""
-    centre, radius = page.evaluate("[data.arm.centre, data.arm.radius]")
+    """Where the page must draw points, shape (points, 3), m, that are seen from a direction (degrees); in mm."""
+    centre = page.evaluate("data.viewer.arm.centre")
     a, e = math.radians(azimuth), math.radians(elevation)
     right = -math.sin(a), math.cos(a), 0.0
     up = -math.cos(a) * math.sin(e), -math.sin(a) * math.sin(e), math.cos(e)
-    return (points - centre) / radius @ np.array([right, up]).T * [1.0, -1.0]
+    return 1e3 * (points - centre) @ np.array([right, up]).T * [1.0, -1.0]
 
 
 def at_the_end(page: Page, recording: Recording) -> int:
     """Move the slider to the end; returns the sample of the run."""
-    page.focus("#arm-time")
-    page.key("End", 35)
-    page.wait(f"Number(document.getElementById('arm-time').value) > {recording.time[-1] - 0.1}")
-    return round(page.evaluate("Number(document.getElementById('arm-time').value)") * 1000)
+    page.focus("#time")
+    page.key("End", END)
+    page.wait(f"Number(document.getElementById('time').value) > {recording.time[-1] - 0.1}")
+    return round(page.evaluate(f"{STATE}.time") * 1000)
 
 
-def test_a_browser_draws_everything_without_complaint_or_network(opened: Page, report: Path) -> None:
-    show_all_plots(opened)
-    assert opened.evaluate("document.querySelectorAll('.plot .main-svg').length") >= len(CASES) * PLOTS
-    assert traces(opened, "piddtsm") == len(CASES) * PLOTS * 2
+def read(page: Page, joint: int, what: int) -> str:
+    """A cell of the values at the cursor of a single run: what is 1 for the error, 2 for the effort."""
+    across = page.evaluate("data.viewer.joints.length > 3")
+    row, column = (what, joint + 1) if across else (joint + 1, what)
+    return str(page.evaluate(f"document.getElementById('readout').rows[{row}].cells[{column}].textContent"))
+
+
+def in_si(text: str) -> float:
+    """The value of a quantity as written."""
+    value, unit = re.fullmatch(r"(\S+?)\u202f(.*)", text.replace("\u202f×\u202f10", "e")).groups()  # type: ignore[union-attr]
+    prefix = {"m": 1e-3, "µ": 1e-6, "n": 1e-9}.get(unit[0], 1.0) if len(unit) > 1 and unit != "N m" else 1.0
+    powers = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
+    return float(value.translate(powers)) * prefix
+
+
+def test_a_browser_draws_it_without_complaint_or_network(opened: Page, report: Path) -> None:
+    assert plotted(opened, "error", "series.length") == 1 + 3, "three laws, one joint"
     assert opened.complaints == []
     assert [url for url in opened.requests if not url.startswith(("data:", "blob:"))] == [report.as_uri()]
-    buttons = opened.evaluate("[...document.querySelectorAll('.modebar-btn')].map(button => button.dataset.title)")
-    assert "Reset axes" in buttons
-    assert not any("hare" in title or "loud" in title for title in buttons)
 
 
-def test_a_box_hides_its_law_in_every_plot(opened: Page) -> None:
-    opened.evaluate("document.getElementById('case1-tracking').scrollIntoView()")
-    opened.wait("document.querySelectorAll('#case1-tracking .scatterlayer .trace').length > 0")
-    before = lines(opened, "case1-tracking")
-    opened.click('input[name="law"][value="dtsm"]')
-    assert traces(opened, "dtsm") == 0
-    show_all_plots(opened)  # also in those that had not been drawn
-    assert traces(opened, "dtsm") == 0
-    assert traces(opened, "piddtsm") == len(CASES) * PLOTS * 2
-    assert lines(opened, "case1-tracking") == before - 2
-    opened.click('input[name="law"][value="dtsm"]')
-    assert traces(opened, "dtsm") == len(CASES) * PLOTS * 2
+def test_curves_are_folded_until_they_are_opened(opened: Page) -> None:
+    assert opened.evaluate("document.getElementById('plot-sliding').plot ?? null") is None
+    opened.click("summary:has(#curves)")
+    opened.wait("Boolean(document.getElementById('plot-sliding').plot)")
+    assert lines(opened, "position") == ["piddtsm 0", "pidnftsm 0", "dtsm 0"]
+    opened.click("summary:has(#curves)")
+    assert not opened.evaluate("document.getElementById('plot-sliding').checkVisibility()")
 
 
-def test_the_legend_and_the_boxes_agree(opened: Page) -> None:
-    show_all_plots(opened)
-    toggles = "document.querySelectorAll('#case2-torque .legendtoggle')"
-    assert opened.evaluate(f"{toggles}.length") == LAWS
-    opened.evaluate(f"{toggles}[1].setAttribute('data-test', 'pidnftsm')")
-    opened.click('[data-test="pidnftsm"]')
-    opened.wait("!document.querySelector('input[value=\"pidnftsm\"]').checked")  # after its wait for a double click
-    assert traces(opened, "pidnftsm") == 0
-    assert traces(opened, "dtsm") > 0
+def test_the_first_screen_answers_what_a_reader_asks(page: Page, arms: dict[str, Path]) -> None:
+    for robot in ("two_link", "panda"):
+        page.open(arms[robot], 1280, 800)
+        script = """[...document.querySelectorAll('.verdict, .answers div, #arm, #plot-error, #plot-effort')]
+            .map((each) => each.getBoundingClientRect().top)"""
+        tops = page.evaluate(script)
+        assert len(tops) == 1 + 4 + 3
+        assert max(tops) < 600
+        assert page.evaluate("document.getElementById('play').getBoundingClientRect().bottom") <= 800
+
+
+def test_a_joint_is_chosen_by_its_button_its_column_or_its_line(page: Page, arms: dict[str, Path]) -> None:
+    page.open(arms["panda"])
+    pressed = "[...document.querySelectorAll('#joints [aria-pressed=\"true\"]')].map((each) => each.textContent.trim())"
+    assert page.evaluate(pressed) == ["all joints"]
+    page.click('#joints [data-joint="3"]')
+    assert page.evaluate(pressed) == ["panda_joint4"]
+    faded = page.evaluate("document.getElementById('plot-effort').lines.map((each) => each.faded)")
+    assert faded == [joint != 3 for joint in range(7)]
+    assert len(arm(page, "chosen-0")) == 2, "it is marked on the arm"
+    page.click('.matrix thead [data-joint="1"]')
+    assert page.evaluate(pressed) == ["panda_joint2"]
+    page.click('#joints [data-joint=""]')
+    place = """(() => {
+        document.getElementById('viewer').scrollIntoView();
+        const box = document.getElementById('plot-effort'), { plot, lines } = box;
+        const index = Math.round(plot.data[0].length / 2), over = plot.over.getBoundingClientRect();
+        const [x, y] = [plot.valToPos(plot.data[0][index], 'x'), plot.valToPos(lines[3].values[index], 'y')];
+        return [over.left + x, over.top + y];
+    })()"""
+    x, y = page.evaluate(place)
+    for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+    page.wait(f"{STATE}.joint === 3")
+
+
+def test_the_pointer_moves_the_cursor_of_every_plot_and_the_arm(page: Page, arms: dict[str, Path]) -> None:
+    page.open(arms["two_link"])
+    start = arm(page)
+    x, y, width = page.evaluate(
+        "(({left, top, width, height}) => [left, top + height / 2, width])"
+        "(document.getElementById('plot-error').plot.over.getBoundingClientRect())"
+    )
+    page.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + 0.75 * width, y=y)
+    page.wait(f"Math.abs({STATE}.time - 1.5) < 0.02")
+    assert np.abs(arm(page) - start).max() > 1.0
+    places = "[...document.querySelectorAll('.first-curves .now')].map((each) => each.style.transform)"
+    assert len(set(page.evaluate(places))) == 1
+    assert page.evaluate("document.getElementById('clock').value") == f"{page.evaluate(f'{STATE}.time'):.2f} s"
+
+
+def test_runs_are_overlaid_and_can_be_hidden(page: Page, comparison: Path) -> None:
+    page.open(comparison)
+    assert [each.partition(" ")[0] for each in lines(page)] == ["gentle", "a/firm.1"]
+    assert len(arm(page, "links-0")) == len(arm(page, "links-1")) == 6, "two arms"
+    page.focus("#time")
+    page.key("PageUp", 33)
+    assert np.abs(arm(page, "links-0") - arm(page, "links-1")).max() > 1.0
+    page.click('input[name="run"][value="a/firm.1"]')
+    assert [each.partition(" ")[0] for each in lines(page)] == ["gentle"]
+    assert arm(page, "links-1").size == 0
+    page.click('input[name="run"][value="a/firm.1"]')
+    assert len(lines(page)) == 2
+    page.click('#joints [data-joint=""]')
+    assert len(lines(page)) == 4
+    assert page.complaints == []
+
+
+def test_all_time_axes_are_zoomed_together(opened: Page) -> None:
+    ranges = """['error', 'effort'].map((name) => document.getElementById('plot-' + name).plot.scales.x)
+        .map((x) => [x.min, x.max])"""
+    whole = opened.evaluate(ranges)
+    opened.drag("#plot-error .u-over", 150, 1)
+    opened.wait(f"{ranges}[0][0] > 0.5")
+    first, second = opened.evaluate(ranges)
+    assert first == second
+    assert 0.9 < first[0] < 1.1
+    opened.click("#zoom-all")
+    assert opened.evaluate(ranges) == whole
+    opened.click("#zoom-in")
+    (begin, end), _ = opened.evaluate(ranges)
+    assert end - begin == pytest.approx(0.5 * (whole[0][1] - whole[0][0]))
+    opened.click("#zoom-out")
+    assert opened.evaluate(ranges) == whole
 
 
 def test_the_error_is_shown_on_both_scales(opened: Page) -> None:
-    opened.click('input[data-log="case1-error"]')
-    layout = "document.getElementById('case1-error')._fullLayout"
-    opened.wait(f"{layout}?.yaxis2.type === 'log'")
-    smallest = "Math.min(...document.getElementById('case1-error')._fullData.flatMap(t => [...t.y]))"
-    assert opened.evaluate(smallest) >= 0.0
-    names = "['yaxis', 'yaxis2'].map(axis => document.getElementById('case1-error')._fullLayout[axis].title.text)"
-    assert opened.evaluate(names) == ["joint1<br>|e| (rad)", "joint2<br>|e| (rad)"]
-    opened.click('input[data-log="case1-error"]')
-    opened.wait(f"{layout}.yaxis2.type === 'linear'")
-    assert opened.evaluate(smallest) < 0.0
-    assert opened.evaluate(names) == [f"joint{j}<br>e = q − q<sub>d</sub> (rad)" for j in (1, 2)]
-
-
-def test_compared_runs_are_toggled_and_zoomed(page: Page, comparison: Path) -> None:
-    page.open(comparison)
-    show_all_plots(page)
-    assert traces(page, "gentle") == traces(page, "a/firm.1") == PLOTS * 2
-    page.click('input[name="law"][value="a/firm.1"]')
-    assert (traces(page, "gentle"), traces(page, "a/firm.1")) == (PLOTS * 2, 0)
-    page.click('input[name="law"][value="a/firm.1"]')
-    assert traces(page, "a/firm.1") == PLOTS * 2
-    page.evaluate("document.getElementById('case1-error').scrollIntoView({block: 'center'})")
-    ranges = "['xaxis', 'xaxis2'].map(axis => document.getElementById('case1-error')._fullLayout[axis].range)"
-    assert page.evaluate(ranges)[0][0] < 0.1
-    page.drag("#case1-error .nsewdrag", 150, 1)  # from the middle, along the time axis
-    page.wait(f"{ranges}[0][0] > 0.5")
-    (start, end), other = page.evaluate(ranges)
-    assert 0.9 < start < 1.1
-    assert 1.1 < end < 1.9
-    assert other == [start, end], "the joints share the time axis"
-    page.click('input[data-log="case1-error"]')
-    page.wait("document.getElementById('case1-error')._fullLayout.yaxis.type === 'log'")
-    assert page.evaluate(ranges)[0] == [start, end]
-    assert page.complaints == []
+    opened.click('input[data-log="error"]')
+    assert plotted(opened, "error", "scales.y.distr") == 3
+    assert plotted(opened, "error", "data.slice(1).flat().every((y) => y === null || y > 0)")
+    opened.click('input[data-log="error"]')
+    assert plotted(opened, "error", "scales.y.distr") in (None, 1)
+    assert plotted(opened, "error", "data.slice(1).flat().some((y) => y < 0)")
 
 
 VIEWS = {"two_link": (-90.0, 0.0), "panda": (-60.0, 20.0), "scara": (-60.0, 20.0)}
@@ -159,113 +203,123 @@ def test_every_arm_is_drawn_where_it_was_and_can_be_turned(
     reached, reference = (skeleton.points(q[sample : sample + 1])[0] for q in (recording.position, recording.desired))
 
     def check() -> None:
-        for part, points in (("links", reached), ("reference", reference)):
+        for part, points in (("links-0", reached), ("reference-0", reference)):
             bones = np.stack([np.vstack([np.zeros((1, 3)), points[:-1]]), points], axis=1).reshape(-1, 3)
-            np.testing.assert_allclose(arm(page, part), seen(page, bones, azimuth, elevation), atol=3e-5)
-        assert len(arm(page, "sliding")) == 2 * sum(recording.slides)
+            found = arm(page, part)
+            np.testing.assert_allclose(found, seen(page, bones, azimuth, elevation), atol=0.03)
+            box = page.evaluate("document.getElementById('arm').getAttribute('viewBox')")
+            left, top, width, height = map(float, box.split())
+            assert np.all((found > (left, top)) & (found < (left + width, top + height))), "all of it is in view"
+        assert len(arm(page, "sliding-0")) == 2 * sum(recording.slides)
 
     check()
-    assert np.abs(arm(page) - start).max() > 0.01
-    page.focus("#arm-drawing")
-    for key, code in (("ArrowLeft", 37), ("ArrowDown", 40), ("ArrowDown", 40)):
+    assert np.abs(arm(page) - start).max() > 1.0
+    page.focus("#arm")
+    for key, code in (("ArrowLeft", LEFT), ("ArrowDown", DOWN), ("ArrowDown", DOWN)):
         page.key(key, code)
     azimuth, elevation = azimuth + 5.0, elevation + 10.0
     check()
-    page.drag("#arm-drawing", 40, -25)
-    height = page.evaluate("document.getElementById('arm-drawing').clientHeight")
+    page.drag("#arm", 40, -25)
+    height = page.evaluate("document.getElementById('arm').clientHeight")
     azimuth, elevation = azimuth - 40.0 / height * 180.0, elevation - 25.0 / height * 180.0
     check()
-    for joint, unit in enumerate(recording.units):
-        number, shown = page.evaluate(f"document.getElementById('arm-error-{joint}').value").split()
-        assert shown == unit.position
-        assert float(number) == pytest.approx(recording.error[sample, joint], rel=1e-2)
-    distance = 1000.0 * np.linalg.norm(reached[-1] - reference[-1])
-    text = page.evaluate("document.getElementById('arm-distance').value")
-    assert float(text.removesuffix(" mm")) == pytest.approx(distance, rel=1e-2)
+    for joint in range(len(recording.joints)):
+        for what, values in ((1, recording.error), (2, recording.effort)):
+            assert in_si(read(page, joint, what)) == pytest.approx(values[sample, joint], rel=1e-2, abs=1e-11)
+    distance = float(np.linalg.norm(reached[-1] - reference[-1]))
+    text = page.evaluate("document.getElementById('readout').caption.textContent")
+    assert in_si(re.search(r"the tool is (.*) from", text)[1]) == pytest.approx(distance, rel=1e-2)  # type: ignore[index]
     assert page.complaints == []
+
+
+def test_efforts_are_arcs_that_grow_with_them(
+    page: Page, arms: dict[str, Path], recordings: dict[str, Recording]
+) -> None:
+    recording = recordings["panda"]
+    page.open(arms["panda"])
+    sample = at_the_end(page, recording)
+    angles = page.evaluate(
+        f"""(() => {{
+            const run = Object.values(data.viewer.runs)[0], count = data.viewer.joints.length;
+            const efforts = unpack(run.effort), row = Math.round({STATE}.time * data.viewer.rate);
+            return Array.from({{length: count}}, (_, j) => efforts[row * count + j] / run.largest[j]);
+        }})()"""
+    )
+    limits = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)
+    np.testing.assert_allclose(angles, recording.effort[sample] / limits, rtol=1e-3, atol=1e-6)
+    path = page.evaluate("document.getElementById('arm-arcs-0').getAttribute('d')")
+    assert path.count("M") == 7, "an arc for each joint"
 
 
 def test_the_keys_that_turn_the_arm_do_not_scroll_the_page(opened: Page) -> None:
-    opened.evaluate("document.getElementById('arm').scrollIntoView()")
+    opened.evaluate("document.getElementById('viewer').scrollIntoView()")
     before = opened.evaluate("scrollY")
-    opened.focus("#arm-drawing")
-    opened.key("ArrowDown", 40)
+    opened.focus("#arm")
+    opened.key("ArrowDown", DOWN)
     opened.evaluate("new Promise(requestAnimationFrame)")
-    assert opened.evaluate("[scrollY, data.arm.view[1]]") == [before, pytest.approx(math.pi / 36)]
+    assert opened.evaluate("[scrollY, data.viewer.arm.view[1]]") == [before, pytest.approx(math.pi / 36)]
     for _ in range(20):
-        opened.key("ArrowDown", 40)
-    assert opened.evaluate("data.arm.view[1]") == pytest.approx(0.5 * math.pi)  # from above, not upside down
-
-
-def test_the_slider_moves_the_arm_through_its_run(opened: Page, recordings: dict[str, Recording]) -> None:
-    start = arm(opened)
-    sample = at_the_end(opened, recordings["two_link"])
-    assert opened.evaluate("document.getElementById('arm-clock').value").startswith(f"{sample / 1000:.2f}")
-    assert np.abs(arm(opened) - start).max() > 0.01
-    opened.key("Home", 36)
-    opened.wait("document.getElementById('arm-time').value === '0'")
-    np.testing.assert_array_equal(arm(opened), start)
+        opened.key("ArrowDown", DOWN)
+    assert opened.evaluate("data.viewer.arm.view[1]") == pytest.approx(0.5 * math.pi)  # from above, not upside down
 
 
 def test_play_and_pause_work_from_the_keyboard(opened: Page) -> None:
-    opened.focus("#arm-play")
-    opened.key(" ", 32, " ")
-    opened.wait("Number(document.getElementById('arm-time').value) > 0.2")
-    assert opened.evaluate("document.getElementById('arm-play').textContent") == "Pause"
-    opened.key(" ", 32, " ")
-    assert opened.evaluate("document.getElementById('arm-play').textContent") == "Play"
+    opened.focus("#play")
+    opened.key(" ", SPACE, " ")
+    opened.wait(f"{STATE}.time > 0.2")
+    assert opened.evaluate("document.getElementById('play').textContent") == "Pause"
+    opened.key(" ", SPACE, " ")
+    assert opened.evaluate("document.getElementById('play').textContent") == "Play"
     paused = arm(opened)
     opened.evaluate("new Promise(resolve => setTimeout(resolve, 200))")
     np.testing.assert_array_equal(arm(opened), paused)
-    opened.evaluate("document.getElementById('arm-speed').value = '10'")
-    opened.key(" ", 32, " ")
-    opened.wait("document.getElementById('arm-play').textContent === 'Play'")  # it stops at the end
-    slider = "document.getElementById('arm-time')"
-    assert opened.evaluate(f"{slider}.value === {slider}.max")
+    opened.evaluate("document.getElementById('speed').value = '10'")
+    opened.key(" ", SPACE, " ")
+    opened.wait("document.getElementById('play').textContent === 'Play'")  # it stops at the end
+    assert opened.evaluate(f"{STATE}.time") == pytest.approx(
+        opened.evaluate("Number(document.getElementById('time').max)")
+    )
 
 
-def test_case_and_law_of_the_arm_are_chosen(opened: Page) -> None:
-    opened.focus("#arm-time")
+def test_case_and_marks_of_the_time_line(opened: Page) -> None:
+    opened.focus("#time")
     opened.key("PageUp", 33)
     first = arm(opened)
-    assert not opened.evaluate("document.getElementById('arm-event').checkVisibility()")
-    opened.focus("#arm-law")
-    opened.key("ArrowDown", 40)
-    opened.wait("document.getElementById('arm-law').value === 'pidnftsm'")
-    assert np.abs(arm(opened) - first).max() > 1e-3
-    opened.focus("#arm-case")
-    opened.key("ArrowDown", 40)
-    opened.wait("document.getElementById('arm-event').checkVisibility()")
-    assert "1 s" in opened.evaluate("document.getElementById('arm-event').textContent")
+    kinds = "[...document.querySelectorAll('#marks button')].map((each) => each.className)"
+    assert "payload" not in opened.evaluate(kinds)
+    opened.focus("#case")
+    opened.key("ArrowDown", DOWN)
+    opened.wait("document.getElementById('case').value === 'case2'")
+    assert "payload" in opened.evaluate(kinds)
+    opened.focus("#marks .payload")
+    opened.key("Enter", 13, "\r")
+    assert opened.evaluate(f"{STATE}.time") == pytest.approx(1.0)
+    assert "the load of the arm changes" in opened.evaluate("document.getElementById('event').textContent")
+    assert np.abs(arm(opened) - first).max() > 0.0
 
 
-@pytest.mark.parametrize("width", [1200, 400])
+@pytest.mark.parametrize("width", [1280, 360])
 def test_the_page_is_as_wide_as_the_window(page: Page, report: Path, width: int) -> None:
     page.open(report, width)
-    show_all_plots(page)
+    page.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
+    page.wait("Boolean(document.getElementById('plot-sliding').plot)")
     assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
-    widest = page.evaluate("Math.max(...[...document.querySelectorAll('.plot svg')].map(s => s.clientWidth))")
-    assert 0.8 * width < widest <= width
+    widest = page.evaluate("Math.max(...[...document.querySelectorAll('.uplot')].map((each) => each.clientWidth))")
+    assert 0.5 * width < widest <= width
 
 
-def test_a_single_run_of_seven_joints_works_alone(page: Page, arms: dict[str, Path]) -> None:
-    page.open(arms["panda"])
-    show_all_plots(page)
-    assert traces(page, "piddtsm") == PLOTS * 7
-    toggles = "document.querySelector('#panda-error .legendtoggle')"
-    page.evaluate(f"{toggles}.setAttribute('data-test', 'own')")
-    page.click('[data-test="own"]')
-    page.wait("document.querySelectorAll('#panda-error .scatterlayer .js-line').length === 0")
-    assert page.complaints == []
+def test_a_page_that_is_printed_has_nothing_folded(opened: Page) -> None:
+    closed = "document.querySelectorAll('details:not([open])').length"
+    before = opened.evaluate(closed)
+    opened.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert (before > 0, opened.evaluate(closed)) == (True, 0)
+    assert opened.evaluate("Boolean(document.getElementById('plot-sliding').plot)")
+    opened.evaluate("window.dispatchEvent(new Event('afterprint'))")
+    assert opened.evaluate(closed) == before
 
 
-def test_text_is_dark_on_light(opened: Page) -> None:
-    script = """[...document.querySelectorAll('h1, h2, p, th, td, caption, small, label, a, dt, dd')]
-        .map(element => getComputedStyle(element).color)"""
-    for colour in set(opened.evaluate(script)):
-        red, green, blue = (int(part) / 255 for part in re.findall(r"\d+", colour)[:3])
-        luminance = sum(
-            weight * (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4)
-            for weight, part in ((0.2126, red), (0.7152, green), (0.0722, blue))
-        )
-        assert 1.05 / (luminance + 0.05) >= 4.5, colour
+def test_every_case_has_its_curves(opened: Page) -> None:
+    for case in CASES:
+        opened.evaluate(f"document.getElementById('case').value = '{case}'")
+        opened.evaluate("document.getElementById('case').dispatchEvent(new Event('change'))")
+        assert len(lines(opened)) == 3

@@ -46,8 +46,8 @@ def test_the_document_has_a_row_for_each_controller_the_best_first(board: Path, 
 
 def test_the_page_has_every_range_of_every_arm_and_loads_nothing_from_outside(board: Path) -> None:
     page = (board / "leaderboard.html").read_text(encoding="utf-8")
-    assert re.findall(r'<h2 id="(\w+)"', page) == ["panda", "two_link", "method"]
-    assert len(re.findall(r'class="plot" id="', page)) == 2 * RANGES
+    assert re.findall(r'<h2 id="(\w+)"', page) == ["filters", "panda", "two_link", "method"]
+    assert len(re.findall(r'class="plot" data-chart="', page)) == 2 * RANGES
     assert "default-src 'none'" in page
 
 
@@ -69,7 +69,22 @@ def test_scores_are_read_from_a_folder_and_must_have_one_extent(entry: Entry, tm
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
 def test_a_browser_draws_the_curves(page: Page, board: Path) -> None:
     page.open(board / "leaderboard.html")
-    plot = "two_link-noise-1"
-    page.evaluate(f"document.getElementById('{plot}').scrollIntoView()")
-    page.wait(f"document.getElementById('{plot}').querySelectorAll('.scatterlayer .trace .js-line').length == 2")
+    rows = "[...document.querySelectorAll('tr[data-tags]')].filter((row) => row.checkVisibility()).length"
+    drawn = "[...document.querySelectorAll('[data-chart]')].filter((box) => box.plot).length"
+    assert page.evaluate(rows) == 6
+    assert page.evaluate(drawn) == RANGES, "those of other arms are folded"
+    page.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
+    page.wait(f"{drawn} === {2 * RANGES}")
+    shown = "document.getElementById('two_link-noise-1').plot.series.filter((line) => line.show).length - 1"
+    assert page.evaluate(shown) == 2
+    page.click('input[data-filter="law"][value="pid"]')
+    assert page.evaluate(rows) == 4
+    assert page.evaluate(shown) == 1
+    page.click('input[data-filter="arm"][value="panda"]')
+    assert page.evaluate(rows) == 2
+    assert page.evaluate("document.getElementById('filtered').textContent") == "2 of 6 rows shown"
+    assert page.evaluate("document.querySelector('[data-hardware=\"ideal\"]').hidden") is False
+    page.focus("[data-filter='hardware']")
+    page.key("ArrowDown", 40)
+    page.wait("document.querySelector('span[data-hardware=\"ideal\"]').hidden")
     assert page.complaints == []

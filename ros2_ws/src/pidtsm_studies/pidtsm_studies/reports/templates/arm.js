@@ -1,10 +1,10 @@
 // The arm: the points of its skeleton over time, seen from afar. Dragging and the arrow keys turn the view.
 
-/** Orthographic view: from a point (m) to the drawing, whose half height is 1, y downwards. */
-function projection([azimuth, elevation], centre, radius) {
+/** Orthographic view: from a point (m) to the drawing (m), y downwards. */
+function projection([azimuth, elevation], centre) {
   const [ca, sa, ce, se] = [Math.cos(azimuth), Math.sin(azimuth), Math.cos(elevation), Math.sin(elevation)];
-  return (point) => {
-    const [x, y, z] = [0, 1, 2].map((i) => (point[i] - centre[i]) / radius);
+  return ([px, py, pz]) => {
+    const [x, y, z] = [px - centre[0], py - centre[1], pz - centre[2]];
     return [ca * y - sa * x, se * (ca * x + sa * y) - ce * z];
   };
 }
@@ -16,10 +16,7 @@ function groundLines([x, y], radius, step) {
     return Array.from({ length: last - first + 1 }, (_, i) => (first + i) * step);
   };
   const [xs, ys] = [range(x), range(y)];
-  return [
-    ...xs.map((at) => [[at, ys[0], 0], [at, ys.at(-1), 0]]),
-    ...ys.map((at) => [[xs[0], at, 0], [xs.at(-1), at, 0]]),
-  ];
+  return [...xs.map((at) => [[at, ys[0], 0], [at, ys.at(-1), 0]]), ...ys.map((at) => [[xs[0], at, 0], [xs.at(-1), at, 0]])];
 }
 
 /** Move the view [azimuth, elevation] when the element is dragged, or an arrow key is pressed. */
@@ -51,112 +48,114 @@ function turnable(drawing, view, changed) {
   });
 }
 
-/** Draws a run at a time from the current view. */
-function drawer({ centre, radius, grid, rate, view }) {
-  const trailTime = 2.0; // s
-  const lines = groundLines(centre, radius, grid);
-  let project;
-
-  function path(id, segments) {
-    const text = segments.map((points) => "M" + points.map((p) => project(p).map((x) => x.toFixed(5)).join(" ")).join("L"));
-    element(id).setAttribute("d", text.join(""));
-  }
-
-  /** The skeleton as lines; the base is the origin. */
-  const bones = (points, { parents }) => points.map((point, i) => [parents[i] < 0 ? [0, 0, 0] : points[parents[i]], point]);
-
-  return (run, sample) => {
-    project = projection(view, centre, radius);
-    const dots = (points) => points.map((point) => [point, point]);
-    const points = run.points(run.reached, sample);
-    const begin = Math.max(0, sample - trailTime * rate);
-    path("arm-ground", lines);
-    path("arm-shadow", bones(points, run).map((bone) => bone.map(([x, y]) => [x, y, 0])));
-    element("arm-shadow").style.opacity = Math.abs(Math.sin(view[1])); // From the side it would look like a link.
-    path("arm-trail", [Array.from({ length: sample - begin + 1 }, (_, k) => run.points(run.reached, begin + k).at(-1))]);
-    path("arm-reference", bones(run.points(run.reference, sample), run));
-    path("arm-links", bones(points, run));
-    path("arm-turning", dots(points.slice(0, -1).filter((_, i) => !run.sliding.includes(i))));
-    path("arm-sliding", dots(run.sliding.map((i) => points[i])));
-    path("arm-tool", dots(points.slice(-1)));
+/** A packed run with functions of a sample. */
+function unpackArm(packed, unpackedReference) {
+  const numbers = Object.fromEntries(["reached", "reference", "axes", "distance"].map((name) => [name, unpack(packed[name])]));
+  const triples = (values, count, sample) => Array.from({ length: count }, (_, i) => values.subarray(3 * (sample * count + i), 3 * (sample * count + i + 1)));
+  const points = packed.parents.length;
+  return {
+    ...packed,
+    samples: numbers.distance.length,
+    distance: (sample) => numbers.distance[sample],
+    reached: (sample) => triples(numbers.reached, points, sample),
+    hasAxes: numbers.axes.length > 0,
+    referenceAt: (sample) => triples(numbers.reference.length ? numbers.reference : unpackedReference(packed.reference_of), points, sample),
+    axes: (sample) => triples(numbers.axes, points - 1, sample),
+    every: [numbers.reached, numbers.reference],
+    numbers,
   };
 }
 
-/** A run whose numbers are unpacked. */
-function unpackRun(packed) {
-  const numbers = ["reached", "reference", "error", "distance"].map((name) => [name, unpack(packed[name])]);
-  const count = packed.parents.length;
-  const points = (values, sample) =>
-    Array.from({ length: count }, (_, i) => values.subarray(3 * (sample * count + i), 3 * (sample * count + i + 1)));
-  return { ...packed, ...Object.fromEntries(numbers), points };
+const cross = ([a, b, c], [d, e, f]) => [b * f - c * e, c * d - a * f, a * e - b * d];
+
+/** An effort at a joint, as a share of its limit: an arc about its axis with an arrow, or a line along it if it slides. */
+function effortArc(point, axis, share, size, slides) {
+  const along = (u, cu, v, cv) => point.map((x, i) => x + cu * u[i] + cv * v[i]);
+  if (slides) return [point, along(axis, 3 * size * share, axis, 0)];
+  const side = Math.abs(axis[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0];
+  const raw = cross(axis, side);
+  const u = raw.map((x) => x / Math.hypot(...raw));
+  const v = cross(axis, u);
+  const end = 2 * Math.PI * Math.max(-1, Math.min(1, share));
+  const steps = Math.max(2, Math.ceil(Math.abs(end) * 5));
+  const at = (angle, radius) => along(u, radius * Math.cos(angle), v, radius * Math.sin(angle));
+  const arc = Array.from({ length: steps + 1 }, (_, k) => at((end * k) / steps, size));
+  const head = end - Math.sign(end) * Math.min(0.35, Math.abs(end));
+  return [...arc, at(head, 1.3 * size), arc.at(-1), at(head, 0.7 * size)];
 }
 
-function animate(arm) {
-  const [slider, play, caseChoice, lawChoice] = ["time", "play", "case", "law"].map((name) => element(`arm-${name}`));
-  const draw = drawer(arm);
-  let run;
-  let playing = false;
-  let last = 0;
+/** Draws the shown runs at a time from the current view; the view fits their whole motion. */
+function armDrawer(svg, { centre, radius, grid, view }, rate) {
+  const trailTime = 2.0; // s
+  const lines = groundLines(centre, radius, grid);
+  const size = 0.09 * radius;
+  let fitted = "";
 
-  function show() {
-    const time = Number(slider.value);
-    const sample = Math.min(Math.round(time * arm.rate), run.distance.length - 1);
-    draw(run, sample);
-    element("arm-clock").value = `${time.toFixed(2)} s`;
-    run.units.forEach((unit, joint) => {
-      element(`arm-error-${joint}`).value = `${run.error[sample * run.units.length + joint].toExponential(3)} ${unit}`;
-    });
-    element("arm-distance").value = `${(1000 * run.distance[sample]).toPrecision(4)} mm`;
-    slider.setAttribute("aria-valuetext", `${time.toFixed(2)} seconds`);
-    const happened = element("arm-event");
-    happened.hidden = run.event === null;
-    if (run.event !== null) {
-      happened.textContent = `${time < run.event ? "Before" : "After"} the event at ${run.event} s.`;
+  const group = (name, run = "") => {
+    const id = `arm-${name}${run === "" ? "" : `-${run}`}`;
+    let found = element(id);
+    if (!found) {
+      found = document.createElementNS("http://www.w3.org/2000/svg", "path");
+      found.id = id;
+      found.setAttribute("class", name);
+      svg.append(found);
     }
+    return found;
+  };
+  const bones = (points, { parents }) => points.map((point, i) => [parents[i] < 0 ? [0, 0, 0] : points[parents[i]], point]);
+  const dots = (points) => points.map((point) => [point, point]);
+
+  function fit(project, runs) {
+    const key = JSON.stringify([view, runs.map((run) => run.name), svg.clientWidth, svg.clientHeight]);
+    if (key === fitted) return;
+    fitted = key;
+    let [left, top, right, bottom] = [0, 0, 0, 0];
+    const include = (point) => {
+      const [x, y] = project(point);
+      left = Math.min(left, x); right = Math.max(right, x); top = Math.min(top, y); bottom = Math.max(bottom, y);
+    };
+    include([0, 0, 0]);
+    for (const run of runs) for (const values of run.arm.every) for (let i = 0; i < values.length; i += 3) include(values.subarray(i, i + 3));
+    const margin = 0.08 * Math.max(right - left, bottom - top) + 1e-3;
+    const box = [left - margin, top - margin, right - left + 2 * margin, bottom - top + 2 * margin];
+    svg.setAttribute("viewBox", box.map((x) => (1000 * x).toFixed(1)).join(" "));
   }
 
-  function choose() {
-    for (const option of lawChoice.options) option.disabled = !(`${caseChoice.value} ${option.value}` in arm.runs);
-    if (lawChoice.selectedOptions[0].disabled) lawChoice.value = [...lawChoice.options].find((o) => !o.disabled).value;
-    run = unpackRun(arm.runs[`${caseChoice.value} ${lawChoice.value}`]);
-    slider.max = (run.distance.length - 1) / arm.rate;
-    slider.step = 1 / arm.rate;
-    for (const id of ["arm-links", "arm-trail"]) element(id).style.stroke = run.colour;
-    element("arm-errors").replaceChildren(...run.joints.map((joint, index) => {
-      const entry = document.createElement("div");
-      entry.innerHTML = `<dt></dt><dd><output id="arm-error-${index}" for="arm-time"></output></dd>`;
-      entry.firstChild.textContent = `error of ${joint}`;
-      return entry;
-    }));
-    show();
-  }
-
-  let clock = 0; // s; the slider only has steps
-  function frame(now) {
-    if (!playing) return;
-    clock += Math.min(now - last, 100) / 1000 * Number(element("arm-speed").value);
-    last = now;
-    slider.value = clock;
-    show();
-    if (clock >= Number(slider.max)) return setPlaying(false);
-    requestAnimationFrame(frame);
-  }
-
-  function setPlaying(value) {
-    playing = value;
-    play.textContent = playing ? "Pause" : "Play";
-    if (!playing) return;
-    clock = Number(slider.value) < Number(slider.max) ? Number(slider.value) : 0;
-    last = performance.now();
-    requestAnimationFrame(frame);
-  }
-
-  play.addEventListener("click", () => setPlaying(!playing));
-  slider.addEventListener("input", () => { clock = Number(slider.value); show(); });
-  caseChoice.addEventListener("change", choose);
-  lawChoice.addEventListener("change", choose);
-  turnable(element("arm-drawing"), arm.view, show);
-  choose();
+  return (runs, time, joint) => {
+    const drawn = runs.filter((run) => run.arm);
+    const toDrawing = projection(view, centre);
+    fit(toDrawing, drawn);
+    const path = (found, segments) => found.setAttribute("d", segments.map((points) => `M${points.map((p) => toDrawing(p).map((x) => (1000 * x).toFixed(2)).join(" ")).join("L")}`).join(""));
+    svg.querySelectorAll("[data-run]").forEach((each) => each.remove());
+    path(group("ground"), lines);
+    const ghosts = new Set();
+    drawn.forEach(({ arm, colour, dashes, share }, index) => {
+      const sample = Math.max(0, Math.min(Math.round(time * rate), arm.samples - 1));
+      const points = arm.reached(sample);
+      const begin = Math.max(0, sample - trailTime * rate);
+      const add = (name, segments, stroke = "") => {
+        const found = group(name, index);
+        found.dataset.run = index;
+        if (stroke) found.style.stroke = stroke;
+        path(found, segments);
+        return found;
+      };
+      const own = `var(--s${colour})`;
+      if (drawn.length === 1 && Math.abs(Math.sin(view[1])) > 0.1) add("shadow", bones(points, arm).map((bone) => bone.map(([x, y]) => [x, y, 0])));
+      add("trail", [Array.from({ length: sample - begin + 1 }, (_, k) => arm.reached(begin + k).at(-1))], own);
+      add("links", bones(points, arm), own).style.strokeDasharray = index && dashes.length ? dashes.map((x) => 2 * x).join(" ") : "";
+      add("turning", dots(points.slice(0, -1).filter((_, i) => !arm.sliding.includes(i))));
+      add("sliding", dots(arm.sliding.map((i) => points[i])));
+      add("tool", dots(points.slice(-1)));
+      if (joint !== null) add("chosen", dots(points.slice(0, -1).filter((_, i) => arm.places[i] === joint)));
+      if (!ghosts.has(arm.reference_of)) {
+        ghosts.add(arm.reference_of);
+        add("reference", bones(arm.referenceAt(sample), arm));
+      }
+      if (drawn.length === 1 && arm.hasAxes) {
+        const directions = arm.axes(sample);
+        add("arcs", directions.map((axis, i) => effortArc(points[i], axis, share(arm.places[i], sample), size, arm.sliding.includes(i))));
+      }
+    });
+  };
 }
-
-if (data.arm) animate(data.arm);

@@ -1,0 +1,78 @@
+"""Sizes of the pages, and how long a browser takes to draw them.
+
+./pidtsm shell -c "python benchmarks/pages.py"
+
+Each page is opened several times beside an empty one; the median counts, from the start of the navigation until the
+second picture of the browser after its scripts.
+"""
+
+import json
+import statistics
+import sys
+import tempfile
+from pathlib import Path
+
+from pidtsm_core.experiment import PRACTICAL
+from pidtsm_core.recording import Recording
+from pidtsm_core.rollouts.closed_loop import rollout
+from pidtsm_studies.article.claims import Run
+from pidtsm_studies.reports.comparison import write_comparison
+from pidtsm_studies.reports.report import write_report
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from support.devtools import Page, browser
+
+DURATION = 30.0
+"""Of the runs, s."""
+OPENED = 5
+"""How often each page is opened."""
+_DRAWN = "new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(performance.now()))))"
+
+
+def written(folder: Path) -> dict[str, Path]:
+    """Pages of runs of 30 s at 1 kHz by their names."""
+    recordings: dict[str, Recording] = {
+        "2 joints": rollout(duration=DURATION),
+        "4 joints": rollout(robot="scara", params=PRACTICAL, duration=DURATION),
+        "7 joints": rollout(robot="panda", params=PRACTICAL, duration=DURATION),
+    }
+    pages = {}
+    for name, recording in recordings.items():
+        pages[name] = folder / f"{name}.html"
+        write_report(pages[name], (recording, recording.metrics()))
+    run: Run = (recordings["7 joints"], recordings["7 joints"].metrics())
+    for count in (2, 8):
+        name = f"7 joints, {count} runs"
+        pages[name] = folder / f"{name}.html"
+        write_comparison(pages[name], {f"run {n}": run for n in range(1, count + 1)}, {})
+    return pages
+
+
+def time_to_draw(page: Page, file: Path) -> float:
+    """Median time until a page is drawn, s."""
+    times = []
+    for _ in range(OPENED):
+        page.open(file, 1280, 900)
+        times.append(page.evaluate(_DRAWN) / 1e3)
+    return statistics.median(times)
+
+
+def main() -> None:
+    """Print size, time, and the time above that of an empty page, of each page."""
+    rows = []
+    with tempfile.TemporaryDirectory() as name, browser(Path(name) / "profile") as page:
+        folder = Path(name)
+        empty = folder / "empty.html"
+        empty.write_text("<!DOCTYPE html><title>empty</title>", encoding="utf-8")
+        floor = time_to_draw(page, empty)
+        for title, file in written(folder).items():
+            drawn = time_to_draw(page, file)
+            above = drawn - floor
+            rows.append((title, round(file.stat().st_size / 1e6, 3), round(drawn, 3), round(above, 3)))
+    for row in rows:
+        print(json.dumps(dict(zip(("page", "MB", "s", "s above an empty page"), row, strict=True))))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,159 @@
+"""What differs between runs, the largest first, and what is equal."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pidtsm_core.recording.outcome import FOLLOWED
+from pidtsm_core.written import quantity, scale
+from pidtsm_studies.reports.matrix import METRICS, Metric, cell, difference, units_of, values_of
+from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer, Section
+
+_SHOWN = 6
+"""As many differences are shown first."""
+_RMSE = METRICS[0]
+_Metrics = Mapping[str, Mapping[str, Any]]
+"""Metrics by name of the run."""
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """Where a metric differs most.
+
+    Attributes:
+        metric: the metric.
+        joint: index of the joint.
+        ratio: largest value of a run divided by the smallest; inf if that is 0.
+    """
+
+    metric: Metric
+    joint: int
+    ratio: float
+
+
+@dataclass(frozen=True)
+class Contrasts:
+    """What differs and what does not.
+
+    Attributes:
+        found: one for each metric that differs, the largest ratio first.
+        equal: names of the metrics that are the same for every joint of every run.
+        joint: the joint whose RMSE differs most, for the curves.
+    """
+
+    found: tuple[Contrast, ...]
+    equal: tuple[str, ...]
+    joint: int
+
+
+def contrasts(metrics: _Metrics) -> Contrasts:
+    """Compare runs.
+
+    Args:
+        metrics: of at least two runs of the same joints.
+    """
+    found, equal, joint = [], [], 0
+    for metric in METRICS:
+        if not all(metric.key in each for each in metrics.values()):
+            continue
+        columns = list(zip(*(values_of(each, metric) for each in metrics.values()), strict=True))
+        if all(len(set(column)) == 1 for column in columns):
+            equal.append(metric.name)
+            continue
+        ratios = [_ratio(column) for column in columns]
+        place = max(range(len(ratios)), key=lambda j: (ratios[j], max(value or 0.0 for value in columns[j])))
+        if metric is _RMSE:
+            joint = max(range(len(columns)), key=lambda j: _spread(columns[j]))
+            place = joint
+        if ratios[place] > 1.0:
+            found.append(Contrast(metric, place, ratios[place]))
+    found.sort(key=lambda each: (each.metric is not _RMSE, not each.metric.judged, -each.ratio))
+    return Contrasts(tuple(found), tuple(equal), joint)
+
+
+def contrast_verdict(found: Contrasts, metrics: _Metrics) -> tuple[str, str]:
+    """The comparison in a sentence, and its state."""
+    lost = [name for name, each in metrics.items() if each["outcome"] != FOLLOWED]
+    if not found.found:
+        return "The runs are equal in every metric of every joint.", BAD if lost else GOOD
+    missing = f"; {', '.join(lost)} did not follow" if lost else ""
+    ranked = _ranked(metrics, found.joint)
+    if len(ranked) < 2:
+        return f"{len(metrics) - len(lost)} of {len(metrics)} runs followed{missing}.", PLAIN
+    (least, best), (most, worst) = ranked[0], ranked[-1]
+    if least == most:
+        return f"The runs differ, but not in the RMSE of any joint{missing}.", PLAIN
+    each = next(iter(metrics.values()))
+    unit, joint = units_of(each)[found.joint].position, each["joints"][found.joint]
+    by = difference(most, least, scale([most], unit))
+    return (
+        f"{best} follows most closely: the RMSE of {joint} is {quantity(least, unit)}, {by} against {worst}{missing}.",
+        PLAIN,
+    )
+
+
+def contrast_answers(found: Contrasts, metrics: _Metrics, parameters: int) -> list[Answer]:
+    """The answers of a comparison.
+
+    Args:
+        found: see `contrasts`.
+        metrics: by run.
+        parameters: how many differ.
+    """
+    followed = [name for name, each in metrics.items() if each["outcome"] == FOLLOWED]
+    whole = len(followed) == len(metrics)
+    joints = next(iter(metrics.values()))["joints"]
+    lost = ", ".join(f"{name}: {each['outcome']}" for name, each in metrics.items() if each["outcome"] != FOLLOWED)
+    answers = [Answer("Did they follow?", f"{len(followed)} of {len(metrics)}", lost, GOOD if whole else BAD)]
+    ranked = _ranked(metrics, found.joint)
+    if ranked and found.found:
+        unit = units_of(next(iter(metrics.values())))[found.joint].position
+        text = " < ".join(quantity(value, unit) for value in sorted({value for value, _ in ranked})[:4])
+        answers.append(Answer("Which follows best?", ranked[0][1], f"RMSE of {joints[found.joint]}: {text}"))
+    given = f"{parameters} parameter{'s' if parameters != 1 else ''}" if parameters else "No parameter that is known"
+    answers.append(Answer("What was changed?", given, "see Parameters that differ" if parameters else ""))
+    if found.found:
+        answers.append(Answer("Which joint differs most?", joints[found.joint], "by its RMSE; its curves are shown"))
+    return answers
+
+
+def contrast_section(found: Contrasts, metrics: _Metrics, parameters: Mapping[str, Any]) -> Section:
+    """What differs first: metrics with signed differences, and parameters; equal things are one line."""
+    first = next(iter(metrics.values()))
+    units = units_of(first)
+    rows = []
+    for each in found.found[:_SHOWN]:
+        unit = each.metric.unit_of(units[each.joint])
+        values = [values_of(of_run, each.metric)[each.joint] for of_run in metrics.values()]
+        shown = scale(values, unit) if each.metric.factor == 1.0 else scale([], unit)._replace(factor=100.0)
+        cells = [cell(of_run, each.metric, each.joint, shown, False) for of_run in metrics.values()]
+        for other, value in zip(cells[1:], values[1:], strict=True):
+            other["difference"] = difference(values[0], value, shown)
+        head = f"{each.metric.name} of {first['joints'][each.joint]}"
+        rows.append({"head": head, "about": "", "unit": shown.unit, "cells": cells})
+    table = {
+        "caption": "Where the metrics differ most",
+        "corner": "metric",
+        "joints": [{"name": name, "note": ""} for name in metrics],
+        "rows": rows,
+    }
+    content = {"table": table if rows else None, "equal": ", ".join(found.equal), "parameters": parameters}
+    return Section("differs", "What differs", "reports/templates/differs.html", content)
+
+
+def _ranked(metrics: _Metrics, joint: int) -> list[tuple[float, str]]:
+    """RMSE of a joint and name of each run that followed, the best first."""
+    pairs = [(values_of(each, _RMSE)[joint], name) for name, each in metrics.items() if each["outcome"] == FOLLOWED]
+    return sorted((value, name) for value, name in pairs if value is not None)
+
+
+def _ratio(values: tuple[float | None, ...]) -> float:
+    known = [abs(value) for value in values if value is not None]
+    if len(known) < 2 or max(known) == 0.0:
+        return 1.0
+    return max(known) / min(known) if min(known) else float("inf")
+
+
+def _spread(values: tuple[float | None, ...]) -> float:
+    known = [value for value in values if value is not None]
+    return max(known) - min(known) if known else 0.0

@@ -1,0 +1,128 @@
+"""What happened during a run, as marks on its time line."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from pidtsm_core.control.report import cause
+from pidtsm_core.recording import Recording
+from pidtsm_core.signals import Fault, Mode, Status
+from pidtsm_core.written import number, quantity
+
+SYMBOLS = {"payload": "▼", "push": "◆", "contact": "●", "limit": "■", "mode": "▬", "fault": "✕", "learnt": "▲"}
+"""Mark of each kind of event."""
+_MODES = {Mode.HOLDING: "holds its position", Mode.FREEDRIVE: "is in freedrive", Mode.STOPPED: "is stopped"}
+_CONTACT = "external_effort"
+_LEARNT = 0.9
+"""A gain counts as learnt when it has reached this share of its last value."""
+_SHORTEST_MODE = 0.01
+"""Other modes that last less are not shown, s."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened.
+
+    Attributes:
+        kind: key of `SYMBOLS`.
+        time: s, on the axis of the recording.
+        until: when it ended, s; None: it has no duration.
+        text: a short sentence without its time.
+        joint: index of the joint concerned; None: no single one.
+    """
+
+    kind: str
+    time: float
+    until: float | None
+    text: str
+    joint: int | None = None
+
+    def data(self) -> dict[str, Any]:
+        """Plain data for the script, with the symbol."""
+        return {**asdict(self), "symbol": SYMBOLS[self.kind]}
+
+
+def events(recording: Recording, metrics: Mapping[str, Any], simulator: Mapping[str, Any]) -> list[Event]:
+    """Everything that happened, by time.
+
+    Args:
+        recording: the run.
+        metrics: see `Recording.metrics`.
+        simulator: parameters of the simulated arm, which say when it was pushed or loaded; empty if not known.
+    """
+    found = [
+        *_disturbances(recording, simulator),
+        *_faults(recording, metrics),
+        *_limits(metrics),
+        *_modes(recording),
+        *_learnt(recording),
+    ]
+    return sorted(found, key=lambda event: (event.time, event.kind))
+
+
+def _disturbances(recording: Recording, simulator: Mapping[str, Any]) -> Iterator[Event]:
+    last = float(recording.time[-1])
+    time, mass = float(simulator.get("payload.time", 0.0)), float(simulator.get("payload.mass", 0.0))
+    if mass and 0.0 < time < last:
+        yield Event("payload", time, None, f"picks up {quantity(mass, 'kg')}")
+    elif recording.event_time is not None:
+        yield Event("payload", recording.event_time, None, "the load of the arm changes")
+    carried = float(simulator.get("payload.duration", 0.0))
+    if mass and carried and time + carried < last:
+        yield Event("payload", time + carried, None, f"drops {quantity(mass, 'kg')}")
+    time, lasts = float(simulator.get("push.time", 0.0)), float(simulator.get("push.duration", 0.0))
+    if lasts and time < last and (strength := _strength(simulator)):
+        yield Event("push", time, time + lasts, f"is pushed with {strength} for {quantity(lasts, 's')}")
+
+
+def _strength(simulator: Mapping[str, Any]) -> str:
+    """The largest values of a push."""
+    parts = {"push.effort": "N m", "push.force": "N", "push.torque": "N m"}
+    largest = {name: float(np.abs(np.atleast_1d(simulator.get(name, 0.0))).max()) for name in parts}
+    where = {"push.effort": " on the joints"}
+    return " and ".join(
+        f"{quantity(value, parts[name])}{where.get(name, '')}" for name, value in largest.items() if value
+    )
+
+
+def _faults(recording: Recording, metrics: Mapping[str, Any]) -> Iterator[Event]:
+    for fault in metrics["faults"]:
+        kind = next((each for each in Fault if each.name.lower() == fault["fault"]), None)
+        text = cause(kind, 1, [fault["joint"] or "a joint"]) if kind else str(fault["fault"])
+        joint = recording.joints.index(fault["joint"]) if fault["joint"] in recording.joints else None
+        yield Event("fault", fault["time"], None, f"stops: {text}", joint)
+        if fault["reset"] is not None:
+            yield Event("mode", fault["reset"], None, "is reset")
+
+
+def _limits(metrics: Mapping[str, Any]) -> Iterator[Event]:
+    for violation in metrics["violations"]:
+        limit, lasts = violation["limit"], quantity(violation["duration"], "s")
+        if limit == _CONTACT:
+            yield Event("contact", violation["time"], None, f"touches something, for {lasts} in all")
+        else:
+            yield Event("limit", violation["time"], None, f"a joint is beyond limits.{limit}, for {lasts} in all")
+
+
+def _modes(recording: Recording) -> Iterator[Event]:
+    """Times in other modes than following."""
+    modes = recording.status[:, Status.MODE]
+    begins = np.flatnonzero(np.diff(modes, prepend=modes[0])).tolist()
+    for begin, end in zip([0, *begins], [*begins, modes.size], strict=True):
+        text = _MODES.get(int(modes[begin])) if begin < modes.size else None  # type: ignore[call-overload]
+        since, until = float(recording.time[begin]), float(recording.time[end - 1])
+        if text and until - since >= _SHORTEST_MODE:
+            yield Event("mode", since, until, f"{text} for {quantity(until - since, 's')}")
+
+
+def _learnt(recording: Recording) -> Iterator[Event]:
+    """When the adaptive gain that grew most had nearly grown."""
+    gains = recording.adaptive_gain
+    joint = int(np.argmax(gains[-1] - gains[0]))
+    grown = gains[:, joint] - gains[0, joint]
+    if grown[-1] > 0.0:
+        sample = int(np.argmax(grown >= _LEARNT * grown[-1]))
+        text = f"{recording.joints[joint]} has learnt: its gain Υ is {number(float(gains[sample, joint]))}"
+        yield Event("learnt", float(recording.time[sample]), None, text, joint)

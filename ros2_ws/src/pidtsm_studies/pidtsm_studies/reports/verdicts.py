@@ -1,0 +1,112 @@
+"""Verdicts of runs for people: a sentence, and the answers that every reader wants first."""
+
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+from typing import Any
+
+from pidtsm_core.recording.outcome import FOLLOWED, RAN_AWAY, verdict, what_happened
+from pidtsm_core.written import number, quantity
+from pidtsm_studies.reports.events import Event
+from pidtsm_studies.reports.matrix import METRICS, units_of, values_of, worst
+from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer
+
+_RMSE, _LARGEST = METRICS[0], METRICS[1]
+_TOLD = 2
+"""As many events are told in the answers."""
+
+
+def sentence(text: str) -> str:
+    """A text as a sentence."""
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+
+
+def state_of(metrics: Mapping[str, Any]) -> str:
+    """Whether a run followed."""
+    return GOOD if metrics["outcome"] == FOLLOWED else BAD
+
+
+def worst_joint(metrics: Mapping[str, Any]) -> int | None:
+    """Index of the joint with the largest RMSE; None if the run ran away, or has a single joint."""
+    return worst(values_of(metrics, _RMSE), [_RMSE.unit_of(units) for units in units_of(metrics)])
+
+
+def run_answers(metrics: Mapping[str, Any], events: Sequence[Event]) -> list[Answer]:
+    """The answers of a single run."""
+    joint = worst_joint(metrics)
+    return [_followed(metrics), _how_well(metrics, joint), _happened(metrics, events), _worst(metrics, joint)]
+
+
+def _followed(metrics: Mapping[str, Any]) -> Answer:
+    away = [
+        f"{quantity(metrics[f'time_{state}'], 's')} {text}"
+        for state, text in (("holding", "holding"), ("freedrive", "in freedrive"), ("stopped", "stopped"))
+        if metrics.get(f"time_{state}")  # Metrics of older versions lack freedrive.
+    ]
+    whole = quantity(metrics["duration"], "s")
+    detail = f"{', '.join(away)} of {whole}" if away else f"all {whole}"
+    good = metrics["outcome"] == FOLLOWED
+    return Answer("Did it follow?", "Yes" if good else f"No: {metrics['outcome']}", detail, GOOD if good else BAD)
+
+
+def _how_well(metrics: Mapping[str, Any], joint: int | None) -> Answer:
+    if metrics["outcome"] == RAN_AWAY:
+        return Answer("How well?", "Not at all", "errors of an arm that ran away say nothing", BAD)
+    unit = units_of(metrics)[joint or 0].position
+    steady = metrics["steady_state_error"]
+    most = max((value for value in steady if value is not None), default=None)
+    where = steady.index(most) if most is not None else 0
+    text = f"RMSE {quantity(metrics['rmse'][joint or 0], unit)}"
+    return Answer(
+        "How well?",
+        text + (" at worst" if joint is not None else ""),
+        f"in the end within {quantity(most, units_of(metrics)[where].position)}",
+        state_of(metrics),
+    )
+
+
+def _happened(metrics: Mapping[str, Any], events: Sequence[Event]) -> Answer:
+    order = sorted(events, key=lambda event: (event.kind in ("learnt", "mode"), event.kind != "fault", event.time))
+    told = sorted(order[:_TOLD], key=lambda event: event.time)
+    unusual = [event for event in events if event.kind != "learnt"]
+    if not unusual:
+        others = what_happened(metrics) if metrics["outcome"] == FOLLOWED else []
+        return Answer("What happened?", "Nothing unusual", "; ".join(others[:_TOLD]), PLAIN)
+    text = "; ".join(f"{event.text} at {number(event.time)}\u202fs" for event in told)
+    rest = len(events) - len(told)
+    state = BAD if any(event.kind == "fault" for event in events) else PLAIN
+    return Answer("What happened?", sentence(text), f"and {rest} more, see the marks" if rest else "", state)
+
+
+def _worst(metrics: Mapping[str, Any], joint: int | None) -> Answer:
+    if metrics["outcome"] == RAN_AWAY:
+        far = max(range(len(metrics["joints"])), key=lambda j: metrics["max_error"][j])
+        return Answer("Which joint is worst?", metrics["joints"][far], "farthest from its reference", BAD)
+    if joint is None:
+        return Answer(
+            "Which joint is worst?", metrics["joints"][0] if len(metrics["joints"]) == 1 else "None stands out"
+        )
+    rmse = [value for value in values_of(metrics, _RMSE) if value is not None]
+    middle = sorted(rmse)[len(rmse) // 2]
+    ratio = f", {number(metrics['rmse'][joint] / middle, 2)} × the median joint" if middle and len(rmse) > 2 else ""
+    unit = units_of(metrics)[joint].position
+    detail = f"largest error {quantity(metrics['max_error'][joint], unit)}{ratio}"
+    return Answer("Which joint is worst?", metrics["joints"][joint], detail)
+
+
+def run_verdict(metrics: Mapping[str, Any]) -> str:
+    """The sentence of a single run."""
+    return sentence(verdict(metrics))
+
+
+def extents(metrics: Mapping[Any, Mapping[str, Any]]) -> str:
+    """How many runs there are, how long they are, and with which clock."""
+    parts = []
+    for extent, runs in groupby(_extent(each) for each in metrics.values()):
+        count = len(list(runs))
+        parts.append(f"{count} {'run' if count == 1 else 'runs'} of {extent}")
+    return "; ".join(parts)
+
+
+def _extent(metrics: Mapping[str, Any]) -> str:
+    clock = f", {metrics['clock']} clock" if metrics["clock"] else ", without ROS"
+    return f"{metrics['duration']:g} s, {metrics['samples']} samples{clock}"
