@@ -23,7 +23,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "faults.md"
 NAMES = ["joint1", "joint2"]
 RATE = 250
 PARAMETERS = {"simulator": [f"rate:={RATE}"], "controller": ["watchdog.state_stop:=1.0"], "trajectory": []}
-"""A quarter of the usual rate, as two systems' nodes share a machine; and a machine that stalls for a moment is no rival."""
+"""A quarter of the usual rate, as two systems share a machine; and a machine that stalls for a moment is no rival."""
 FASTEST = 10.0  # rad/s; no motion here is half as fast, and every jump to what a rival wants is faster
 CLOSE = 0.05  # rad
 STALL = 0.1  # s; a third of the time for which a node listens to the others before it begins

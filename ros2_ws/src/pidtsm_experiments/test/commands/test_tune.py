@@ -76,7 +76,7 @@ def test_killed_and_resumed_it_finds_the_same(out: Path, tmp_path: Path) -> None
 def test_a_dask_scheduler_changes_no_bit(out: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
     ) as cluster:
         assert main([*TUNE, "--scheduler", cluster.scheduler_address, "--out", str(tmp_path / "dask")]) == 0
     assert found(tmp_path / "dask") == found(out)
