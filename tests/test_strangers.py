@@ -76,9 +76,7 @@ def article(t: Vector) -> NDArray[np.float64]:
     return np.stack([first + second, second - first], axis=1)
 
 
-@pytest.mark.parametrize(
-    ("rate", "jitter"), [(100, 0.0), (700, 0.4), (1000, 0.0)], ids=lambda value: f"{value:g}"
-)
+@pytest.mark.parametrize(("rate", "jitter"), [(100, 0.0), (700, 0.4), (1000, 0.0)], ids=lambda value: f"{value:g}")
 def test_our_nodes_track_on_a_strangers_plant_whatever_its_rate_and_its_stamps(
     testbed: Testbed, rate: int, jitter: float
 ) -> None:
