@@ -104,7 +104,8 @@ def test_what_is_not_possible_is_an_error(arm: Arm) -> None:
 
 def test_the_example_draws_a_square(testbed: Testbed, monkeypatch: pytest.MonkeyPatch, capfd: Any) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", testbed.environment["ROS_DOMAIN_ID"])
-    experiment = make_experiment(None, robot="panda", params=[PRACTICAL], overrides=["simulator.duration=0.0"])
+    overrides = ["simulator.duration=0.0", "simulator.rate=250"]
+    experiment = make_experiment(None, robot="panda", params=[PRACTICAL], overrides=overrides)
     for node, subscribers in ("simulator", 2), ("controller", 1), ("trajectory", 1):
         file = testbed.folder / f"{node}.yaml"
         values = {**node_parameters(experiment, "lockstep")[node], "start.subscribers": subscribers}

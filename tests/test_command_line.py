@@ -57,15 +57,19 @@ def name_of(pid: int) -> str:
     return next((word.rpartition("/")[2] for word in words if "/lib/" in word and "python" not in word), str(pid))
 
 
-def nodes_of(runner: "subprocess.Popen[str]", folder: Path) -> dict[str, int]:
-    """The four processes of a run by name, once all are there."""
-    for name in ("recorder", "simulator", "controller", "trajectory"):
+SEPARATE: tuple[str, ...] = ("recorder", "simulator", "controller", "trajectory")
+COMPOSED = ("recorder", "composed")
+
+
+def nodes_of(runner: "subprocess.Popen[str]", folder: Path, names: tuple[str, ...] = SEPARATE) -> dict[str, int]:
+    """The processes of a run by name, once all are there."""
+    for name in names:
         wait_for(folder / "log" / f"{name}.log", runner)
     end = time.monotonic() + DEADLINE
     while True:
         pids = Path(f"/proc/{runner.pid}/task/{runner.pid}/children").read_text().split()
         nodes = {name_of(int(pid)): int(pid) for pid in pids}
-        if len(nodes) == 4:
+        if len(nodes) == len(names):
             return nodes
         assert time.monotonic() < end, nodes
         time.sleep(0.02)
@@ -154,10 +158,17 @@ def test_mistake_in_a_scenario_file_is_named(change: tuple[str, str], cause: str
     assert cause in result.stderr
 
 
-def test_run_leaves_a_complete_result_and_analyze_repeats_it(tmp_path: Path, call: Call) -> None:
-    result = call("run", "--scenario", "case2", "--duration", "0.5", "--out", "mine")
-    assert result.returncode == 0, result.stderr
-    assert "RMSE" in result.stdout
+def test_run_leaves_a_complete_result_while_another_is_refused_and_analyze_repeats_it(
+    tmp_path: Path, call: Call
+) -> None:
+    first = start("run", "--scenario", "case2", "--duration", "0.5", "--out", "mine", cwd=tmp_path)
+    wait_for(tmp_path / "mine.unfinished", first)
+    second = call("run", "--out", "mine")
+    assert second.returncode == 2
+    assert f"mine is being written by process {first.pid}" in second.stderr
+    out, err = first.communicate(timeout=DEADLINE)
+    assert first.returncode == 0, err
+    assert "RMSE" in out
     folder = tmp_path / "mine"
     metrics = json.loads((folder / "metrics.json").read_text())
     assert (metrics["scenario"], metrics["law"], metrics["clock"]) == ("case2", "piddtsm", "lockstep")
@@ -168,7 +179,7 @@ def test_run_leaves_a_complete_result_and_analyze_repeats_it(tmp_path: Path, cal
     again = call("analyze", "mine/bag", "--json")
     assert again.returncode == 0
     assert json.loads(again.stdout) == metrics
-    assert [p.name for p in tmp_path.iterdir()] == ["mine"]
+    assert [p.name for p in tmp_path.iterdir()] == ["mine"], "no litter"
 
 
 def test_rollout_prints_one_json_object(tmp_path: Path, call: Call) -> None:
@@ -248,21 +259,14 @@ def test_the_order_of_settings_is_in_the_help(call: Call) -> None:
         assert "Precedence, lowest first: scenario, --robot, --params, --law, --set." in call(command, "--help").stdout
 
 
-def test_two_runs_into_one_folder_do_not_meet(tmp_path: Path, call: Call) -> None:
-    first = start("run", "--duration", "1", "--out", "mine", cwd=tmp_path)
-    wait_for(tmp_path / "mine.unfinished", first)
-    second = call("run", "--duration", "1", "--out", "mine")
-    assert second.returncode == 2
-    assert f"mine is being written by process {first.pid}" in second.stderr
-    _, err = first.communicate(timeout=DEADLINE)
-    assert first.returncode == 0, err
-    assert [p.name for p in tmp_path.iterdir()] == ["mine"], "no litter"
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupt_ends_everything(number: signal.Signals, tmp_path: Path) -> None:
-    process = start("run", "--out", "mine", cwd=tmp_path)
-    nodes = nodes_of(process, tmp_path / "mine.unfinished").values()
+@pytest.mark.parametrize(
+    ("number", "words", "names"), [(signal.SIGINT, (), SEPARATE), (signal.SIGTERM, ("--composed",), COMPOSED)]
+)
+def test_interrupt_ends_everything(
+    number: signal.Signals, words: tuple[str, ...], names: tuple[str, ...], tmp_path: Path
+) -> None:
+    process = start("run", *words, "--out", "mine", cwd=tmp_path)
+    nodes = nodes_of(process, tmp_path / "mine.unfinished", names).values()
     process.send_signal(number)
     _, err = process.communicate(timeout=DEADLINE)
     assert process.returncode == 130
@@ -271,10 +275,12 @@ def test_interrupt_ends_everything(number: signal.Signals, tmp_path: Path) -> No
     assert not any(Path(f"/proc/{pid}").exists() for pid in nodes)
 
 
-@pytest.mark.parametrize("victim", ["controller", "recorder"])
-def test_a_dying_node_is_named(victim: str, tmp_path: Path) -> None:
-    process = start("run", "--out", "mine", cwd=tmp_path)
-    nodes = nodes_of(process, tmp_path / "mine.unfinished")
+@pytest.mark.parametrize(
+    ("victim", "words", "names"), [("controller", (), SEPARATE), ("recorder", ("--composed",), COMPOSED)]
+)
+def test_a_dying_node_is_named(victim: str, words: tuple[str, ...], names: tuple[str, ...], tmp_path: Path) -> None:
+    process = start("run", *words, "--out", "mine", cwd=tmp_path)
+    nodes = nodes_of(process, tmp_path / "mine.unfinished", names)
     os.kill(nodes[victim], signal.SIGKILL)
     _, err = process.communicate(timeout=DEADLINE)
     assert process.returncode == 1
@@ -285,8 +291,8 @@ def test_a_dying_node_is_named(victim: str, tmp_path: Path) -> None:
 
 
 def test_nodes_end_with_a_killed_runner(tmp_path: Path) -> None:
-    process = start("run", "--out", "mine", cwd=tmp_path)
-    nodes = nodes_of(process, tmp_path / "mine.unfinished").values()
+    process = start("run", "--composed", "--out", "mine", cwd=tmp_path)
+    nodes = nodes_of(process, tmp_path / "mine.unfinished", COMPOSED).values()
     process.kill()
     process.communicate()
     end = time.monotonic() + DEADLINE

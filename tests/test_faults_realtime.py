@@ -31,8 +31,8 @@ from pidtsm_ros.stamps import nanoseconds
 PAGE = Path(__file__).parents[1] / "docs" / "faults.md"
 STEP = 10.0  # N m
 CLOSE = 0.02  # rad
-RATE = 500
-"""Hz; half the usual, as all of it shares a machine with other tests."""
+RATE = 250
+"""Hz; a quarter of the usual, as all of it shares a machine with other tests."""
 PATIENCE = 1.0  # s; a machine that stalls for a moment is no fault here
 FOLLOWING, HOLDING, STOPPED = ControllerState.FOLLOWING, ControllerState.HOLDING, ControllerState.STOPPED
 

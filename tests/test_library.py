@@ -72,7 +72,9 @@ def outcome(python: str, folder: Path) -> dict[str, dict[str, str]]:
     pip = subprocess.check_output([sys.executable, "-m", "pip", "config", "list"], text=True)
     # Nothing of the workspace, nor of ROS.
     kept = {name: value for name, value in os.environ.items() if not name.endswith("PATH") or name == "PATH"}
-    environment = {**kept, **uv_variables(pip), "MPLBACKEND": "Agg", "NUMBA_CACHE_DIR": str(folder / "cache")}
+    # What one process has read from the new environment, the others need not compile.
+    own = {"MPLBACKEND": "Agg", "NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": ""}
+    environment = {**kept, **uv_variables(pip), **own}
     installed = folder / "venv" / "bin" / "python"
 
     def call(*words: object) -> subprocess.CompletedProcess[str]:

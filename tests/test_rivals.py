@@ -21,8 +21,9 @@ from pidtsm_ros.stamps import nanoseconds
 
 PAGE = Path(__file__).parents[1] / "docs" / "faults.md"
 NAMES = ["joint1", "joint2"]
-PARAMETERS = {"simulator": ["rate:=500"], "controller": ["watchdog.state_stop:=1.0"], "trajectory": []}
-"""Half the usual rate, as two systems' nodes share a machine; and a machine that stalls for a moment is no rival."""
+RATE = 250
+PARAMETERS = {"simulator": [f"rate:={RATE}"], "controller": ["watchdog.state_stop:=1.0"], "trajectory": []}
+"""A quarter of the usual rate, as two systems share a machine; and a machine that stalls for a moment is no rival."""
 FASTEST = 10.0  # rad/s; no motion here is half as fast, and every jump to what a rival wants is faster
 CLOSE = 0.05  # rad
 STALL = 0.1  # s; a third of the time for which a node listens to the others before it begins
@@ -89,7 +90,7 @@ class System:
         count = len(self.watch.heard[topic])
         self.until(
             lambda: (
-                len(self.watch.heard[topic]) > count + 100
+                len(self.watch.heard[topic]) > count + RATE // 5
                 and self.watch.last(topic).mode == ControllerState.FOLLOWING
                 and np.abs(self.watch.last(topic).position_error).max() < CLOSE
             ),
@@ -165,7 +166,7 @@ def stranger(system: System, kind: Any, topic: str, witness: str) -> Judged:
         message = kind(name=NAMES, **content)
         message.header.stamp = system.watch.last("controller/state").header.stamp
         publisher.publish(message)
-        return len(states) > count + 500
+        return len(states) > count + RATE
 
     system.until(disturb, "a second of disturbance")
     system.says(

@@ -76,9 +76,7 @@ def article(t: Vector) -> NDArray[np.float64]:
     return np.stack([first + second, second - first], axis=1)
 
 
-@pytest.mark.parametrize(
-    ("rate", "jitter"), [(100, 0.0), (250, 0.0), (500, 0.0), (700, 0.4), (1000, 0.0)], ids=lambda value: f"{value:g}"
-)
+@pytest.mark.parametrize(("rate", "jitter"), [(100, 0.0), (700, 0.4), (1000, 0.0)], ids=lambda value: f"{value:g}")
 def test_our_nodes_track_on_a_strangers_plant_whatever_its_rate_and_its_stamps(
     testbed: Testbed, rate: int, jitter: float
 ) -> None:
@@ -111,7 +109,7 @@ def test_our_nodes_track_on_a_strangers_plant_whatever_its_rate_and_its_stamps(
 
 
 def test_where_a_strangers_clock_is_set_the_arm_stays_until_it_is_told_to_go_on(testbed: Testbed) -> None:
-    plant = StrangersPlant(testbed, 500, 0.2)
+    plant = StrangersPlant(testbed, 250, 0.2)
     nodes = start(testbed, plant)
     plant.go_on(2.0)
     for epoch in (EPOCH - 3600 * SECOND, EPOCH + 5 * SECOND):

@@ -39,17 +39,30 @@ def copy(tmp_path: Path) -> Path:
     return target
 
 
+EDIT = """
+import pathlib
+import pidtsm_core
+from pidtsm_core.compiling.decorators import cache_folder
+
+def folder():
+    cache_folder.cache_clear()
+    return cache_folder()
+
+package = pathlib.Path(pidtsm_core.__file__).parent
+print(folder(), folder())
+with (package / "robots" / "two_link.py").open("a") as file:
+    file.write("# Another line.")
+print(folder())
+(package / "laws" / "new.py").touch()
+print(folder())
+"""
+
+
 def test_an_edit_to_any_source_file_gives_another_cache_folder(copy: Path, tmp_path: Path) -> None:
-    home = {"HOME": str(tmp_path / "home")}
-    before = run(CACHE, copy, **home)
-    assert run(CACHE, copy, **home) == before
+    before, again, edited, longer = run(EDIT, copy, HOME=str(tmp_path / "home")).split()
+    assert before == again
     assert Path(before).is_relative_to(tmp_path / "home")
-    with (copy / "pidtsm_core" / "robots" / "two_link.py").open("a") as file:
-        file.write("\n# Another line.\n")
-    edited = run(CACHE, copy, **home)
-    assert edited != before
-    (copy / "pidtsm_core" / "laws" / "new.py").write_text("")
-    assert run(CACHE, copy, **home) not in (before, edited)
+    assert len({before, edited, longer}) == 3
 
 
 @pytest.mark.parametrize("variable", ["HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"])
@@ -79,23 +92,33 @@ def test_only_own_old_caches_are_removed(copy: Path, tmp_path: Path) -> None:
     assert [f.name for f in foreign if not f.exists()] == []
 
 
+MANY = """
+import os, pathlib
+import pidtsm_core
+from pidtsm_core.compiling.decorators import cache_folder
+
+def folder(number):
+    (pathlib.Path(pidtsm_core.__file__).parent / "extra.py").write_text(f"N = {number}")
+    cache_folder.cache_clear()
+    return cache_folder()
+
+for i in range(11):
+    print(made := folder(i))
+    if i < 9:
+        yesterday = made.stat().st_mtime - 86_400 + i
+        os.utime(made, (yesterday, yesterday))
+before = (used := folder(9)).stat().st_mtime
+os.utime(used, (before - 7200, before - 7200))
+assert folder(9).stat().st_mtime > before - 60, "using it makes it young"
+"""
+
+
 def test_old_caches_do_not_pile_up_and_those_in_use_stay(copy: Path, tmp_path: Path) -> None:
-    home, folders = tmp_path / "home", []
-    for i in range(11):
-        (copy / "pidtsm_core" / "extra.py").write_text(f"N = {i}\n")
-        folders.append(Path(run(CACHE, copy, HOME=str(home))))
-        if i < 9:
-            yesterday = folders[-1].stat().st_mtime - 86_400 + i
-            os.utime(folders[-1], (yesterday, yesterday))
+    folders = [Path(line) for line in run(MANY, copy, HOME=str(tmp_path / "home")).splitlines()]
     assert len({*folders}) == 11
     left = [folder for folder in folders if folder.exists()]
     assert folders[9:] == left[-2:]
     assert len(left) < 9
-    (copy / "pidtsm_core" / "extra.py").write_text("N = 9\n")
-    before = folders[9].stat().st_mtime
-    os.utime(folders[9], (before - 7200, before - 7200))
-    run(CACHE, copy, HOME=str(home))
-    assert folders[9].stat().st_mtime > before - 60, "using it makes it young"
 
 
 USERS = """

@@ -3,20 +3,24 @@
 import argparse
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any
 
 from pidtsm_core.errors import UsageError
 from pidtsm_experiments.affected_tests import Sources, changed_files
 
-_CHECKS = (
-    ("ruff", "check", "."),
-    ("ruff", "format", "--check", "."),
-    ("mypy",),
-)
+_STYLE = (("ruff", "check", "."), ("ruff", "format", "--check", "."))
+_TYPES = ("mypy",)
 _COMPILE = "import support.nursery_preload; from pidtsm_core.rollouts.closed_loop import rollout; rollout(duration=0.1)"
-"""Run beside the checks: once, and not in each process of the tests at the same time."""
-# The tests of a file share nodes, so they stay together.
-_TESTS = ("pytest", "--numprocesses", "2", "--dist", "loadfile", "--no-loadscope-reorder")
+"""Run before the tests: once, and not in each of their processes at the same time."""
+# The tests of a file share nodes, so they stay together. Four processes even on two cores, as many wait for messages.
+_TESTS = ("pytest", "--numprocesses", "4", "--dist", "loadfile", "--no-loadscope-reorder")
+_NONE_CHOSEN = 5
+"""Exit code of pytest where its options choose none of the tests."""
+_ALONE = "*_realtime.py"
+"""Files whose tests need a quiet machine: they run at the end, with nothing beside them."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,14 +46,32 @@ def execute(options: argparse.Namespace) -> int:
     if options.arguments and options.changed is None:
         return _run(root, "pytest", *options.arguments)
     files = _affected(root, options.changed) if options.changed else []
-    with subprocess.Popen([sys.executable, "-c", _COMPILE], cwd=root / "tests") as compiling:
-        failed = [" ".join(check) for check in _CHECKS if _run(root, *check)]
-        compiling.wait()
-    if files is not None:
-        failed += [" ".join(_TESTS)] if _run(root, *_TESTS, *options.arguments, *files) else []
+    # The types take one processor for as long as compiling and the first tests take the other.
+    with TemporaryFile("w+") as said, _start(root, *_TYPES, stdout=said, stderr=said) as types:
+        with subprocess.Popen([sys.executable, "-c", _COMPILE], cwd=root / "tests"):
+            failed = [" ".join(check) for check in _STYLE if _run(root, *check)]
+        if files is not None:
+            failed += _test(root, options.arguments, files)
+        if types.wait():
+            failed.append(" ".join(_TYPES))
+        said.seek(0)
+        sys.stdout.write(said.read())
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)
     return 1 if failed else 0
+
+
+def _test(root: Path, arguments: Sequence[str], files: Sequence[str]) -> list[str]:
+    """Run these files of tests, or all; returns the commands that failed."""
+    alone = [name for name in files if Path(name).match(_ALONE)]
+    together = [name for name in files if name not in alone]
+    commands = []
+    if together or not files:
+        commands.append([*_TESTS, f"--ignore-glob={_ALONE}", *arguments, *together])
+    if alone or not files:
+        commands.append(["pytest", *arguments, *(alone or map(str, sorted(root.glob(f"tests/{_ALONE}"))))])
+    passed = (0, _NONE_CHOSEN) if arguments else (0,)
+    return [" ".join(words) for words in commands if _run(root, *words) not in passed]
 
 
 def _affected(root: Path, since: str) -> list[str] | None:
@@ -68,4 +90,8 @@ def _affected(root: Path, since: str) -> list[str] | None:
 
 
 def _run(root: Path, module: str, *arguments: str) -> int:
-    return subprocess.run([sys.executable, "-m", module, *arguments], cwd=root, check=False).returncode
+    return _start(root, module, *arguments).wait()
+
+
+def _start(root: Path, module: str, *arguments: str, **options: Any) -> "subprocess.Popen[bytes]":
+    return subprocess.Popen([sys.executable, "-m", module, *arguments], cwd=root, **options)

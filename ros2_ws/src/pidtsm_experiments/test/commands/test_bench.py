@@ -24,12 +24,6 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_a_benchmark_that_compiles_runs_again_in_the_next_process() -> None:
-    command = [sys.executable, "-m", "pidtsm_experiments.cli", "bench", "--quick", "--json", "--only", "tick"]
-    for _ in range(2):
-        subprocess.run(command, check=True, capture_output=True)
-
-
 @pytest.mark.parametrize("name", OWN)
 def test_a_quick_run_yields_rows(tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str) -> None:
     assert main(["bench", "--quick", "--json", "--out", str(tmp_path), "--only", name]) == 0
@@ -55,9 +49,12 @@ def test_the_rows_name_figure_floor_and_target(capfd: pytest.CaptureFixture[str]
     assert max(map(len, out.splitlines())) <= 80
 
 
-def test_an_interrupted_run_keeps_its_rows(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "pidtsm_experiments.cli", "bench", "--quick", "--only", "tick", "soak"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+def test_a_benchmark_that_compiles_runs_again_in_the_next_process_and_keeps_its_rows_if_that_is_interrupted(
+    tmp_path: Path,
+) -> None:
+    command = [sys.executable, "-m", "pidtsm_experiments.cli", "bench", "--quick", "--only", "tick"]
+    subprocess.run([*command, "--json"], check=True, capture_output=True)
+    with subprocess.Popen([*command, "soak"], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         shown = []
         for line in process.stdout:

@@ -31,10 +31,15 @@ def reproduction() -> dict[tuple[str, str], Run | str]:
     return {(case, law): run(case, law) for case in CASES for law in ARTICLE_LAWS}
 
 
-def drawings(reproduction: dict[tuple[str, str], Run | str], case: str) -> dict[str, Figure]:
-    runs = {law: run for law in ARTICLE_LAWS if not isinstance(run := reproduction[case, law], str)}
-    with matplotlib.rc_context(STYLE):
-        return {draw.__name__: draw(case, runs) for draw in article_figures.FIGURES}
+@pytest.fixture(scope="module")
+def drawings(reproduction: dict[tuple[str, str], Run | str]) -> dict[str, dict[str, Figure]]:
+    """By case and name."""
+    made = {}
+    for case in CASES:
+        runs = {law: run for law in ARTICLE_LAWS if not isinstance(run := reproduction[case, law], str)}
+        with matplotlib.rc_context(STYLE):
+            made[case] = {draw.__name__: draw(case, runs) for draw in article_figures.FIGURES}
+    return made
 
 
 def test_all_ten_are_written_as_png_and_svg(tmp_path: Path, reproduction: dict[tuple[str, str], Run | str]) -> None:
@@ -46,8 +51,8 @@ def test_all_ten_are_written_as_png_and_svg(tmp_path: Path, reproduction: dict[t
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_lines_are_of_all_laws_each_in_its_colour(reproduction: dict[tuple[str, str], Run | str], case: str) -> None:
-    figures = drawings(reproduction, case)
+def test_lines_are_of_all_laws_each_in_its_colour(drawings: dict[str, dict[str, Figure]], case: str) -> None:
+    figures = drawings[case]
     for name in ("tracking", "error", "control_inputs"):
         assert len(figures[name].axes) == 4
         for ax in figures[name].axes:
@@ -61,17 +66,19 @@ def test_lines_are_of_all_laws_each_in_its_colour(reproduction: dict[tuple[str, 
         assert [text.get_text() for text in legend.get_texts()] == expected
 
 
-def test_the_right_panel_shows_the_start_or_the_event(reproduction: dict[tuple[str, str], Run | str]) -> None:
-    start = drawings(reproduction, "case1")["control_inputs"].axes[1].get_xlim()
-    event = drawings(reproduction, "case2")["control_inputs"].axes[1].get_xlim()
+def test_the_right_panel_shows_the_start_or_the_event(drawings: dict[str, dict[str, Figure]]) -> None:
+    start = drawings["case1"]["control_inputs"].axes[1].get_xlim()
+    event = drawings["case2"]["control_inputs"].axes[1].get_xlim()
     assert start[0] == 0.0
     assert event[0] == pytest.approx(EVENT - 1.0)
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_bars_are_the_metrics(reproduction: dict[tuple[str, str], Run | str], case: str) -> None:
+def test_bars_are_the_metrics(
+    drawings: dict[str, dict[str, Figure]], reproduction: dict[tuple[str, str], Run | str], case: str
+) -> None:
     for name, key in (("rmse", "rmse"), ("eci", "eci")):
-        axes = drawings(reproduction, case)[name].axes
+        axes = drawings[case][name].axes
         for joint, ax in enumerate(axes):
             heights = [bar.get_height() for bar in ax.patches]  # type: ignore[attr-defined]
             runs = [run for law in ARTICLE_LAWS if not isinstance(run := reproduction[case, law], str)]
@@ -80,16 +87,16 @@ def test_bars_are_the_metrics(reproduction: dict[tuple[str, str], Run | str], ca
             assert names == [LABELS[law] for law in ARTICLE_LAWS]
 
 
-def test_bars_of_the_rmse_are_marked_with_the_articles_values(reproduction: dict[tuple[str, str], Run | str]) -> None:
-    first, second = (drawings(reproduction, case)["rmse"].axes[0].lines for case in CASES)
+def test_bars_of_the_rmse_are_marked_with_the_articles_values(drawings: dict[str, dict[str, Figure]]) -> None:
+    first, second = (drawings[case]["rmse"].axes[0].lines for case in CASES)
     np.testing.assert_allclose(np.asarray(first[0].get_ydata()), [0.03808, 0.03808 / 0.75, 0.03808 / 0.5])
     np.testing.assert_allclose(np.asarray(second[0].get_ydata()), [0.03827])
-    assert not drawings(reproduction, "case1")["eci"].axes[0].lines
+    assert not drawings["case1"]["eci"].axes[0].lines
 
 
-def test_axes_have_units(reproduction: dict[tuple[str, str], Run | str]) -> None:
+def test_axes_have_units(drawings: dict[str, dict[str, Figure]]) -> None:
     for case in CASES:
-        for figure in drawings(reproduction, case).values():
+        for figure in drawings[case].values():
             for ax in figure.axes:
                 assert ax.get_ylabel() == "" or ax.get_ylabel().endswith(")")
                 assert ax.get_xlabel() in ("", "time (s)")
