@@ -16,7 +16,7 @@ from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce
 from pidtsm_experiments.commands.cluster import workers
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar
 from pidtsm_experiments.commands.score import made_of
-from pidtsm_experiments.commands.tune import PARAMETERS, budget, identity_of, natural, tune
+from pidtsm_experiments.commands.tune import budget, identity_of, natural, tune
 from pidtsm_experiments.runs.files import write_file
 from pidtsm_experiments.runs.locks import locked
 from pidtsm_experiments.runs.origin import MadeOf, commit
@@ -26,7 +26,7 @@ from pidtsm_studies.score.leaderboard import read_entries, write_leaderboard
 from pidtsm_studies.score.measure import Contender, measure
 from pidtsm_studies.score.results import FILE, as_json
 from pidtsm_studies.score.tasks import find_task
-from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES
+from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES, PARAMETERS
 from pidtsm_studies.tuning.search import Budget
 
 _HEAD = """# Tournament
