@@ -23,7 +23,8 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import Experiment, make_experiment
-from pidtsm_core.identification.carriers import carriers, corrected_urdf
+from pidtsm_core.identification.carriers import carriers
+from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.excitation import excitation
 from pidtsm_core.identification.identification import Identification, IdentificationError, identify
 from pidtsm_core.identification.least_squares import motion_regressor

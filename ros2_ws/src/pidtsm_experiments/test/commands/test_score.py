@@ -56,7 +56,7 @@ def test_the_leaderboard_reads_it(scores: Path, tmp_path: Path) -> None:
 def test_a_parameter_file_is_called_as_what_tells_it_from_others(tmp_path: Path, file: str, name: str) -> None:
     path = tmp_path / file
     path.parent.mkdir(exist_ok=True)
-    path.write_text("/**:\n  controller:\n    ros__parameters:\n      law.k1: 2.0\n")
+    path.write_text("controller:\n  ros__parameters:\n    law.k1: 2.0\n")
     assert name_of(find_task("two_link"), Contender(None, (str(path),))) == name
 
 
