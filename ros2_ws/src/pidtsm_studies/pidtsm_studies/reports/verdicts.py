@@ -87,9 +87,9 @@ def _worst(metrics: Mapping[str, Any], joint: int | None) -> Answer:
         )
     rmse = [value for value in values_of(metrics, _RMSE) if value is not None]
     middle = sorted(rmse)[len(rmse) // 2]
-    ratio = f", {number(metrics['rmse'][joint] / middle, 2)} × the median joint" if middle and len(rmse) > 2 else ""
+    ratio = f", {number(metrics['rmse'][joint] / middle, 2)} × the median" if middle and len(rmse) > 2 else ""
     unit = units_of(metrics)[joint].position
-    detail = f"largest error {quantity(metrics['max_error'][joint], unit)}{ratio}"
+    detail = f"largest RMSE{ratio}; its largest error is {quantity(metrics['max_error'][joint], unit)}"
     return Answer("Which joint is worst?", metrics["joints"][joint], detail)
 
 
