@@ -20,7 +20,6 @@ from pidtsm_core.robots.rigid_bodies import (
     set_inertial,
     text_bodies,
 )
-from pidtsm_core.robots.tree.layout import Column, rows
 from pidtsm_core.simulation.mujoco_payload import DROPPED, Phase, add_boxes, release_box, show_box
 from pidtsm_core.timing import period_nanoseconds, seconds
 
@@ -221,10 +220,7 @@ def _set_joints(model: Any, dofs: list[int], viscous: Array, armature: Array | N
 
 def _armature(robot: Robot, packed: Array) -> Array | None:
     """Inertia of the rotors of an arm of data, in the order of its joints, shape (joints,), kg m^2."""
-    if not isinstance(robot, TreeRobot):
-        return None
-    table = rows(packed)
-    return np.asarray(table[np.argsort(table[:, Column.PLACE]), Column.ARMATURE])
+    return robot.rotors(packed) if isinstance(robot, TreeRobot) else None
 
 
 def _period(values: Mapping[str, Value]) -> int:

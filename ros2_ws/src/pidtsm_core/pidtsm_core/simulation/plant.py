@@ -23,8 +23,12 @@ from pidtsm_core.robots import (
     robot_schema,
 )
 from pidtsm_core.robots.tree import add_wrench
+from pidtsm_core.simulation import drivetrain as drivetrains
 from pidtsm_core.simulation import friction as joint_friction
+from pidtsm_core.simulation import gear_friction
 from pidtsm_core.simulation.disturbances import DISTURBANCES, add_disturbance, disturbance_address
+from pidtsm_core.simulation.drivetrain import Drivetrain, DrivetrainState, drivetrain, drivetrain_state, rest_at
+from pidtsm_core.simulation.drivetrain_step import move
 from pidtsm_core.simulation.friction import (
     FrictionConfig,
     add_friction,
@@ -42,47 +46,8 @@ from pidtsm_core.simulation.mujoco_plant import (
     no_config,
     no_state,
 )
+from pidtsm_core.simulation.plant_parameters import LOADS, MODEL_ERRORS, PAYLOAD, QUANTITIES, RATE
 from pidtsm_core.timing import sum_of_times
-
-_QUANTITIES = ("mass", "inertia", "length")
-"""Quantities with a possible model error, see `Robot.quantities`."""
-
-RATE = Parameter("rate", 1000, "samples per second", "Hz", minimum=1, maximum=100_000, read_only=True)
-_PAYLOAD = "mass picked up at payload.time (Case 2: 0.5)"
-_LOADS = (
-    Parameter("payload.time", 0.0, "time from the start at which the payload is picked up", "s", minimum=0.0),
-    Parameter(
-        "payload.duration", 0.0, "time from picking up the payload to dropping it; 0: never dropped", "s", minimum=0.0
-    ),
-    Parameter("push.effort", 0.0, "torque of a push on the joints", "N m", per_joint=True),
-    Parameter(
-        "push.force",
-        (0.0, 0.0, 0.0),
-        "force of a push on the tool, in the axes of the base: x, y, z",
-        "N",
-        length=3,
-    ),
-    Parameter(
-        "push.torque",
-        (0.0, 0.0, 0.0),
-        "torque of a push on the tool, in the axes of the base: x, y, z",
-        "N m",
-        length=3,
-    ),
-    Parameter("push.time", 0.0, "time from the start at which the push begins", "s", minimum=0.0),
-    Parameter("push.duration", 0.0, "duration of the push; 0: no push", "s", minimum=0.0),
-)
-_MODEL_ERRORS = tuple(
-    Parameter(
-        f"model_error.{quantity}",
-        0.0,
-        f"relative deviation of each {quantity} of the simulated arm from robot.*; 0.25: 25 % more",
-        minimum=-1.0,
-        exclusive=True,
-    )
-    for quantity in _QUANTITIES
-)
-
 
 def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the simulated arm; they depend on the robot."""
@@ -98,10 +63,12 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
             choices=DISTURBANCES.names,
             read_only=True,
         ),
-        *payload_schema(settings, _PAYLOAD),
-        *_LOADS,
+        *payload_schema(settings, PAYLOAD),
+        *LOADS,
         *joint_friction.parameters(robot),
-        *_MODEL_ERRORS,
+        *gear_friction.PARAMETERS,
+        *drivetrains.PARAMETERS,
+        *MODEL_ERRORS,
     )
 
 
@@ -121,6 +88,7 @@ class PlantConfig(NamedTuple):
     push_end: float  # s
     friction: FrictionConfig
     accelerations: bool  # compute q'' at the samples
+    drivetrain: Drivetrain
     mujoco: MujocoConfig
 
 
@@ -133,6 +101,7 @@ class PlantState(NamedTuple):
     work: Array  # scratch, shape (8, joints)
     wrench: Array  # on the tool from outside, as that of a push, shape (6,); and scratch; shape (2, 6)
     placements: Array  # scratch, shape (joints, 3, 4)
+    drivetrain: DrivetrainState
     mujoco: MujocoState
 
 
@@ -226,6 +195,22 @@ def carry(config: PlantConfig, state: PlantState, t: float) -> None:
         advance(config.mujoco, state.mujoco, phase, none, q, dq)
 
 
+@part
+def _step_of_drives(
+    config: PlantConfig, state: PlantState, torque: Array, t: float, dt: float, braked: bool
+) -> None:
+    """As `step`, with elastic joints or friction that sticks; `torque` has what pushes the arm, shape (joints,)."""
+    loaded = config.payload_begin <= t < config.payload_end
+    model = config.loaded_model if loaded else config.model
+    held, external, before = state.effort, state.work[0], state.work[1]
+    q, dq = state.position, state.derivatives[0]
+    for j in range(q.size):
+        external[j], before[j] = torque[j] - held[j], dq[j]
+    move(config.drivetrain, state.drivetrain, model, config.disturbance, q, dq, held, external, t, dt, braked)
+    for j in range(q.size):
+        state.derivatives[1, j] = (dq[j] - before[j]) / dt
+
+
 @inlined
 def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: float) -> None:
     """Integrate from t to t + dt (s) under the constant, limited `effort` by classical fourth-order Runge-Kutta.
@@ -250,6 +235,9 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
         torque = pushed
     if config.mujoco.steps > 0:
         _step_of_mujoco(config, state, t, torque)
+        return
+    if config.drivetrain.substeps > 0:
+        _step_of_drives(config, state, torque, t, dt, False)
         return
 
     half = 0.5 * dt
@@ -333,8 +321,10 @@ class Plant:
             work=np.zeros((8, self.joints)),
             wrench=np.zeros((2, 6)),
             placements=np.zeros((self.joints, 3, 4)),
+            drivetrain=drivetrain_state(self.joints),
             mujoco=self.mujoco.state if self.mujoco else no_state(),
         )
+        self.rest(self.state.position)
         self._memory = _LAYOUT.store(self.memory)
 
     @property
@@ -354,7 +344,7 @@ class Plant:
 
     def _configure(self, values: Mapping[str, Value]) -> None:
         robot = find_robot(values)
-        factors = {quantity: 1.0 + as_float(values[f"model_error.{quantity}"]) for quantity in _QUANTITIES}
+        factors = {quantity: 1.0 + as_float(values[f"model_error.{quantity}"]) for quantity in QUANTITIES}
         model = robot.pack_model(values, factors=factors)
         friction = friction_config(values, self._inertia(values), 1.0 / as_float(values["rate"]))
         if values[ENGINE.name] == MUJOCO:
@@ -379,6 +369,7 @@ class Plant:
             push_end=sum_of_times(pushed, as_float(values["push.duration"])),
             friction=friction,
             accelerations=self._accelerations,
+            drivetrain=drivetrain(values, robot, model),
             mujoco=self.mujoco.config if self.mujoco else no_config(),
         )
 
@@ -386,6 +377,12 @@ class Plant:
         """See `Robot.joint_inertia`; at the start, for the model of the controller."""
         robot = find_robot(values)
         return robot.joint_inertia(robot.pack_model(values), joint_array(values["initial_position"], self.joints))
+
+    def rest(self, position: Array) -> None:
+        """Put the arm at rest at a position of its links, shape (joints,), rad; springs carry it."""
+        self.state.position[:] = position
+        self.state.derivatives[:] = self.state.effort[:] = 0.0
+        rest_at(self.config.drivetrain, self.state.drivetrain, self.config.model, position)
 
     def reset(self) -> None:
         """Put everything but the arm back to its start."""

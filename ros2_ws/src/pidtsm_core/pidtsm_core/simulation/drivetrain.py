@@ -1,0 +1,192 @@
+"""Drive trains: between each motor and its link a gear that is elastic, with friction on the side of the motor.
+
+Parameters, configuration and state; `pidtsm_core.simulation.drivetrain_step` computes the motion.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float, joint_array, names
+from pidtsm_core.robots import Model, Robot, inverse_dynamics, make_model
+from pidtsm_core.simulation.gear_friction import GearFriction, gear_friction
+
+MOTOR, LINK = "motor", "link"
+"""The sides of a drive train."""
+STIFFNESS = Parameter(
+    "elasticity.stiffness",
+    0.0,
+    "stiffness of the drive trains between motor and link; 0: rigid",
+    "N m/rad",
+    minimum=0.0,
+    per_joint=True,
+    read_only=True,
+)
+_DAMPING = Parameter(
+    "elasticity.damping",
+    0.0,
+    "damping of the drive trains between motor and link",
+    "N m s/rad",
+    minimum=0.0,
+    per_joint=True,
+    read_only=True,
+)
+ENCODER = Parameter(
+    "elasticity.encoder",
+    MOTOR,
+    "the side of an elastic drive train on which the encoder is",
+    choices=(MOTOR, LINK),
+    read_only=True,
+)
+PARAMETERS = (STIFFNESS, _DAMPING, ENCODER)
+
+_ANGLE = 0.7
+"""rad; largest angle by which a joint may vibrate in a substep: its frequency is then exact to angle^4 / 720."""
+_SUBSTEPS = 2
+"""At least."""
+MOST_SUBSTEPS = 8
+"""A faster vibration is stable, but its frequency is not exact."""
+
+
+class Drivetrain(NamedTuple):
+    """Parameters of the drive trains, arrays of shape (joints,)."""
+
+    substeps: int  # in a step; 0: all joints are rigid and have smooth friction only, which Runge-Kutta integrates
+    elastic: bool  # at least one joint is
+    on_motor: bool  # the encoders measure the motors of elastic joints
+    rotor: Array  # inertia of the rotors as the joints see it, kg m^2
+    stiffness: Array  # N m/rad, 0: rigid
+    damping: Array  # N m s/rad
+    friction: GearFriction
+
+
+class DrivetrainState(NamedTuple):
+    """State changed by a step."""
+
+    motor: Array  # position and velocity of the motors behind their gears, shape (2, joints), rad and rad/s
+    bristle: Array  # deflection of the friction, shape (joints,), rad
+    sliding: Array  # its direction, 0: sticks, shape (joints,)
+    transmitted: Array  # torque from motor to link, mean of the last substep, shape (joints,), N m
+    start: Array  # scratch: a copy of the state, shape (7, joints)
+    middle: Array  # scratch: motion of the links in the middle of the step, external torque, shape (3, joints)
+    rows: Array  # accelerations of which the efforts are computed: 0, and the unit vectors, shape (joints + 1, joints)
+    efforts: Array  # their efforts, shape (joints + 1, joints), N m
+    inertia: Array  # of the links, shape (joints, joints), kg m^2
+    work: Array  # scratch, shape (3, joints)
+    matrix: Array  # scratch, complex, shape (joints, joints)
+    terms: Array  # scratch, complex, shape (5, joints)
+
+
+def drivetrain(values: Mapping[str, Value], robot: Robot, model: Array) -> Drivetrain:
+    """Prepare the drive trains.
+
+    Args:
+        values: `PARAMETERS` and the others of the plant, as returned by `resolve`.
+        robot: the arm.
+        model: its packed parameters, shape (n,).
+
+    Raises:
+        ParameterError: a joint that is elastic has no rotor, or nothing to move without its rotor.
+    """
+    joints = len(robot.joints)
+    stiffness, damping = (joint_array(values[p.name], joints) for p in (STIFFNESS, _DAMPING))
+    friction = gear_friction(values, joints)
+    rotor, elastic = robot.rotors(model), stiffness > 0.0
+    substeps = _SUBSTEPS if friction.active else 0
+    if elastic.any():
+        _check_rotors(values, rotor, elastic)
+        links = _inertia_of_links(robot, model, np.where(elastic, rotor, 0.0), values)
+        fastest = np.sqrt(np.max(np.where(elastic, stiffness * (1.0 / np.where(elastic, rotor, 1.0) + links), 0.0)))
+        angle = float(fastest) / as_float(values["rate"])
+        substeps = min(max(math.ceil(angle / _ANGLE), _SUBSTEPS), MOST_SUBSTEPS)
+    return Drivetrain(
+        substeps=substeps,
+        elastic=bool(elastic.any()),
+        on_motor=bool(elastic.any()) and values[ENCODER.name] == MOTOR,
+        rotor=np.where(elastic, rotor, 0.0),
+        stiffness=stiffness,
+        damping=np.where(elastic, damping, 0.0),
+        friction=friction,
+    )
+
+
+def _check_rotors(values: Mapping[str, Value], rotor: Array, elastic: Array) -> None:
+    """Check that elastic joints have rotors."""
+    for j in np.flatnonzero(elastic & (rotor <= 0.0)):
+        raise ParameterError(
+            f"{STIFFNESS.name}: {names(values['joints'])[j]} has no rotor, which an elastic joint needs; set "
+            "robot.armature of controller and simulator, the inertia of its rotor as the joint sees it (rotor times "
+            f"gear ratio squared), or make the joint rigid with a {STIFFNESS.name} of 0",
+            STIFFNESS.name,
+        )
+
+
+def _inertia_of_links(robot: Robot, model: Array, rotor: Array, values: Mapping[str, Value]) -> Array:
+    """Diagonal of the inverse of the inertia matrix without these rotors, at the start, shape (joints,).
+
+    Raises:
+        ParameterError: a joint has nothing to move.
+    """
+    q = joint_array(values["initial_position"], rotor.size)
+    inertia = inertia_matrix(robot, model, q) - np.diag(rotor)
+    smallest, directions = np.linalg.eigh(inertia)
+    if smallest[0] <= 1e-9 * np.trace(inertia) / rotor.size:
+        j = int(np.abs(directions[:, 0]).argmax())
+        raise ParameterError(
+            f"{STIFFNESS.name}: {names(values['joints'])[j]} moves nothing but its rotor, so it cannot be elastic; "
+            f"give its link an inertia, or make the joint rigid with a {STIFFNESS.name} of 0",
+            STIFFNESS.name,
+        )
+    return np.asarray(np.diag(np.linalg.inv(inertia)))
+
+
+def inertia_matrix(robot: Robot, model: Array, q: Array) -> Array:
+    """Inertia matrix at q (rad), with the rotors, shape (joints, joints), kg m^2; `model` is packed."""
+    rows = unit_rows(q.size)
+    efforts = np.zeros_like(rows)
+    inverse_dynamics(make_model(robot, model.copy()), q, np.zeros(q.size), rows, efforts)
+    inertia = efforts[1:] - efforts[0]
+    return np.asarray(0.5 * (inertia + inertia.T))
+
+
+def unit_rows(joints: int) -> Array:
+    """Accelerations of which the efforts give bias and inertia matrix, shape (joints + 1, joints)."""
+    return np.vstack([np.zeros(joints), np.eye(joints)])
+
+
+def drivetrain_state(joints: int) -> DrivetrainState:
+    """The state of drive trains at rest, at position 0."""
+    return DrivetrainState(
+        motor=np.zeros((2, joints)),
+        bristle=np.zeros(joints),
+        sliding=np.zeros(joints),
+        transmitted=np.zeros(joints),
+        start=np.zeros((7, joints)),
+        middle=np.zeros((3, joints)),
+        rows=unit_rows(joints),
+        efforts=np.zeros((joints + 1, joints)),
+        inertia=np.zeros((joints, joints)),
+        work=np.zeros((3, joints)),
+        matrix=np.zeros((joints, joints), dtype=np.complex128),
+        terms=np.zeros((5, joints), dtype=np.complex128),
+    )
+
+
+def rest_at(config: Drivetrain, state: DrivetrainState, model: Model, q: Array) -> None:
+    """Put the drive trains at rest where the springs carry links at q, shape (joints,), against gravity."""
+    effort = np.zeros((1, q.size))
+    inverse_dynamics(model, q, np.zeros(q.size), np.zeros((1, q.size)), effort)
+    elastic = config.stiffness > 0.0
+    state.transmitted[:] = np.where(elastic, effort[0], 0.0)
+    state.motor[0] = q + np.divide(effort[0], config.stiffness, out=np.zeros(q.size), where=elastic)
+    state.motor[1] = state.bristle[:] = state.sliding[:] = 0.0
+
+
+def example() -> tuple[Drivetrain, DrivetrainState, Model]:
+    """Configuration, state and a model, for the compiler."""
+    none = np.zeros(1)
+    friction = GearFriction(False, *[none] * (len(GearFriction._fields) - 1))
+    return Drivetrain(0, False, False, none, none, none, friction), drivetrain_state(1), Model(0, 0, 0, none)
