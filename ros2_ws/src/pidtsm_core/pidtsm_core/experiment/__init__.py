@@ -23,7 +23,7 @@ from pidtsm_core.parameters import ParameterError, Schema, Value, as_float
 from pidtsm_core.parameters.files import NODES, Settings, flatten, load_mapping, load_ros_parameters, read_yaml
 from pidtsm_core.robots import DESCRIPTION, OF_ARM, ROBOTS, TreeRobot, find_robot
 from pidtsm_core.robots.definition import ArmDefinition, GripperLockedWarning, find_arm, joints_sentence
-from pidtsm_core.simulation.plant import RATE
+from pidtsm_core.simulation.plant_parameters import RATE
 from pidtsm_core.timing import LONGEST_RUN
 
 ARTICLE = "article"

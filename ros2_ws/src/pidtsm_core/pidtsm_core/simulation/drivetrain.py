@@ -12,6 +12,7 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float, joint_array, names
 from pidtsm_core.robots import Model, Robot, inverse_dynamics, make_model
+from pidtsm_core.simulation.disturbances import DISTURBANCES, disturbance_address
 from pidtsm_core.simulation.gear_friction import GearFriction, gear_friction
 
 MOTOR, LINK = "motor", "link"
@@ -57,15 +58,20 @@ class Drivetrain(NamedTuple):
     substeps: int  # in a step; 0: all joints are rigid and have smooth friction only, which Runge-Kutta integrates
     elastic: bool  # at least one joint is
     on_motor: bool  # the encoders measure the motors of elastic joints
-    rotor: Array  # inertia of the rotors as the joints see it, kg m^2
+    fastest: float  # vibration of a spring, or decay of friction, rad/s
+    moved: Array  # inertia that the motors move themselves: rotors of elastic joints, or that of the joint, kg m^2
+    rotor: Array  # inertia of the rotors of elastic joints as the joints see it, kg m^2
     stiffness: Array  # N m/rad, 0: rigid
     damping: Array  # N m s/rad
     friction: GearFriction
+    disturbance: int  # its address, see `add_disturbance`; it acts on the links
 
 
 class DrivetrainState(NamedTuple):
     """State changed by a step."""
 
+    torque: Array  # of the motors over the step, shape (joints,), N m
+    external: Array  # what else acts on the links, shape (joints,), N m
     motor: Array  # position and velocity of the motors behind their gears, shape (2, joints), rad and rad/s
     bristle: Array  # deflection of the friction, shape (joints,), rad
     sliding: Array  # its direction, 0: sticks, shape (joints,)
@@ -80,13 +86,14 @@ class DrivetrainState(NamedTuple):
     terms: Array  # scratch, complex, shape (5, joints)
 
 
-def drivetrain(values: Mapping[str, Value], robot: Robot, model: Array) -> Drivetrain:
+def drivetrain(values: Mapping[str, Value], robot: Robot, model: Array, inertia: Array) -> Drivetrain:
     """Prepare the drive trains.
 
     Args:
         values: `PARAMETERS` and the others of the plant, as returned by `resolve`.
         robot: the arm.
         model: its packed parameters, shape (n,).
+        inertia: that the effort of each joint accelerates, shape (joints,), kg m^2.
 
     Raises:
         ParameterError: a joint that is elastic has no rotor, or nothing to move without its rotor.
@@ -95,27 +102,32 @@ def drivetrain(values: Mapping[str, Value], robot: Robot, model: Array) -> Drive
     stiffness, damping = (joint_array(values[p.name], joints) for p in (STIFFNESS, _DAMPING))
     friction = gear_friction(values, joints)
     rotor, elastic = robot.rotors(model), stiffness > 0.0
-    substeps = _SUBSTEPS if friction.active else 0
+    rotor = np.where(elastic, rotor, 0.0)
+    vibration = 0.0
     if elastic.any():
-        _check_rotors(values, rotor, elastic)
-        links = _inertia_of_links(robot, model, np.where(elastic, rotor, 0.0), values)
-        fastest = np.sqrt(np.max(np.where(elastic, stiffness * (1.0 / np.where(elastic, rotor, 1.0) + links), 0.0)))
-        angle = float(fastest) / as_float(values["rate"])
-        substeps = min(max(math.ceil(angle / _ANGLE), _SUBSTEPS), MOST_SUBSTEPS)
+        _check_rotors(values, rotor, stiffness)
+        vibration = _vibration(values, robot, model, rotor, stiffness)
+    moved = np.where(elastic, rotor, inertia)
+    needed = math.ceil(vibration / as_float(values["rate"]) / _ANGLE)
+    active = bool(elastic.any()) or friction.active
+    bristles = np.sqrt(friction.stiffness / moved).max()
     return Drivetrain(
-        substeps=substeps,
+        substeps=min(max(needed, _SUBSTEPS), MOST_SUBSTEPS) if active else 0,
         elastic=bool(elastic.any()),
         on_motor=bool(elastic.any()) and values[ENCODER.name] == MOTOR,
-        rotor=np.where(elastic, rotor, 0.0),
+        fastest=max(vibration, float(bristles)),
+        moved=moved,
+        rotor=rotor,
         stiffness=stiffness,
         damping=np.where(elastic, damping, 0.0),
         friction=friction,
+        disturbance=disturbance_address(DISTURBANCES[str(values["disturbance.name"])]),
     )
 
 
-def _check_rotors(values: Mapping[str, Value], rotor: Array, elastic: Array) -> None:
+def _check_rotors(values: Mapping[str, Value], rotor: Array, stiffness: Array) -> None:
     """Check that elastic joints have rotors."""
-    for j in np.flatnonzero(elastic & (rotor <= 0.0)):
+    for j in np.flatnonzero((stiffness > 0.0) & (rotor <= 0.0)):
         raise ParameterError(
             f"{STIFFNESS.name}: {names(values['joints'])[j]} has no rotor, which an elastic joint needs; set "
             "robot.armature of controller and simulator, the inertia of its rotor as the joint sees it (rotor times "
@@ -124,11 +136,11 @@ def _check_rotors(values: Mapping[str, Value], rotor: Array, elastic: Array) -> 
         )
 
 
-def _inertia_of_links(robot: Robot, model: Array, rotor: Array, values: Mapping[str, Value]) -> Array:
-    """Diagonal of the inverse of the inertia matrix without these rotors, at the start, shape (joints,).
+def _vibration(values: Mapping[str, Value], robot: Robot, model: Array, rotor: Array, stiffness: Array) -> float:
+    """Largest angular frequency of a joint at the start, whose other joints are rigid, rad/s.
 
     Raises:
-        ParameterError: a joint has nothing to move.
+        ParameterError: an elastic joint has nothing to move.
     """
     q = joint_array(values["initial_position"], rotor.size)
     inertia = inertia_matrix(robot, model, q) - np.diag(rotor)
@@ -140,7 +152,9 @@ def _inertia_of_links(robot: Robot, model: Array, rotor: Array, values: Mapping[
             f"give its link an inertia, or make the joint rigid with a {STIFFNESS.name} of 0",
             STIFFNESS.name,
         )
-    return np.asarray(np.diag(np.linalg.inv(inertia)))
+    links, elastic = np.diag(np.linalg.inv(inertia)), stiffness > 0.0
+    rotors = np.divide(1.0, rotor, out=np.zeros_like(rotor), where=elastic)
+    return float(np.sqrt(np.max(np.where(elastic, stiffness * (rotors + links), 0.0))))
 
 
 def inertia_matrix(robot: Robot, model: Array, q: Array) -> Array:
@@ -160,6 +174,8 @@ def unit_rows(joints: int) -> Array:
 def drivetrain_state(joints: int) -> DrivetrainState:
     """The state of drive trains at rest, at position 0."""
     return DrivetrainState(
+        torque=np.zeros(joints),
+        external=np.zeros(joints),
         motor=np.zeros((2, joints)),
         bristle=np.zeros(joints),
         sliding=np.zeros(joints),
@@ -189,4 +205,5 @@ def example() -> tuple[Drivetrain, DrivetrainState, Model]:
     """Configuration, state and a model, for the compiler."""
     none = np.zeros(1)
     friction = GearFriction(False, *[none] * (len(GearFriction._fields) - 1))
-    return Drivetrain(0, False, False, none, none, none, friction), drivetrain_state(1), Model(0, 0, 0, none)
+    drives = Drivetrain(0, False, False, 0.0, none, none, none, none, friction, 0)
+    return drives, drivetrain_state(1), Model(0, 0, 0, none)

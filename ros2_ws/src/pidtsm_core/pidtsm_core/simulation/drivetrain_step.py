@@ -5,10 +5,10 @@ With link positions q and motor positions p behind the gears (M. W. Spong, J. Dy
     M(q) q'' + c(q, q') = S + external torques,    S = K (p - q) + D (p' - q')
     B p'' = torque of the motor - S - friction
 
-A step consists of equal substeps by the two-stage Gauss method, which is of fourth order, stable for any stiffness, and
-keeps the energy of linear vibrations (Hairer, Norsett and Wanner II, 1996, section IV.5). M and c are those in the middle
-of the step, so that a substep is linear but for friction. The complex eigenvalue of the method turns both stages into
-one complex equation for the links (J. C. Butcher, BIT 16, 1976), from which the motors have been eliminated.
+A step consists of equal substeps by the two-stage Gauss method, which is of fourth order, stable for any stiffness,
+and keeps the energy of linear vibrations (Hairer, Norsett and Wanner II, 1996, section IV.5). M and c are those in the
+middle of the step, so that a substep is linear but for friction. The complex eigenvalue of the method turns both stages
+into one complex equation for the links (J. C. Butcher, BIT 16, 1976), from which the motors have been eliminated.
 
 The friction of a motor sticks by a state, the deflection z of bristles (Dupont et al., IEEE Trans. Automat. Contr. 47,
 2002, with their purely elastic range up to the breakaway): while z is below level / stiffness it is a spring, hence
@@ -31,7 +31,7 @@ _ONE = complex(1.0, _ROOT - 2.0)
 """A constant in both stages, in its complex form y1 - i (2 - sqrt 3) y2."""
 _SECOND = 1.0 / (_ROOT - 2.0)
 """Second stage per imaginary part."""
-_BRAKING = 0.002
+BRAKING = 0.002
 """Time constant with which the brakes stop the motors, s."""
 _FIRM = 1e12
 """Of the brakes of a rigid joint, N m s/rad."""
@@ -47,17 +47,7 @@ part = PartOf(lambda: example()[0], lambda: example()[1], lambda: example()[2])
 
 @part
 def move(
-    config: Drivetrain,
-    state: DrivetrainState,
-    model: Model,
-    disturbance: int,
-    q: Array,
-    dq: Array,
-    torque: Array,
-    external: Array,
-    t: float,
-    dt: float,
-    braked: bool,
+    config: Drivetrain, state: DrivetrainState, model: Model, q: Array, dq: Array, t: float, dt: float, braked: bool
 ) -> None:
     """Move motors and links from t to t + dt (s).
 
@@ -65,11 +55,8 @@ def move(
         config: parameters.
         state: of the drive trains, modified.
         model: of the links, with their rotors.
-        disturbance: its address, see `add_disturbance`; it acts on the links.
         q: position of the links, shape (joints,), rad, modified.
         dq: their velocity, likewise, rad/s.
-        torque: of the motors, shape (joints,), N m.
-        external: what else acts on the links, shape (joints,), N m.
         t: time, s.
         dt: s.
         braked: whether the brakes stop the motors, which then have no torque.
@@ -80,9 +67,9 @@ def move(
         middle[0, j] = q[j] + 0.5 * dt * dq[j]
         middle[1, j] = dq[j]
     for last in (False, True):
-        _prepare(config, state, model, disturbance, external)
+        _prepare(config, state, model)
         for k in range(config.substeps):
-            _substep(config, state, q, dq, torque, t + k * h, h, braked)
+            _substep(config, state, q, dq, t + k * h, h, braked)
         if not last:
             _look_back(state, q, dq, dt)
 
@@ -110,34 +97,29 @@ def _look_back(state: DrivetrainState, q: Array, dq: Array, dt: float) -> None:
 
 
 @inlined
-def _prepare(
-    config: Drivetrain, state: DrivetrainState, model: Model, disturbance: int, external: Array
-) -> None:
+def _prepare(config: Drivetrain, state: DrivetrainState, model: Model) -> None:
     """Compute M, and the external torques minus c, in the middle of the step."""
     middle, efforts, net = state.middle, state.efforts, state.middle[2]
     inverse_dynamics(model, middle[0], middle[1], state.rows, efforts)
-    for i in range(external.size):
-        net[i] = external[i]
+    for i in range(net.size):
+        net[i] = state.external[i]
         for j in range(i + 1):
-            mean = 0.5 * (efforts[1 + i, j] - efforts[0, j] + efforts[1 + j, i] - efforts[0, i])
-            state.inertia[i, j] = mean
+            state.inertia[i, j] = 0.5 * (efforts[1 + i, j] - efforts[0, j] + efforts[1 + j, i] - efforts[0, i])
         state.inertia[i, i] -= config.rotor[i]
-    add_disturbance(disturbance, middle[0], middle[1], net)
-    for i in range(external.size):
+    add_disturbance(config.disturbance, middle[0], middle[1], net)
+    for i in range(net.size):
         net[i] -= efforts[0, i]
 
 
 @inlined
-def _substep(
-    config: Drivetrain, state: DrivetrainState, q: Array, dq: Array, torque: Array, t: float, h: float, braked: bool
-) -> None:
+def _substep(config: Drivetrain, state: DrivetrainState, q: Array, dq: Array, t: float, h: float, braked: bool) -> None:
     """One step of the method, of length h (s), from t (s)."""
     joints, terms = q.size, state.terms
     for j in range(joints):
-        _rub(config, state, j, t, h)
+        rub(config, state, j, t, h)
     for _ in range(_ATTEMPTS):
         for j in range(joints):
-            _eliminate(config, state, j, q[j], dq[j], torque[j], h, braked)
+            _eliminate(config, state, j, q[j], dq[j], h, braked)
             for i in range(j):
                 state.matrix[j, i] = _EIGENVALUE / h * state.inertia[j, i]
         _solve(state)
@@ -158,7 +140,7 @@ def _substep(
 
 
 @inlined
-def _rub(config: Drivetrain, state: DrivetrainState, j: int, t: float, h: float) -> None:
+def rub(config: Drivetrain, state: DrivetrainState, j: int, t: float, h: float) -> None:
     """Write of the friction of a joint: its level, the torque without it, and what is proportional to velocity."""
     friction, work = config.friction, state.work
     p, speed = state.motor[0, j], state.motor[1, j]
@@ -175,36 +157,34 @@ def _rub(config: Drivetrain, state: DrivetrainState, j: int, t: float, h: float)
         work[1, j] += friction.cogging[j] * math.sin(friction.periods[j] * (p + 0.5 * h * speed))
     work[2, j] = friction.viscous[j] * warmth
     if friction.stiffness[j] == 0.0:
-        level = _level(config, state, j, speed)
+        level = level_of(config, state, j, speed)
         rate = _SHARPNESS / friction.stribeck_velocity[j]
         slow = abs(speed) < _SLOW
         work[2, j] += level * (rate if slow else math.tanh(rate * speed) / speed)
 
 
 @inlined
-def _level(config: Drivetrain, state: DrivetrainState, j: int, direction: float) -> float:
+def level_of(config: Drivetrain, state: DrivetrainState, j: int, direction: float) -> float:
     """Dry friction of a joint that moves in the direction of a number, N m."""
     share = config.friction.asymmetry[j]
     return state.work[0, j] * (1.0 + share if direction > 0.0 else 1.0 - share)
 
 
 @inlined
-def _eliminate(
-    config: Drivetrain, state: DrivetrainState, j: int, q: float, dq: float, torque: float, h: float, braked: bool
-) -> None:
+def _eliminate(config: Drivetrain, state: DrivetrainState, j: int, q: float, dq: float, h: float, braked: bool) -> None:
     """Write the equation of link j, from which its motor has been eliminated.
 
     W = terms[0] + terms[1] V are the velocities of the motor, S = terms[2] - terms[4] (V - q') the transmitted torque.
     """
-    terms, friction = state.terms, config.friction
+    terms, friction, torque = state.terms, config.friction, state.torque[j]
     drag, dry = complex(state.work[2, j], 0.0), state.work[1, j]
     if friction.stiffness[j] > 0.0:
         if state.sliding[j] == 0.0:
             drag += friction.stiffness[j] * h / _EIGENVALUE + friction.damping[j]
             dry += friction.stiffness[j] * state.bristle[j]
         else:
-            dry += state.sliding[j] * _level(config, state, j, state.sliding[j])
-    stopping = state.motor[1, j] * _BRAKING * (1.0 - math.exp(-h / _BRAKING)) / h
+            dry += state.sliding[j] * level_of(config, state, j, state.sliding[j])
+    stopping = state.motor[1, j] * BRAKING * (1.0 - math.exp(-h / BRAKING)) / h
     stiffness = config.stiffness[j]
     if stiffness > 0.0:
         spring = stiffness * h / _EIGENVALUE + config.damping[j]
@@ -265,7 +245,7 @@ def _change_sides(config: Drivetrain, state: DrivetrainState, dq: Array, h: floa
             speed = _mean_speed(state, j, dq[j] * _ONE + state.terms[3, j])
             if state.sliding[j] == 0.0:
                 held = friction.stiffness[j] * (state.bristle[j] + h * speed) + friction.damping[j] * speed
-                if abs(held) > _level(config, state, j, held):
+                if abs(held) > level_of(config, state, j, held):
                     state.sliding[j] = math.copysign(1.0, held)
                     changed = True
             elif state.sliding[j] * speed < 0.0:
@@ -283,10 +263,12 @@ def _follow(config: Drivetrain, state: DrivetrainState, j: int, links: complex, 
     speed = 0.5 * (w1 + w2)
     if config.stiffness[j] > 0.0:
         state.motor[0, j] += h * speed
-        state.motor[1, j] = math.exp(-h / _BRAKING) * state.motor[1, j] if braked else state.motor[1, j] + _ROOT * (w2 - w1)
+        state.motor[1, j] = (
+            math.exp(-h / BRAKING) * state.motor[1, j] if braked else state.motor[1, j] + _ROOT * (w2 - w1)
+        )
     if stiffness > 0.0 and not braked:
         if state.sliding[j] != 0.0:
-            state.bristle[j] = state.sliding[j] * _level(config, state, j, state.sliding[j]) / stiffness
+            state.bristle[j] = state.sliding[j] * level_of(config, state, j, state.sliding[j]) / stiffness
         else:
             state.bristle[j] += h * speed
             if config.stiffness[j] > 0.0:

@@ -13,8 +13,6 @@ from pidtsm_core.compiling.memory import Layout
 from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float, joint_array, resolve
 from pidtsm_core.robots import (
     Model,
-    Robot,
-    Tool,
     find_robot,
     forward_dynamics,
     make_model,
@@ -27,27 +25,35 @@ from pidtsm_core.simulation import drivetrain as drivetrains
 from pidtsm_core.simulation import friction as joint_friction
 from pidtsm_core.simulation import gear_friction
 from pidtsm_core.simulation.disturbances import DISTURBANCES, add_disturbance, disturbance_address
-from pidtsm_core.simulation.drivetrain import Drivetrain, DrivetrainState, drivetrain, drivetrain_state, rest_at
+from pidtsm_core.simulation.drivetrain import drivetrain, drivetrain_state, rest_at
 from pidtsm_core.simulation.drivetrain_step import move
 from pidtsm_core.simulation.friction import (
-    FrictionConfig,
     add_friction,
     check_friction,
     friction_config,
     without_viscous,
 )
 from pidtsm_core.simulation.mujoco_model import ENGINE, MUJOCO, engine_schema
+from pidtsm_core.simulation.mujoco_motors_step import advance_motors
 from pidtsm_core.simulation.mujoco_plant import (
     MujocoArm,
-    MujocoConfig,
-    MujocoState,
     acceleration,
     advance,
     no_config,
     no_state,
 )
-from pidtsm_core.simulation.plant_parameters import LOADS, MODEL_ERRORS, PAYLOAD, QUANTITIES, RATE
+from pidtsm_core.simulation.plant_parameters import (
+    LOADS,
+    MODEL_ERRORS,
+    NO_TOOL,
+    PAYLOAD,
+    QUANTITIES,
+    RATE,
+    wrench_of,
+)
+from pidtsm_core.simulation.plant_state import PlantConfig, PlantState
 from pidtsm_core.timing import sum_of_times
+
 
 def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the simulated arm; they depend on the robot."""
@@ -70,39 +76,6 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         *drivetrains.PARAMETERS,
         *MODEL_ERRORS,
     )
-
-
-class PlantConfig(NamedTuple):
-    """Parameters of a step."""
-
-    model: Model
-    loaded_model: Model  # the same with payload
-    payload_begin: float  # s
-    payload_end: float  # s
-    disturbance: int  # its address, see `add_disturbance`
-    effort_limit: Array  # shape (joints,), N m
-    push: Array  # on the joints, shape (joints,), N m
-    wrench: Array  # of a push on the tool: force and torque in the axes of the base, shape (6,), N and N m
-    tool: Tool
-    push_begin: float  # s
-    push_end: float  # s
-    friction: FrictionConfig
-    accelerations: bool  # compute q'' at the samples
-    drivetrain: Drivetrain
-    mujoco: MujocoConfig
-
-
-class PlantState(NamedTuple):
-    """State changed by a step."""
-
-    position: Array  # q, shape (joints,), rad
-    derivatives: Array  # q', q'', shape (2, joints); q'' under the torque held before the sample, 0 at the start
-    effort: Array  # torque applied over the last step, within the limits, shape (joints,), N m
-    work: Array  # scratch, shape (8, joints)
-    wrench: Array  # on the tool from outside, as that of a push, shape (6,); and scratch; shape (2, 6)
-    placements: Array  # scratch, shape (joints, 3, 4)
-    drivetrain: DrivetrainState
-    mujoco: MujocoState
 
 
 @inlined
@@ -196,19 +169,35 @@ def carry(config: PlantConfig, state: PlantState, t: float) -> None:
 
 
 @part
-def _step_of_drives(
-    config: PlantConfig, state: PlantState, torque: Array, t: float, dt: float, braked: bool
-) -> None:
+def _step_of_drives(config: PlantConfig, state: PlantState, torque: Array, t: float, dt: float, braked: bool) -> None:
     """As `step`, with elastic joints or friction that sticks; `torque` has what pushes the arm, shape (joints,)."""
-    loaded = config.payload_begin <= t < config.payload_end
-    model = config.loaded_model if loaded else config.model
-    held, external, before = state.effort, state.work[0], state.work[1]
-    q, dq = state.position, state.derivatives[0]
+    before = state.work[1]
+    q, dq, gears = state.position, state.derivatives[0], state.drivetrain
     for j in range(q.size):
-        external[j], before[j] = torque[j] - held[j], dq[j]
-    move(config.drivetrain, state.drivetrain, model, config.disturbance, q, dq, held, external, t, dt, braked)
+        gears.external[j], before[j] = torque[j] - state.effort[j], dq[j]
+        gears.torque[j] = state.effort[j]
+    if config.mujoco.steps > 0:
+        phase, h = _phase(config, t), dt / config.mujoco.steps
+        for k in range(config.mujoco.steps):
+            advance_motors(config, state, phase, t + k * h, h, braked)
+    else:
+        loaded = config.payload_begin <= t < config.payload_end
+        move(config.drivetrain, gears, config.loaded_model if loaded else config.model, q, dq, t, dt, braked)
     for j in range(q.size):
         state.derivatives[1, j] = (dq[j] - before[j]) / dt
+
+
+@part
+def stop_motors(config: PlantConfig, state: PlantState, t: float, dt: float) -> None:
+    """Move the arm from t to t + dt (s) while brakes stop the motors of its elastic joints; pushes move its links."""
+    for j in range(state.effort.size):
+        state.effort[j] = 0.0
+    torque = state.effort
+    pushes = config.push_begin <= t < config.push_end
+    if pushes or _is_pushed(state):
+        _push(config, state, pushes, state.work[7])
+        torque = state.work[7]
+    _step_of_drives(config, state, torque, t, dt, True)
 
 
 @inlined
@@ -233,11 +222,11 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
     if pushes or _is_pushed(state):
         _push(config, state, pushes, pushed)
         torque = pushed
-    if config.mujoco.steps > 0:
-        _step_of_mujoco(config, state, t, torque)
-        return
     if config.drivetrain.substeps > 0:
         _step_of_drives(config, state, torque, t, dt, False)
+        return
+    if config.mujoco.steps > 0:
+        _step_of_mujoco(config, state, t, torque)
         return
 
     half = 0.5 * dt
@@ -267,21 +256,6 @@ def _step_now(address: int, effort: Array, t: float, dt: float) -> None:
     """`step` for Python; `address`: of `PlantMemory`."""
     memory = plant_at(address)
     step(memory.config, memory.state, effort, t, dt)
-
-
-_NO_TOOL = Tool(np.zeros(0), -1, np.zeros(3))
-
-
-def _wrench(robot: Robot, values: Mapping[str, Value]) -> Array:
-    """The wrench of a push on the tool, shape (6,).
-
-    Raises:
-        ParameterError: it is not known where the tool is.
-    """
-    wrench = np.hstack([np.asarray(values[name], dtype=np.float64) for name in ("push.force", "push.torque")])
-    if wrench.any() and robot.tool is None:
-        raise ParameterError(f"push.force: {robot.name} is a closed form without a tool; use push.effort", "push.force")
-    return wrench
 
 
 class Plant:
@@ -346,12 +320,15 @@ class Plant:
         robot = find_robot(values)
         factors = {quantity: 1.0 + as_float(values[f"model_error.{quantity}"]) for quantity in QUANTITIES}
         model = robot.pack_model(values, factors=factors)
-        friction = friction_config(values, self._inertia(values), 1.0 / as_float(values["rate"]))
+        inertia = self._inertia(values)
+        friction = friction_config(values, inertia, 1.0 / as_float(values["rate"]))
+        drives = drivetrain(values, robot, model, inertia)
         if values[ENGINE.name] == MUJOCO:
+            viscous = np.zeros(self.joints) if drives.substeps else friction.viscous
             if self.mujoco:
-                self.mujoco.set_parameters(values, factors, friction.viscous)
+                self.mujoco.set_parameters(values, factors, viscous, drives)
             else:
-                self.mujoco = MujocoArm(values, factors, friction.viscous)
+                self.mujoco = MujocoArm(values, factors, viscous, drives)
             friction = without_viscous(friction)
         picked_up, carried = as_float(values["payload.time"]), as_float(values["payload.duration"])
         pushed = as_float(values["push.time"])
@@ -363,13 +340,13 @@ class Plant:
             disturbance=disturbance_address(DISTURBANCES[str(values["disturbance.name"])]),
             effort_limit=joint_array(values["limits.effort"], self.joints),
             push=joint_array(values["push.effort"], self.joints),
-            wrench=_wrench(robot, values),
-            tool=_NO_TOOL if robot.tool is None else robot.tool(model),
+            wrench=wrench_of(robot, values),
+            tool=NO_TOOL if robot.tool is None else robot.tool(model),
             push_begin=pushed,
             push_end=sum_of_times(pushed, as_float(values["push.duration"])),
             friction=friction,
             accelerations=self._accelerations,
-            drivetrain=drivetrain(values, robot, model),
+            drivetrain=drives,
             mujoco=self.mujoco.config if self.mujoco else no_config(),
         )
 

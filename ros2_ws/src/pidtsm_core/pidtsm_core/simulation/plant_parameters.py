@@ -1,6 +1,12 @@
 """Parameters of the simulated arm that depend on no robot: rate, payload, pushes and model errors."""
 
-from pidtsm_core.parameters import Parameter
+from collections.abc import Mapping
+
+import numpy as np
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Parameter, ParameterError, Value
+from pidtsm_core.robots import Robot, Tool
 
 QUANTITIES = ("mass", "inertia", "length")
 """Quantities with a possible model error, see `Robot.quantities`."""
@@ -40,3 +46,17 @@ MODEL_ERRORS = tuple(
     )
     for quantity in QUANTITIES
 )
+NO_TOOL = Tool(np.zeros(0), -1, np.zeros(3))
+"""It is not known where the tool is."""
+
+
+def wrench_of(robot: Robot, values: Mapping[str, Value]) -> Array:
+    """The wrench of a push on the tool, shape (6,).
+
+    Raises:
+        ParameterError: it is not known where the tool is.
+    """
+    wrench = np.hstack([np.asarray(values[name], dtype=np.float64) for name in ("push.force", "push.torque")])
+    if wrench.any() and robot.tool is None:
+        raise ParameterError(f"push.force: {robot.name} is a closed form without a tool; use push.effort", "push.force")
+    return wrench

@@ -15,7 +15,7 @@ from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.compiling.memory import Layout
 from pidtsm_core.parameters import Parameter, Value, as_float, joint_array, resolve
 from pidtsm_core.robots import GRAVITY, Model, find_robot, inverse_dynamics, make_model
-from pidtsm_core.simulation import actuator, channel, friction, plant, randomness, sensor
+from pidtsm_core.simulation import actuator, channel, drivetrain_step, friction, plant, randomness, sensor
 from pidtsm_core.simulation.actuator import ActuatorConfig, actuator_config, drive
 from pidtsm_core.simulation.brakes import COMMAND_TIMEOUT, BrakesState, brake, brakes_state, patience_of, watch
 from pidtsm_core.simulation.channel import (
@@ -28,7 +28,8 @@ from pidtsm_core.simulation.channel import (
     place,
 )
 from pidtsm_core.simulation.contacts import bodies_that_can_touch, contact_wrenches
-from pidtsm_core.simulation.plant import Plant, PlantConfig, PlantState, plant_schema, step
+from pidtsm_core.simulation.plant import Plant, plant_schema, step
+from pidtsm_core.simulation.plant_state import PlantConfig, PlantState
 from pidtsm_core.simulation.randomness import Column, Randomness, columns
 from pidtsm_core.simulation.sensor import SensorConfig, measure, sensor_config
 from pidtsm_core.timing import period_nanoseconds, seconds
@@ -93,13 +94,22 @@ part = PartOf(lambda: _example().config, lambda: _example().state)
 """Decorates a function of the simulated robot that is compiled on its own, see `PartOf`."""
 
 
+@inlined
+def _measured_side(config: PlantConfig, arm: PlantState) -> Array:
+    """The positions that the encoders measure: of the links, or of the motors, shape (joints,), rad."""
+    return arm.drivetrain.motor[0] if config.drivetrain.on_motor else arm.position
+
+
 @part
 def _acquire(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int) -> int:
     """Measure the arm and send the measurement through its channel; return the sample whose measurement may arrive."""
     channel, arm = state.measurements, state.arm
     slot = place(channel, sample)
     packet = channel.packets[slot]
-    measure(config.sensor, state.motor, arm.position, arm.derivatives[0], draws, packet[0])
+    if config.plant.drivetrain.on_motor:
+        measure(config.sensor, state.motor, arm.drivetrain.motor[0], arm.drivetrain.motor[1], draws, packet[0])
+    else:
+        measure(config.sensor, state.motor, arm.position, arm.derivatives[0], draws, packet[0])
     for i in range(2):
         for j in range(arm.position.size):
             packet[1 + i, j] = arm.derivatives[i, j]
@@ -127,7 +137,7 @@ def sense(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: 
     """
     arm, channel = state.arm, state.measurements
     if config.sensor.ideal and config.measurements.direct:
-        return sample, arm.position, arm.derivatives, arm.effort
+        return sample, _measured_side(config.plant, arm), arm.derivatives, arm.effort
     acquired = _acquire(config, state, draws, sample)
     packet = channel.packets[place(channel, acquired)]
     return acquired if arrived(channel, acquired) else -1, packet[0], packet[1:3], packet[3]
@@ -166,7 +176,7 @@ def _add_gravity(config: SimulatorConfig, state: SimulatorState, command: Array)
     total = state.gravity
     for j in range(command.size):
         total[0, j] = 0.0
-    inverse_dynamics(config.firmware, state.arm.position, total[0], total[:1], total[1:])
+    inverse_dynamics(config.firmware, _measured_side(config.plant, state.arm), total[0], total[:1], total[1:])
     for j in range(command.size):
         total[1, j] += command[j]
 
@@ -270,7 +280,7 @@ class SimulatedRobot:
             commands=channel_state(values, "command_", 1, joints),
             command=np.zeros(joints),
             brakes=brakes_state(),
-            motor=self._plant.state.position.copy(),
+            motor=_measured_side(self._plant.config, self._plant.state).copy(),
             lagging=np.zeros(joints),
             effort=np.zeros(joints),
             gravity=np.zeros((2, joints)),
@@ -313,7 +323,7 @@ class SimulatedRobot:
         """
         _sense_now(self._memory.address, self._draws, 0)
         _act_now(self._memory.address, self._draws, 0, True, self.state.effort, 0.0, self._dt)
-        for each in (part, actuator.part, friction.part, plant.part):
+        for each in (part, actuator.part, friction.part, drivetrain_step.part, plant.part):
             each.prepare()
 
     @property
@@ -329,7 +339,8 @@ class SimulatedRobot:
     @property
     def diverged(self) -> bool:
         """Whether a position or velocity is no longer finite: the arm moves too fast for the integration step."""
-        return not math.isfinite(self.state.arm.position @ self.state.arm.derivatives[0])
+        arm, motor = self.state.arm, self.state.arm.drivetrain.motor
+        return not math.isfinite(arm.position @ arm.derivatives[0] + motor[0] @ motor[1])
 
     @property
     def has_tool(self) -> bool:
@@ -360,10 +371,8 @@ class SimulatedRobot:
             values: parameters of the robot; only ``initial_position`` is used.
         """
         self._plant.reset()
-        arm = self.state.arm
-        arm.position[:] = joint_array(values["initial_position"], self.joints)
-        arm.derivatives[:] = arm.effort[:] = 0.0
-        self.state.motor[:] = arm.position
+        self._plant.rest(joint_array(values["initial_position"], self.joints))
+        self.state.motor[:] = _measured_side(self.config.plant, self.state.arm)
         self.state.lagging[:] = 0.0
         self.state.brakes.released[0] = False
         self.state.brakes.silence[0] = 0
