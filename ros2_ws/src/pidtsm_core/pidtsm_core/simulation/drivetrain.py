@@ -13,7 +13,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float, joint_array, names
 from pidtsm_core.robots import Model, Robot, inverse_dynamics, make_model
 from pidtsm_core.simulation.disturbances import DISTURBANCES, disturbance_address
-from pidtsm_core.simulation.gear_friction import GearFriction, gear_friction
+from pidtsm_core.simulation.gear_friction import GearFriction, gear_friction, is_active
 
 MOTOR, LINK = "motor", "link"
 """The sides of a drive train."""
@@ -72,7 +72,8 @@ class DrivetrainState(NamedTuple):
 
     torque: Array  # of the motors over the step, shape (joints,), N m
     external: Array  # what else acts on the links, shape (joints,), N m
-    motor: Array  # position and velocity of the motors behind their gears, shape (2, joints), rad and rad/s
+    motor: Array  # position of the motors behind their gears, shape (joints,), rad; that of the link if it is rigid
+    motor_velocity: Array  # shape (joints,), rad/s
     bristle: Array  # deflection of the friction, shape (joints,), rad
     sliding: Array  # its direction, 0: sticks, shape (joints,)
     transmitted: Array  # torque from motor to link, mean of the last substep, shape (joints,), N m
@@ -86,30 +87,29 @@ class DrivetrainState(NamedTuple):
     terms: Array  # scratch, complex, shape (5, joints)
 
 
-def drivetrain(values: Mapping[str, Value], robot: Robot, model: Array, inertia: Array) -> Drivetrain:
+def drivetrain(values: Mapping[str, Value], robot: Robot, model: Array) -> Drivetrain:
     """Prepare the drive trains.
 
     Args:
         values: `PARAMETERS` and the others of the plant, as returned by `resolve`.
         robot: the arm.
         model: its packed parameters, shape (n,).
-        inertia: that the effort of each joint accelerates, shape (joints,), kg m^2.
 
     Raises:
         ParameterError: a joint that is elastic has no rotor, or nothing to move without its rotor.
     """
     joints = len(robot.joints)
     stiffness, damping = (joint_array(values[p.name], joints) for p in (STIFFNESS, _DAMPING))
-    friction = gear_friction(values, joints)
-    rotor, elastic = robot.rotors(model), stiffness > 0.0
-    rotor = np.where(elastic, rotor, 0.0)
-    vibration = 0.0
-    if elastic.any():
+    elastic, active = stiffness > 0.0, is_active(values) or bool(stiffness.any())
+    rotor, moved, vibration = np.zeros(joints), np.ones(joints), 0.0
+    if active:
+        whole = inertia_matrix(robot, model, joint_array(values["initial_position"], joints))
+        rotor = np.where(elastic, robot.rotors(model), 0.0)
         _check_rotors(values, rotor, stiffness)
-        vibration = _vibration(values, robot, model, rotor, stiffness)
-    moved = np.where(elastic, rotor, inertia)
+        vibration = _vibration(values, whole, rotor, stiffness)
+        moved = np.where(elastic, rotor, 1.0 / np.diag(np.linalg.inv(whole)))
+    friction = gear_friction(values, moved)
     needed = math.ceil(vibration / as_float(values["rate"]) / _ANGLE)
-    active = bool(elastic.any()) or friction.active
     bristles = np.sqrt(friction.stiffness / moved).max()
     return Drivetrain(
         substeps=min(max(needed, _SUBSTEPS), MOST_SUBSTEPS) if active else 0,
@@ -136,14 +136,13 @@ def _check_rotors(values: Mapping[str, Value], rotor: Array, stiffness: Array) -
         )
 
 
-def _vibration(values: Mapping[str, Value], robot: Robot, model: Array, rotor: Array, stiffness: Array) -> float:
-    """Largest angular frequency of a joint at the start, whose other joints are rigid, rad/s.
+def _vibration(values: Mapping[str, Value], whole: Array, rotor: Array, stiffness: Array) -> float:
+    """Largest angular frequency of a joint whose other joints are rigid, rad/s; `whole`: inertia matrix with rotors.
 
     Raises:
         ParameterError: an elastic joint has nothing to move.
     """
-    q = joint_array(values["initial_position"], rotor.size)
-    inertia = inertia_matrix(robot, model, q) - np.diag(rotor)
+    inertia = whole - np.diag(rotor)
     smallest, directions = np.linalg.eigh(inertia)
     if smallest[0] <= 1e-9 * np.trace(inertia) / rotor.size:
         j = int(np.abs(directions[:, 0]).argmax())
@@ -176,7 +175,8 @@ def drivetrain_state(joints: int) -> DrivetrainState:
     return DrivetrainState(
         torque=np.zeros(joints),
         external=np.zeros(joints),
-        motor=np.zeros((2, joints)),
+        motor=np.zeros(joints),
+        motor_velocity=np.zeros(joints),
         bristle=np.zeros(joints),
         sliding=np.zeros(joints),
         transmitted=np.zeros(joints),
@@ -197,13 +197,13 @@ def rest_at(config: Drivetrain, state: DrivetrainState, model: Model, q: Array) 
     inverse_dynamics(model, q, np.zeros(q.size), np.zeros((1, q.size)), effort)
     elastic = config.stiffness > 0.0
     state.transmitted[:] = np.where(elastic, effort[0], 0.0)
-    state.motor[0] = q + np.divide(effort[0], config.stiffness, out=np.zeros(q.size), where=elastic)
-    state.motor[1] = state.bristle[:] = state.sliding[:] = 0.0
+    state.motor[:] = q + np.divide(effort[0], config.stiffness, out=np.zeros(q.size), where=elastic)
+    state.motor_velocity[:] = state.bristle[:] = state.sliding[:] = 0.0
 
 
 def example() -> tuple[Drivetrain, DrivetrainState, Model]:
     """Configuration, state and a model, for the compiler."""
     none = np.zeros(1)
-    friction = GearFriction(False, *[none] * (len(GearFriction._fields) - 1))
+    friction = GearFriction(*[none] * len(GearFriction._fields))
     drives = Drivetrain(0, False, False, 0.0, none, none, none, none, friction, 0)
     return drives, drivetrain_state(1), Model(0, 0, 0, none)

@@ -80,7 +80,7 @@ def _keep(state: DrivetrainState, q: Array, dq: Array) -> None:
     start = state.start
     for j in range(q.size):
         start[0, j], start[1, j] = q[j], dq[j]
-        start[2, j], start[3, j] = state.motor[0, j], state.motor[1, j]
+        start[2, j], start[3, j] = state.motor[j], state.motor_velocity[j]
         start[4, j], start[5, j], start[6, j] = state.bristle[j], state.sliding[j], state.transmitted[j]
 
 
@@ -92,7 +92,7 @@ def _look_back(state: DrivetrainState, q: Array, dq: Array, dt: float) -> None:
         middle[0, j] = 0.5 * (start[0, j] + q[j]) - 0.125 * dt * (dq[j] - start[1, j])
         middle[1, j] = 1.5 * (q[j] - start[0, j]) / dt - 0.25 * (start[1, j] + dq[j])
         q[j], dq[j] = start[0, j], start[1, j]
-        state.motor[0, j], state.motor[1, j] = start[2, j], start[3, j]
+        state.motor[j], state.motor_velocity[j] = start[2, j], start[3, j]
         state.bristle[j], state.sliding[j], state.transmitted[j] = start[4, j], start[5, j], start[6, j]
 
 
@@ -136,14 +136,14 @@ def _substep(config: Drivetrain, state: DrivetrainState, q: Array, dq: Array, t:
         if config.stiffness[j] == 0.0:
             if config.friction.stiffness[j] > 0.0 and state.sliding[j] == 0.0 and not braked:
                 dq[j] = 0.5 * (v1 + v2)
-            state.motor[0, j], state.motor[1, j] = q[j], dq[j]
+            state.motor[j], state.motor_velocity[j] = q[j], dq[j]
 
 
 @inlined
 def rub(config: Drivetrain, state: DrivetrainState, j: int, t: float, h: float) -> None:
     """Write of the friction of a joint: its level, the torque without it, and what is proportional to velocity."""
     friction, work = config.friction, state.work
-    p, speed = state.motor[0, j], state.motor[1, j]
+    p, speed = state.motor[j], state.motor_velocity[j]
     ratio = speed / friction.stribeck_velocity[j]
     level = friction.coulomb[j] + friction.excess[j] * math.exp(-ratio * ratio)
     if friction.load[j] > 0.0:
@@ -184,16 +184,16 @@ def _eliminate(config: Drivetrain, state: DrivetrainState, j: int, q: float, dq:
             dry += friction.stiffness[j] * state.bristle[j]
         else:
             dry += state.sliding[j] * level_of(config, state, j, state.sliding[j])
-    stopping = state.motor[1, j] * BRAKING * (1.0 - math.exp(-h / BRAKING)) / h
+    stopping = state.motor_velocity[j] * BRAKING * (1.0 - math.exp(-h / BRAKING)) / h
     stiffness = config.stiffness[j]
     if stiffness > 0.0:
         spring = stiffness * h / _EIGENVALUE + config.damping[j]
-        inertia, held = _EIGENVALUE * config.rotor[j] / h, stiffness * (state.motor[0, j] - q)
+        inertia, held = _EIGENVALUE * config.rotor[j] / h, stiffness * (state.motor[j] - q)
         whole = inertia + drag + spring
         if braked:
             terms[0, j], terms[1, j] = stopping * _ONE, 0.0
         else:
-            terms[0, j] = (inertia * state.motor[1, j] + (torque - dry - held)) * _ONE / whole
+            terms[0, j] = (inertia * state.motor_velocity[j] + (torque - dry - held)) * _ONE / whole
             terms[1, j] = spring / whole
         terms[4, j] = spring * (1.0 - terms[1, j])
         terms[2, j] = held * _ONE + spring * terms[0, j] - terms[4, j] * dq * _ONE
@@ -244,7 +244,7 @@ def _change_sides(config: Drivetrain, state: DrivetrainState, dq: Array, h: floa
         if friction.stiffness[j] > 0.0:
             speed = _mean_speed(state, j, dq[j] * _ONE + state.terms[3, j])
             if state.sliding[j] == 0.0:
-                held = friction.stiffness[j] * (state.bristle[j] + h * speed) + friction.damping[j] * speed
+                held = friction.stiffness[j] * (state.bristle[j] + h * speed)
                 if abs(held) > level_of(config, state, j, held):
                     state.sliding[j] = math.copysign(1.0, held)
                     changed = True
@@ -262,9 +262,9 @@ def _follow(config: Drivetrain, state: DrivetrainState, j: int, links: complex, 
     w1, w2 = motor.real, motor.imag * _SECOND
     speed = 0.5 * (w1 + w2)
     if config.stiffness[j] > 0.0:
-        state.motor[0, j] += h * speed
-        state.motor[1, j] = (
-            math.exp(-h / BRAKING) * state.motor[1, j] if braked else state.motor[1, j] + _ROOT * (w2 - w1)
+        state.motor[j] += h * speed
+        state.motor_velocity[j] = (
+            math.exp(-h / BRAKING) * state.motor_velocity[j] if braked else state.motor_velocity[j] + _ROOT * (w2 - w1)
         )
     if stiffness > 0.0 and not braked:
         if state.sliding[j] != 0.0:
@@ -272,4 +272,4 @@ def _follow(config: Drivetrain, state: DrivetrainState, j: int, links: complex, 
         else:
             state.bristle[j] += h * speed
             if config.stiffness[j] > 0.0:
-                state.motor[1, j] = speed
+                state.motor_velocity[j] = speed

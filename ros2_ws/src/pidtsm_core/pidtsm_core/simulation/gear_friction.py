@@ -21,7 +21,7 @@ PARAMETERS = (
     Parameter(
         "friction.bristle_damping",
         0.0,
-        "damping of a joint that sticks",
+        "damping of a joint that sticks; 0: as much as lets it come to rest without vibrating",
         "N m s/rad",
         minimum=0.0,
         per_joint=True,
@@ -80,7 +80,6 @@ PARAMETERS = (
 class GearFriction(NamedTuple):
     """Parameters of the friction of gears, arrays of shape (joints,)."""
 
-    active: bool  # there is more than the smooth curve of `friction`
     coulomb: Array  # N m
     excess: Array  # static minus Coulomb friction, N m
     stribeck_velocity: Array  # rad/s
@@ -96,16 +95,31 @@ class GearFriction(NamedTuple):
     periods: Array  # per revolution
 
 
-def gear_friction(values: Mapping[str, Value], joints: int) -> GearFriction:
-    """Args: values: `PARAMETERS` and those of `friction`, as returned by `resolve`."""
+_SWITCHES = ("bristle_stiffness", "load", "asymmetry", "cold", "cogging")
+
+
+def is_active(values: Mapping[str, Value]) -> bool:
+    """Whether there is more than the smooth curve of `friction`."""
+    return any(np.any(values[f"friction.{name}"]) for name in _SWITCHES)
+
+
+def gear_friction(values: Mapping[str, Value], moved: Array) -> GearFriction:
+    """Prepare the friction.
+
+    Args:
+        values: `PARAMETERS` and those of `friction`, as returned by `resolve`.
+        moved: inertia on which it acts, shape (joints,), kg m^2.
+    """
+    joints = moved.size
     smooth = ("coulomb", "static", "stribeck_velocity", "viscous", "offset")
     coulomb, static, velocity, viscous, offset = (joint_array(values[f"friction.{name}"], joints) for name in smooth)
     stiffness, damping, load, asymmetry, cold, warm_up, cogging, periods = (
         joint_array(values[p.name], joints) for p in PARAMETERS
     )
-    active = any(each.any() for each in (stiffness, load, asymmetry, cold, cogging))
     excess = np.maximum(static - coulomb, 0.0)
+    critical = 2.0 * np.sqrt(stiffness * np.where(stiffness > 0.0, moved, 0.0))
+    damping = np.where(damping > 0.0, damping, critical)
     return GearFriction(
-        active, coulomb, excess, velocity, viscous, offset, stiffness, damping, load, asymmetry, cold, warm_up,
+        coulomb, excess, velocity, viscous, offset, stiffness, damping, load, asymmetry, cold, warm_up,
         cogging, periods,
     )  # fmt: skip

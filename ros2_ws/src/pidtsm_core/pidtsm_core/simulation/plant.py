@@ -320,9 +320,8 @@ class Plant:
         robot = find_robot(values)
         factors = {quantity: 1.0 + as_float(values[f"model_error.{quantity}"]) for quantity in QUANTITIES}
         model = robot.pack_model(values, factors=factors)
-        inertia = self._inertia(values)
-        friction = friction_config(values, inertia, 1.0 / as_float(values["rate"]))
-        drives = drivetrain(values, robot, model, inertia)
+        friction = friction_config(values, self._inertia(values), 1.0 / as_float(values["rate"]))
+        drives = drivetrain(values, robot, model)
         if values[ENGINE.name] == MUJOCO:
             viscous = np.zeros(self.joints) if drives.substeps else friction.viscous
             if self.mujoco:

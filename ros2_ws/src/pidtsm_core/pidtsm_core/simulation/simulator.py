@@ -97,7 +97,7 @@ part = PartOf(lambda: _example().config, lambda: _example().state)
 @inlined
 def _measured_side(config: PlantConfig, arm: PlantState) -> Array:
     """The positions that the encoders measure: of the links, or of the motors, shape (joints,), rad."""
-    return arm.drivetrain.motor[0] if config.drivetrain.on_motor else arm.position
+    return arm.drivetrain.motor if config.drivetrain.on_motor else arm.position
 
 
 @part
@@ -107,7 +107,7 @@ def _acquire(config: SimulatorConfig, state: SimulatorState, draws: Array, sampl
     slot = place(channel, sample)
     packet = channel.packets[slot]
     if config.plant.drivetrain.on_motor:
-        measure(config.sensor, state.motor, arm.drivetrain.motor[0], arm.drivetrain.motor[1], draws, packet[0])
+        measure(config.sensor, state.motor, arm.drivetrain.motor, arm.drivetrain.motor_velocity, draws, packet[0])
     else:
         measure(config.sensor, state.motor, arm.position, arm.derivatives[0], draws, packet[0])
     for i in range(2):
@@ -339,8 +339,8 @@ class SimulatedRobot:
     @property
     def diverged(self) -> bool:
         """Whether a position or velocity is no longer finite: the arm moves too fast for the integration step."""
-        arm, motor = self.state.arm, self.state.arm.drivetrain.motor
-        return not math.isfinite(arm.position @ arm.derivatives[0] + motor[0] @ motor[1])
+        arm, drives = self.state.arm, self.state.arm.drivetrain
+        return not math.isfinite(arm.position @ arm.derivatives[0] + drives.motor @ drives.motor_velocity)
 
     @property
     def has_tool(self) -> bool:
