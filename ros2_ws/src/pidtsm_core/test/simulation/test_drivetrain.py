@@ -32,7 +32,11 @@ def plant_of(arm: Arm, **changes: object) -> Plant:
 def two_masses(stiffness: float, damping: float, rotor: float) -> Plant:
     """The pendulum without gravity: rotor and link, coupled by a twisted spring, at rest."""
     plant = plant_of(
-        PENDULUM, elasticity__stiffness=stiffness, elasticity__damping=damping, robot__armature=rotor, initial_position=0.0
+        PENDULUM,
+        elasticity__stiffness=stiffness,
+        elasticity__damping=damping,
+        robot__armature=rotor,
+        initial_position=0.0,
     )
     for model in (plant.config.model, plant.config.loaded_model):
         model.parameters[:GRAVITY] = 0.0
@@ -121,7 +125,13 @@ def test_an_arm_moves_as_scipy_solves_it(arm: Arm) -> None:
 
 @pytest.mark.parametrize("arm", [PENDULUM, TWO_LINK, PANDA], ids=str)
 def test_both_engines_twist_the_springs_alike(arm: Arm) -> None:
-    loads = {"payload__mass": 0.5, "payload__time": 0.05, "push__effort": 2.0, "push__time": 0.1, "push__duration": 0.05}
+    loads = {
+        "payload__mass": 0.5,
+        "payload__time": 0.05,
+        "push__effort": 2.0,
+        "push__time": 0.1,
+        "push__duration": 0.05,
+    }
     plants = [
         plant_of(arm, engine=engine, elasticity__stiffness=2e4, elasticity__damping=1.0, **loads)
         for engine in ("rigid_body", "mujoco")

@@ -93,7 +93,7 @@ def test_a_pulled_mass_sticks_and_slips_as_published(engine: str) -> None:
         friction__bristle_stiffness=1e5,
         friction__bristle_damping=math.sqrt(1e5),
     )
-    t, x = np.arange(22_000) * DT, []
+    t, x = np.linspace(0.0, 22.0, 22_000, endpoint=False), []
     for k in range(22_000):
         x.append(plant.state.position[0])
         plant.step(np.full(1, _SPRING * (_PULL * (k + 0.5) * DT - x[-1])), k * DT, DT)
@@ -158,10 +158,10 @@ def test_the_smooth_curve_stays_the_same_in_a_stiff_drive_train(engine: str) -> 
                 dotted({**smooth, "engine": engine, "elasticity__stiffness": stiffness, "initial_position": 0.0}),
             )
         )
-        for k in range(500):
+        for k in range(300):
             plant.step(np.full(1, 25.0), k * DT, DT)
         ends.append(plant.state.position[0])
-    assert abs(ends[0]) > 0.3
+    assert 0.3 < abs(ends[0]) < 1.9
     assert ends[1] == pytest.approx(ends[0], rel=2e-3)
 
 
