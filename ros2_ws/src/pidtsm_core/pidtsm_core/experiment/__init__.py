@@ -15,6 +15,7 @@ from pidtsm_core.control import LAW_NAME
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment.default_motion import DURATION, default_motion
 from pidtsm_core.experiment.gains import first_gains
+from pidtsm_core.experiment.hardware_classes import hardware_settings
 from pidtsm_core.experiment.law_gains import RULED
 from pidtsm_core.experiment.node_parameters import NODE_ONLY
 from pidtsm_core.experiment.node_settings import resolve_nodes
@@ -117,10 +118,11 @@ def make_experiment(
     params: str | Sequence[str] = (),
     overrides: Sequence[str] | Mapping[str, Mapping[str, Any]] = (),
     robot: str | ArmDefinition | None = None,
+    hardware: str | None = None,
 ) -> Experiment:
     """Combine the parts of an experiment.
 
-    Later ones override earlier ones: scenario, robot, parameter files, law, overrides.
+    Later ones override earlier ones: scenario, robot, hardware, parameter files, law, overrides.
 
     Args:
         scenario: a name from `scenario_names`, the path of a scenario file, or an experiment to vary; None: Case 1, or
@@ -134,6 +136,7 @@ def make_experiment(
         overrides: texts ``NODE.PARAMETER=VALUE``, or values by node and name; groups may be nested.
         robot: the arm of simulator and controller: a name, also one under which the user has stored an arm, the path of
             a description, or an `ArmDefinition`; None: that of the scenario.
+        hardware: a class of hardware from `hardware_names`; None: what the scenario says.
 
     Raises:
         UsageError: anything unknown or malformed; the message contains the file, the key and what is allowed.
@@ -155,6 +158,8 @@ def make_experiment(
     if arm is not None:
         _warn_of_gripper(arm, of_arm)
         merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
+    if hardware is not None:
+        merge({"simulator": hardware_settings(hardware, _overridden(settings, chosen)["simulator"])}, Path(hardware))
     named = [params] if isinstance(params, str) else params
     asked = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
     for name in named or _usual(arm, asked, base, chosen):
