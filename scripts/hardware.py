@@ -64,7 +64,8 @@ _TRACKING = """## How well the arms track
 
 Every joint swings about its middle for 10 s ([default motion](own-robot.md#an-arm-with-a-urdf)), controlled by
 `piddtsm` with the sets of `--params`, in rollouts. Largest error of all joints from 4 s on, **on the link side**, in
-mrad or mm. *stopped*: the controller did not follow to the end.
+mrad or mm. *unstable*: an error of more than 100 mrad or mm, or the controller stopped. `./pidtsm tune --hardware NAME`
+searches gains for a class.
 
 """
 
@@ -75,10 +76,11 @@ def error(arm: str, hardware: str, params: str) -> str:
     try:
         run = rollout(experiment)
     except DivergedError:
-        return "stopped"
+        return "unstable"
     if run.metrics()["outcome"] != FOLLOWED:
-        return "stopped"
-    return f"{1e3 * float(np.abs(run.error)[run.time >= SINCE].max()):.2f}"
+        return "unstable"
+    largest = 1e3 * float(np.abs(run.error)[run.time >= SINCE].max())
+    return "unstable" if largest > 100.0 else f"{largest:.2f}"
 
 
 def classes() -> Iterator[str]:
