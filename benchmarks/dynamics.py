@@ -115,7 +115,10 @@ def _rollout(repetitions: int) -> Iterator[Row]:
         1e3 * t
         for t in medians(
             repetitions,
-            *(lambda s=s: rollout(params=PRACTICAL, robot=arms[0], duration=30.0, simulator=s) for s in ({}, JOINTS_AS_THEY_ARE)),
+            *(
+                lambda s=s: rollout(params=PRACTICAL, robot=arms[0], duration=30.0, simulator=s)
+                for s in ({}, JOINTS_AS_THEY_ARE)
+            ),
         )
     )
     note = "7 elastic joints that stick, one core"
