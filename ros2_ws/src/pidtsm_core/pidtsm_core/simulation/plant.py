@@ -176,6 +176,8 @@ def _step_of_drives(config: PlantConfig, state: PlantState, torque: Array, t: fl
     for j in range(q.size):
         gears.external[j], before[j] = torque[j] - state.effort[j], dq[j]
         gears.torque[j] = state.effort[j]
+        if config.drivetrain.stiffness[j] == 0.0:
+            gears.motor[j], gears.motor_velocity[j] = q[j], dq[j]
     if config.mujoco.steps > 0:
         phase, h = _phase(config, t), dt / config.mujoco.steps
         for k in range(config.mujoco.steps):

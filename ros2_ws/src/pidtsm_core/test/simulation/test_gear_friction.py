@@ -169,3 +169,17 @@ def test_friction_without_gravity_keeps_a_joint_at_rest_bit_for_bit() -> None:
     plant = block(friction__coulomb=1.0, friction__bristle_stiffness=1e5)
     plant.config.model.parameters[:GRAVITY] = 0.0
     assert (pushed(plant, 0.0, 100) == 0.0).all()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_friction_that_is_switched_on_holds_the_joint_where_it_is(engine: str) -> None:
+    plant = block(engine=engine)
+    pushed(plant, 5.0, 500)
+    pushed(plant, -5.0, 500, 500)
+    held = plant.state.position[0]
+    assert held > 1.0
+    sticking = {"friction.coulomb": 10.0, "friction.bristle_stiffness": 1e6, "engine": engine, "initial_position": 0.0}
+    plant.set_parameters(BLOCK.values(plant_schema, sticking))
+    for k in range(1000, 1500):
+        plant.step(np.full(1, 5.0), k * DT, DT)
+        assert abs(plant.state.position[0] - held) < 0.01
