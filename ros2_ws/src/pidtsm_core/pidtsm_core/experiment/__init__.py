@@ -158,11 +158,9 @@ def make_experiment(
     if arm is not None:
         _warn_of_gripper(arm, of_arm)
         merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
-    if hardware is not None:
-        merge({"simulator": hardware_settings(hardware, _overridden(settings, chosen)["simulator"])}, Path(hardware))
-    named = [params] if isinstance(params, str) else params
+    merge(_of_hardware(hardware, _overridden(settings, chosen)), Path(hardware or ""))
     asked = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
-    for name in named or _usual(arm, asked, base, chosen):
+    for name in _named(params) or _usual(arm, asked, base, chosen):
         before = asked or settings["controller"].get(LAW_NAME.name)
         merge(*_parameter_set(name, before if before in LAWS.names else None, _overridden(settings, chosen)))
     if law is not None:
@@ -173,6 +171,16 @@ def make_experiment(
     name_of_law = str(settings["controller"].get("law.name", LAW_NAME.default))
     seconds = base.duration if duration is None else _positive(duration, "duration")
     return Experiment(base.scenario, name_of_law, seconds, settings, files)
+
+
+def _named(params: str | Sequence[str]) -> Sequence[str]:
+    """The names of parameter sets, however many."""
+    return [params] if isinstance(params, str) else params
+
+
+def _of_hardware(hardware: str | None, settings: Settings) -> Settings:
+    """The parameters of a class of hardware; none without a class. `settings` choose the arm."""
+    return {} if hardware is None else {"simulator": hardware_settings(hardware, settings["simulator"])}
 
 
 def _parameter_set(name: str, law: str | None, settings: Settings) -> tuple[Settings, Path]:
