@@ -26,8 +26,8 @@ _HEAD = """# Hardware
 kind of arm, in `run`, `rollout`, `score`, `tune` and `live`:
 
 ```bash
-./pidtsm rollout --robot ur5 --hardware direct_drive
-./pidtsm rollout --robot panda --hardware collaborative --set simulator.friction.static=0.0
+./pidtsm rollout --robot ur5 --params practical --hardware direct_drive
+./pidtsm rollout --robot panda --params practical --hardware collaborative --set simulator.friction.static=0.0
 ```
 
 `--params` and `--set` override single parameters. The controller knows nothing of it: its model of the arm stays
