@@ -1,7 +1,9 @@
 """Seven joints: dynamics next to MuJoCo's and Pinocchio's, a step of the controller, a rollout."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import count as count_from
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -42,6 +44,20 @@ def _repeated(count: int, call: Callable[..., object], *arguments: object) -> Ca
             call(*arguments)
 
     return repeated
+
+
+JOINTS_AS_THEY_ARE = {
+    "elasticity.stiffness": 1e4,
+    "elasticity.damping": 5.0,
+    "elasticity.encoder": "link",
+    "friction.coulomb": 0.5,
+    "friction.static": 0.7,
+    "friction.bristle_stiffness": 1e4,
+    "friction.load": 0.02,
+    "friction.cold": 0.3,
+    "friction.cogging": 0.05,
+}
+"""Elastic joints with friction that sticks and depends on load, temperature and position."""
 
 
 def _dynamics(count: int, repetitions: int) -> Iterator[Row]:
@@ -97,3 +113,8 @@ def _rollout(repetitions: int) -> Iterator[Row]:
         for t in medians(repetitions, *(lambda a=a: rollout(params=PRACTICAL, robot=a, duration=30.0) for a in arms))
     )
     yield Row("rollout of 30 s with observer", seven, "ms", "two joints", two, seven / two, note="7 joints, one core")
+    chosen: tuple[dict[str, Any], ...] = ({}, JOINTS_AS_THEY_ARE)
+    simulate = [partial(rollout, params=PRACTICAL, robot=arms[0], duration=30.0, simulator=each) for each in chosen]
+    rigid, elastic = (1e3 * t for t in medians(repetitions, *simulate))
+    note = "7 elastic joints that stick, one core"
+    yield Row("rollout of 30 s with drive trains", elastic, "ms", "rigid", rigid, elastic / rigid, "<= 2.5", note)

@@ -20,6 +20,7 @@ from pidtsm_controller.trajectory_node import TrajectoryNode
 from pidtsm_core.arrays import Array
 from pidtsm_core.control.parameters import LAW_NAME
 from pidtsm_core.experiment import Experiment, make_experiment
+from pidtsm_core.experiment.hardware_classes import hardware_settings
 from pidtsm_core.experiment.node_parameters import AUTOSTART
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters.files import ros_parameters
@@ -140,6 +141,33 @@ PERMUTED: dict[str, Any] = {
     "simulator": {"joints": ["shoulder", "elbow"], "initial_position": [0.1, -0.1]},
     "trajectory": {"joints": ["shoulder", "elbow"]},
 }
+EVERYTHING: dict[str, Any] = {
+    "elasticity.stiffness": [3e4, 0.0],
+    "elasticity.damping": 20.0,
+    "friction.coulomb": 2.0,
+    "friction.static": 3.0,
+    "friction.bristle_stiffness": 1e5,
+    "friction.load": 0.05,
+    "friction.asymmetry": 0.1,
+    "friction.cold": 0.3,
+    "friction.warm_up": 1.0,
+    "friction.cogging": 0.5,
+    "actuator.frequency": 500.0,
+    "actuator.resolution": 0.01,
+    "actuator.rate": 400.0,
+    "effort_sensor.offset": 0.1,
+    "effort_sensor.noise": 0.05,
+    "effort_sensor.side": "link",
+    "encoder.bits": 16,
+    "backlash.gap": 1e-4,
+    "delay.samples": 1,
+    "payload.mass": 0.3,
+    "payload.time": 0.3,
+    "push.effort": [20.0, -5.0],
+    "push.time": 0.4,
+    "push.duration": 0.1,
+}
+"""Joints and drives as they are; one joint is rigid."""
 CONDITIONS: dict[str, Any] = {
     "rate limit of 50 N m/s": {"controller": {"limits.effort_rate": 50.0}},
     "rate limit of 300 N m/s, push": {
@@ -217,6 +245,18 @@ CONDITIONS: dict[str, Any] = {
         "controller": {**PERMUTED["controller"], "limits.tracking_error": 0.2},
     },
     "measurements that cannot be": {"simulator": {"noise.std": 0.015}},
+    "elastic joints, encoders on the motors": {
+        "simulator": {"elasticity.stiffness": [3e4, 1e4], "elasticity.damping": 20.0, "encoder.bits": 17},
+    },
+    "elastic joints, all imperfections of joints and drives, brakes": {
+        "controller": {"feedback.effort": "measured"},
+        "simulator": {
+            **EVERYTHING,
+            "dropout.command_time": 0.2,
+            "dropout.command_duration": 0.1,
+            "command.timeout": 0.02,
+        },
+    },
     "restart of the controller": {
         "controller": {"rehearsal.restart": 0.3, "activation.blend": 0.1, "limits.effort_rate": 1000.0}
     },
@@ -242,8 +282,17 @@ def test_nodes_and_rollout_agree(law: str, condition: str, tmp_path: Path) -> No
     assert_same_bits(heard, simulated, settings["simulator"].get("delay.samples", 0))
 
 
-@pytest.mark.parametrize(("arm", "engine"), [("panda", "rigid_body"), ("scara", "rigid_body"), ("panda", "mujoco")])
-def test_nodes_and_rollout_agree_for_other_arms(arm: str, engine: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("arm", "engine", "hardware"),
+    [
+        ("panda", "rigid_body", None),
+        ("scara", "rigid_body", None),
+        ("panda", "mujoco", None),
+        ("panda", "rigid_body", "collaborative"),
+        ("panda", "mujoco", "collaborative"),
+    ],
+)
+def test_nodes_and_rollout_agree_for_other_arms(arm: str, engine: str, hardware: str | None, tmp_path: Path) -> None:
     """With seven joints, or one that slides; the simulator has the joints in the opposite order."""
     settings = make_experiment(None, robot=arm).settings
     joints = find_robot({"robot.description": arm}).joints
@@ -262,9 +311,11 @@ def test_nodes_and_rollout_agree_for_other_arms(arm: str, engine: str, tmp_path:
         "payload.mass": 1.0,
         "payload.time": 0.2,
     }
+    if hardware is not None:
+        settings["simulator"] |= hardware_settings(hardware, settings["simulator"])
     simulated = rollout(Experiment("test", "", SAMPLES * 1e-3, settings))
     assert simulated.joints == joints[::-1]
-    assert_same_bits(over_nodes(settings, tmp_path), simulated, 0)
+    assert_same_bits(over_nodes(settings, tmp_path), simulated, settings["simulator"].get("delay.samples", 0))
 
 
 def test_the_conditions_are_what_they_are_called() -> None:

@@ -18,7 +18,8 @@ from pidtsm_core.control.step import respond, stop_after, stop_now
 from pidtsm_core.references import MotionConfig, evaluate_motion
 from pidtsm_core.robots import Model, forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Fault
-from pidtsm_core.simulation.simulator import SimulatorConfig, SimulatorState, act, sense
+from pidtsm_core.simulation.simulator import act, sense
+from pidtsm_core.simulation.simulator_state import SimulatorConfig, SimulatorState
 from pidtsm_core.timing import seconds, track_period
 
 _STALE = int(Fault.STATE_STALE)

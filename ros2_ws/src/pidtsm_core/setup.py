@@ -18,6 +18,7 @@ setup(
         NAME: [
             "py.typed",
             "experiment/scenarios/*.yaml",
+            "experiment/hardware/*.yaml",
             "experiment/params/**/*.yaml",
             "robots/arms/*.urdf",
             "robots/arms/*.yaml",

@@ -15,6 +15,7 @@ from pidtsm_core.control import LAW_NAME
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment.default_motion import DURATION, default_motion
 from pidtsm_core.experiment.gains import first_gains
+from pidtsm_core.experiment.hardware_classes import hardware_settings
 from pidtsm_core.experiment.law_gains import RULED
 from pidtsm_core.experiment.node_parameters import NODE_ONLY
 from pidtsm_core.experiment.node_settings import resolve_nodes
@@ -23,7 +24,7 @@ from pidtsm_core.parameters import ParameterError, Schema, Value, as_float
 from pidtsm_core.parameters.files import NODES, Settings, flatten, load_mapping, load_ros_parameters, read_yaml
 from pidtsm_core.robots import DESCRIPTION, NAMES, OF_ARM, ROBOTS, TreeRobot, find_robot
 from pidtsm_core.robots.definition import ArmDefinition, GripperLockedWarning, find_arm, joints_sentence
-from pidtsm_core.simulation.plant import RATE
+from pidtsm_core.simulation.plant_parameters import RATE
 from pidtsm_core.timing import LONGEST_RUN
 
 ARTICLE = "article"
@@ -117,10 +118,11 @@ def make_experiment(
     params: str | Sequence[str] = (),
     overrides: Sequence[str] | Mapping[str, Mapping[str, Any]] = (),
     robot: str | ArmDefinition | None = None,
+    hardware: str | None = None,
 ) -> Experiment:
     """Combine the parts of an experiment.
 
-    Later ones override earlier ones: scenario, robot, parameter files, law, overrides.
+    Later ones override earlier ones: scenario, robot, hardware, parameter files, law, overrides.
 
     Args:
         scenario: a name from `scenario_names`, the path of a scenario file, or an experiment to vary; None: Case 1, or
@@ -134,6 +136,7 @@ def make_experiment(
         overrides: texts ``NODE.PARAMETER=VALUE``, or values by node and name; groups may be nested.
         robot: the arm of simulator and controller: a name, also one under which the user has stored an arm, the path of
             a description, or an `ArmDefinition`; None: that of the scenario.
+        hardware: a class of hardware from `hardware_names`; None: what the scenario says.
 
     Raises:
         UsageError: anything unknown or malformed; the message contains the file, the key and what is allowed.
@@ -155,9 +158,9 @@ def make_experiment(
     if arm is not None:
         _warn_of_gripper(arm, of_arm)
         merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
-    named = [params] if isinstance(params, str) else params
+    merge(_of_hardware(hardware, _overridden(settings, chosen)), Path(hardware or ""))
     asked = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
-    for name in named or _usual(_overridden(settings, chosen), asked, base, chosen):
+    for name in _named(params) or _usual(_overridden(settings, chosen), asked, base, chosen):
         before = asked or settings["controller"].get(LAW_NAME.name)
         merge(*_parameter_set(name, before if before in LAWS.names else None, _overridden(settings, chosen)))
     if law is not None:
@@ -168,6 +171,16 @@ def make_experiment(
     name_of_law = str(settings["controller"].get("law.name", LAW_NAME.default))
     seconds = base.duration if duration is None else _positive(duration, "duration")
     return Experiment(base.scenario, name_of_law, seconds, settings, files)
+
+
+def _named(params: str | Sequence[str]) -> Sequence[str]:
+    """The names of parameter sets, however many."""
+    return [params] if isinstance(params, str) else params
+
+
+def _of_hardware(hardware: str | None, settings: Settings) -> Settings:
+    """The parameters of a class of hardware; none without a class. `settings` choose the arm."""
+    return {} if hardware is None else {"simulator": hardware_settings(hardware, settings["simulator"])}
 
 
 def _parameter_set(name: str, law: str | None, settings: Settings) -> tuple[Settings, Path]:

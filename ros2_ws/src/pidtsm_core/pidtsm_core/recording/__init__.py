@@ -127,6 +127,13 @@ class Recording:
         last = round(float(np.median(periods))) if periods.size else 0
         return (int(self.stamps_ns[-1] - self.stamps_ns[0]) + last) / 1e9
 
+    @property
+    def side(self) -> str:
+        """The side of elastic joints that position, velocity and error are of, ``link`` or ``motor``; empty: rigid."""
+        if not np.any(np.asarray(self.robot.get("elasticity.stiffness", 0.0))):
+            return ""
+        return "link" if self.truth == GROUND_TRUTH else str(self.robot["elasticity.encoder"])
+
     def metrics(self) -> dict[str, Any]:
         """Metrics of the run, with the content and order of metrics.json; None for what is missing or not finite.
 
@@ -145,6 +152,7 @@ class Recording:
             "joints": list(self.joints),
             "slides": [units == SLIDES for units in self.units],
             "truth": self.truth,
+            "side": self.side,
             "lacking": list(self.lacking),
             **happenings(self),
             **metrics(self.time, self.error, self.effort, self.saturated, self.event_time),

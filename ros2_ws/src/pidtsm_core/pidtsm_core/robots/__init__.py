@@ -181,8 +181,9 @@ def robot_joints(settings: Mapping[str, object]) -> int:
 
 
 def robot_parameters(values: Mapping[str, Value]) -> dict[str, Value]:
-    """Those of a node's parameters that define its robot: ``joints`` and the group ``robot``."""
-    return {name: value for name, value in values.items() if name == "joints" or name.startswith("robot.")}
+    """Those of a node's parameters that define its robot: ``joints``, the group ``robot``, and its elastic joints."""
+    groups = ("robot.", "elasticity.")
+    return {name: value for name, value in values.items() if name == "joints" or name.startswith(groups)}
 
 
 def description_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:

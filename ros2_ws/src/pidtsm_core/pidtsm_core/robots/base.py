@@ -74,6 +74,8 @@ class Robot(Member):
         friction, damping: Coulomb and viscous friction, N m and N m s/rad, one per joint; the defaults of the simulated
             arm and of the controller; empty: none.
         tool: its tool for these packed parameters; None: it is not known where the tool is.
+        rotor: the inertias of its rotors as the joints see them for these packed parameters, kg m^2, shape (joints,);
+            None: its model does not say.
         mjcf: the text of an MJCF of these packed parameters, for MuJoCo, see `text_bodies`; None: there is none.
         rigid: values of parameters with which a closed form moves as a rigid body does; empty: with any.
         base: name of its base link.
@@ -94,6 +96,7 @@ class Robot(Member):
     friction: tuple[float, ...] = ()
     damping: tuple[float, ...] = ()
     tool: Callable[[Array], Tool] | None = None
+    rotor: Callable[[Array], Array] | None = None
     mjcf: Callable[[Array], str] | None = None
     rigid: Mapping[str, str] = field(default_factory=dict)
     base: str = "base_link"
@@ -131,6 +134,10 @@ class Robot(Member):
         loaded = model.copy()
         self.load(loaded, payload)
         return loaded
+
+    def rotors(self, model: Array) -> Array:
+        """Inertias of the rotors as the joints see them for packed parameters, shape (joints,), kg m^2; 0: unknown."""
+        return np.zeros(len(self.joints)) if self.rotor is None else self.rotor(model)
 
     def joint_inertia(self, model: Array, q: Array) -> Array:  # noqa: ARG002
         """Inertia that the effort of each joint accelerates at q (rad), 1 / (H^-1)_jj, shape (joints,), kg m^2.

@@ -74,6 +74,11 @@ class TreeRobot(Robot):
             _scale(row, {"mass": 1.0, "inertia": 1.0, "length": 1.0, **(factors or {})})
         return packed
 
+    def rotors(self, model: Array) -> Array:
+        """See `Robot.rotors`."""
+        table = rows(model)
+        return np.asarray(table[np.argsort(table[:, Column.PLACE]), Column.ARMATURE])
+
     def joint_inertia(self, model: Array, q: Array) -> Array:
         """See `Robot.joint_inertia`."""
         inertia = np.zeros((q.size, q.size))

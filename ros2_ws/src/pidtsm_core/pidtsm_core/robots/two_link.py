@@ -12,7 +12,7 @@ from pidtsm_core.robots.payload import Payload
 from pidtsm_core.robots.tree.layout import Column, rotation, rows, size
 
 # Order of the packed parameters: m1, m2, r1, r2, j1, j2, g, coriolis (0 paper, 1 lagrange).
-_M2, _R1, _R2 = 1, 2, 3
+_M2, _R1, _R2, _J1 = 1, 2, 3, 4
 _LAGRANGE = 1.0
 
 
@@ -159,6 +159,7 @@ TWO_LINK = Robot(
     load=load,
     disturbance="article",
     tool=tool,
+    rotor=lambda p: p[_J1 : _J1 + 2].copy(),
     mjcf=mjcf,
     rigid={"coriolis": "lagrange"},
     urdf="package://two_link_sim/urdf/two_link.urdf",

@@ -29,14 +29,8 @@ from pidtsm_core.references import (
 from pidtsm_core.robots import find_robot, robot_parameters
 from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_core.signals import Signal, Status
-from pidtsm_core.simulation.simulator import (
-    SimulatedRobot,
-    SimulatorConfig,
-    SimulatorState,
-    act,
-    sense,
-    simulator_schema,
-)
+from pidtsm_core.simulation.simulator import SimulatedRobot, act, sense, simulator_schema
+from pidtsm_core.simulation.simulator_state import SimulatorConfig, SimulatorState
 from pidtsm_core.timing import LONGEST_RUN, period_nanoseconds, seconds
 
 SCHEMAS = {"controller": controller_schema, "simulator": simulator_schema, "trajectory": reference_schema}

@@ -97,7 +97,7 @@ def drive(config: ActuatorConfig, lagging: Array, command: Array, q: Array, draw
     constant u; `lagging` is x at the end of the sample. The torque is (1 + error) (1 + ripple sin(n q)) times the mean
     of x over the sample, so that the angular impulse on the joint is exact despite the lag. Noise is added last.
     """
-    first = draws.size - command.size  # of the columns of `Column.EFFORT_NOISE`
+    first = draws.size - 2 * command.size  # of the columns of `Column.EFFORT_NOISE`
     for j in range(command.size):
         target = math.copysign(max(abs(command[j]) - config.dead_zone[j], 0.0), command[j])
         difference = lagging[j] - target

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.parameters import Parameter, Value, as_float
-from pidtsm_core.simulation.plant import PlantConfig, PlantState, carry
-
-_BRAKING = 0.002
-"""Time constant with which the brakes stop the arm, s."""
+from pidtsm_core.simulation.drivetrain_step import BRAKING
+from pidtsm_core.simulation.plant import carry, stop_motors
+from pidtsm_core.simulation.plant_state import PlantConfig, PlantState
 
 COMMAND_TIMEOUT = Parameter(
     "command.timeout",
@@ -57,14 +56,18 @@ def watch(patience: int, state: BrakesState, arrives: bool) -> None:
 def brake(config: PlantConfig, arm: PlantState, t: float, dt: float) -> None:
     """Move the arm from t to t + dt (s) with engaged brakes, which no force moves.
 
-    Velocities decay exponentially, the motors deliver no torque.
+    Velocities decay exponentially, the motors deliver no torque. The brakes of elastic joints stop their motors; forces
+    move the links.
     """
-    left = math.exp(-dt / _BRAKING)
+    if config.drivetrain.elastic:
+        stop_motors(config, arm, t, dt)
+        return
+    left = math.exp(-dt / BRAKING)
     for j in range(arm.position.size):
         velocity = arm.derivatives[0, j]
-        arm.position[j] += _BRAKING * (1.0 - left) * velocity
+        arm.position[j] += BRAKING * (1.0 - left) * velocity
         arm.derivatives[0, j] = left * velocity
-        arm.derivatives[1, j] = -left * velocity / _BRAKING
+        arm.derivatives[1, j] = -left * velocity / BRAKING
         arm.effort[j] = 0.0
     if config.mujoco.steps > 0:
         carry(config, arm, t)

@@ -20,7 +20,8 @@ from pidtsm_core.robots.rigid_bodies import (
     set_inertial,
     text_bodies,
 )
-from pidtsm_core.robots.tree.layout import Column, rows
+from pidtsm_core.simulation.drivetrain import Drivetrain
+from pidtsm_core.simulation.mujoco_motors import add_motors, motor_name, steps_for
 from pidtsm_core.simulation.mujoco_payload import DROPPED, Phase, add_boxes, release_box, show_box
 from pidtsm_core.timing import period_nanoseconds, seconds
 
@@ -72,6 +73,7 @@ class MujocoModels(NamedTuple):
     joints: tuple[int, ...]  # index of each joint
     bodies: Mapping[int, str]  # names of the arm's bodies by their index; that of the tool also for its payload
     payload: int  # index of the body of the payload at the tool
+    motors: tuple[int, ...]  # index of the joint of each elastic joint's motor; negative: the joint is rigid
     dropped: int  # index of the body that falls when the payload is dropped; 0: it just vanishes
 
 
@@ -94,7 +96,11 @@ def with_engine(values: Mapping[str, Value]) -> dict[str, Value]:
 
 
 def make_models(
-    values: Mapping[str, Value], factors: Mapping[str, float], viscous: Array, shown: bool = False
+    values: Mapping[str, Value],
+    factors: Mapping[str, float],
+    viscous: Array,
+    drives: Drivetrain | None = None,
+    shown: bool = False,
 ) -> MujocoModels:
     """Compile the arm in its scene.
 
@@ -102,6 +108,7 @@ def make_models(
         values: every parameter of `plant_schema`, as returned by `resolve`.
         factors: model errors by quantity, see `Robot.pack_model`.
         viscous: friction that MuJoCo integrates together with the motion, shape (joints,), N m s/rad.
+        drives: the drive trains; None: all joints are rigid.
         shown: for pictures: also an arm without a scene has its shapes, and one without shapes a skeleton.
 
     Raises:
@@ -123,12 +130,14 @@ def make_models(
         spec = _placed(scene, arm, payload_of(values)) if scene else arm
         if shown:
             add_surroundings(spec)
-        empty, loaded, left = (_compiled(spec, values, phase) for phase in Phase)
+        if drives:
+            add_motors(spec, [prefix + name for name in robot.joints], drives)
+        empty, loaded, left = (_compiled(spec, values, phase, drives) for phase in Phase)
     except DescriptionError as error:
         raise ParameterError(f"{SCENE.name}: {scene}: {error}", SCENE.name) from None
     joints = [empty.joint(prefix + name) for name in robot.joints]
     for model in (empty, loaded, left):
-        _set_joints(model, [int(joint.dofadr[0]) for joint in joints], viscous, _armature(robot, packed))
+        _set_joints(model, [int(joint.dofadr[0]) for joint in joints], viscous, _armature(robot, packed, drives))
     return MujocoModels(
         empty,
         loaded,
@@ -136,6 +145,7 @@ def make_models(
         tuple(joint.id for joint in joints),
         _bodies_of_arm(empty, prefix),
         empty.body(prefix + PAYLOAD).id,
+        _motors(empty, robot, drives),
         empty.body(DROPPED).id if scene else 0,
     )
 
@@ -188,7 +198,13 @@ def _bodies(robot: Robot, packed: Array, factors: Mapping[str, float], touchable
     return text_bodies(robot.mjcf(packed))
 
 
-def _compiled(spec: Any, values: Mapping[str, Value], phase: Phase) -> Any:
+def _motors(model: Any, robot: Robot, drives: Drivetrain | None) -> tuple[int, ...]:
+    """See `MujocoModels.motors`."""
+    elastic = np.zeros(len(robot.joints)) if drives is None else drives.stiffness
+    return tuple(model.joint(motor_name(j)).id if stiffness else -1 for j, stiffness in enumerate(elastic))
+
+
+def _compiled(spec: Any, values: Mapping[str, Value], phase: Phase, drives: Drivetrain | None) -> Any:
     """The model of the bodies in a phase, of type ``mujoco.MjModel``.
 
     Raises:
@@ -202,7 +218,7 @@ def _compiled(spec: Any, values: Mapping[str, Value], phase: Phase) -> Any:
     model = compile_spec(spec)
     if scene:
         release_box(model, phase)
-    model.opt.timestep = seconds(_period(values)) / steps_of(values)
+    model.opt.timestep = seconds(_period(values)) / steps_of(values, drives)
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{str(values[_INTEGRATOR.name]).upper()}")
     # A value that is not finite ends a rollout; MuJoCo would start again.
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
@@ -219,19 +235,24 @@ def _set_joints(model: Any, dofs: list[int], viscous: Array, armature: Array | N
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-def _armature(robot: Robot, packed: Array) -> Array | None:
-    """Inertia of the rotors of an arm of data, in the order of its joints, shape (joints,), kg m^2."""
-    if not isinstance(robot, TreeRobot):
-        return None
-    table = rows(packed)
-    return np.asarray(table[np.argsort(table[:, Column.PLACE]), Column.ARMATURE])
+def _armature(robot: Robot, packed: Array, drives: Drivetrain | None) -> Array | None:
+    """Inertia of the rotors that move with their links, shape (joints,), kg m^2; None: that of the bodies' text."""
+    if drives is None or not drives.elastic:
+        return robot.rotors(packed) if isinstance(robot, TreeRobot) else None
+    return robot.rotors(packed) - drives.rotor
 
 
 def _period(values: Mapping[str, Value]) -> int:
     return period_nanoseconds(int(as_float(values["rate"])))
 
 
-def steps_of(values: Mapping[str, Value]) -> int:
-    """Steps of MuJoCo in one period."""
+def steps_of(values: Mapping[str, Value], drives: Drivetrain | None) -> int:
+    """Steps of MuJoCo in one period.
+
+    Raises:
+        ParameterError: the drive trains need too many.
+    """
     # Less a rounding error, so that a period of 1 ms is one step of 1 ms.
-    return math.ceil(seconds(_period(values)) / as_float(values[_TIMESTEP.name]) * (1.0 - 1e-9))
+    period = seconds(_period(values))
+    steps = math.ceil(period / as_float(values[_TIMESTEP.name]) * (1.0 - 1e-9))
+    return steps if drives is None else max(steps, steps_for(drives, period))

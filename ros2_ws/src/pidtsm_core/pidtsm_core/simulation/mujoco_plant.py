@@ -21,6 +21,7 @@ from pidtsm_core.compiling.addresses import call_c
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.parameters import Value
 from pidtsm_core.robots.compiler import load_mujoco
+from pidtsm_core.simulation.drivetrain import Drivetrain
 from pidtsm_core.simulation.mujoco_model import SCENE, make_models, steps_of
 from pidtsm_core.simulation.mujoco_payload import Phase
 
@@ -41,6 +42,8 @@ class MujocoConfig(NamedTuple):
     left_model: int  # the same after it is dropped
     positions: NDArray[np.int64]  # place of each joint in qpos, shape (joints,)
     velocities: NDArray[np.int64]  # place of each joint in qvel, shape (joints,)
+    motor_positions: NDArray[np.int64]  # place of each elastic joint's motor in qpos; negative: it is rigid
+    motor_velocities: NDArray[np.int64]  # its place in qvel
     payload: int  # body of the payload at the tool
     box: int  # place in qpos of the body that falls when the payload is dropped; negative: none
     box_velocity: int  # its place in qvel
@@ -140,7 +143,7 @@ def _place_joints(config: MujocoConfig, state: MujocoState, force: Array, q: Arr
 def no_config() -> MujocoConfig:
     """The parameters of a plant with the other engine."""
     places = np.zeros(0, dtype=np.int64)
-    return MujocoConfig(0, 0, 0, 0, 0, 0, places, places, 0, -1, 0, 0, np.zeros(0))
+    return MujocoConfig(0, 0, 0, 0, 0, 0, places, places, places, places, 0, -1, 0, 0, np.zeros(0))
 
 
 def no_state() -> MujocoState:
@@ -159,7 +162,12 @@ class MujocoArm:
     """
 
     def __init__(
-        self, values: Mapping[str, Value], factors: Mapping[str, float], viscous: Array, shown: bool = False
+        self,
+        values: Mapping[str, Value],
+        factors: Mapping[str, float],
+        viscous: Array,
+        drives: Drivetrain | None = None,
+        shown: bool = False,
     ) -> None:
         """Compile the models.
 
@@ -167,7 +175,7 @@ class MujocoArm:
         """
         self._built: tuple[object, ...] = ()
         self._shown = shown
-        self.set_parameters(values, factors, viscous)
+        self.set_parameters(values, factors, viscous, drives)
         self.data = data = load_mujoco().MjData(self.models.empty)
         self.state = MujocoState(
             data._address,
@@ -184,21 +192,24 @@ class MujocoArm:
             _owner(data),
         )
 
-    def set_parameters(self, values: Mapping[str, Value], factors: Mapping[str, float], viscous: Array) -> None:
+    def set_parameters(
+        self, values: Mapping[str, Value], factors: Mapping[str, float], viscous: Array, drives: Drivetrain | None
+    ) -> None:
         """Use other parameters from the next step on; the state is kept.
 
         For arguments and `ParameterError`, see `__init__`.
         """
-        built = ({name: values[name] for name in values if _concerns(name)}, tuple(factors.items()), viscous.tobytes())
+        chosen, steps = {name: values[name] for name in values if _concerns(name)}, steps_of(values, drives)
+        built = (chosen, tuple(factors.items()), viscous.tobytes(), steps)
         if built == self._built:
             return
         self._built = built
-        self.models = models = make_models(values, factors, viscous, self._shown)
+        self.models = models = make_models(values, factors, viscous, drives, self._shown)
         step, forward = _addresses()
         joints, model = list(models.joints), models.empty
         box = int(model.body_jntadr[models.dropped]) if models.dropped else -1
         self.config = MujocoConfig(
-            steps=steps_of(values),
+            steps=steps,
             step=step,
             forward=forward,
             model=model._address,
@@ -206,6 +217,8 @@ class MujocoArm:
             left_model=models.left._address,
             positions=model.jnt_qposadr[joints].astype(np.int64),
             velocities=model.jnt_dofadr[joints].astype(np.int64),
+            motor_positions=_places(model.jnt_qposadr, models.motors),
+            motor_velocities=_places(model.jnt_dofadr, models.motors),
             payload=models.payload,
             box=int(model.jnt_qposadr[box]) if models.dropped else -1,
             box_velocity=int(model.jnt_dofadr[box]) if models.dropped else 0,
@@ -219,9 +232,14 @@ class MujocoArm:
         self.state.phase[0] = Phase.ABSENT
 
 
+def _places(addresses: NDArray[np.int32], joints: tuple[int, ...]) -> NDArray[np.int64]:
+    """The addresses of joints of MuJoCo, shape (joints,); that of a negative index is negative."""
+    return np.array([addresses[joint] if joint >= 0 else -1 for joint in joints], dtype=np.int64)
+
+
 def _concerns(name: str) -> bool:
     """Whether a parameter with this name is part of the models."""
-    return name.startswith(("robot.", "payload.")) or name in ("joints", SCENE.name)
+    return name.startswith(("robot.", "payload.", "elasticity.")) or name in ("joints", SCENE.name)
 
 
 _Warning = ctypes.CFUNCTYPE(None, ctypes.c_char_p)

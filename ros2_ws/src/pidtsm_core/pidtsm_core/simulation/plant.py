@@ -13,8 +13,6 @@ from pidtsm_core.compiling.memory import Layout
 from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float, joint_array, resolve
 from pidtsm_core.robots import (
     Model,
-    Robot,
-    Tool,
     find_robot,
     forward_dynamics,
     make_model,
@@ -23,65 +21,38 @@ from pidtsm_core.robots import (
     robot_schema,
 )
 from pidtsm_core.robots.tree import add_wrench
+from pidtsm_core.simulation import drivetrain as drivetrains
 from pidtsm_core.simulation import friction as joint_friction
+from pidtsm_core.simulation import gear_friction
 from pidtsm_core.simulation.disturbances import DISTURBANCES, add_disturbance, disturbance_address
+from pidtsm_core.simulation.drivetrain import drivetrain, drivetrain_state, rest_at
+from pidtsm_core.simulation.drivetrain_step import move
 from pidtsm_core.simulation.friction import (
-    FrictionConfig,
     add_friction,
     check_friction,
     friction_config,
     without_viscous,
 )
 from pidtsm_core.simulation.mujoco_model import ENGINE, MUJOCO, engine_schema
+from pidtsm_core.simulation.mujoco_motors_step import advance_motors
 from pidtsm_core.simulation.mujoco_plant import (
     MujocoArm,
-    MujocoConfig,
-    MujocoState,
     acceleration,
     advance,
     no_config,
     no_state,
 )
+from pidtsm_core.simulation.plant_parameters import (
+    LOADS,
+    MODEL_ERRORS,
+    NO_TOOL,
+    PAYLOAD,
+    QUANTITIES,
+    RATE,
+    wrench_of,
+)
+from pidtsm_core.simulation.plant_state import PlantConfig, PlantState
 from pidtsm_core.timing import sum_of_times
-
-_QUANTITIES = ("mass", "inertia", "length")
-"""Quantities with a possible model error, see `Robot.quantities`."""
-
-RATE = Parameter("rate", 1000, "samples per second", "Hz", minimum=1, maximum=100_000, read_only=True)
-_PAYLOAD = "mass picked up at payload.time (Case 2: 0.5)"
-_LOADS = (
-    Parameter("payload.time", 0.0, "time from the start at which the payload is picked up", "s", minimum=0.0),
-    Parameter(
-        "payload.duration", 0.0, "time from picking up the payload to dropping it; 0: never dropped", "s", minimum=0.0
-    ),
-    Parameter("push.effort", 0.0, "torque of a push on the joints", "N m", per_joint=True),
-    Parameter(
-        "push.force",
-        (0.0, 0.0, 0.0),
-        "force of a push on the tool, in the axes of the base: x, y, z",
-        "N",
-        length=3,
-    ),
-    Parameter(
-        "push.torque",
-        (0.0, 0.0, 0.0),
-        "torque of a push on the tool, in the axes of the base: x, y, z",
-        "N m",
-        length=3,
-    ),
-    Parameter("push.time", 0.0, "time from the start at which the push begins", "s", minimum=0.0),
-    Parameter("push.duration", 0.0, "duration of the push; 0: no push", "s", minimum=0.0),
-)
-_MODEL_ERRORS = tuple(
-    Parameter(
-        f"model_error.{quantity}",
-        0.0,
-        f"relative deviation of each {quantity} of the simulated arm from robot.*; 0.25: 25 % more",
-        minimum=-1.0,
-        exclusive=True,
-    )
-    for quantity in _QUANTITIES
-)
 
 
 def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
@@ -98,42 +69,13 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
             choices=DISTURBANCES.names,
             read_only=True,
         ),
-        *payload_schema(settings, _PAYLOAD),
-        *_LOADS,
+        *payload_schema(settings, PAYLOAD),
+        *LOADS,
         *joint_friction.parameters(robot),
-        *_MODEL_ERRORS,
+        *gear_friction.PARAMETERS,
+        *drivetrains.PARAMETERS,
+        *MODEL_ERRORS,
     )
-
-
-class PlantConfig(NamedTuple):
-    """Parameters of a step."""
-
-    model: Model
-    loaded_model: Model  # the same with payload
-    payload_begin: float  # s
-    payload_end: float  # s
-    disturbance: int  # its address, see `add_disturbance`
-    effort_limit: Array  # shape (joints,), N m
-    push: Array  # on the joints, shape (joints,), N m
-    wrench: Array  # of a push on the tool: force and torque in the axes of the base, shape (6,), N and N m
-    tool: Tool
-    push_begin: float  # s
-    push_end: float  # s
-    friction: FrictionConfig
-    accelerations: bool  # compute q'' at the samples
-    mujoco: MujocoConfig
-
-
-class PlantState(NamedTuple):
-    """State changed by a step."""
-
-    position: Array  # q, shape (joints,), rad
-    derivatives: Array  # q', q'', shape (2, joints); q'' under the torque held before the sample, 0 at the start
-    effort: Array  # torque applied over the last step, within the limits, shape (joints,), N m
-    work: Array  # scratch, shape (8, joints)
-    wrench: Array  # on the tool from outside, as that of a push, shape (6,); and scratch; shape (2, 6)
-    placements: Array  # scratch, shape (joints, 3, 4)
-    mujoco: MujocoState
 
 
 @inlined
@@ -226,6 +168,40 @@ def carry(config: PlantConfig, state: PlantState, t: float) -> None:
         advance(config.mujoco, state.mujoco, phase, none, q, dq)
 
 
+@part
+def _step_of_drives(config: PlantConfig, state: PlantState, torque: Array, t: float, dt: float, braked: bool) -> None:
+    """As `step`, with elastic joints or friction that sticks; `torque` has what pushes the arm, shape (joints,)."""
+    before = state.work[1]
+    q, dq, gears = state.position, state.derivatives[0], state.drivetrain
+    for j in range(q.size):
+        gears.external[j], before[j] = torque[j] - state.effort[j], dq[j]
+        gears.torque[j] = state.effort[j]
+        if config.drivetrain.stiffness[j] == 0.0:
+            gears.motor[j], gears.motor_velocity[j] = q[j], dq[j]
+    if config.mujoco.steps > 0:
+        phase, h = _phase(config, t), dt / config.mujoco.steps
+        for k in range(config.mujoco.steps):
+            advance_motors(config, state, phase, t + k * h, h, braked)
+    else:
+        loaded = config.payload_begin <= t < config.payload_end
+        move(config.drivetrain, gears, config.loaded_model if loaded else config.model, q, dq, t, dt, braked)
+    for j in range(q.size):
+        state.derivatives[1, j] = (dq[j] - before[j]) / dt
+
+
+@part
+def stop_motors(config: PlantConfig, state: PlantState, t: float, dt: float) -> None:
+    """Move the arm from t to t + dt (s) while brakes stop the motors of its elastic joints; pushes move its links."""
+    for j in range(state.effort.size):
+        state.effort[j] = 0.0
+    torque = state.effort
+    pushes = config.push_begin <= t < config.push_end
+    if pushes or _is_pushed(state):
+        _push(config, state, pushes, state.work[7])
+        torque = state.work[7]
+    _step_of_drives(config, state, torque, t, dt, True)
+
+
 @inlined
 def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: float) -> None:
     """Integrate from t to t + dt (s) under the constant, limited `effort` by classical fourth-order Runge-Kutta.
@@ -248,6 +224,9 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
     if pushes or _is_pushed(state):
         _push(config, state, pushes, pushed)
         torque = pushed
+    if config.drivetrain.substeps > 0:
+        _step_of_drives(config, state, torque, t, dt, False)
+        return
     if config.mujoco.steps > 0:
         _step_of_mujoco(config, state, t, torque)
         return
@@ -279,21 +258,6 @@ def _step_now(address: int, effort: Array, t: float, dt: float) -> None:
     """`step` for Python; `address`: of `PlantMemory`."""
     memory = plant_at(address)
     step(memory.config, memory.state, effort, t, dt)
-
-
-_NO_TOOL = Tool(np.zeros(0), -1, np.zeros(3))
-
-
-def _wrench(robot: Robot, values: Mapping[str, Value]) -> Array:
-    """The wrench of a push on the tool, shape (6,).
-
-    Raises:
-        ParameterError: it is not known where the tool is.
-    """
-    wrench = np.hstack([np.asarray(values[name], dtype=np.float64) for name in ("push.force", "push.torque")])
-    if wrench.any() and robot.tool is None:
-        raise ParameterError(f"push.force: {robot.name} is a closed form without a tool; use push.effort", "push.force")
-    return wrench
 
 
 class Plant:
@@ -333,8 +297,10 @@ class Plant:
             work=np.zeros((8, self.joints)),
             wrench=np.zeros((2, 6)),
             placements=np.zeros((self.joints, 3, 4)),
+            drivetrain=drivetrain_state(self.joints),
             mujoco=self.mujoco.state if self.mujoco else no_state(),
         )
+        self.rest(self.state.position)
         self._memory = _LAYOUT.store(self.memory)
 
     @property
@@ -354,14 +320,16 @@ class Plant:
 
     def _configure(self, values: Mapping[str, Value]) -> None:
         robot = find_robot(values)
-        factors = {quantity: 1.0 + as_float(values[f"model_error.{quantity}"]) for quantity in _QUANTITIES}
+        factors = {quantity: 1.0 + as_float(values[f"model_error.{quantity}"]) for quantity in QUANTITIES}
         model = robot.pack_model(values, factors=factors)
         friction = friction_config(values, self._inertia(values), 1.0 / as_float(values["rate"]))
+        drives = drivetrain(values, robot, model)
         if values[ENGINE.name] == MUJOCO:
+            viscous = np.zeros(self.joints) if drives.substeps else friction.viscous
             if self.mujoco:
-                self.mujoco.set_parameters(values, factors, friction.viscous)
+                self.mujoco.set_parameters(values, factors, viscous, drives)
             else:
-                self.mujoco = MujocoArm(values, factors, friction.viscous)
+                self.mujoco = MujocoArm(values, factors, viscous, drives)
             friction = without_viscous(friction)
         picked_up, carried = as_float(values["payload.time"]), as_float(values["payload.duration"])
         pushed = as_float(values["push.time"])
@@ -373,12 +341,13 @@ class Plant:
             disturbance=disturbance_address(DISTURBANCES[str(values["disturbance.name"])]),
             effort_limit=joint_array(values["limits.effort"], self.joints),
             push=joint_array(values["push.effort"], self.joints),
-            wrench=_wrench(robot, values),
-            tool=_NO_TOOL if robot.tool is None else robot.tool(model),
+            wrench=wrench_of(robot, values),
+            tool=NO_TOOL if robot.tool is None else robot.tool(model),
             push_begin=pushed,
             push_end=sum_of_times(pushed, as_float(values["push.duration"])),
             friction=friction,
             accelerations=self._accelerations,
+            drivetrain=drives,
             mujoco=self.mujoco.config if self.mujoco else no_config(),
         )
 
@@ -386,6 +355,12 @@ class Plant:
         """See `Robot.joint_inertia`; at the start, for the model of the controller."""
         robot = find_robot(values)
         return robot.joint_inertia(robot.pack_model(values), joint_array(values["initial_position"], self.joints))
+
+    def rest(self, position: Array) -> None:
+        """Put the arm at rest at a position of its links, shape (joints,), rad; springs carry it."""
+        self.state.position[:] = position
+        self.state.derivatives[:] = self.state.effort[:] = 0.0
+        rest_at(self.config.drivetrain, self.state.drivetrain, self.config.model, position)
 
     def reset(self) -> None:
         """Put everything but the arm back to its start."""

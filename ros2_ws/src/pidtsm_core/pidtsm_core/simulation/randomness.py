@@ -16,7 +16,7 @@ _BLOCK = 1024  # rows that a node draws at once: about one second
 
 
 class Column(IntEnum):
-    """Purposes of random numbers, in the order of a row, where each of the last two has one column per joint."""
+    """Purposes of random numbers, in the order of a row, where each of the last three has one column per joint."""
 
     MEASUREMENT_LOSS = 0  # uniform in [0, 1), like the other losses and bursts
     MEASUREMENT_BURST = 1
@@ -24,7 +24,8 @@ class Column(IntEnum):
     COMMAND_BURST = 3
     JITTER = 4  # standard normal, like the noise
     NOISE = 5
-    EFFORT_NOISE = 6  # its block is the last one, so that it begins `joints` columns before the end of the row
+    EFFORT_NOISE = 6  # begins 2 `joints` columns before the end of the row
+    EFFORT_SENSOR = 7  # its block is the last one, so that it begins `joints` columns before the end of the row
 
 
 # A column is drawn if its parameter is not 0.
@@ -36,12 +37,13 @@ _SWITCHES = {
     Column.JITTER: "jitter.std",
     Column.NOISE: "noise.std",
     Column.EFFORT_NOISE: "actuator.noise",
+    Column.EFFORT_SENSOR: "effort_sensor.noise",
 }
 
 
 def columns(joints: int) -> int:
     """Length of a row of random numbers."""
-    return Column.NOISE + 2 * joints
+    return Column.NOISE + 3 * joints
 
 
 class Randomness:

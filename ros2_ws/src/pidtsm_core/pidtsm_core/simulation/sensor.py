@@ -31,6 +31,21 @@ PARAMETERS = (
         minimum=0.0,
         per_joint=True,
     ),
+    Parameter("effort_sensor.offset", 0.0, "error of the zero of the reported effort", "N m", per_joint=True),
+    Parameter(
+        "effort_sensor.noise",
+        0.0,
+        "standard deviation of the Gaussian noise of the reported effort",
+        "N m",
+        minimum=0.0,
+        per_joint=True,
+    ),
+    Parameter(
+        "effort_sensor.side",
+        "motor",
+        "where the reported effort is measured: the torque of the motor, or of an elastic joint what reaches its link",
+        choices=("motor", "link"),
+    ),
     Parameter("jitter.std", 0.0, "standard deviation of the sampling time from its stamp (Gaussian)", "s", minimum=0.0),
 )
 
@@ -43,6 +58,9 @@ class SensorConfig(NamedTuple):
     noise: Array  # shape (joints,), rad
     backlash: Array  # shape (joints,), rad
     jitter: float  # s
+    effort_offset: Array  # shape (joints,), N m
+    effort_noise: Array  # shape (joints,), N m
+    effort_of_link: bool  # the effort is what reaches the link
     ideal: bool  # none of the above
 
 
@@ -55,8 +73,11 @@ def sensor_config(values: Mapping[str, Value], joints: int) -> SensorConfig:
         joint_array(values[name], joints) for name in ("encoder.bias", "noise.std", "backlash.gap")
     )
     jitter = as_float(values["jitter.std"])
-    ideal = not (step.any() or bias.any() or noise.any() or backlash.any() or jitter)
-    return SensorConfig(step, bias, noise, backlash, jitter, ideal)
+    offset, effort_noise = (joint_array(values[f"effort_sensor.{name}"], joints) for name in ("offset", "noise"))
+    of_link = values["effort_sensor.side"] == "link"
+    disturbed = any(each.any() for each in (step, bias, noise, backlash, offset, effort_noise))
+    ideal = not (disturbed or jitter or of_link)
+    return SensorConfig(step, bias, noise, backlash, jitter, offset, effort_noise, of_link, ideal)
 
 
 @inlined
@@ -78,3 +99,15 @@ def measure(config: SensorConfig, motor: Array, q: Array, dq: Array, draws: Arra
         x = motor[j] + config.bias[j] + config.noise[j] * draws[Column.NOISE + j]
         step = config.step[j]
         measured[j] = step * math.floor(x / step + 0.5) if step > 0.0 else x
+
+
+@inlined
+def measure_effort(config: SensorConfig, applied: Array, transmitted: Array, draws: Array, measured: Array) -> None:
+    """Write the effort that the drives report: of the motors or what reaches the links, plus offset and noise, N m.
+
+    Arrays of shape (joints,), but for `draws`, a row of `Randomness`.
+    """
+    first = draws.size - applied.size  # of the columns of `Column.EFFORT_SENSOR`
+    for j in range(applied.size):
+        effort = transmitted[j] if config.effort_of_link else applied[j]
+        measured[j] = effort + config.effort_offset[j] + config.effort_noise[j] * draws[first + j]

@@ -14,13 +14,11 @@ from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.compiling.memory import Layout
 from pidtsm_core.parameters import Parameter, Value, as_float, joint_array, resolve
-from pidtsm_core.robots import GRAVITY, Model, find_robot, inverse_dynamics, make_model
-from pidtsm_core.simulation import actuator, channel, friction, plant, randomness, sensor
-from pidtsm_core.simulation.actuator import ActuatorConfig, actuator_config, drive
-from pidtsm_core.simulation.brakes import COMMAND_TIMEOUT, BrakesState, brake, brakes_state, patience_of, watch
+from pidtsm_core.robots import GRAVITY, find_robot, inverse_dynamics, make_model
+from pidtsm_core.simulation import actuator, channel, current_loop, drivetrain_step, friction, plant, randomness, sensor
+from pidtsm_core.simulation.actuator import actuator_config, drive
+from pidtsm_core.simulation.brakes import COMMAND_TIMEOUT, brake, brakes_state, patience_of, watch
 from pidtsm_core.simulation.channel import (
-    ChannelConfig,
-    ChannelState,
     arrived,
     channel_config,
     channel_state,
@@ -28,9 +26,16 @@ from pidtsm_core.simulation.channel import (
     place,
 )
 from pidtsm_core.simulation.contacts import bodies_that_can_touch, contact_wrenches
-from pidtsm_core.simulation.plant import Plant, PlantConfig, PlantState, plant_schema, step
+from pidtsm_core.simulation.current_loop import (
+    current_loop_config,
+    current_loop_state,
+    follow,
+)
+from pidtsm_core.simulation.plant import Plant, plant_schema, step
+from pidtsm_core.simulation.plant_state import PlantConfig, PlantState
 from pidtsm_core.simulation.randomness import Column, Randomness, columns
-from pidtsm_core.simulation.sensor import SensorConfig, measure, sensor_config
+from pidtsm_core.simulation.sensor import measure, measure_effort, sensor_config
+from pidtsm_core.simulation.simulator_state import SimulatorConfig, SimulatorState
 from pidtsm_core.timing import period_nanoseconds, seconds
 
 
@@ -43,35 +48,9 @@ def simulator_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         *channel.PARAMETERS,
         COMMAND_TIMEOUT,
         *actuator.PARAMETERS,
+        *current_loop.PARAMETERS,
         *randomness.PARAMETERS,
     )
-
-
-class SimulatorConfig(NamedTuple):
-    """Parameters of a sample."""
-
-    sensor: SensorConfig
-    measurements: ChannelConfig
-    commands: ChannelConfig
-    patience: int  # samples without a new command after which the brakes engage
-    actuator: ActuatorConfig
-    adds_gravity: bool  # the firmware adds the effort that carries the arm
-    firmware: Model  # model of the arm that the firmware uses: without model errors and payload
-    plant: PlantConfig
-
-
-class SimulatorState(NamedTuple):
-    """State changed by a sample."""
-
-    measurements: ChannelState  # packets: measured q, true q', q'', applied effort; shape (4, joints)
-    commands: ChannelState  # packets: effort, shape (1, joints)
-    command: Array  # effort that arrived last, shape (joints,), N m
-    brakes: BrakesState
-    motor: Array  # position on the motor side of the backlash, shape (joints,), rad
-    lagging: Array  # torque of the drives at the end of the sample, shape (joints,), N m
-    effort: Array  # torque of the motors over the sample, before the limits, shape (joints,), N m
-    gravity: Array  # scratch of the firmware, shape (2, joints), N m
-    arm: PlantState
 
 
 class SimulatorMemory(NamedTuple):
@@ -93,18 +72,26 @@ part = PartOf(lambda: _example().config, lambda: _example().state)
 """Decorates a function of the simulated robot that is compiled on its own, see `PartOf`."""
 
 
+def _measured_side(config: PlantConfig, arm: PlantState) -> Array:
+    """The positions that the encoders measure: of the links, or of the motors, shape (joints,), rad."""
+    return arm.drivetrain.motor if config.drivetrain.on_motor else arm.position
+
+
 @part
 def _acquire(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: int) -> int:
     """Measure the arm and send the measurement through its channel; return the sample whose measurement may arrive."""
     channel, arm = state.measurements, state.arm
     slot = place(channel, sample)
     packet = channel.packets[slot]
-    measure(config.sensor, state.motor, arm.position, arm.derivatives[0], draws, packet[0])
+    if config.plant.drivetrain.on_motor:
+        measure(config.sensor, state.motor, arm.drivetrain.motor, arm.drivetrain.motor_velocity, draws, packet[0])
+    else:
+        measure(config.sensor, state.motor, arm.position, arm.derivatives[0], draws, packet[0])
     for i in range(2):
         for j in range(arm.position.size):
             packet[1 + i, j] = arm.derivatives[i, j]
-    for j in range(arm.position.size):
-        packet[3, j] = arm.effort[j]
+    transmitted = arm.drivetrain.transmitted if config.plant.drivetrain.substeps > 0 else arm.effort
+    measure_effort(config.sensor, arm.effort, transmitted, draws, packet[3])
     if not loses(config.measurements, channel, sample, draws[Column.MEASUREMENT_LOSS], draws[Column.MEASUREMENT_BURST]):
         channel.sent[slot] = sample
     return sample - channel.sent.size + 1
@@ -127,6 +114,8 @@ def sense(config: SimulatorConfig, state: SimulatorState, draws: Array, sample: 
     """
     arm, channel = state.arm, state.measurements
     if config.sensor.ideal and config.measurements.direct:
+        if config.plant.drivetrain.on_motor:
+            return sample, arm.drivetrain.motor, arm.derivatives, arm.effort
         return sample, arm.position, arm.derivatives, arm.effort
     acquired = _acquire(config, state, draws, sample)
     packet = channel.packets[place(channel, acquired)]
@@ -156,8 +145,10 @@ def _take(state: SimulatorState, effort: Array) -> None:
 def _brake(config: SimulatorConfig, state: SimulatorState, t: float, dt: float) -> None:
     """Move the arm with engaged brakes, see `brake`; the drives deliver no torque."""
     brake(config.plant, state.arm, t, dt)
+    current = state.current
+    current.phase[0] = 1.0
     for j in range(state.lagging.size):
-        state.lagging[j] = 0.0
+        state.lagging[j] = current.torque[j] = current.rate[j] = current.taken[j] = 0.0
 
 
 @part
@@ -166,7 +157,8 @@ def _add_gravity(config: SimulatorConfig, state: SimulatorState, command: Array)
     total = state.gravity
     for j in range(command.size):
         total[0, j] = 0.0
-    inverse_dynamics(config.firmware, state.arm.position, total[0], total[:1], total[1:])
+    q = state.arm.drivetrain.motor if config.plant.drivetrain.on_motor else state.arm.position
+    inverse_dynamics(config.firmware, q, total[0], total[:1], total[1:])
     for j in range(command.size):
         total[1, j] += command[j]
 
@@ -225,6 +217,9 @@ def act(
         if config.adds_gravity:
             _add_gravity(config, state, torque)
             torque = state.gravity[1]
+        if not config.current.ideal:
+            follow(config.current, state.current, torque)
+            torque = state.current.mean
         if not config.actuator.ideal:
             drive(config.actuator, state.lagging, torque, state.arm.position, draws, state.effort)
             torque = state.effort
@@ -270,7 +265,8 @@ class SimulatedRobot:
             commands=channel_state(values, "command_", 1, joints),
             command=np.zeros(joints),
             brakes=brakes_state(),
-            motor=self._plant.state.position.copy(),
+            motor=_measured_side(self._plant.config, self._plant.state).copy(),
+            current=current_loop_state(joints),
             lagging=np.zeros(joints),
             effort=np.zeros(joints),
             gravity=np.zeros((2, joints)),
@@ -293,6 +289,7 @@ class SimulatedRobot:
             measurements=channel_config(values, ""),
             commands=channel_config(values, "command_"),
             patience=patience_of(values, self._period),
+            current=current_loop_config(values, self.joints),
             actuator=actuator_config(values, self.joints),
             adds_gravity=values[GRAVITY.name] == "added_by_robot",
             firmware=make_model(robot, robot.pack_model(values)),
@@ -313,7 +310,7 @@ class SimulatedRobot:
         """
         _sense_now(self._memory.address, self._draws, 0)
         _act_now(self._memory.address, self._draws, 0, True, self.state.effort, 0.0, self._dt)
-        for each in (part, actuator.part, friction.part, plant.part):
+        for each in (part, actuator.part, current_loop.part, friction.part, drivetrain_step.part, plant.part):
             each.prepare()
 
     @property
@@ -329,7 +326,8 @@ class SimulatedRobot:
     @property
     def diverged(self) -> bool:
         """Whether a position or velocity is no longer finite: the arm moves too fast for the integration step."""
-        return not math.isfinite(self.state.arm.position @ self.state.arm.derivatives[0])
+        arm, drives = self.state.arm, self.state.arm.drivetrain
+        return not math.isfinite(arm.position @ arm.derivatives[0] + drives.motor @ drives.motor_velocity)
 
     @property
     def has_tool(self) -> bool:
@@ -360,11 +358,10 @@ class SimulatedRobot:
             values: parameters of the robot; only ``initial_position`` is used.
         """
         self._plant.reset()
-        arm = self.state.arm
-        arm.position[:] = joint_array(values["initial_position"], self.joints)
-        arm.derivatives[:] = arm.effort[:] = 0.0
-        self.state.motor[:] = arm.position
+        self._plant.rest(joint_array(values["initial_position"], self.joints))
+        self.state.motor[:] = _measured_side(self.config.plant, self.state.arm)
         self.state.lagging[:] = 0.0
+        current_loop.rest(self.state.current)
         self.state.brakes.released[0] = False
         self.state.brakes.silence[0] = 0
 

@@ -10,6 +10,7 @@ from pidtsm_core.simulation.simulator import simulator_schema
 ALL = {
     "noise.std": 1e-3,
     "actuator.noise": 1e-3,
+    "effort_sensor.noise": 1e-3,
     "jitter.std": 1e-4,
     "dropout.probability": 0.1,
     "dropout.burst_rate": 1.0,
@@ -51,7 +52,7 @@ def test_purposes_are_independent_and_have_their_distributions(arm: Arm) -> None
 def test_what_is_off_draws_nothing_and_changes_nothing_else(arm: Arm, switch: str) -> None:
     everything, rest = source(arm).draw(SAMPLES), source(arm, **{switch: 0.0}).draw(SAMPLES)
     off = ~rest.any(axis=0)
-    assert off.sum() == (arm.joints if switch in ("noise.std", "actuator.noise") else 1)
+    assert off.sum() == (arm.joints if switch.endswith("noise") or switch == "noise.std" else 1)
     np.testing.assert_array_equal(rest[:, ~off], everything[:, ~off])
 
 

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from pidtsm_core.control import LAW_NAME, Controller
 from pidtsm_core.experiment import DEFAULT_SCENARIO, PRACTICAL, Experiment, make_experiment, scenario_names
+from pidtsm_core.experiment.hardware_classes import hardware_description, hardware_names
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Value
 from pidtsm_core.recording import Recording
@@ -37,7 +38,9 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, engine: bool = Tru
         engine: whether one of them chooses the engine.
         duration: whether one of them is the duration.
     """
-    parser.description = f"{parser.description}\n\nPrecedence, lowest first: scenario, --robot, --params, --law, --set."
+    parser.description = (
+        f"{parser.description}\n\nPrecedence, lowest first: scenario, --robot, --hardware, --params, --law, --set."
+    )
     parser.add_argument(
         "--scenario",
         metavar="NAME|FILE",
@@ -45,6 +48,7 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, engine: bool = Tru
         "every joint swings about its middle)",
     )
     add_arm_arguments(parser)
+    add_hardware_argument(parser)
     if engine:
         add_engine_argument(parser)
     else:
@@ -79,6 +83,16 @@ def add_parameter_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_hardware_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option that chooses the class of hardware."""
+    classes = "; ".join(f"{name}: {hardware_description(name)}" for name in hardware_names())
+    parser.add_argument(
+        "--hardware",
+        choices=hardware_names(),
+        help=f"sensors, drives and gears of the simulated arm (default: those of the scenario). {classes}",
+    )
+
+
 def add_engine_argument(parser: argparse.ArgumentParser) -> None:
     """Add the option that chooses what computes the motion of the arm."""
     parser.add_argument(
@@ -105,7 +119,9 @@ def experiment_of(options: argparse.Namespace, usual: str = "", otherwise: Exper
     overrides, arm = [*engine_overrides(options.engine), *options.set], read_arm(options)
 
     def made(params: Sequence[str]) -> Experiment:
-        return make_experiment(scenario, options.law, options.duration, params, overrides, robot=arm)
+        return make_experiment(
+            scenario, options.law, options.duration, params, overrides, robot=arm, hardware=options.hardware
+        )
 
     experiment = made(options.params)
     if usual and not options.params and experiment.law == LAW_NAME.default:

@@ -14,7 +14,7 @@ from pidtsm_core.experiment import DEFAULT_ROBOT
 from pidtsm_core.laws import LAWS
 from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
-from pidtsm_experiments.commands.options import CONSOLE, add_parameter_arguments, progress_bar
+from pidtsm_experiments.commands.options import CONSOLE, add_hardware_argument, add_parameter_arguments, progress_bar
 from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_studies.score.criteria import FULL, QUICK
@@ -31,6 +31,7 @@ SCORES = Path("results", "score")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_arm_arguments(parser)
+    add_hardware_argument(parser)
     parser.add_argument("--law", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: {LAW_NAME.default})")
     add_parameter_arguments(parser)
     parser.add_argument("--name", default="", help="of the controller in tables (default: law and parameter sets)")
@@ -44,11 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    task = find_task(read_arm(options) or DEFAULT_ROBOT)
+    task = find_task(read_arm(options) or DEFAULT_ROBOT, options.hardware)
     contender = Contender(options.law, tuple(options.params), tuple(options.set), options.name)
     name = name_of(task, contender)
     introduce(options)
-    out = options.out or SCORES / Path(task.robot).stem / name.replace("/", "-").replace(" ", "-")
+    of_arm = SCORES / "-".join(filter(None, [Path(task.robot).stem, options.hardware]))
+    out = options.out or of_arm / name.replace("/", "-").replace(" ", "-")
     with result_folder(out, made_of(task, contender)) as folder:
         with progress_bar() as bar:
             bars = bar.add_task("rollouts", total=None)

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import DEFAULT_ROBOT
+from pidtsm_core.experiment.hardware_classes import hardware_names
 from pidtsm_core.laws import LAWS
 from pidtsm_core.robots.definition import ArmDefinition, find_arm
 from pidtsm_core.rollouts.closed_loop import SCHEMAS
@@ -23,7 +24,7 @@ from pidtsm_experiments.commands.options import CONSOLE, progress_bar
 from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import renewed
 from pidtsm_studies.score.tasks import find_task
-from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES, PARAMETERS
+from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES, PARAMETERS, class_of
 from pidtsm_studies.tuning.objective import make_problem
 from pidtsm_studies.tuning.outcome import Tuning, as_json, conclude, parameter_file
 from pidtsm_studies.tuning.report import write_tuning_page
@@ -40,7 +41,9 @@ _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_arm_arguments(parser)
     parser.add_argument("--law", metavar="NAME", help=f"one of {', '.join(LAWS.names)} (default: {LAW_NAME.default})")
-    parser.add_argument("--hardware", choices=HARDWARE, default="14bit", help="default: %(default)s")
+    parser.add_argument(
+        "--hardware", choices=(*HARDWARE, *hardware_names()), default="14bit", help="default: %(default)s"
+    )
     parser.add_argument(
         "--budget",
         type=budget,
@@ -62,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     arm, law = find_arm(read_arm(options) or DEFAULT_ROBOT), options.law or str(LAW_NAME.default)
-    find_task(arm).experiment(law)
+    find_task(arm, class_of(options.hardware)).experiment(law)
     introduce(options)
     out: Path = options.out or TUNED / Path(arm.label).stem / f"{law}-{options.hardware}"
     identity = {
@@ -100,7 +103,7 @@ def tune(arm: ArmDefinition, identity: dict[str, Any], limit: Budget, out: Path)
     Raises:
         UsageError: something unknown, or `out` contains another search or cannot be written.
     """
-    task = find_task(arm)
+    task = find_task(arm, class_of(identity["hardware"]))
     space = make_space(task, identity["law"])
     training, validation = (
         make_problem(task, kind, identity["hardware"], identity["objective"]) for kind in ("training", "validation")

@@ -24,6 +24,7 @@ KEYS = [
     "joints",
     "slides",
     "truth",
+    "side",
     "lacking",
     "outcome",
     "strayed",

@@ -35,6 +35,7 @@ class Task:
         payload: largest payload, kg.
         scenario: name of its scenario; None: the default motion of the arm.
         arm: the arm, if more than `robot` is said about it.
+        hardware: its class of hardware; None: what is not varied is ideal.
     """
 
     robot: str
@@ -45,6 +46,7 @@ class Task:
     payload: float
     scenario: str | None = None
     arm: ArmDefinition | None = None
+    hardware: str | None = None
 
     def experiment(self, law: str | None, params: Sequence[str] = (), overrides: Sequence[str] = ()) -> Experiment:
         """The nominal run of a controller; see `make_experiment`.
@@ -52,17 +54,19 @@ class Task:
         Raises:
             UsageError: something unknown or malformed, or (`ParameterError`) a refused value.
         """
-        found = make_experiment(self.scenario, law, self.duration, params, overrides, self.arm or self.robot)
+        robot = self.arm or self.robot
+        found = make_experiment(self.scenario, law, self.duration, params, overrides, robot, self.hardware)
         experiment = replace(found.without_node_parameters(), duration=self.duration)
         experiment.resolved(SCHEMAS)
         return experiment
 
 
-def find_task(robot: str | ArmDefinition = DEFAULT_ROBOT) -> Task:
+def find_task(robot: str | ArmDefinition = DEFAULT_ROBOT, hardware: str | None = None) -> Task:
     """The task of an arm.
 
     Args:
         robot: a name, the path of a URDF, xacro or MJCF file, or a definition.
+        hardware: see `Task`.
 
     Raises:
         UsageError: the arm cannot be used.
@@ -73,7 +77,7 @@ def find_task(robot: str | ArmDefinition = DEFAULT_ROBOT) -> Task:
     row = tasks.get(arm.description if known else "", tasks["other"])
     if "payload" not in row:
         row["payload"] = rated_payload(arm.description) if known and arm.description in ARMS else _largest_payload(arm)
-    return Task(arm.label, **row, arm=None if known else arm)
+    return Task(arm.label, **row, arm=None if known else arm, hardware=hardware)
 
 
 def effort_limits(values: Mapping[str, Value]) -> Array:

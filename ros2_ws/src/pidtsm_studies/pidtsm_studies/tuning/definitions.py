@@ -27,23 +27,29 @@ NOMINAL = "nominal"
 """The condition of training in which model and load are as the controller knows them."""
 
 
+def class_of(hardware: str) -> str | None:
+    """The class of hardware that a task has for the tuner's hardware of this name; None: it is one of `HARDWARE`."""
+    return None if hardware in HARDWARE else hardware
+
+
 def conditions(kind: str, hardware: str, task: Task, limits: Array) -> dict[str, dict[str, Any]]:
     """Simulator parameters of each condition, by name.
 
     Args:
         kind: ``training`` or ``validation``.
-        hardware: one of `HARDWARE`.
+        hardware: one of `HARDWARE`, or the class of hardware of the task, see `class_of`.
         task: of the arm.
         limits: effort limits of its joints, N m or N, shape (joints,).
     """
     found = {}
     for name, content in _CONTENT[kind].items():
         settings = dict(content)
-        if hardware not in settings.pop("only", HARDWARE):
+        only = settings.pop("only", HARDWARE)
+        if hardware in HARDWARE and hardware not in only:
             continue
         if payload := settings.pop("payload", 0.0):
             settings |= {"payload.mass": payload * task.payload, "payload.time": task.event}
         if friction := settings.pop("friction", 0.0):
             settings["friction.coulomb"] = (friction * limits).tolist()
-        found[name] = {**HARDWARE[hardware], **settings}
+        found[name] = {**HARDWARE.get(hardware, {}), **settings}
     return found
