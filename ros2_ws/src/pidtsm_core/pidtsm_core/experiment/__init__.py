@@ -147,6 +147,7 @@ def make_experiment(
     arm = None if robot is None else find_arm(robot)
     of_arm = {} if arm is None else arm.settings()
     base = scenario if isinstance(scenario, Experiment) else _scenario(scenario, _arm(of_arm, chosen), duration)
+    source = _robot(base.settings) if isinstance(scenario, str) else None
     settings: Settings = {node: {} for node in NODES} | {node: dict(given) for node, given in base.settings.items()}
     files = dict(base.files)
 
@@ -160,7 +161,7 @@ def make_experiment(
         merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
     merge(_of_hardware(hardware, _overridden(settings, chosen)), Path(hardware or ""))
     asked = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
-    for name in _named(params) or _usual(_overridden(settings, chosen), asked, base, chosen):
+    for name in _named(params) or _usual(arm.description if arm else source, asked, base, chosen):
         before = asked or settings["controller"].get(LAW_NAME.name)
         merge(*_parameter_set(name, before if before in LAWS.names else None, _overridden(settings, chosen)))
     if law is not None:
@@ -200,13 +201,13 @@ def _parameter_set(name: str, law: str | None, settings: Settings) -> tuple[Sett
 
 
 def _usual(
-    settings: Settings, law: str | None, base: Experiment, overrides: Iterable[tuple[str, str, Any]]
+    source: str | None, law: str | None, base: Experiment, overrides: Iterable[tuple[str, str, Any]]
 ) -> list[str]:
     """Parameter sets if none is named: `PRACTICAL` for an arm from a file; the article's are those of another arm.
 
     Args:
-        settings: of the experiment; the arm matters.
-        law: name of the law, if it is given beside the scenario.
+        source: description of the arm by the user or by the scenario; None: neither says.
+        law: name of the law that is given beside the scenario; None: none is.
         base: the scenario.
         overrides: node, name and value of each.
     """
@@ -214,7 +215,8 @@ def _usual(
     choices = {name for node, name, _ in overrides if node == "controller"} & _CHOICES
     chosen = choices or any(name.startswith(("law.", "estimator.")) and name != "law.name" for name in given)
     name = law or given.get("law.name", LAW_NAME.default)
-    return [PRACTICAL] if _robot(settings) not in NAMES and not chosen and name in RULED else []
+    of_file = source is not None and source not in (*NAMES, *ROBOTS.names)
+    return [PRACTICAL] if of_file and not chosen and name in RULED else []
 
 
 def _overrides(given: Sequence[str] | Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, str, Any]]:

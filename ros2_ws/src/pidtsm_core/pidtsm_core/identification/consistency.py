@@ -1,12 +1,11 @@
 """Physically consistent parameters: those of real bodies, nearest to the description, that explain the data."""
 
 import math
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.optimize import OptimizeResult, least_squares
+from scipy.optimize import least_squares, lsq_linear
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.identification.base_parameters import BaseParameters
@@ -22,9 +21,11 @@ _ROUNDNESS = 0.01
 _LIGHTEST = 1e-3
 """kg; smallest mass of a body whose pseudo-inertia is estimated."""
 _STUCK = 0.5
-"""Cost for each variable from which on another method tries: more than one standard deviation."""
+"""Cost for each variable from which on the solution is approached: more than one standard deviation."""
 _TRIES = 200
-"""Steps of a solver at most."""
+"""Steps of SciPy's solver at most."""
+_STEPS, _HALVINGS, _SETTLED = 30, 8, 1e-6
+"""Of our own: steps at most, halvings of a step at most, and share of the cost by which the last step reduces it."""
 _STEP = 10.0
 """Factor by which data that are nearly exact count more from one try to the next."""
 _UPPER = np.triu_indices(4)
@@ -142,6 +143,10 @@ class _Problem:
         data = weight * (self._mapping @ self.parameters(variables)[0] - self._target)
         return np.concatenate([data, self._certainty @ (variables - self._described)])
 
+    def cost(self, variables: Array, weight: float = 1.0) -> float:
+        """Half the sum of squares of `residuals`."""
+        return 0.5 * float(np.sum(self.residuals(variables, weight) ** 2))
+
     def slopes(self, variables: Array, weight: float = 1.0) -> Array:
         """Derivatives of `residuals`."""
         return np.vstack([weight * (self._mapping @ self.parameters(variables)[1]), self._certainty])
@@ -164,51 +169,58 @@ def consistent_parameters(
             distance does not count them. Shape (4 joints,).
     """
     problem = _Problem(prior if preferred is None else replace(prior, deviation=preferred), base, fit)
-    found = _nearest(problem)
-    parameters, variables, links = problem.parameters(found.x)[0], found.x.copy(), prior.carriers.size
+    variables, links = _nearest(problem), prior.carriers.size
+    parameters = problem.parameters(variables)[0]
     variables[links:] = parameters[links:] / prior.deviation
     distance = np.linalg.norm(_Problem(prior, base, fit).residuals(variables)) / np.sqrt(variables.size)
     return parameters, float(distance)
 
 
-def _nearest(problem: _Problem) -> OptimizeResult:
-    """The solution of the problem.
+def _nearest(problem: _Problem) -> Array:
+    """The variables of the solution.
 
     Dogbox takes a fifth of the steps of SciPy's default method, and needs no singular values, which were once not found
     near bounds. But it may end at a bound that it should leave, or in a narrow valley if the data are nearly exact,
-    both far from data and description. Then the data count more and more from one try to the next; and if that ends far
-    away, too, the other method has its try. The prior gives the slopes full rank, as both methods require.
+    both far from data and description. Then the solution is approached.
     """
-    found = _solved(problem, problem.start)
-    for another in (_approached, lambda each: _solved(each, each.start, "trf")):
-        if found.cost > _STUCK * found.x.size:
-            with suppress(np.linalg.LinAlgError):
-                found = min(found, another(problem), key=lambda each: float(each.cost))
-    return found
-
-
-def _approached(problem: _Problem) -> OptimizeResult:
-    """The solution, from those of problems in which the data count less."""
-    start = problem.start
-    far = max(1.0, float(np.linalg.norm(problem.residuals(start))) / math.sqrt(start.size))
-    for weight in np.geomspace(1.0 / far, 1.0, 2 + round(math.log(far, _STEP))):
-        found = _solved(problem, start, weight=float(weight))
-        start = found.x
-    return found
-
-
-def _solved(problem: _Problem, start: Array, method: str = "dogbox", weight: float = 1.0) -> OptimizeResult:
-    """The solution from a start with data that count as much as `_Problem.residuals` says."""
-    return least_squares(
+    found = least_squares(
         problem.residuals,
-        start,
+        problem.start,
         jac=problem.slopes,
         bounds=problem.bounds,
-        method=method,
+        method="dogbox",
         x_scale="jac",
         max_nfev=_TRIES,
-        kwargs={"weight": weight},
     )
+    if found.cost <= _STUCK * found.x.size:
+        return np.asarray(found.x)
+    return min(np.asarray(found.x), _approached(problem), key=problem.cost)
+
+
+def _approached(problem: _Problem) -> Array:
+    """The solution, from those of problems in which the data count less."""
+    found = problem.start
+    far = max(1.0, math.sqrt(2.0 * problem.cost(found) / found.size))
+    for weight in np.geomspace(1.0 / far, 1.0, 2 + round(math.log(far, _STEP))):
+        found = _solved(problem, found, float(weight))
+    return found
+
+
+def _solved(problem: _Problem, start: Array, weight: float) -> Array:
+    """The solution next to a start: Gauss and Newton's method, each step of which keeps the bounds."""
+    found, cost = start, problem.cost(start, weight)
+    for _ in range(_STEPS):
+        lower = problem.bounds[0] - found
+        matrix, residuals = problem.slopes(found, weight), problem.residuals(found, weight)
+        step = lsq_linear(matrix, -residuals, (lower, np.inf), method="bvls").x
+        shorter = (found + 0.5**halvings * step for halvings in range(_HALVINGS))
+        better = next((each for each in shorter if problem.cost(each, weight) < cost), None)
+        if better is None:
+            break
+        before, found, cost = cost, better, problem.cost(better, weight)
+        if before - cost < _SETTLED * before:
+            break
+    return found
 
 
 def expectation(prior: Prior, base: BaseParameters) -> Expectation:

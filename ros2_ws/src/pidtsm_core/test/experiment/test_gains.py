@@ -123,14 +123,12 @@ def test_an_arm_from_a_file_has_them_without_asking(file: str, law: str) -> None
     assert one.settings["controller"] == {**without.settings["controller"], "law.anti_windup": "none"}
 
 
-@pytest.mark.parametrize("where", ["scenario", "overrides"])
-def test_it_has_them_however_it_is_named(tmp_path: Path, file: str, where: str) -> None:
+def test_it_has_them_in_a_scenario(tmp_path: Path, file: str) -> None:
     nodes = {node: {"robot.description": file} for node in ("simulator", "controller")}
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text(yaml.safe_dump({"description": "an arm", "duration": 1.0, **nodes}))
-    found = make_experiment(str(scenario)) if where == "scenario" else make_experiment(None, overrides=nodes)
-    expected = make_experiment(None, params=PRACTICAL, robot=file).settings["controller"]
-    assert {**found.settings["controller"], "joints": None} == {**expected, "joints": None}
+    found, expected = make_experiment(str(scenario)), make_experiment(None, params=PRACTICAL, robot=file)
+    assert {**found.settings["controller"], "joints": None} == {**expected.settings["controller"], "joints": None}
     of_the_article = make_experiment(str(scenario), params="article").settings["controller"]
     assert "estimator.bandwidth" not in of_the_article
 
