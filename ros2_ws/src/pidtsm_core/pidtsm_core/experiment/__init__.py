@@ -147,7 +147,6 @@ def make_experiment(
     arm = None if robot is None else find_arm(robot)
     of_arm = {} if arm is None else arm.settings()
     base = scenario if isinstance(scenario, Experiment) else _scenario(scenario, _arm(of_arm, chosen), duration)
-    source = _robot(base.settings) if isinstance(scenario, str) else None
     settings: Settings = {node: {} for node in NODES} | {node: dict(given) for node, given in base.settings.items()}
     files = dict(base.files)
 
@@ -161,7 +160,7 @@ def make_experiment(
         merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
     merge(_of_hardware(hardware, _overridden(settings, chosen)), Path(hardware or ""))
     asked = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
-    for name in _named(params) or _usual(arm.description if arm else source, asked, base, chosen):
+    for name in _named(params) or _usual(_source(arm, scenario, base), asked, base, chosen):
         before = asked or settings["controller"].get(LAW_NAME.name)
         merge(*_parameter_set(name, before if before in LAWS.names else None, _overridden(settings, chosen)))
     if law is not None:
@@ -200,13 +199,19 @@ def _parameter_set(name: str, law: str | None, settings: Settings) -> tuple[Sett
     return load_ros_parameters(source), source
 
 
+def _source(arm: ArmDefinition | None, scenario: str | Experiment | None, base: Experiment) -> str | None:
+    """Description of the arm by the user or by a scenario; None: neither says."""
+    of_scenario = _robot(base.settings) if isinstance(scenario, str) else None
+    return of_scenario if arm is None else arm.description
+
+
 def _usual(
     source: str | None, law: str | None, base: Experiment, overrides: Iterable[tuple[str, str, Any]]
 ) -> list[str]:
     """Parameter sets if none is named: `PRACTICAL` for an arm from a file; the article's are those of another arm.
 
     Args:
-        source: description of the arm by the user or by the scenario; None: neither says.
+        source: see `_source`.
         law: name of the law that is given beside the scenario; None: none is.
         base: the scenario.
         overrides: node, name and value of each.

@@ -130,10 +130,7 @@ def fit(
                 np.concatenate([residual[..., np.newaxis], table[..., :count] @ spread], axis=2)
                 for residual, table in zip(residuals, tables, strict=True)
             ]
-            colours, scales = _noise(errors, pieces)
-            # What is smaller is the error of the filter, of which nothing is known but that it is small.
-            exact = _size(residuals, pieces) < least
-            colours[exact], scales[exact] = 0.0, least[exact]
+            colours, scales = _noise(errors, pieces, least)
             pieces = [piece for each in measurements for piece in filtered(each, cutoff, delay)]
     inverse = solve_triangular(triangle, np.eye(count))
     # Of the base parameters alone: with the delay, which is the last one, as the first column, the other rows of the
@@ -222,13 +219,14 @@ def _used(piece: Piece) -> NDArray[np.bool_]:
     return used
 
 
-def _noise(errors: Sequence[Array], pieces: Sequence[Piece]) -> tuple[Array, Array]:
+def _noise(errors: Sequence[Array], pieces: Sequence[Piece], least: Array) -> tuple[Array, Array]:
     """Autoregressive coefficients of the noise, shape (joints, order), and the size of what drives it, (joints,).
 
     Residuals alone lack what the estimates have absorbed, mostly at the low frequencies of the motion, and intervals
     would be too narrow. So the noise is what is expected of it (Dempster, Laird and Rubin, J. Royal Statistical Society
     B 39, 1977): `errors`, of shape (samples, joints, 1 + columns), has the residuals, and then the rows times a root of
-    the covariance of the estimates.
+    the covariance of the estimates. Residuals below `least`, shape (joints,), are errors of the filter: small, and not
+    known otherwise.
     """
     joints = errors[0].shape[1]
     colours, scales = np.zeros((joints, _ORDER)), np.ones(joints)
@@ -241,6 +239,8 @@ def _noise(errors: Sequence[Array], pieces: Sequence[Piece]) -> tuple[Array, Arr
             continue
         colours[j] = _bounded(np.linalg.lstsq(past.reshape(-1, _ORDER), now.ravel(), rcond=None)[0])
         scales[j] = np.sqrt(np.sum((now - past @ colours[j]) ** 2) / (len(now) - _ORDER))
+    exact = _size([values[..., 0] for values in errors], pieces) < least
+    colours[exact], scales[exact] = 0.0, least[exact]
     return colours, np.maximum(scales, 1e-12)
 
 
