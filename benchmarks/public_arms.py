@@ -3,9 +3,9 @@
 ./pidtsm shell -c "python benchmarks/public_arms.py --out results/public_arms"
 
 Of each arm: what `check` says, `gains`, a rollout with 14-bit encoders and 1 ms of delay, `excite`, `identify` on that
-motion, and the planning of `move` to random targets, rounded as a person types them. What a message proposes
-(``--joints``, ``--effort``, ``robot.armature``) is followed literally. A run that is interrupted is resumed by the same
-command.
+motion, the planning of `move` to random targets, rounded as a person types them, and, with ``--nodes``, `nodes start`
+with a simulated arm and `move` to some of them. What a message proposes (``--joints``, ``--effort``,
+``robot.armature``) is followed literally. A run that is interrupted is resumed by the same command.
 """
 
 import argparse
@@ -65,9 +65,11 @@ SENSORS = ("--set", "simulator.encoder.bits=14", "--set", "simulator.delay.sampl
 _ARMATURE = "0.05"
 """kg m^2, where a message asks for rotors."""
 _CURES = 3
-_SHOWN = ("rollout", "check", "gains", "excite", "identify", "targets", "refused")
+_SHOWN = ("rollout", "check", "gains", "excite", "identify", "targets", "refused", "arrived")
 _TARGETS = 400
 """Random targets for each arm, more than 10,000 in all."""
+_MOVES, _NEAR = 5, 0.02
+"""Targets to which the arm moves on nodes; the largest error there, rad or m."""
 
 
 def fetch(folder: Path) -> None:
@@ -107,7 +109,7 @@ def _proposed(errors: str, more: Sequence[str]) -> Iterator[str]:
             yield from ("--set", f"{node}.robot.armature={_ARMATURE}")
 
 
-def tried(file: Path, folder: Path) -> dict[str, Any]:
+def tried(file: Path, folder: Path, nodes: bool) -> dict[str, Any]:
     """What came of every command for one arm."""
     folder.mkdir(parents=True, exist_ok=True)
     robot: list[str] = ["--robot", str(file)]
@@ -126,8 +128,8 @@ def tried(file: Path, folder: Path) -> dict[str, Any]:
     motion, moved = str(folder / "motion.yaml"), str(folder / "moved")
     row["excite"], _, errors = call(["excite", *robot, *arm, "--duration", "20", "--out", motion])
     if row["excite"] == 0:
-        sets = [word for i, word in enumerate(cure) if word == "--set" or cure[i - 1 : i] == ["--set"]]
-        row["moved"], _, errors = call(["rollout", "--scenario", motion, *SENSORS, *sets, "--bag", "--out", moved])
+        with_sensors = ["rollout", "--scenario", motion, *SENSORS, *_sets(cure)]
+        row["moved"], _, errors = call([*with_sensors, "--bag", "--out", moved])
         bag = Path(moved) if Path(moved).exists() else Path(f"{moved}.failed")
         code, output, errors = call(
             ["identify", str(bag / "bag"), *robot, *arm, "--out", str(folder / "identified"), "--json"]
@@ -135,17 +137,47 @@ def tried(file: Path, folder: Path) -> dict[str, Any]:
         row |= {"identify": code, "warnings": json.loads(output)["warnings"] if output else errors.strip()}
     if "error" in row:
         row |= planned(file, arm)
+        row |= driven(file, arm, cure) if nodes else {}
     return {**row, "seconds": round(time.perf_counter() - began, 1)}
 
 
-def planned(file: Path, options: Sequence[str]) -> dict[str, Any]:
-    """Plan motions between random postures; an exception other than a refusal ends the benchmark."""
+def arm_of(file: Path, options: Sequence[str]) -> ArmDefinition:
+    """The arm of a file with the options ``--joints`` and ``--effort``."""
     words = dict(zip(options[::2], options[1::2], strict=True))
     efforts = tuple(float(each) for each in words.get("--effort", "").split(",") if each and "=" not in each)
     named = dict(pair.split("=") for pair in words.get("--effort", "").split(",") if "=" in pair)
     joints = tuple(words["--joints"].split(",")) if "--joints" in words else ()
-    effort = efforts or {name: float(value) for name, value in named.items()}
-    limits = motion_limits(ArmDefinition(str(file), joints, effort=effort).settings())
+    return ArmDefinition(str(file), joints, effort=efforts or {name: float(value) for name, value in named.items()})
+
+
+def driven(file: Path, options: Sequence[str], cure: Sequence[str]) -> dict[str, Any]:
+    """Start nodes with a simulated arm and move it to random targets about its start, one after the other."""
+    program = [str(Path(__file__).parents[1] / "pidtsm")]
+    arm = [*program, "nodes", "start", "--plant", "--detach", "--robot", str(file), *options]
+    started = subprocess.run([*arm, *_sets(cure)], capture_output=True, text=True, check=False)
+    if started.returncode:
+        return {"arrived": 0, "moves": [started.stderr.strip()]}
+    limits, start = (
+        motion_limits(arm_of(file, options).settings()),
+        np.array(arm_of(file, options).robot().initial_position),
+    )
+    random, said = np.random.default_rng(1), list[str]()
+    try:
+        for _ in range(_MOVES):
+            target = np.clip(np.round(start + random.uniform(-0.4, 0.4, start.size), 2), limits.lower, limits.upper)
+            words = [*program, "move", "--json", "--to", *(f"{q:g}" for q in target)]
+            done = subprocess.run(words, capture_output=True, text=True, check=False)
+            found = json.loads(done.stdout)["position"].values() if done.returncode == 0 else [np.inf]
+            near = done.returncode == 0 and np.abs(np.array([*found]) - target).max() < _NEAR
+            said.append("" if near else done.stderr.strip() or str(found))
+    finally:
+        subprocess.run([*program, "nodes", "stop"], capture_output=True, check=False)
+    return {"arrived": said.count(""), "moves": said}
+
+
+def planned(file: Path, options: Sequence[str]) -> dict[str, Any]:
+    """Plan motions between random postures; an exception other than a refusal ends the benchmark."""
+    limits = motion_limits(arm_of(file, options).settings())
     low, high = (np.clip(each, -np.pi, np.pi) for each in (limits.lower, limits.upper))
     random, refused, times = np.random.default_rng(0), list[str](), list[float]()
     for _ in range(_TARGETS):
@@ -164,6 +196,11 @@ def planned(file: Path, options: Sequence[str]) -> dict[str, Any]:
     }
 
 
+def _sets(words: Sequence[str]) -> list[str]:
+    """The options ``--set`` among words, with their values."""
+    return [word for i, word in enumerate(words) if "--set" in (word, *words[max(0, i - 1) : i])]
+
+
 def _pair(words: Sequence[str], option: str) -> Sequence[str]:
     place = words.index(option)
     return words[place : place + 2]
@@ -173,6 +210,7 @@ def try_all() -> None:
     """Fetch, try, and print one line for each arm."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="results and fetched packages")
+    parser.add_argument("--nodes", action="store_true", help="move the arms on nodes, too, in real time")
     options = parser.parse_args()
     packages, results = options.out / "packages", options.out / "arms.json"
     if not packages.exists():
@@ -180,7 +218,7 @@ def try_all() -> None:
     rows: dict[str, Any] = json.loads(results.read_text(encoding="utf-8")) if results.exists() else {}
     for name in ARMS:
         if name not in rows:
-            rows[name] = tried(packages / name, options.out / name.replace("/", "_"))
+            rows[name] = tried(packages / name, options.out / name.replace("/", "_"), options.nodes)
             results.write_text(json.dumps(rows, indent=1), encoding="utf-8")
         row = rows[name]
         error = f"{1e3 * row['error']:.2f} mrad or mm" if "error" in row else "-"

@@ -44,7 +44,9 @@ def test_the_leaderboard_reads_it(scores: Path, tmp_path: Path) -> None:
     out = tmp_path / "board"
     assert main(["leaderboard", str(scores), "--out", str(out)]) == 0
     assert {file.name for file in out.iterdir()} == {"leaderboard.html", "leaderboard.md", "images", *ALWAYS}
-    assert "| mine |" in (out / "leaderboard.md").read_text()
+    document = (out / "leaderboard.md").read_text()
+    assert "| mine |" in document
+    assert "**Quick scores**" in document
     origin = origin_of(out)
     assert origin is not None
     assert origin["runs"] == {str(scores / "mine"): origin_of(scores / "mine")}

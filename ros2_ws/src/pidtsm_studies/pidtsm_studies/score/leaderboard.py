@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from pidtsm_core.errors import UsageError
 from pidtsm_studies.reports.figures import COLOURS, DASHES, STYLE, save_figures
-from pidtsm_studies.score.criteria import CRITERIA
+from pidtsm_studies.score.criteria import CRITERIA, FULL
 from pidtsm_studies.score.page import axis_text, by_arm, curve_of, success, write_score_page
 from pidtsm_studies.score.results import FILE, Entry, read_entry
 from pidtsm_studies.score.wording import COLUMNS, cells, title
@@ -21,6 +21,9 @@ _INTRODUCTION = """# Leaderboard
 `./pidtsm leaderboard` writes this page from the results of `./pidtsm score`; [Score](score.md) describes what is
 measured. The best score comes first. RMSE is the root of the sum of squares of the joints (rad, m for a joint that
 slides), ECI and torque variation are sums (N m, N). The interval of a score covers other seeds.
+"""
+_QUICK = """**Quick scores**, of {values} values and {repeats} seed: they only show that everything runs, and cannot be
+compared with others.
 """
 
 
@@ -61,7 +64,9 @@ def write_leaderboard(folder: Path, entries: Sequence[Entry]) -> None:
 
 def document(entries: Sequence[Entry]) -> str:
     """Content of ``leaderboard.md``."""
-    return "\n".join([_INTRODUCTION, *(_arm(arm, scored) for arm, scored in by_arm(entries).items())])
+    extent = entries[0].extent
+    quick = [] if extent == FULL else [_QUICK.format(values=extent.values, repeats=extent.repeats)]
+    return "\n".join([_INTRODUCTION, *quick, *(_arm(arm, scored) for arm, scored in by_arm(entries).items())])
 
 
 def _arm(arm: str, entries: Sequence[Entry]) -> str:
