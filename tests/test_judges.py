@@ -169,20 +169,22 @@ def test_commands_are_those_that_the_state_tells(bags: dict[str, Path], name: st
 
 @pytest.mark.parametrize("name", ["lockstep", "two"])
 def test_joint_states_have_the_estimates_of_the_drives(bags: dict[str, Path], name: str) -> None:
-    states: list[Any] = []
-    truth: list[Any] = []
+    states: dict[int, Any] = {}
+    truth: dict[int, Any] = {}
     for topic, kind, data, *_ in messages(bags[name]):
         if topic.endswith(("joint_states", "ground_truth")):
-            (states if topic.endswith("joint_states") else truth).append(deserialize_message(data, get_message(kind)))
+            found = states if topic.endswith("joint_states") else truth
+            found[serialized_nanoseconds(data)] = deserialize_message(data, get_message(kind))
+    both = sorted(states.keys() & truth.keys())  # A recording may begin or end between the two.
+    assert len(both) >= 290
     measured, reported, true_position, true = (
-        np.array([getattr(each, field) for each in those])
+        np.array([getattr(those[stamp], field) for stamp in both])
         for field, those in zip(["position", "velocity"] * 2, (states, states, truth, truth), strict=True)
     )
-    assert reported.shape == true.shape
     # Encoders of 14 bits, low-passed with 600 rad/s.
     assert 0.0 < np.abs(measured - true_position).max() <= np.pi / 2**14 + 1e-12
     assert 0.0 < np.abs(reported - true)[20:].max() < 0.4
-    assert [list(each.effort) for each in states[1:]] == [list(each.effort) for each in truth[:-1]]
+    assert [list(states[stamp].effort) for stamp in both[1:]] == [list(truth[stamp].effort) for stamp in both[:-1]]
 
 
 @pytest.mark.parametrize("name", ["two", "realtime"])
@@ -264,7 +266,7 @@ def strangers(tmp_path_factory: pytest.TempPathFactory) -> Strangers:
                 assert theirs.wait(60.0) == 0
             finally:
                 theirs.kill()
-        assert "recording without /simulator/ground_truth, which nobody publishes" in ours.tail()
+        assert "recording without /simulator/ground_truth" in ours.tail()
         samples = len(plant.times)
         counted = f"{samples} of controller/state, {samples} of joint_commands, {samples} of reference"
         assert f"received {counted}, {samples} of joint_states, " in ours.tail()

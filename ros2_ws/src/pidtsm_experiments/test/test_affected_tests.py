@@ -15,7 +15,7 @@ FOUND_BY = {
     f"{SOURCE}/pidtsm_core/pidtsm_core/units.py": "test/test_units.py",
     f"{SOURCE}/pidtsm_core/pidtsm_core/experiment/params/dtsm.yaml": "test/experiment/test_experiment.py",
     f"{SOURCE}/pidtsm_studies/pidtsm_studies/reports/figures.py": "test/reports/test_figures.py",
-    f"{SOURCE}/pidtsm_studies/pidtsm_studies/reports/templates/report.js": "test/reports/test_report_in_browser.py",
+    f"{SOURCE}/pidtsm_studies/pidtsm_studies/reports/templates/viewer.js": "test/reports/test_report_in_browser.py",
     f"{SOURCE}/pidtsm_ros/pidtsm_ros/wire.py": "test/test_wire.py",
     f"{SOURCE}/pidtsm_controller/pidtsm_controller/goal_planning.py": "tests/test_goals.py",
     f"{SOURCE}/two_link_sim/two_link_sim/simulator_node.py": "tests/test_simulator_services.py",

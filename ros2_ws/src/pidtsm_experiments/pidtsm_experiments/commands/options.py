@@ -85,7 +85,7 @@ def add_parameter_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_hardware_argument(parser: argparse.ArgumentParser) -> None:
     """Add the option that chooses the class of hardware."""
-    classes = "; ".join(f"{name}: {hardware_description(name)}" for name in hardware_names())
+    classes = "; ".join(f"{name}: {hardware_description(name)}" for name in hardware_names()).replace("%", "%%")
     parser.add_argument(
         "--hardware",
         choices=hardware_names(),

@@ -15,8 +15,8 @@ _STYLE = (("ruff", "check", "."), ("ruff", "format", "--check", "."))
 _TYPES = ("mypy",)
 _COMPILE = "import support.nursery_preload; from pidtsm_core.rollouts.closed_loop import rollout; rollout(duration=0.1)"
 """Run before the tests: once, and not in each of their processes at the same time."""
-# The tests of a file share nodes, so they stay together. Four processes even on two cores, as many wait for messages.
-_TESTS = ("pytest", "--numprocesses", "4", "--dist", "loadfile", "--no-loadscope-reorder")
+# The tests of a file share nodes, so they stay together. Three processes even on two cores, as many wait for messages.
+_TESTS = ("pytest", "--numprocesses", "3", "--dist", "loadfile", "--no-loadscope-reorder")
 _NONE_CHOSEN = 5
 """Exit code of pytest where its options choose none of the tests."""
 _ALONE = "*_realtime.py"

@@ -66,7 +66,8 @@ class Plots:
 
     def _choose(self) -> None:
         """Draw the chosen joint over the chosen time."""
-        length = float(self._window.value.split()[0])
+        window = self._window.value if self._window.value in _WINDOWS else _WINDOWS[-1]  # A page may send anything.
+        length = float(window.split()[0])
         for plot in self._plots.values():
             plot.series = tuple(self._series())
             plot.scales = _scales((-length, 0.0))

@@ -53,8 +53,8 @@ def joined(namespace: str, words: Sequence[str] = ()) -> Iterator[System]:
     except InvalidNamespaceException as error:  # Its text has a drawing of the place.
         raise UsageError(f"--namespace {namespace}: {str(error).splitlines()[0].rstrip(':')}") from None
     try:
-        arguments = prepare_process(["pidtsm", *(["--ros-args", *words] if words else [])])
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        arguments = ["pidtsm", *(["--ros-args", *words] if words else [])]
+        rclpy.init(args=prepare_process(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except SecurityError as error:
         raise UsageError(str(error)) from None
     except Exception as error:  # rcl refuses arguments and domains with errors of many types.

@@ -94,7 +94,8 @@ def find_skeleton(parameters: Mapping[str, object]) -> Skeleton:
 
 def _planar(parameters: Mapping[str, object]) -> Skeleton:
     """The two-link arm, in the plane of x and z."""
-    values = resolve(robot_schema, parameters, 2)
+    known = {parameter.name for parameter in robot_schema(parameters)}
+    values = resolve(robot_schema, {name: value for name, value in parameters.items() if name in known}, 2)
     tree = np.zeros(size(2))
     first, second = rows(tree)
     first[[Column.PARENT, Column.PLACE]] = -1, 0
