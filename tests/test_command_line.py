@@ -256,7 +256,10 @@ def test_what_is_allowed_but_unwise_is_said_before_the_start(tmp_path: Path, cal
 
 def test_the_order_of_settings_is_in_the_help(call: Call) -> None:
     for command in ("run", "rollout"):
-        assert "Precedence, lowest first: scenario, --robot, --params, --law, --set." in call(command, "--help").stdout
+        assert (
+            "Precedence, lowest first: scenario, --robot, --hardware, --params, --law, --set."
+            in call(command, "--help").stdout
+        )
 
 
 @pytest.mark.parametrize(

@@ -341,12 +341,13 @@ class Arm:
         """End the motion: come to rest as fast as the limits allow.
 
         Raises:
-            ArmError: the reference is not at rest within 10 s.
+            ArmError: no node takes trajectories, or the reference is not at rest within 10 s.
         """
         if self._result is not None and self._goal is not None:
             self._answer(self._request(self._goal.cancel_goal_async), _TO_REST)
             self._result = None
-        else:
+        else:  # What is sent before the node is discovered is lost.
+            self._await(self._trajectories.get_subscription_count, _TO_REST, "no node takes trajectories")
             self._trajectories.publish(JointTrajectory())
         self._target = None
         if wait:
