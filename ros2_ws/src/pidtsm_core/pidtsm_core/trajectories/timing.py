@@ -28,6 +28,8 @@ _FINE, _COARSE = 64, 16
 """Samples in one of these times, and how many of them make one segment of the motion."""
 _NEWTON = 4
 """Rounds of Newton's method for the times at which way points are passed."""
+_BELOW = 1.0 - 1e-5
+"""Share of the largest velocity on a line: whoever rounds its times, as messages do, does not exceed that velocity."""
 _SAME = 1e-9
 """Way points closer to each other count once, rad or m."""
 _STEP = 1.05
@@ -90,7 +92,7 @@ def _spare(motion: PiecewiseMotion, limits: MotionLimits) -> MotionLimits:
 
 def _on_a_line(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     """The fastest motion between two way points; of one, to stay there."""
-    velocity = np.minimum(limits.planned_velocity, _FASTEST)
+    velocity = np.minimum(_BELOW * limits.planned_velocity, _FASTEST)
     return fastest_line(waypoints[0], waypoints[-1], velocity, limits.acceleration, limits.jerk)
 
 
