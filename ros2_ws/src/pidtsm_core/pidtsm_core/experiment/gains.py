@@ -106,8 +106,6 @@ def _checked(settings: Mapping[str, object]) -> Mapping[str, Value]:
 
 def _inertia(robot: Robot, settings: Mapping[str, object]) -> Array:
     """The inertia matrix with payload in the middle of the range, shape (joints, joints), kg m^2."""
-    q, values = np.array(robot.initial_position), _checked(settings)
-    p, n = robot.with_payload(robot.pack_model(values), payload_of(values)), q.size
-    accelerations, efforts = np.vstack([np.zeros(n), np.eye(n)]), np.zeros((n + 1, n))
-    robot.dynamics.inverse_dynamics(q, np.zeros(n), accelerations, p, efforts)
-    return efforts[1:] - efforts[0]
+    values = _checked(settings)
+    loaded = robot.with_payload(robot.pack_model(values), payload_of(values))
+    return robot.inertia_matrix(loaded, np.array(robot.initial_position))

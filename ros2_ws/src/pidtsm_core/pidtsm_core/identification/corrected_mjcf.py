@@ -1,7 +1,5 @@
 """An MJCF with other bodies."""
 
-from typing import Any
-
 import numpy as np
 
 from pidtsm_core.arrays import Array
@@ -10,12 +8,13 @@ from pidtsm_core.identification.regressor import LINK
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.compiler import compile_spec, load_mujoco, parse
 from pidtsm_core.robots.inertials import Inertial, body_inertials
+from pidtsm_core.robots.rigid_bodies import set_inertial
 
 
 def corrected_mjcf(arm: Description, parameters: Array) -> str:
     """The text of the MJCF with other parameters.
 
-    Every body says its mass and inertia, also one whose geometry did before. Friction becomes ``damping`` and
+    Every body has an ``inertial``, also one whose geometry defined it before. Friction becomes ``damping`` and
     ``frictionloss`` of the joint, next to ``armature``. Files are named by their absolute paths.
 
     Args:
@@ -27,8 +26,8 @@ def corrected_mjcf(arm: Description, parameters: Array) -> str:
     for link, parameters_of_link in corrected_links(arm, parameters):
         inertials[link - 1] = Inertial(*mass_and_center(parameters_of_link))
     for body, inertial in zip(spec.bodies[1:], inertials, strict=True):
-        _set_inertial(body, inertial)
-    # The compiler keeps what is said.
+        set_inertial(body, *inertial)
+    # Otherwise geometry or a total mass would override them.
     spec.compiler.inertiafromgeom = load_mujoco().mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
     spec.compiler.settotalmass = -1.0
     armature, viscous, coulomb, _ = parameters[LINK * len(arm.joints) :].reshape(4, len(arm.joints))
@@ -39,14 +38,3 @@ def corrected_mjcf(arm: Description, parameters: Array) -> str:
         joint.damping = np.eye(1, np.size(joint.damping))[0] * viscous[j]
     compile_spec(spec)
     return str(spec.to_xml())
-
-
-def _set_inertial(body: Any, inertial: Inertial) -> None:
-    """Give a body of type ``mujoco.MjsBody`` a mass."""
-    principal, axes = np.linalg.eigh(inertial.inertia)
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
-    turn = np.empty(4)
-    load_mujoco().mju_mat2Quat(turn, axes.ravel())
-    body.explicitinertial = True
-    body.mass, body.ipos, body.iquat, body.inertia = inertial.mass, inertial.center, turn, principal
-    body.fullinertia = np.full(6, np.nan)

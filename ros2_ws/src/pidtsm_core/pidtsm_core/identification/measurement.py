@@ -46,8 +46,8 @@ class Measurement:
         effort: N m or N, likewise.
         limit: efforts that are as large are not used, because a drive that saturates may report another effort than it
             delivers, shape (joints,), N m or N; infinite: there is none.
-        slowest: samples that are slower are not used, because friction does not follow from the velocity, see
-            `reversals`, shape (joints,), rad/s or m/s.
+        slowest: slower samples are not used, because their friction does not follow from the velocity, see
+            `reversals`, rad/s or m/s: one for all joints, or shape (joints,).
     """
 
     joints: tuple[str, ...]
@@ -70,9 +70,14 @@ class Measurement:
     def of(self, joints: Sequence[str]) -> "Measurement":
         """The same with these joints in this order; each must be one of its own."""
         order = [self.joints.index(joint) for joint in joints]
-        slowest = self.slowest if isinstance(self.slowest, float) else self.slowest[order]
-        columns = {"position": self.position[:, order], "effort": self.effort[:, order], "limit": self.limit[order]}
-        return replace(self, joints=tuple(joints), slowest=slowest, **columns)
+        return replace(
+            self,
+            joints=tuple(joints),
+            position=self.position[:, order],
+            effort=self.effort[:, order],
+            limit=self.limit[order],
+            slowest=np.broadcast_to(self.slowest, len(self.joints))[order],
+        )
 
     def between(self, begin: float, end: float) -> "Measurement":
         """The part between two shares of its duration, from 0 to 1."""

@@ -68,8 +68,8 @@ def left_out(arm: Description, measurements: Sequence[Measurement]) -> tuple[str
     """
     slowest = np.broadcast_to(measurements[0].slowest, len(arm.joints))
     return tuple(
-        f"{joint}: slower than {speed:.2g} {'m' if slides else 'rad'}/s, its friction is not Coulomb and viscous "
-        "friction, and such motion is not used"
+        f"{joint}: below {speed:.2g} {'m' if slides else 'rad'}/s, its friction does not follow the model of Coulomb "
+        "and viscous friction; slower motion is not used"
         for joint, speed, slides in zip(arm.joints, slowest, arm.slides, strict=True)
         if speed > FAST
     )

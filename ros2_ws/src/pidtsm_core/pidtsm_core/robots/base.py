@@ -52,6 +52,11 @@ class Tool(NamedTuple):
     point: Array  # origin of the tool in that link, shape (3,), m
 
 
+def unit_accelerations(joints: int) -> Array:
+    """No acceleration, and the unit vectors, shape (joints + 1, joints): their efforts give bias and inertia matrix."""
+    return np.vstack([np.zeros(joints), np.eye(joints)])
+
+
 @dataclass(frozen=True)
 class Robot(Member):
     """A rigid manipulator, eq. (1): H(q) q'' + C(q, q') q' + G(q) = effort.
@@ -138,6 +143,19 @@ class Robot(Member):
     def rotors(self, model: Array) -> Array:
         """Inertias of the rotors as the joints see them for packed parameters, shape (joints,), kg m^2; 0: unknown."""
         return np.zeros(len(self.joints)) if self.rotor is None else self.rotor(model)
+
+    def inertia_matrix(self, model: Array, q: Array) -> Array:
+        """The inertia matrix with the rotors, shape (joints, joints), kg m^2.
+
+        Args:
+            model: packed parameters.
+            q: positions, shape (joints,), rad.
+        """
+        rows = unit_accelerations(q.size)
+        efforts = np.zeros_like(rows)
+        self.dynamics.inverse_dynamics(q, np.zeros(q.size), rows, model, efforts)
+        inertia = efforts[1:] - efforts[0]
+        return np.asarray(0.5 * (inertia + inertia.T))
 
     def joint_inertia(self, model: Array, q: Array) -> Array:  # noqa: ARG002
         """Inertia that the effort of each joint accelerates at q (rad), 1 / (H^-1)_jj, shape (joints,), kg m^2.

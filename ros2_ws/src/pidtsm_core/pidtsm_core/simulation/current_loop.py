@@ -1,6 +1,7 @@
 """Current loop of a drive: when it takes a command, in which steps, and how fast its torque follows."""
 
 from collections.abc import Mapping
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy.linalg import expm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import PartOf
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float, joint_array
 from pidtsm_core.timing import period_nanoseconds, seconds
 
@@ -47,12 +49,26 @@ PARAMETERS = (
 )
 
 
+class By(IntEnum):
+    """Columns of `CurrentLoopConfig.transition`: what a state at the start of a sample contributes.
+
+    The states are the difference of torque and command, and its rate.
+    """
+
+    DIFFERENCE = 0  # the difference to the difference at the end
+    RATE = 1  # the rate to the difference
+    DIFFERENCE_TO_RATE = 2
+    RATE_TO_RATE = 3
+    DIFFERENCE_TO_MEAN = 4
+    RATE_TO_MEAN = 5
+
+
 class CurrentLoopConfig(NamedTuple):
     """Parameters of the current loops."""
 
     ticks: float  # of the drives in a sample, at most 1
     resolution: Array  # shape (joints,), N m
-    transition: Array  # of a difference and its rate over a sample, and its mean, shape (joints, 6)
+    transition: Array  # over a sample, see `By`, shape (joints, len(By))
     ideal: bool
 
 
@@ -92,11 +108,11 @@ def current_loop_config(values: Mapping[str, Value], joints: int) -> CurrentLoop
 def _transition(frequency: float, damping: float, dt: float) -> Array:
     """Row of `CurrentLoopConfig.transition`: exact for a command that does not change within the sample."""
     if frequency == 0.0:
-        return np.zeros(6)
+        return np.zeros(len(By))
     # The integral of the difference is a third state.
     rates = np.array([[0.0, 1.0, 0.0], [-(frequency**2), -2.0 * damping * frequency, 0.0], [1.0 / dt, 0.0, 0.0]])
     over = np.asarray(expm(rates * dt))
-    return np.array([over[0, 0], over[0, 1], over[1, 0], over[1, 1], over[2, 0], over[2, 1]])
+    return over[:, :2].ravel()  # In the order of `By`.
 
 
 def current_loop_state(joints: int) -> CurrentLoopState:
@@ -104,18 +120,19 @@ def current_loop_state(joints: int) -> CurrentLoopState:
     return CurrentLoopState(np.ones(1), np.zeros(joints), np.zeros(joints), np.zeros(joints), np.zeros(joints))
 
 
-def rest(state: CurrentLoopState) -> None:
-    """Take the torque from the motors."""
-    state.phase[0] = 1.0
-    for row in state[1:]:
-        row[:] = 0.0
-
-
 def _example() -> tuple[CurrentLoopConfig, CurrentLoopState]:
-    return CurrentLoopConfig(1.0, np.zeros(1), np.zeros((1, 6)), ideal=True), current_loop_state(1)
+    return CurrentLoopConfig(1.0, np.zeros(1), np.zeros((1, len(By))), ideal=True), current_loop_state(1)
 
 
 part = PartOf(lambda: _example()[0], lambda: _example()[1])
+
+
+@inlined
+def rest(state: CurrentLoopState) -> None:
+    """Take the torque from the motors; the drives take the next command."""
+    state.phase[0] = 1.0
+    for j in range(state.taken.size):
+        state.taken[j] = state.torque[j] = state.rate[j] = state.mean[j] = 0.0
 
 
 @part
@@ -134,6 +151,6 @@ def follow(config: CurrentLoopConfig, state: CurrentLoopState, command: Array) -
             state.taken[j] = step * round(command[j] / step) if step > 0.0 else command[j]
         over, target = config.transition[j], state.taken[j]
         difference, rate = state.torque[j] - target, state.rate[j]
-        state.torque[j] = target + over[0] * difference + over[1] * rate
-        state.rate[j] = over[2] * difference + over[3] * rate
-        state.mean[j] = target + over[4] * difference + over[5] * rate
+        state.torque[j] = target + over[By.DIFFERENCE] * difference + over[By.RATE] * rate
+        state.rate[j] = over[By.DIFFERENCE_TO_RATE] * difference + over[By.RATE_TO_RATE] * rate
+        state.mean[j] = target + over[By.DIFFERENCE_TO_MEAN] * difference + over[By.RATE_TO_MEAN] * rate

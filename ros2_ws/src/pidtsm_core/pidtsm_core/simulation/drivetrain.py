@@ -5,13 +5,15 @@ Parameters, configuration and state; `pidtsm_core.simulation.drivetrain_step` co
 
 import math
 from collections.abc import Mapping
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float, joint_array, names
-from pidtsm_core.robots import Model, Robot, inverse_dynamics, make_model
+from pidtsm_core.robots import Model, Robot, inverse_dynamics
+from pidtsm_core.robots.base import unit_accelerations
 from pidtsm_core.simulation.disturbances import DISTURBANCES, disturbance_address
 from pidtsm_core.simulation.gear_friction import GearFriction, gear_friction, is_active
 
@@ -52,6 +54,47 @@ MOST_SUBSTEPS = 8
 """A faster vibration is stable, but its frequency is not exact."""
 
 
+class Kept(IntEnum):
+    """Rows of `DrivetrainState.start`."""
+
+    LINK = 0
+    LINK_VELOCITY = 1
+    MOTOR = 2
+    MOTOR_VELOCITY = 3
+    BRISTLE = 4
+    SLIDING = 5
+    TRANSMITTED = 6
+
+
+class Middle(IntEnum):
+    """Rows of `DrivetrainState.middle`."""
+
+    POSITION = 0  # of the links, rad
+    VELOCITY = 1  # rad/s
+    NET = 2  # torque on the links from outside, without c(q, q'), N m
+
+
+class Rub(IntEnum):
+    """Rows of `DrivetrainState.friction`: what resists a motor."""
+
+    LEVEL = 0  # of the dry friction, without asymmetry, N m
+    DRY = 1  # what depends on neither velocity nor direction, N m
+    DRAG = 2  # what is proportional to the velocity, N m s/rad
+
+
+class Term(IntEnum):
+    """Rows of `DrivetrainState.terms`, with the complex velocities W of a motor, V of its link, and the torque S.
+
+    W = FREE + FOLLOWS V, and S = CARRIED - IMPEDANCE (V - q').
+    """
+
+    FREE = 0
+    FOLLOWS = 1
+    CARRIED = 2
+    CHANGE = 3  # V - q', of which the equations are solved
+    IMPEDANCE = 4
+
+
 class Drivetrain(NamedTuple):
     """Parameters of the drive trains, arrays of shape (joints,)."""
 
@@ -77,14 +120,14 @@ class DrivetrainState(NamedTuple):
     bristle: Array  # deflection of the friction, shape (joints,), rad
     sliding: Array  # its direction, 0: sticks, shape (joints,)
     transmitted: Array  # torque from motor to link, mean of the last substep, shape (joints,), N m
-    start: Array  # scratch: a copy of the state, shape (7, joints)
-    middle: Array  # scratch: motion of the links in the middle of the step, external torque, shape (3, joints)
+    start: Array  # scratch: the motion at the start of the step, see `Kept`, shape (len(Kept), joints)
+    middle: Array  # scratch: what holds in the middle of the step, see `Middle`, shape (len(Middle), joints)
     rows: Array  # accelerations of which the efforts are computed: 0, and the unit vectors, shape (joints + 1, joints)
     efforts: Array  # their efforts, shape (joints + 1, joints), N m
     inertia: Array  # of the links, shape (joints, joints), kg m^2
-    work: Array  # scratch, shape (3, joints)
+    friction: Array  # scratch, see `Rub`, shape (len(Rub), joints)
     matrix: Array  # scratch, complex, shape (joints, joints)
-    terms: Array  # scratch, complex, shape (5, joints)
+    terms: Array  # scratch, complex, see `Term`, shape (len(Term), joints)
 
 
 def drivetrain(values: Mapping[str, Value], robot: Robot, model: Array) -> Drivetrain:
@@ -103,7 +146,7 @@ def drivetrain(values: Mapping[str, Value], robot: Robot, model: Array) -> Drive
     elastic, active = stiffness > 0.0, is_active(values) or bool(stiffness.any())
     rotor, moved, vibration = np.zeros(joints), np.ones(joints), 0.0
     if active:
-        whole = inertia_matrix(robot, model, joint_array(values["initial_position"], joints))
+        whole = robot.inertia_matrix(model.copy(), joint_array(values["initial_position"], joints))
         rotor = np.where(elastic, robot.rotors(model), 0.0)
         _check_rotors(values, rotor, stiffness)
         vibration = _vibration(values, whole, rotor, stiffness)
@@ -156,20 +199,6 @@ def _vibration(values: Mapping[str, Value], whole: Array, rotor: Array, stiffnes
     return float(np.sqrt(np.max(np.where(elastic, stiffness * (rotors + links), 0.0))))
 
 
-def inertia_matrix(robot: Robot, model: Array, q: Array) -> Array:
-    """Inertia matrix at q (rad), with the rotors, shape (joints, joints), kg m^2; `model` is packed."""
-    rows = unit_rows(q.size)
-    efforts = np.zeros_like(rows)
-    inverse_dynamics(make_model(robot, model.copy()), q, np.zeros(q.size), rows, efforts)
-    inertia = efforts[1:] - efforts[0]
-    return np.asarray(0.5 * (inertia + inertia.T))
-
-
-def unit_rows(joints: int) -> Array:
-    """Accelerations of which the efforts give bias and inertia matrix, shape (joints + 1, joints)."""
-    return np.vstack([np.zeros(joints), np.eye(joints)])
-
-
 def drivetrain_state(joints: int) -> DrivetrainState:
     """The state of drive trains at rest, at position 0."""
     return DrivetrainState(
@@ -180,14 +209,14 @@ def drivetrain_state(joints: int) -> DrivetrainState:
         bristle=np.zeros(joints),
         sliding=np.zeros(joints),
         transmitted=np.zeros(joints),
-        start=np.zeros((7, joints)),
-        middle=np.zeros((3, joints)),
-        rows=unit_rows(joints),
+        start=np.zeros((len(Kept), joints)),
+        middle=np.zeros((len(Middle), joints)),
+        rows=unit_accelerations(joints),
         efforts=np.zeros((joints + 1, joints)),
         inertia=np.zeros((joints, joints)),
-        work=np.zeros((3, joints)),
+        friction=np.zeros((len(Rub), joints)),
         matrix=np.zeros((joints, joints), dtype=np.complex128),
-        terms=np.zeros((5, joints), dtype=np.complex128),
+        terms=np.zeros((len(Term), joints), dtype=np.complex128),
     )
 
 

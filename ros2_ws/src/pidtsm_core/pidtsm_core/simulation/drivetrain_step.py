@@ -22,7 +22,7 @@ from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.robots import Model, inverse_dynamics
 from pidtsm_core.simulation.disturbances import add_disturbance
-from pidtsm_core.simulation.drivetrain import Drivetrain, DrivetrainState, example
+from pidtsm_core.simulation.drivetrain import Drivetrain, DrivetrainState, Kept, Middle, Rub, Term, example
 
 _ROOT = math.sqrt(3.0)
 _EIGENVALUE = complex(3.0, _ROOT)
@@ -64,8 +64,8 @@ def move(
     middle, h = state.middle, dt / config.substeps
     _keep(state, q, dq)
     for j in range(q.size):
-        middle[0, j] = q[j] + 0.5 * dt * dq[j]
-        middle[1, j] = dq[j]
+        middle[Middle.POSITION, j] = q[j] + 0.5 * dt * dq[j]
+        middle[Middle.VELOCITY, j] = dq[j]
     for last in (False, True):
         _prepare(config, state, model)
         for k in range(config.substeps):
@@ -79,9 +79,13 @@ def _keep(state: DrivetrainState, q: Array, dq: Array) -> None:
     """Copy the motion."""
     start = state.start
     for j in range(q.size):
-        start[0, j], start[1, j] = q[j], dq[j]
-        start[2, j], start[3, j] = state.motor[j], state.motor_velocity[j]
-        start[4, j], start[5, j], start[6, j] = state.bristle[j], state.sliding[j], state.transmitted[j]
+        start[Kept.LINK, j] = q[j]
+        start[Kept.LINK_VELOCITY, j] = dq[j]
+        start[Kept.MOTOR, j] = state.motor[j]
+        start[Kept.MOTOR_VELOCITY, j] = state.motor_velocity[j]
+        start[Kept.BRISTLE, j] = state.bristle[j]
+        start[Kept.SLIDING, j] = state.sliding[j]
+        start[Kept.TRANSMITTED, j] = state.transmitted[j]
 
 
 @inlined
@@ -89,24 +93,28 @@ def _look_back(state: DrivetrainState, q: Array, dq: Array, dt: float) -> None:
     """Put the motion back to the start of the step, after its middle has been read from its ends."""
     start, middle = state.start, state.middle
     for j in range(q.size):
-        middle[0, j] = 0.5 * (start[0, j] + q[j]) - 0.125 * dt * (dq[j] - start[1, j])
-        middle[1, j] = 1.5 * (q[j] - start[0, j]) / dt - 0.25 * (start[1, j] + dq[j])
-        q[j], dq[j] = start[0, j], start[1, j]
-        state.motor[j], state.motor_velocity[j] = start[2, j], start[3, j]
-        state.bristle[j], state.sliding[j], state.transmitted[j] = start[4, j], start[5, j], start[6, j]
+        q0, dq0 = start[Kept.LINK, j], start[Kept.LINK_VELOCITY, j]
+        middle[Middle.POSITION, j] = 0.5 * (q0 + q[j]) - 0.125 * dt * (dq[j] - dq0)
+        middle[Middle.VELOCITY, j] = 1.5 * (q[j] - q0) / dt - 0.25 * (dq0 + dq[j])
+        q[j], dq[j] = q0, dq0
+        state.motor[j] = start[Kept.MOTOR, j]
+        state.motor_velocity[j] = start[Kept.MOTOR_VELOCITY, j]
+        state.bristle[j] = start[Kept.BRISTLE, j]
+        state.sliding[j] = start[Kept.SLIDING, j]
+        state.transmitted[j] = start[Kept.TRANSMITTED, j]
 
 
 @inlined
 def _prepare(config: Drivetrain, state: DrivetrainState, model: Model) -> None:
     """Compute M, and the external torques minus c, in the middle of the step."""
-    middle, efforts, net = state.middle, state.efforts, state.middle[2]
-    inverse_dynamics(model, middle[0], middle[1], state.rows, efforts)
+    middle, efforts, net = state.middle, state.efforts, state.middle[Middle.NET]
+    inverse_dynamics(model, middle[Middle.POSITION], middle[Middle.VELOCITY], state.rows, efforts)
     for i in range(net.size):
         net[i] = state.external[i]
         for j in range(i + 1):
             state.inertia[i, j] = 0.5 * (efforts[1 + i, j] - efforts[0, j] + efforts[1 + j, i] - efforts[0, i])
         state.inertia[i, i] -= config.rotor[i]
-    add_disturbance(config.disturbance, middle[0], middle[1], net)
+    add_disturbance(config.disturbance, middle[Middle.POSITION], middle[Middle.VELOCITY], net)
     for i in range(net.size):
         net[i] -= efforts[0, i]
 
@@ -126,9 +134,9 @@ def _substep(config: Drivetrain, state: DrivetrainState, q: Array, dq: Array, t:
         if braked or not _change_sides(config, state, dq, h):
             break
     for j in range(joints):
-        x = terms[3, j]
+        x = terms[Term.CHANGE, j]
         v1, v2 = dq[j] + x.real, dq[j] + x.imag * _SECOND
-        carried = terms[2, j] - terms[4, j] * x
+        carried = terms[Term.CARRIED, j] - terms[Term.IMPEDANCE, j] * x
         state.transmitted[j] = 0.5 * (carried.real + carried.imag * _SECOND)
         _follow(config, state, j, dq[j] * _ONE + x, h, braked)
         q[j] += 0.5 * h * (v1 + v2)
@@ -142,7 +150,7 @@ def _substep(config: Drivetrain, state: DrivetrainState, q: Array, dq: Array, t:
 @inlined
 def rub(config: Drivetrain, state: DrivetrainState, j: int, t: float, h: float) -> None:
     """Write of the friction of a joint: its level, the torque without it, and what is proportional to velocity."""
-    friction, work = config.friction, state.work
+    friction, rubbing = config.friction, state.friction
     p, speed = state.motor[j], state.motor_velocity[j]
     ratio = speed / friction.stribeck_velocity[j]
     level = friction.coulomb[j] + friction.excess[j] * math.exp(-ratio * ratio)
@@ -151,33 +159,33 @@ def rub(config: Drivetrain, state: DrivetrainState, j: int, t: float, h: float) 
     warmth = 1.0
     if friction.cold[j] > 0.0:
         warmth += friction.cold[j] * math.exp(-t / friction.warm_up[j])
-    work[0, j] = level * warmth
-    work[1, j] = friction.offset[j]
+    rubbing[Rub.LEVEL, j] = level * warmth
+    rubbing[Rub.DRY, j] = friction.offset[j]
     if friction.cogging[j] > 0.0:
-        work[1, j] += friction.cogging[j] * math.sin(friction.periods[j] * (p + 0.5 * h * speed))
-    work[2, j] = friction.viscous[j] * warmth
+        rubbing[Rub.DRY, j] += friction.cogging[j] * math.sin(friction.periods[j] * (p + 0.5 * h * speed))
+    rubbing[Rub.DRAG, j] = friction.viscous[j] * warmth
     if friction.stiffness[j] == 0.0:
         level = level_of(config, state, j, speed)
         rate = _SHARPNESS / friction.stribeck_velocity[j]
         slow = abs(speed) < _SLOW
-        work[2, j] += level * (rate if slow else math.tanh(rate * speed) / speed)
+        rubbing[Rub.DRAG, j] += level * (rate if slow else math.tanh(rate * speed) / speed)
 
 
 @inlined
 def level_of(config: Drivetrain, state: DrivetrainState, j: int, direction: float) -> float:
     """Dry friction of a joint that moves in the direction of a number, N m."""
     share = config.friction.asymmetry[j]
-    return state.work[0, j] * (1.0 + share if direction > 0.0 else 1.0 - share)
+    return state.friction[Rub.LEVEL, j] * (1.0 + share if direction > 0.0 else 1.0 - share)
 
 
 @inlined
 def _eliminate(config: Drivetrain, state: DrivetrainState, j: int, q: float, dq: float, h: float, braked: bool) -> None:
     """Write the equation of link j, from which its motor has been eliminated.
 
-    W = terms[0] + terms[1] V are the velocities of the motor, S = terms[2] - terms[4] (V - q') the transmitted torque.
+    See `Term`.
     """
     terms, friction, torque = state.terms, config.friction, state.torque[j]
-    drag, dry = complex(state.work[2, j], 0.0), state.work[1, j]
+    drag, dry = complex(state.friction[Rub.DRAG, j], 0.0), state.friction[Rub.DRY, j]
     if friction.stiffness[j] > 0.0:
         if state.sliding[j] == 0.0:
             drag += friction.stiffness[j] * h / _EIGENVALUE + friction.damping[j]
@@ -191,24 +199,24 @@ def _eliminate(config: Drivetrain, state: DrivetrainState, j: int, q: float, dq:
         inertia, held = _EIGENVALUE * config.rotor[j] / h, stiffness * (state.motor[j] - q)
         whole = inertia + drag + spring
         if braked:
-            terms[0, j], terms[1, j] = stopping * _ONE, 0.0
+            terms[Term.FREE, j], terms[Term.FOLLOWS, j] = stopping * _ONE, 0.0
         else:
-            terms[0, j] = (inertia * state.motor_velocity[j] + (torque - dry - held)) * _ONE / whole
-            terms[1, j] = spring / whole
-        terms[4, j] = spring * (1.0 - terms[1, j])
-        terms[2, j] = held * _ONE + spring * terms[0, j] - terms[4, j] * dq * _ONE
+            terms[Term.FREE, j] = (inertia * state.motor_velocity[j] + (torque - dry - held)) * _ONE / whole
+            terms[Term.FOLLOWS, j] = spring / whole
+        terms[Term.IMPEDANCE, j] = spring * (1.0 - terms[Term.FOLLOWS, j])
+        terms[Term.CARRIED, j] = held * _ONE + spring * terms[Term.FREE, j] - terms[Term.IMPEDANCE, j] * dq * _ONE
     else:
-        terms[0, j], terms[1, j] = 0.0, 1.0
-        terms[4, j] = _FIRM if braked else drag
-        terms[2, j] = (_FIRM * (stopping - dq) if braked else torque - dry - drag * dq) * _ONE
-    terms[3, j] = terms[2, j] + state.middle[2, j] * _ONE
-    state.matrix[j, j] = _EIGENVALUE / h * state.inertia[j, j] + terms[4, j]
+        terms[Term.FREE, j], terms[Term.FOLLOWS, j] = 0.0, 1.0
+        terms[Term.IMPEDANCE, j] = _FIRM if braked else drag
+        terms[Term.CARRIED, j] = (_FIRM * (stopping - dq) if braked else torque - dry - drag * dq) * _ONE
+    terms[Term.CHANGE, j] = terms[Term.CARRIED, j] + state.middle[Middle.NET, j] * _ONE
+    state.matrix[j, j] = _EIGENVALUE / h * state.inertia[j, j] + terms[Term.IMPEDANCE, j]
 
 
 @inlined
 def _solve(state: DrivetrainState) -> None:
-    """Solve for V - q' in terms[3], by L D L' of the symmetric matrix, which is overwritten."""
-    a, x = state.matrix, state.terms[3]
+    """Solve for `Term.CHANGE`, by L D L' of the symmetric matrix, which is overwritten."""
+    a, x = state.matrix, state.terms[Term.CHANGE]
     joints = x.size
     for i in range(joints):
         pivot = a[i, i]
@@ -232,7 +240,7 @@ def _solve(state: DrivetrainState) -> None:
 @inlined
 def _mean_speed(state: DrivetrainState, j: int, links: complex) -> float:
     """Mean velocity of motor j in a substep in which its link has these velocities, rad/s."""
-    motor = state.terms[0, j] + state.terms[1, j] * links
+    motor = state.terms[Term.FREE, j] + state.terms[Term.FOLLOWS, j] * links
     return 0.5 * (motor.real + motor.imag * _SECOND)
 
 
@@ -242,7 +250,7 @@ def _change_sides(config: Drivetrain, state: DrivetrainState, dq: Array, h: floa
     changed, friction = False, config.friction
     for j in range(dq.size):
         if friction.stiffness[j] > 0.0:
-            speed = _mean_speed(state, j, dq[j] * _ONE + state.terms[3, j])
+            speed = _mean_speed(state, j, dq[j] * _ONE + state.terms[Term.CHANGE, j])
             if state.sliding[j] == 0.0:
                 held = friction.stiffness[j] * (state.bristle[j] + h * speed)
                 if abs(held) > level_of(config, state, j, held):
@@ -258,7 +266,7 @@ def _change_sides(config: Drivetrain, state: DrivetrainState, dq: Array, h: floa
 def _follow(config: Drivetrain, state: DrivetrainState, j: int, links: complex, h: float, braked: bool) -> None:
     """Move motor j and its bristles."""
     stiffness = config.friction.stiffness[j]
-    motor = state.terms[0, j] + state.terms[1, j] * links
+    motor = state.terms[Term.FREE, j] + state.terms[Term.FOLLOWS, j] * links
     w1, w2 = motor.real, motor.imag * _SECOND
     speed = 0.5 * (w1 + w2)
     if config.stiffness[j] > 0.0:

@@ -116,10 +116,19 @@ def gear_friction(values: Mapping[str, Value], moved: Array) -> GearFriction:
     stiffness, damping, load, asymmetry, cold, warm_up, cogging, periods = (
         joint_array(values[p.name], joints) for p in PARAMETERS
     )
-    excess = np.maximum(static - coulomb, 0.0)
     critical = 2.0 * np.sqrt(stiffness * np.where(stiffness > 0.0, moved, 0.0))
-    damping = np.where(damping > 0.0, damping, critical)
     return GearFriction(
-        coulomb, excess, velocity, viscous, offset, stiffness, damping, load, asymmetry, cold, warm_up,
-        cogging, periods,
-    )  # fmt: skip
+        coulomb=coulomb,
+        excess=np.maximum(static - coulomb, 0.0),
+        stribeck_velocity=velocity,
+        viscous=viscous,
+        offset=offset,
+        stiffness=stiffness,
+        damping=np.where(damping > 0.0, damping, critical),
+        load=load,
+        asymmetry=asymmetry,
+        cold=cold,
+        warm_up=warm_up,
+        cogging=cogging,
+        periods=periods,
+    )

@@ -4,7 +4,7 @@ import math
 
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.simulation.disturbances import add_disturbance
-from pidtsm_core.simulation.drivetrain import Drivetrain, DrivetrainState
+from pidtsm_core.simulation.drivetrain import Drivetrain, DrivetrainState, Kept, Middle, Rub
 from pidtsm_core.simulation.drivetrain_step import BRAKING, level_of, rub
 from pidtsm_core.simulation.mujoco_plant import advance
 from pidtsm_core.simulation.plant_state import PlantConfig, PlantState
@@ -15,7 +15,7 @@ def advance_motors(config: PlantConfig, state: PlantState, phase: int, t: float,
     """One step of MuJoCo of h (s) from t (s), with the payload in a phase; brakes stop the motors."""
     drives, gears, engine, data = config.drivetrain, state.drivetrain, config.mujoco, state.mujoco
     q, dq, torque = state.position, state.derivatives[0], gears.torque
-    net, before = gears.middle[2], gears.middle[0]
+    net, before = gears.middle[Middle.NET], gears.start[Kept.MOTOR]
     motor, speed = gears.motor, gears.motor_velocity
     for j in range(q.size):
         net[j] = gears.external[j]
@@ -51,10 +51,10 @@ def advance_motors(config: PlantConfig, state: PlantState, phase: int, t: float,
 @inlined
 def _resist(drives: Drivetrain, gears: DrivetrainState, j: int, t: float, h: float) -> float:
     """Friction of a joint, N m; a joint whose bristles are bent to their limit slides."""
-    friction, speed, work = drives.friction, gears.motor_velocity[j], gears.work
+    friction, speed, rubbing = drives.friction, gears.motor_velocity[j], gears.friction
     rub(drives, gears, j, t, h)
     # As an implicit step: what is proportional to the velocity may be steep.
-    torque = work[1, j] + work[2, j] * speed / (1.0 + h * work[2, j] / drives.moved[j])
+    torque = rubbing[Rub.DRY, j] + rubbing[Rub.DRAG, j] * speed / (1.0 + h * rubbing[Rub.DRAG, j] / drives.moved[j])
     if friction.stiffness[j] == 0.0:
         return torque
     held = friction.stiffness[j] * gears.bristle[j]

@@ -26,11 +26,7 @@ from pidtsm_core.simulation.channel import (
     place,
 )
 from pidtsm_core.simulation.contacts import bodies_that_can_touch, contact_wrenches
-from pidtsm_core.simulation.current_loop import (
-    current_loop_config,
-    current_loop_state,
-    follow,
-)
+from pidtsm_core.simulation.current_loop import current_loop_config, current_loop_state, follow, rest
 from pidtsm_core.simulation.plant import Plant, plant_schema, step
 from pidtsm_core.simulation.plant_state import PlantConfig, PlantState
 from pidtsm_core.simulation.randomness import Column, Randomness, columns
@@ -145,10 +141,9 @@ def _take(state: SimulatorState, effort: Array) -> None:
 def _brake(config: SimulatorConfig, state: SimulatorState, t: float, dt: float) -> None:
     """Move the arm with engaged brakes, see `brake`; the drives deliver no torque."""
     brake(config.plant, state.arm, t, dt)
-    current = state.current
-    current.phase[0] = 1.0
+    rest(state.current)
     for j in range(state.lagging.size):
-        state.lagging[j] = current.torque[j] = current.rate[j] = current.taken[j] = 0.0
+        state.lagging[j] = 0.0
 
 
 @part
@@ -361,7 +356,7 @@ class SimulatedRobot:
         self._plant.rest(joint_array(values["initial_position"], self.joints))
         self.state.motor[:] = _measured_side(self.config.plant, self.state.arm)
         self.state.lagging[:] = 0.0
-        current_loop.rest(self.state.current)
+        rest(self.state.current)
         self.state.brakes.released[0] = False
         self.state.brakes.silence[0] = 0
 

@@ -21,6 +21,7 @@ from pidtsm_core.robots import (
     inverse_dynamics,
     make_model,
 )
+from pidtsm_core.robots.base import unit_accelerations
 from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_core.robots.payload import CENTER, MASS, Payload, payload_of
 from pidtsm_core.trajectories.margins import PLANNED_EFFORT, PLANNED_SHARE
@@ -316,7 +317,7 @@ def _accelerations(
     middle = np.array(robot.initial_position)
     low, high = np.array(robot.position_limits).T if robot.position_limits else (middle - math.pi, middle + math.pi)
     low, high = np.maximum(low, middle - math.pi), np.minimum(high, middle + math.pi)
-    rows, efforts = np.vstack([np.zeros(joints), np.eye(joints)]), np.empty((joints + 1, joints))
+    rows, efforts = unit_accelerations(joints), np.empty((joints + 1, joints))
     least = np.full(joints, math.inf)
     for share in np.random.default_rng(0).random((_POSTURES, joints)):
         inverse_dynamics(model, low + share * (high - low), np.zeros(joints), rows, efforts)

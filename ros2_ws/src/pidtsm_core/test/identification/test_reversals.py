@@ -27,7 +27,7 @@ def test_a_joint_that_creeps_is_named_and_its_friction_is_found(request: pytest.
     found = identify(arm, [measured])
     friction = slice((LINK + 1) * joints, (LINK + 3) * joints)
     np.testing.assert_allclose(found.parameters[friction], known.truth[friction], rtol=0.02)
-    assert [note.split(":")[0] for note in found.notes if "friction is not" in note] == [arm.joints[-1]]
+    assert [note.split(":")[0] for note in found.notes if "friction does not follow" in note] == [arm.joints[-1]]
 
 
 def test_with_noise_no_motion_is_left_out_that_follows_the_model(panda: KnownArm) -> None:

@@ -12,8 +12,8 @@ from support.testarms import PANDA, PENDULUM, TWO_LINK, Arm, dotted
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots import inverse_dynamics
+from pidtsm_core.robots.base import unit_accelerations
 from pidtsm_core.robots.tree.layout import GRAVITY
-from pidtsm_core.simulation.drivetrain import unit_rows
 from pidtsm_core.simulation.plant import Plant, plant_schema
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 
@@ -94,7 +94,7 @@ def motion(plant: Plant) -> Array:
 
 def solved(plant: Plant, effort: Array, start: Array, duration: float) -> Array:
     """The motion at the end, by SciPy."""
-    n, drives, model, rows = plant.joints, plant.config.drivetrain, plant.config.model, unit_rows(plant.joints)
+    n, drives, model, rows = plant.joints, plant.config.drivetrain, plant.config.model, unit_accelerations(plant.joints)
     efforts = np.zeros_like(rows)
 
     def rate(_t: float, y: Array) -> Array:
