@@ -29,7 +29,7 @@ _FINE, _COARSE = 64, 16
 _NEWTON = 4
 """Rounds of Newton's method for the times at which way points are passed."""
 _BELOW = 1.0 - 1e-5
-"""Share of the largest velocity on a line: whoever rounds its times, as messages do, does not exceed that velocity."""
+"""Share of the velocity limits that is used: with times of whole nanoseconds, as in messages, they are kept, too."""
 _SAME = 1e-9
 """Way points closer to each other count once, rad or m."""
 _STEP = 1.05
@@ -60,8 +60,9 @@ def retime(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
         raise TrajectoryError("a way point contains a number that is not finite")
     moves = np.abs(np.diff(waypoints, axis=0)).max(axis=1) > _SAME
     waypoints = waypoints[np.concatenate([[True], moves])]
-    motion = _on_a_line(waypoints, limits) if len(waypoints) <= 2 else _on_a_spline(waypoints, limits)
-    motion = _slowed_down(motion, limits)
+    within = replace(limits, velocity=_BELOW * limits.velocity)
+    motion = _on_a_line(waypoints, within) if len(waypoints) <= 2 else _on_a_spline(waypoints, within)
+    motion = _slowed_down(motion, within)
     check(motion, limits)
     return motion
 
@@ -92,7 +93,7 @@ def _spare(motion: PiecewiseMotion, limits: MotionLimits) -> MotionLimits:
 
 def _on_a_line(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     """The fastest motion between two way points; of one, to stay there."""
-    velocity = np.minimum(_BELOW * limits.planned_velocity, _FASTEST)
+    velocity = np.minimum(limits.planned_velocity, _FASTEST)
     return fastest_line(waypoints[0], waypoints[-1], velocity, limits.acceleration, limits.jerk)
 
 

@@ -9,6 +9,7 @@ from support.testarms import CRANE, PANDA, Arm
 from pidtsm_core.arrays import Array
 from pidtsm_core.trajectories.checking import check
 from pidtsm_core.trajectories.errors import TrajectoryError
+from pidtsm_core.trajectories.interpolation import interpolate
 from pidtsm_core.trajectories.limits import MotionLimits, motion_limits
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 from pidtsm_core.trajectories.timing import retime
@@ -112,6 +113,18 @@ def test_any_two_postures_are_joined_however_near(arm: Arm, size: float) -> None
         motion = retime(np.array([start, start + way]), limits)
         assert 0.0 < motion.end < 10.0
         np.testing.assert_allclose(sampled(motion)[1][-1, 0], start + way, atol=1.1e-9)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_as_a_message_with_times_of_whole_nanoseconds_it_keeps_the_limits(arm: Arm, count: int) -> None:
+    limits = motion_limits({**arm.settings, "limits.effort": 1e4})
+    for seed in range(40):
+        motion = retime(waypoints(limits, count, seed), limits)
+        states = np.zeros((motion.times.size, 3, arm.joints))
+        for time, state in zip(motion.times, states, strict=True):
+            motion.evaluate(max(float(time) - 1e-12, 0.0), state)
+        states[-1, 1:] = 0.0
+        check(interpolate(np.round(motion.times, 9), states[1:], states[0]), limits)
 
 
 def test_it_is_slowed_down_until_the_efforts_suffice() -> None:
