@@ -104,7 +104,7 @@ def _proposed(errors: str, more: Sequence[str]) -> Iterator[str]:
         if option not in more and (found := re.search(rf"{option} (?!and |or )(\S+)", errors)):
             yield from (option, found[1].replace("LIMIT", "50").rstrip(".,;)"))
             return
-    if "set robot.armature" in errors and "--set" not in more:
+    if "robot.armature" in errors and "--set" not in more:
         for node in ("simulator", "controller"):
             yield from ("--set", f"{node}.robot.armature={_ARMATURE}")
 
@@ -121,9 +121,12 @@ def tried(file: Path, folder: Path, nodes: bool) -> dict[str, Any]:
         metrics = json.loads(output)
         row |= {"joints": len(metrics["joints"]), "outcome": metrics["outcome"]}
         row["error"] = max(metrics["steady_state_error"])
-    arm = [word for option in ("--joints", "--effort") if option in cure for word in _pair(cure, option)]
+    row["advice"] = list(_proposed(errors, cure))
+    arm = _arm_words(cure)
     code, output, errors = call(["check", str(file), *arm, "--json"])
-    row |= {"check": code, "doubts": [doubt["code"] for doubt in json.loads(output)["doubts"]] if output else []}
+    doubts = json.loads(output)["doubts"] if output else []
+    row |= {"check": code, "doubts": [doubt["code"] for doubt in doubts]}
+    row["advice"] += _proposed(" ".join(doubt["cure"] for doubt in doubts), [*cure, *row["advice"]])
     row["gains"] = call(["gains", *robot, *arm])[0]
     motion, moved = str(folder / "motion.yaml"), str(folder / "moved")
     row["excite"], _, errors = call(["excite", *robot, *arm, "--duration", "20", "--out", motion])
@@ -137,7 +140,7 @@ def tried(file: Path, folder: Path, nodes: bool) -> dict[str, Any]:
         row |= {"identify": code, "warnings": json.loads(output)["warnings"] if output else errors.strip()}
     if "error" in row:
         row |= planned(file, arm)
-        row |= driven(file, arm, cure) if nodes else {}
+        row |= driven(file, [*cure, *row["advice"]]) if nodes else {}
     return {**row, "seconds": round(time.perf_counter() - began, 1)}
 
 
@@ -150,8 +153,14 @@ def arm_of(file: Path, options: Sequence[str]) -> ArmDefinition:
     return ArmDefinition(str(file), joints, effort=efforts or {name: float(value) for name, value in named.items()})
 
 
-def driven(file: Path, options: Sequence[str], cure: Sequence[str]) -> dict[str, Any]:
-    """Start nodes with a simulated arm and move it to random targets about its start, one after the other."""
+def driven(file: Path, cure: Sequence[str]) -> dict[str, Any]:
+    """Start nodes with a simulated arm and move it to random targets about its start, one after the other.
+
+    Args:
+        file: the arm.
+        cure: options that messages have proposed.
+    """
+    options = _arm_words(cure)
     program = [str(Path(__file__).parents[1] / "pidtsm")]
     arm = [*program, "nodes", "start", "--plant", "--detach", "--robot", str(file), *options]
     started = subprocess.run([*arm, *_sets(cure)], capture_output=True, text=True, check=False)
@@ -194,6 +203,11 @@ def planned(file: Path, options: Sequence[str]) -> dict[str, Any]:
         "refusals": refused[:3],
         "planning_ms": [round(1e3 * float(np.quantile(times[1:], share)), 2) for share in (0.5, 0.99, 1.0)],
     }
+
+
+def _arm_words(words: Sequence[str]) -> list[str]:
+    """The options among words that choose joints and their efforts."""
+    return [word for option in ("--joints", "--effort") if option in words for word in _pair(words, option)]
 
 
 def _sets(words: Sequence[str]) -> list[str]:

@@ -117,7 +117,9 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
     with (
         open_testbed(tmp_path_factory.mktemp("nodes")) as testbed,
         in_domain_of(testbed),
-        started(testbed, "--plant", "--namespace", SPACE, "--set", "simulator.rate=250") as command,
+        started(
+            testbed, "--plant", "--namespace", SPACE, "--scenario", "case1", "--set", "simulator.rate=250"
+        ) as command,
     ):
         states: list[ControllerState] = testbed.hear(ControllerState, f"/{SPACE}/controller/state", READER)
         command.until_said("Following the reference")

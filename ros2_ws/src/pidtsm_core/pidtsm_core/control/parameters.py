@@ -50,7 +50,8 @@ _LIMITS = (
     Parameter(
         "limits.min_position",
         0.0,
-        "smallest position; none if it equals limits.max_position. Change both at once",
+        "smallest position; none if it equals limits.max_position. A joint exceeds it if it is beyond by more than 1 % "
+        "of its range, or by 0.01 if that is less. Change both at once",
         "rad",
         per_joint=True,
     ),

@@ -33,6 +33,9 @@ _BEHIND_IN_STOP = 0.01
 """s; likewise, while the arm is stopped: then the limit is suspended."""
 _LONGEST_BEHIND_IN_STOP = NANOSECONDS // 20
 """ns; if the delay persists longer, unless the arm is held."""
+_BEYOND_RANGE, _BEYOND_AT_MOST = 0.01, 0.01
+"""How far a joint may be beyond its position limits: a share of its range, and rad or m. A motion may end at a limit,
+and there the noise of the encoder or the smallest overshoot must not stop the arm."""
 _PERIODS_TO_HOLD, _PERIODS_TO_STOP = 2, 5
 """Nominal periods up to which a gap between joint states is never late, and never a fault."""
 _LONGEST_BEHIND = NANOSECONDS // 2
@@ -230,7 +233,8 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
     for j in range(state.measured.size):
         exceeded = 0
         least, most = config.limits.min_position[j], config.limits.max_position[j]
-        if least != most and not least <= state.measured[j] <= most:
+        margin = min(_BEYOND_RANGE * (most - least), _BEYOND_AT_MOST)
+        if least != most and not least - margin <= state.measured[j] <= most + margin:
             exceeded |= Violation.POSITION
         if 0.0 < config.limits.velocity[j] < abs(y[Signal.VELOCITY, j]):
             exceeded |= Violation.VELOCITY

@@ -14,8 +14,8 @@ _LARGEST, _SHARE = 0.3, 0.3
 """Largest amplitude (rad or m), and largest share of half the range of a joint."""
 _SPEED = 0.3
 """Largest share of the velocity limit."""
-_POSTURES = 50
-"""Postures in which it is judged whether a joint can carry the arm."""
+_LONG, _POSTURES = 100.0, 400
+"""Time (s) and postures in which it is judged whether a joint can carry the arm."""
 _FREQUENCY, _SPREAD = 0.1, 0.2
 """Hz of the first joint; relative difference of the last one, so that the joints pass through many postures."""
 
@@ -63,7 +63,7 @@ def largest_holding_effort(robot: Robot, model: Array) -> Array:
         np.array(motion[f"reference.{key}"]) for key in ("offset", "amplitude", "frequency")
     )
     rest, largest = np.zeros(middle.size), np.zeros(middle.size)
-    for time in np.linspace(0.0, DURATION, _POSTURES):
+    for time in np.linspace(0.0, _LONG, _POSTURES):
         effort = np.zeros((1, middle.size))
         q = middle - amplitude * np.cos(2.0 * math.pi * frequency * time)
         robot.dynamics.inverse_dynamics(q, rest, rest[np.newaxis], model, effort)

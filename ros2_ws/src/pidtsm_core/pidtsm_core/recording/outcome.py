@@ -35,6 +35,11 @@ SHARE_OF_RANGE = 0.15
 NOTABLE_SATURATION = 0.1
 """Share of the samples at an effort limit that the verdict of a run names."""
 
+BEFORE_FAULT, LIMITED_BEFORE = 0.5, 0.2
+"""A fault of an arm that has left its way names the joints whose effort was limited before: the time that counts, s,
+and the share of its samples."""
+_LEFT_ITS_WAY = (Fault.POSITION_LIMIT, Fault.VELOCITY_LIMIT, Fault.TRACKING_LIMIT)
+
 OF_TRACKING = ("max_error", "rmse", "eci", "steady_state_error")
 """Metrics that are meaningless if the arm ran away."""
 
@@ -140,7 +145,16 @@ def _faults(recording: "Recording") -> Iterator[dict[str, Any]]:
             "time": float(recording.time[k]),
             "joint": recording.joints[joint - 1] if 0 < joint <= len(recording.joints) else None,
             "reset": float(recording.time[k + after[0]]) if after.size else None,
+            "limited": _limited_before(recording, int(k)) if faults[k] in _LEFT_ITS_WAY else [],
         }
+
+
+def _limited_before(recording: "Recording", sample: int) -> list[str]:
+    """Joints whose effort was at its limit for long before a sample: often why another joint has left its way."""
+    before = slice(int(np.searchsorted(recording.time, recording.time[sample] - BEFORE_FAULT)), sample)
+    limited = recording.signals[before, Signal.SATURATED].astype(np.int64) & Limited.EFFORT != 0
+    shares = limited.mean(axis=0) if len(limited) else np.zeros(len(recording.joints))
+    return [joint for joint, share in zip(recording.joints, shares, strict=True) if share > LIMITED_BEFORE]
 
 
 def _name(fault: int) -> str:
@@ -258,5 +272,7 @@ def verdict(metrics: Mapping[str, Any]) -> str:
 def _fault(fault: Mapping[str, Any]) -> str:
     number = next((f for f in Fault if f.name.lower() == fault["fault"]), None)
     reason = cause(number, 1, [fault["joint"] or "a joint"]) if number else str(fault["fault"])
+    limited = fault.get("limited")  # Metrics of older versions lack it.
+    before = f", after {' and '.join(limited)} had been at the effort limit" if limited else ""
     reset = "" if fault["reset"] is None else f"; reset at {fault['reset']:.4g} s"
-    return f"stopped at {fault['time']:.4g} s: {reason}{reset}"
+    return f"stopped at {fault['time']:.4g} s: {reason}{before}{reset}"

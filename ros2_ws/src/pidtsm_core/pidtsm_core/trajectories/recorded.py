@@ -68,14 +68,17 @@ def recorded_motion(joints: tuple[str, ...], time: Array, position: Array, speed
     return RecordedMotion(joints, fine[::_FINE], q, dq, ddq)
 
 
-def slowest_speed(motion: RecordedMotion, limits: MotionLimits) -> float:
-    """Factor by which the motion must at least be slowed down to keep the velocity limits; 1 or less: it keeps them.
+def share_of_velocity(motion: RecordedMotion, limits: MotionLimits) -> Array:
+    """Largest velocity of each joint, as a share of the one that a motion may have; more than 1: it is too fast.
 
     Args:
         motion: the motion, with the joints of the limits.
         limits: of the arm.
+
+    Returns:
+        Shape (joints,).
     """
-    return float((np.abs(motion.velocity).max(axis=0) / limits.planned_velocity).max())
+    return np.asarray(np.abs(motion.velocity).max(axis=0) / limits.planned_velocity)
 
 
 def beyond_range(motion: RecordedMotion, limits: MotionLimits) -> str:

@@ -25,7 +25,7 @@ def test_those_of_the_description_are_the_defaults() -> None:
 
 
 @pytest.mark.parametrize("action", ["stop", "warn"])
-@pytest.mark.parametrize(("joint", "beyond"), [(0, 2.9), (0, -2.9), (3, 0.0), (3, -3.1), (5, -0.1)])
+@pytest.mark.parametrize(("joint", "beyond"), [(0, 2.92), (0, -2.92), (3, 0.0), (3, -3.1), (5, -0.1)])
 def test_a_joint_beyond_either_end_is_noticed(joint: int, beyond: float, action: str) -> None:
     controller = Controller(resolve(controller_schema, {**PANDA, "limits.position_action": action}, 7))
     controller.position[:] = controller.reference[0] = find_robot(PANDA).initial_position
@@ -37,6 +37,27 @@ def test_a_joint_beyond_either_end_is_noticed(joint: int, beyond: float, action:
     assert controller.status[Status.VIOLATIONS] & Violation.POSITION
     stopped = (Fault.POSITION_LIMIT, joint + 1) if action == "stop" else (0, 0)
     assert controller.status[Status.FAULT : Status.FAULT_JOINT + 1] == stopped
+
+
+@pytest.mark.parametrize("end", ["upper", "lower"])
+@pytest.mark.parametrize("robot", ["panda", "scara"])
+def test_a_motion_may_end_at_a_limit_whatever_the_encoder_measures_there(robot: str, end: str) -> None:
+    experiment = make_experiment(None, robot=robot, params=["practical"])
+    arm = find_robot({"robot.description": robot})
+    ranges = np.array(arm.position_limits)
+    finite = np.isfinite(ranges).all(axis=1)
+    start = np.where(finite, ranges[:, 1 if end == "upper" else 0], arm.initial_position)
+    experiment.settings["simulator"] |= {"initial_position": start.tolist(), "encoder.bits": 12, "noise.std": 1e-4}
+    experiment.settings["trajectory"] = {
+        "reference.name": "minimum_jerk",
+        "reference.from": start.tolist(),
+        "reference.to": start.tolist(),
+    }
+    run = rollout(experiment, duration=3.0)
+    measured = run.signals[:, Signal.POSITION]
+    assert (np.abs(measured - start)[:, finite] > 0.0).any()
+    assert not run.status[:, Status.FAULT].any()
+    assert np.abs(run.signals[-1000:, Signal.POSITION_ERROR]).max() < 2e-2
 
 
 @pytest.mark.parametrize("rate", [0.0, 1000.0])

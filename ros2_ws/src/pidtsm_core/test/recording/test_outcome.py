@@ -24,7 +24,9 @@ def recording(run: Recording, *statuses: tuple[slice, tuple[int, ...]], **change
     status = np.zeros((len(run.time), len(Status)), dtype=np.uint8)
     for where, codes in statuses:
         status[where, : len(codes)] = codes
-    return replace(run, status=status, **changed)
+    signals = run.signals.copy()
+    signals[:, Signal.SATURATED] = 0.0  # At first it is.
+    return replace(run, **{"status": status, "signals": signals, **changed})
 
 
 def test_a_run_that_follows_has_no_events(run: Recording) -> None:
@@ -40,10 +42,21 @@ def test_a_run_that_follows_has_no_events(run: Recording) -> None:
 def test_a_fault_is_reported_with_joint_and_time(run: Recording) -> None:
     values = recording(run, (slice(123, None), STOPPED)).metrics()
     assert values["outcome"] == "stopped"
-    assert values["faults"] == [{"fault": "tracking_limit", "time": 0.123, "joint": "joint2", "reset": None}]
+    assert values["faults"] == [
+        {"fault": "tracking_limit", "time": 0.123, "joint": "joint2", "reset": None, "limited": []}
+    ]
     assert values["time_stopped"] == pytest.approx(2.0 - 0.123)
     assert why_not_followed(values) == "stopped at 0.123 s: joint2 is beyond limits.tracking_error"
     assert why_not_followed(values) in what_happened(values)
+
+
+@pytest.mark.parametrize(("samples", "named"), [(90, False), (110, True)])
+def test_a_fault_names_the_joint_that_had_been_at_its_effort_limit(run: Recording, samples: int, named: bool) -> None:
+    recorded = recording(run, (slice(600, None), STOPPED))
+    recorded.signals[500 - samples : 500, Signal.SATURATED, 0] = Limited.EFFORT
+    values = recorded.metrics()
+    assert values["faults"][0]["limited"] == (["joint1"] if named else [])
+    assert why_not_followed(values).endswith("after joint1 had been at the effort limit") == named
 
 
 def test_faults_that_were_reset_are_reported_and_forgiven(run: Recording) -> None:
@@ -51,8 +64,8 @@ def test_faults_that_were_reset_are_reported_and_forgiven(run: Recording) -> Non
     values = recording(run, (slice(100, 200), lost), (slice(300, 350), STOPPED)).metrics()
     assert values["outcome"] == "followed"
     assert values["faults"] == [
-        {"fault": "state_stale", "time": 0.1, "joint": None, "reset": 0.2},
-        {"fault": "tracking_limit", "time": 0.3, "joint": "joint2", "reset": 0.35},
+        {"fault": "state_stale", "time": 0.1, "joint": None, "reset": 0.2, "limited": []},
+        {"fault": "tracking_limit", "time": 0.3, "joint": "joint2", "reset": 0.35, "limited": []},
     ]
     assert why_not_followed(values) == ""
     events = what_happened(values)
@@ -78,7 +91,7 @@ def test_a_fault_counts_from_its_sample_although_the_mode_follows_later(run: Rec
 
 def test_a_fault_of_another_version_is_reported_by_its_number(run: Recording) -> None:
     values = recording(run, (slice(5, None), (Mode.STOPPED, 77, 9, 0))).metrics()
-    assert values["faults"] == [{"fault": "fault_77", "time": 0.005, "joint": None, "reset": None}]
+    assert values["faults"] == [{"fault": "fault_77", "time": 0.005, "joint": None, "reset": None, "limited": []}]
     assert "stopped at 0.005 s: fault_77" in what_happened(values)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import motion_limits
-from pidtsm_core.trajectories.recorded import beyond_range, largest_effort, recorded_motion, slowest_speed
+from pidtsm_core.trajectories.recorded import beyond_range, largest_effort, recorded_motion, share_of_velocity
 
 JOINTS = ("joint1", "joint2")
 STEP = 2.0 * np.pi / 2**14
@@ -34,7 +34,7 @@ def test_limits_are_those_of_the_arm() -> None:
     motion = recorded_motion(JOINTS, time, np.outer(np.sin(time), [1.0, 0.5]))
     settings = {"joints": list(JOINTS), "robot.description": "two_link", "limits.velocity": [2.0, 0.25]}
     limits = motion_limits(settings)
-    assert slowest_speed(motion, limits) == pytest.approx(0.5 / (0.95 * 0.25), rel=0.01)
+    assert share_of_velocity(motion, limits).max() == pytest.approx(0.5 / (0.95 * 0.25), rel=0.01)
     assert not beyond_range(motion, limits)
     narrow = motion_limits({**settings, "limits.min_position": [-2.0, -0.4], "limits.max_position": [2.0, 0.4]})
     assert beyond_range(motion, narrow).startswith("joint2 moves from")

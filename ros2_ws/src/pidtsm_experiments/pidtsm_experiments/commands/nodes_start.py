@@ -24,9 +24,9 @@ _LOGS = Path("results", "nodes")
 _FOLLOWS, _AWAITED = "Following the reference", "waiting for joint_states"
 _POLL = 0.2  # s
 _EPILOG = f"""Without --plant the arm is yours: it publishes joint_states and applies the efforts of joint_commands, see
-docs/own-robot.md. The reference begins where the arm is, at rest, unless --scenario or --set trajectory.reference...
-says how it is to move. Ctrl-C brings the arm to rest; then the controller publishes a last torque that carries the arm,
-and all nodes end.
+docs/own-robot.md. The arm stays where it is until a motion comes, as from ./pidtsm move, or --scenario or
+--set trajectory.reference... defines one. Ctrl-C brings the arm to rest; then the controller publishes a last torque
+that carries the arm, and all nodes end.
 
 With the law {LAW_NAME.default}, the parameters are those of --params {PRACTICAL}, unless others are given.
 
@@ -127,7 +127,7 @@ def _start(options: argparse.Namespace) -> int:
 
     if not options.plant:
         refuse_simulator(options.set, options.engine)
-    experiment = experiment_of(options, PRACTICAL, None if options.plant else still_scenario())
+    experiment = experiment_of(options, PRACTICAL, still_scenario())
     start = start_of(experiment, options.plant)
     warn(start.parameters["controller"])
     words = [word for remap in _remaps(options.remap) for word in ("-r", remap)]

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,7 @@ from pidtsm_core.trajectories.recorded import (
     beyond_range,
     largest_effort,
     recorded_motion,
-    slowest_speed,
+    share_of_velocity,
 )
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.motions import SOURCES, read_positions
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
     from pidtsm_ros.client import Arm
 
 _EPILOG = f"""The arm first moves to the first posture, on a straight line. Then it gets {RATE} targets per second,
-smoothed, as a stream (docs/streams.md), so the node keeps every limit. A motion that exceeds a limit of position or
-velocity is refused before. Ctrl-C brings the arm to rest.
+smoothed, as a stream (docs/streams.md), so the node keeps every limit. A motion that exceeds a limit of position,
+velocity or torque is refused before. Ctrl-C brings the arm to rest.
 
 examples:
   ./pidtsm replay-motion my_bag --dry-run
@@ -83,7 +84,7 @@ def execute(options: argparse.Namespace) -> int:
         if limits is not None:
             motion = _of_arm(motion, limits)
         _show(motion, limits, options.json)
-        _require_limits(motion, limits)
+        _require_limits(motion, limits, options.speed)
         return 0
     return _replay(motion, options)
 
@@ -108,19 +109,42 @@ def _of_arm(motion: RecordedMotion, limits: MotionLimits) -> RecordedMotion:
     return RecordedMotion(limits.joints, motion.time, q, dq, ddq)
 
 
-def _require_limits(motion: RecordedMotion, limits: MotionLimits | None) -> None:
-    """Raises: RunError: the motion exceeds a limit."""
+def _require_limits(motion: RecordedMotion, limits: MotionLimits | None, speed: float) -> None:
+    """Require that the arm can do the motion.
+
+    Args:
+        motion: the motion, with the joints of the limits.
+        limits: of the arm; None: unknown.
+        speed: of ``--speed``, with which the motion was read.
+
+    Raises:
+        RunError: the motion exceeds a limit.
+    """
     if limits is None:
         return
     if beyond := beyond_range(motion, limits):
         raise RunError(f"the motion leaves the range of the arm: {beyond}")
-    if (factor := slowest_speed(motion, limits)) > 1.0:
-        j = int((np.abs(motion.velocity).max(axis=0) / limits.planned_velocity).argmax())
+    shares = share_of_velocity(motion, limits)
+    if (share := float(shares.max())) > 1.0:
+        j = int(shares.argmax())
         largest, allowed = np.abs(motion.velocity[:, j]).max(), limits.planned_velocity[j]
         raise RunError(
             f"{motion.joints[j]} would move with {largest:.3g} {limits.units[j].position}/s; at most {allowed:.3g} is "
-            f"allowed: --speed {0.99 / factor:.2g} times the present one keeps it"
+            f"allowed; use --speed {_floor(0.99 * speed / share)}"
         )
+    effort = largest_effort(motion, limits)
+    if effort is not None and (effort > limits.effort).any():
+        j = int((effort / limits.effort).argmax())
+        raise RunError(
+            f"{motion.joints[j]} would need {effort[j]:.3g} {limits.units[j].effort} by the model; at most "
+            f"{limits.effort[j]:.3g} is allowed; a lower --speed may need less"
+        )
+
+
+def _floor(value: float) -> str:
+    """A number with two digits that is not larger."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return f"{math.floor(value / unit) * unit:.2g}"
 
 
 def _summary(motion: RecordedMotion, limits: MotionLimits | None) -> dict[str, Any]:
@@ -128,7 +152,6 @@ def _summary(motion: RecordedMotion, limits: MotionLimits | None) -> dict[str, A
     effort = None if limits is None else largest_effort(motion, limits)
     rows = []
     for j, joint in enumerate(motion.joints):
-        known = limits is not None and np.isfinite(limits.velocity[j])
         rows.append(
             {
                 "joint": joint,
@@ -136,11 +159,16 @@ def _summary(motion: RecordedMotion, limits: MotionLimits | None) -> dict[str, A
                 "smallest": float(motion.position[:, j].min()),
                 "largest": float(motion.position[:, j].max()),
                 "velocity": float(np.abs(motion.velocity[:, j]).max()),
-                "velocity_allowed": float(limits.planned_velocity[j]) if limits is not None and known else None,
+                "velocity_allowed": _finite(limits.planned_velocity[j]) if limits is not None else None,
                 "effort": None if effort is None else float(effort[j]),
+                "effort_allowed": _finite(limits.effort[j]) if limits is not None else None,
             }
         )
     return {"duration": motion.duration, "targets": int(motion.time.size), "joints": rows}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def _show(motion: RecordedMotion, limits: MotionLimits | None, as_json: bool) -> None:
@@ -152,6 +180,8 @@ def _show(motion: RecordedMotion, limits: MotionLimits | None, as_json: bool) ->
     for row in summary["joints"]:
         allowed = "no limit known" if row["velocity_allowed"] is None else f"at most {row['velocity_allowed']:.3g}"
         effort = "" if row["effort"] is None else f", effort up to {row['effort']:.3g} by the model"
+        if effort and row["effort_allowed"] is not None:
+            effort += f" (at most {row['effort_allowed']:.3g})"
         print(
             f"{row['joint']}: from {row['first']:.4f}, within {row['smallest']:.4f} to {row['largest']:.4f}, "
             f"velocity up to {row['velocity']:.3g} ({allowed}){effort}"
@@ -165,7 +195,7 @@ def _replay(motion: RecordedMotion, options: argparse.Namespace) -> int:
     try:
         with Arm(options.namespace, robot or "") as arm:
             motion = _of_arm(motion, arm.limits)
-            _require_limits(motion, arm.limits)
+            _require_limits(motion, arm.limits, options.speed)
             if arm.state.mode != Mode.FOLLOWING:
                 raise RunError(f"the controller does not follow its reference: it is {arm.state.mode.name.lower()}")
             try:

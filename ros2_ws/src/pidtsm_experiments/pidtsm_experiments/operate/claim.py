@@ -1,6 +1,8 @@
 """One ``./pidtsm nodes start`` in each namespace of a domain, which ``./pidtsm nodes stop`` finds."""
 
+import errno
 import os
+import select
 import signal
 import socket
 import struct
@@ -26,11 +28,14 @@ def claimed(namespace: str) -> Iterator[None]:
 
     Raises:
         UsageError: another process has started them.
+        RunError: the process cannot be found by others.
     """
     with socket.socket(socket.AF_UNIX) as listening:
         try:
             listening.bind(_address(namespace))
-        except OSError:
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise RunError(f"./pidtsm nodes stop could not find these nodes: {error.strerror}") from None
             raise UsageError(
                 f"nodes {place(namespace)} are started already; end them with ./pidtsm nodes stop, or choose another "
                 "--namespace"
@@ -58,11 +63,16 @@ def end_claimed(namespace: str) -> bool:
         process, user, _ = struct.unpack(_CREDENTIALS, given)
         if user != os.getuid():
             return False
-        os.kill(process, signal.SIGINT)
-        try:
-            calling.recv(1)  # Returns when the other end is closed: it never sends.
-        except ConnectionError:
-            pass
-        except TimeoutError:
-            raise RunError(f"process {process} has not ended within {_END_WITHIN:g} s") from None
+    try:
+        watched = os.pidfd_open(process)
+    except ProcessLookupError:
+        return True
+    try:
+        signal.pidfd_send_signal(watched, signal.SIGINT)
+        if not select.select([watched], [], [], _END_WITHIN)[0]:
+            raise RunError(f"process {process} has not ended within {_END_WITHIN:g} s")
+    except ProcessLookupError:
+        pass
+    finally:
+        os.close(watched)
     return True

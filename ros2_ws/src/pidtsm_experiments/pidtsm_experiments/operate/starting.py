@@ -68,13 +68,13 @@ def start_of(experiment: Experiment, plant: bool) -> Start:
     Raises:
         UsageError: a parameter is invalid.
     """
+    motion = {name: value for name, value in experiment.settings["trajectory"].items() if name.startswith("reference.")}
+    still = motion == _STILL
     if plant:
-        return Start(live_parameters(experiment), False)
+        return Start(live_parameters(experiment), still)
     wanted = ("controller", "trajectory")
-    settings = {node: dict(experiment.settings[node]) for node in wanted}
-    moves = {name: value for name, value in settings["trajectory"].items() if name.startswith("reference.")}
-    real = replace(experiment, settings=settings)
-    return Start(real.resolved({node: NODE_SCHEMAS[node] for node in wanted}), moves == _STILL)
+    real = replace(experiment, settings={node: dict(experiment.settings[node]) for node in wanted})
+    return Start(real.resolved({node: NODE_SCHEMAS[node] for node in wanted}), still)
 
 
 def surroundings(_node: str) -> dict[str, str]:
