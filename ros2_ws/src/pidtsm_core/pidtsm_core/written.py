@@ -5,7 +5,7 @@ The pages have the same rule as a script, `pidtsm_studies/reports/templates/writ
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from decimal import ROUND_HALF_UP, Decimal
 from typing import NamedTuple
 
@@ -112,3 +112,9 @@ def _grouped(text: str) -> str:
     """Digits in groups of three, if there are more than four before the point."""
     whole, point, rest = text.partition(".")
     return (f"{int(whole):,}".replace(",", THIN) if int(whole) >= _GROUPED else whole) + point + rest
+
+
+def enumeration(names: Sequence[str]) -> str:
+    """Names as in a sentence: ``a``, ``a and b``, ``a, b and c``."""
+    *others, last = names
+    return f"{', '.join(others)} and {last}" if others else last

@@ -14,7 +14,7 @@ from pidtsm_core.recording.overload import overload, overload_text
 from pidtsm_core.robots import find_robot
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 from pidtsm_core.units import either, joint_units
-from pidtsm_core.written import quantity
+from pidtsm_core.written import enumeration, quantity
 
 if TYPE_CHECKING:
     from pidtsm_core.recording import Recording
@@ -273,6 +273,6 @@ def _fault(fault: Mapping[str, Any]) -> str:
     number = next((f for f in Fault if f.name.lower() == fault["fault"]), None)
     reason = cause(number, 1, [fault["joint"] or "a joint"]) if number else str(fault["fault"])
     limited = fault.get("limited")  # Metrics of older versions lack it.
-    before = f", after {' and '.join(limited)} had been at the effort limit" if limited else ""
+    before = f", after {enumeration(limited)} had been at the effort limit" if limited else ""
     reset = "" if fault["reset"] is None else f"; reset at {fault['reset']:.4g} s"
     return f"stopped at {fault['time']:.4g} s: {reason}{before}{reset}"

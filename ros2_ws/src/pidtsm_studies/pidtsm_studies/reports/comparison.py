@@ -8,6 +8,7 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment.node_parameters import NODE_ONLY
 from pidtsm_core.parameters.files import NODES, Settings
 from pidtsm_core.recording import Recording
+from pidtsm_core.written import enumeration
 from pidtsm_studies.article.claims import Run
 from pidtsm_studies.reports.contrast import contrast_answers, contrast_section, contrast_verdict, contrasts
 from pidtsm_studies.reports.labels import NOTHING, run_entries
@@ -101,12 +102,8 @@ def write_comparison(
     )
     verdict, state = contrast_verdict(found, metrics)
     answers = contrast_answers(found, metrics, len(parameters))
-    page = Page(title or _listed(list(runs)), verdict, state, extents(metrics), answers, sections, data)
+    page = Page(title or enumeration(list(runs)), verdict, state, extents(metrics), answers, sections, data)
     write_page(path, page)
-
-
-def _listed(names: list[str]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _parameters(runs: list[str], parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
