@@ -14,7 +14,7 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import arms  # noqa: E402
 
 LIMITS = {"ideal": (1e-3, 0.3, 0.6), "real": (2e-3, 0.3, 0.6), "payload": (5e-3, 0.3, 1.0)}
-"""By condition: error (rad or m), torque variation (N m or N), torque / limit."""
+"""By condition: error (rad or m), effort variation (N m or N), torque / limit."""
 
 
 @pytest.mark.parametrize("arm", ARMS)

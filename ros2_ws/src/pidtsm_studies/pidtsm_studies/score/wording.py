@@ -14,7 +14,7 @@ COLUMNS = (
     "RMSE, ideal",
     "RMSE, 14 bit and 1 ms",
     "ECI",
-    "torque variation",
+    "effort variation",
     "worst criterion",
 )
 """Of the table of an arm, in the order of `cells`."""
@@ -67,7 +67,7 @@ def cells(entry: Entry) -> list[str]:
 
 
 def combined(metric: str, values: Sequence[float]) -> float:
-    """One number for all joints: the root of the sum of squares of RMSE, the sum of ECI and torque variation."""
+    """One number for all joints: the root of the sum of squares of RMSE, the sum of ECI and effort variation."""
     return math.hypot(*values) if metric == "rmse" else math.fsum(values)
 
 

@@ -12,11 +12,11 @@ import pytest
 from support.devtools import CHROMIUM, Page
 
 from pidtsm_core.recording import Recording
+from pidtsm_core.recording.metric import METRICS
 from pidtsm_core.recording.outcome import OF_TRACKING, RAN_AWAY
 from pidtsm_core.recording.summary import write_metrics
 from pidtsm_core.written import number, quantity
 from pidtsm_studies.reports.comparison import write_comparison
-from pidtsm_studies.reports.matrix import METRICS
 
 in_browser = pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
 NOTATION = re.compile(r"\d[eE][-+]?\d|\d-\d{2}\b(?!-)")
