@@ -30,8 +30,8 @@ from pidtsm_core.parameters.files import load_ros_parameters
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.stamps import nanoseconds
 
-MESSAGES = 1_200
-"""Of each kind; once, 4,000 were tried."""
+MESSAGES = 4_000
+"""Of each kind."""
 VARIANTS = 10
 """Messages that differ in their stamps and in the damage they take."""
 BATCH = 200
@@ -334,8 +334,8 @@ values = st.one_of(
     st.just(ParameterValue(type=ParameterType.PARAMETER_NOT_SET)),
     st.just(ParameterValue(type=200)),
 )
-SETS = {"controller": 300, "simulator": 150, "trajectory": 60}
-"""Number of sets; once, 800, 300 and 100 were tried."""
+SETS = {"controller": 800, "simulator": 300, "trajectory": 100}
+"""Number of sets of each node."""
 
 
 def fuzz_parameters(testbed: Testbed, name: str) -> None:
@@ -372,7 +372,7 @@ def fuzz_parameters(testbed: Testbed, name: str) -> None:
         before = after
 
     change()
-    assert taken > 4 or name == "trajectory"
+    assert taken > 10 or name == "trajectory"
     back = [Parameter(name=key, value=start[key]) for key in own if before[key] != start[key]]
     assert call(SetParametersAtomically, parameters=back).result.successful
     assert get() == start

@@ -7,9 +7,10 @@ import numpy as np
 from viser import GuiTabHandle
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.recording.metric import MEAN_EFFORT, RMSE, Metric
 from pidtsm_core.signals import Signal
 from pidtsm_core.units import JointUnits, either
-from pidtsm_core.written import quantity
+from pidtsm_core.written import scaled
 from pidtsm_experiments.live.desk import Desk
 from pidtsm_experiments.live.history import History, Measurement
 from pidtsm_experiments.live.motion import Moving
@@ -17,6 +18,7 @@ from pidtsm_experiments.live.plots import SHOWN, Comparison, Plots, color
 from pidtsm_experiments.live.stream import Batch
 from pidtsm_experiments.live.words import AMBER, GREEN, OLD, badge, loop, mode
 from pidtsm_msgs.msg import ControllerState
+from pidtsm_studies.reports.matrix import scales, unit_text
 
 _PANEL = 430  # pixels
 
@@ -93,10 +95,11 @@ class Watching:
     def show(self) -> None:
         """Show metrics and events."""
         now, kept = self._measured, self._kept
-        self._metrics.content = _table(self._joints, self._units, {"RMSE": now.rmse, "ECI": now.eci})
+        self._metrics.content = metrics_table(self._joints, self._units, [("RMSE", RMSE, now.rmse), ("ECI", MEAN_EFFORT, now.eci)])
         if kept.samples and now.samples:
-            columns = {"RMSE of A": kept.rmse, "RMSE": now.rmse, "ECI of A": kept.eci, "ECI": now.eci}
-            self._compared.content = _table(self._joints, self._units, columns)
+            columns = [("RMSE of A", RMSE, kept.rmse), ("RMSE", RMSE, now.rmse)]
+            columns += [("ECI of A", MEAN_EFFORT, kept.eci), ("ECI", MEAN_EFFORT, now.eci)]
+            self._compared.content = metrics_table(self._joints, self._units, columns)
         lines = "".join(f"<div>{time} {escape(text)}</div>" for time, text in self._desk.system.events)
         self._events.content = f'<div id="events" style="padding:0.5em 0.75em;font-size:0.8em">{lines}</div>'
 
@@ -119,18 +122,39 @@ def _legend(joints: Sequence[str]) -> str:
     return f'<div style="padding:0.25em 0.75em">{names}</div>'
 
 
-def _table(joints: Sequence[str], units: Sequence[JointUnits], columns: dict[str, Array]) -> str:
-    """RMSE and ECI per joint since the mark, as HTML; empty columns are left out."""
-    filled = {name: values for name, values in columns.items() if np.size(values) == len(joints)}
-    head = "".join(f'<th style="text-align:right;padding-left:1em">{name}</th>' for name in filled)
+def metrics_table(
+    joints: Sequence[str], units: Sequence[JointUnits], columns: Sequence[tuple[str, Metric, Array]]
+) -> str:
+    """Metrics per joint since the mark, as HTML.
+
+    Args:
+        joints: names.
+        units: of each joint.
+        columns: heading, metric and values (SI, shape (joints,)) of each; one without values is left out. Those of the
+            same metric have the same unit.
+    """
+    filled = [column for column in columns if np.size(column[2]) == len(joints)]
+    shown = {
+        metric: scales(metric, [of.tolist() for _, each, of in filled if each is metric], _si(metric, units))
+        for _, metric, _ in filled
+    }
+    head = "".join(
+        f'<th style="text-align:right;padding-left:1em">{heading}<br>'
+        f'<span style="font-weight:400">{unit_text(shown[metric])}</span></th>'
+        for heading, metric, _ in filled
+    )
     rows = "".join(
         f'<tr><td style="color:{color(i)};font-weight:600">{escape(joint)}</td>'
         + "".join(
             f'<td style="text-align:right;padding-left:1em;white-space:nowrap">'
-            f"{quantity(float(values[i]), units[i].position if name.startswith('RMSE') else units[i].effort)}</td>"
-            for name, values in filled.items()
+            f"{scaled(float(values[i]), shown[metric][metric.unit_of(units[i])])}</td>"
+            for _, metric, values in filled
         )
         + "</tr>"
         for i, joint in enumerate(joints)
     )
     return f'<table style="margin:0.5em 0.75em;font-size:0.85em"><tr><th>since the mark</th>{head}</tr>{rows}</table>'
+
+
+def _si(metric: Metric, units: Sequence[JointUnits]) -> list[str]:
+    return [metric.unit_of(each) for each in units]
