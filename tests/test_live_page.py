@@ -71,7 +71,7 @@ def test_freedrive_and_hold_are_switches_that_show_what_the_controller_does(live
     live.flip("freedrive", on=True)
     until(lambda: "Freedrive: the arm can be moved by hand" in live.text("#status"), "freedrive")
     live.flip("freedrive", on=False)
-    until(lambda: "Holding its position, as it was told to" in live.text("#status"), "the arm is held")
+    until(lambda: "Holding its position on request" in live.text("#status"), "the arm is held")
     until(lambda: live.checked("hold") and not live.checked("freedrive"), "both switches show it")
     live.flip("hold", on=False)
     until(lambda: "Following" in live.text("#status"), "the arm follows")

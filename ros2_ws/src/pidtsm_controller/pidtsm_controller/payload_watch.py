@@ -93,7 +93,7 @@ class PayloadWatch:
         return ""
 
     def _advance(self, blend: PayloadBlend, dt: float) -> None:
-        """Let dt (s) pass; at the end, the parameters say what the model is."""
+        """Let dt (s) pass; at the end, the parameters are those of the model."""
         blend.advance(dt)
         if not blend.done:
             return

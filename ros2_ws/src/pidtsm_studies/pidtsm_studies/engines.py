@@ -102,7 +102,7 @@ def write_engine_page(comparison: EngineComparison, path: Path, simulator: Mappi
     Args:
         comparison: the runs.
         path: the HTML file; an existing one is replaced.
-        simulator: parameters of the simulated arm, which say when it was pushed or loaded.
+        simulator: parameters of the simulated arm, with the times of pushes and loads.
     """
     runs = {engine: (run, comparison.metrics[engine]) for engine, run in comparison.runs.items()}
     chosen = {f"simulator.{ENGINE.name}": {engine: engine for engine in runs}}

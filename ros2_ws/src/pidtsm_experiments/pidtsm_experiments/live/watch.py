@@ -34,14 +34,14 @@ class Status:
     def show(self, newest: ControllerState | None, name: str) -> None:
         """Show the state; `newest`: last state of the controller, or None; `name`: of the arm."""
         system, nodes = self._desk.system, self._desk.nodes
-        heard = system.heard(newest, nodes.ended("controller") if nodes is not None else "")
-        sentence = mode(heard)
+        known = system.known(newest, nodes.ended("controller") if nodes is not None else "")
+        sentence = mode(known)
         real = "REAL ARM" if system.source.driver else "REAL ARM, not seen yet"
         kind = badge("SIMULATED", GREEN) if system.simulated else badge(real, AMBER)
         self._html.content = (
             f'<div id="status" style="padding:0.5em 0.75em;line-height:1.6">{kind} <b>{escape(name)}</b><br>'
             f'<span style="color:{sentence.color};font-weight:600">{escape(sentence.text)}</span><br>'
-            f'<span style="font-size:0.8em;opacity:0.75">{loop(heard)}</span></div>'
+            f'<span style="font-size:0.8em;opacity:0.75">{loop(known)}</span></div>'
         )
 
 
@@ -95,7 +95,9 @@ class Watching:
     def show(self) -> None:
         """Show metrics and events."""
         now, kept = self._measured, self._kept
-        self._metrics.content = metrics_table(self._joints, self._units, [("RMSE", RMSE, now.rmse), ("ECI", MEAN_EFFORT, now.eci)])
+        self._metrics.content = metrics_table(
+            self._joints, self._units, [("RMSE", RMSE, now.rmse), ("ECI", MEAN_EFFORT, now.eci)]
+        )
         if kept.samples and now.samples:
             columns = [("RMSE of A", RMSE, kept.rmse), ("RMSE", RMSE, now.rmse)]
             columns += [("ECI of A", MEAN_EFFORT, kept.eci), ("ECI", MEAN_EFFORT, now.eci)]

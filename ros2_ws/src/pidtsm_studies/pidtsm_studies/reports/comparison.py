@@ -80,7 +80,7 @@ def write_comparison(
         path: the HTML file.
         runs: at least two runs by name, with the same joints; differences are those to the first.
         parameters: see `differing_parameters`.
-        simulators: parameters of the simulated arm, by run, which say when it was pushed or loaded.
+        simulators: parameters of the simulated arm, by run, with the times of pushes and loads.
         title: of the page; empty: the names of the runs.
     """
     entries = run_entries(runs)

@@ -20,8 +20,10 @@ LABELS = {
 CASES = {"case1": "Case 1", "case2": "Case 2"}
 """Labels of the article's cases in tables and figures, by scenario."""
 DIGITS = 4
-"""Significant digits of `value_text`: in the terminal, in figures and beside the article, which prints no more. Matrices and
-sentences of pages have `pidtsm_core.written.DIGITS`."""
+"""Significant digits of `value_text`: in the terminal, in figures and beside the article, which prints no more.
+
+Matrices and sentences of pages have `pidtsm_core.written.DIGITS`.
+"""
 
 
 def label(law: str) -> str:

@@ -50,7 +50,7 @@ def _followed(metrics: Mapping[str, Any]) -> Answer:
 
 def _how_well(metrics: Mapping[str, Any], joint: int | None) -> Answer:
     if metrics["outcome"] == RAN_AWAY:
-        return Answer("How well?", "Not at all", "errors of an arm that ran away say nothing", BAD)
+        return Answer("How well?", "Not at all", "errors of an arm that ran away mean nothing", BAD)
     unit = units_of(metrics)[joint or 0].position
     steady = metrics["steady_state_error"]
     most = max((value for value in steady if value is not None), default=None)

@@ -49,8 +49,8 @@ def failure_text(outcome: Outcome) -> str:
 def _failure_text(curve: Curve) -> str:
     assert curve.failure is not None
     value, joint, reason = curve.failure
-    said = {"error": f"error of {joint}", "roughness": f"rough effort of {joint}"}.get(reason, reason)
-    return f"{said} at {value:g} {curve.range.unit}".rstrip()
+    cause = {"error": f"error of {joint}", "roughness": f"rough effort of {joint}"}.get(reason, reason)
+    return f"{cause} at {value:g} {curve.range.unit}".rstrip()
 
 
 def cells(entry: Entry) -> list[str]:
