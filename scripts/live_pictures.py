@@ -18,7 +18,7 @@ from support.devtools import browser
 _PROGRAM = Path(__file__).resolve().parents[1] / "pidtsm"
 _PICTURES: dict[str, list[str]] = {"live-two-link.png": [], "live-panda.png": ["--robot", "panda"]}
 _WIDTH, _HEIGHT = 1500, 900
-"""Of the window, px."""
+"""Size of the window, px."""
 _FOLLOWS = "(document.querySelector('#status')?.innerText ?? '').includes('Following')"
 """Whether the nodes have started and the arm follows."""
 _STARTED_WITHIN = 120.0  # s

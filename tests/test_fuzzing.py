@@ -143,7 +143,7 @@ KINDS: dict[str, list[Kind]] = {
 
 
 class Loop:
-    """Simulator, controller and trajectory in realtime, and a node that sends them things and judges what they say."""
+    """Simulator, controller and trajectory in realtime, and a node that sends them things and judges their answers."""
 
     def __init__(self, testbed: Testbed, form: str) -> None:
         self.testbed = testbed
@@ -187,7 +187,7 @@ class Loop:
         self.asking = {name: node.create_client(GetState, f"{name}/get_state") for name in NODES}
         testbed.spin_until(lambda: all(c.service_is_ready() for c in self.asking.values()), "the nodes")
 
-    # What they say.
+    # What they publish.
 
     def _judge(self, topic: str, message_type: type, callback: Callable[[Any], None]) -> Callable[[bytes], None]:
         def on_message(data: bytes) -> None:
@@ -268,7 +268,7 @@ class Loop:
     # What follows.
 
     def tracks(self) -> bool:
-        """The arm is where the reference is, and the controller says so."""
+        """The arm is where the reference is, and the controller reports it."""
         following = self.states and self.states[-1].mode == ControllerState.FOLLOWING
         return bool(following and len(self.errors) == self.errors.maxlen and max(self.errors) < 0.01)
 
@@ -289,7 +289,7 @@ class Loop:
         self.testbed.spin_until(self.tracks, "a loop that tracks")
 
     def end(self) -> None:
-        """The nodes are all there, and end as asked."""
+        """The nodes are all there, and end on request."""
         assert not self.absurd, self.absurd
         for process in self.processes.values():
             assert process.process.poll() is None
@@ -383,7 +383,7 @@ def test_any_parameter_set_is_taken_whole_or_refused_whole_and_the_loop_runs_on(
     testbed.spin_until(loop.tracks, "a loop that tracks")
     for name in SETS:
         fuzz_parameters(testbed, name)
-        # Who changes the arm's masses and the torque limits gets what was asked for.
+        # Who changes the arm's masses and the torque limits gets what was requested.
         loop.absurd.clear()
         loop.recover()
     loop.end()

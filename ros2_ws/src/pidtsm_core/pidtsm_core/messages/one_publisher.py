@@ -9,8 +9,8 @@ class OnePublisher:
     """Accepts the messages of the publisher that was there first.
 
     Middleware numbers the messages of each publisher, but does not name the publisher of a message. The messages of
-    one have increasing numbers, without large gaps. Those of another begin at 1, or go on elsewhere. Another publisher is
-    accepted when the first has been silent for `SILENCE` while the other published, or has gone.
+    one have increasing numbers, without large gaps. Those of another begin at 1, or go on elsewhere. Another
+    publisher is accepted when the first has been silent for `SILENCE` while the other published, or has gone.
 
     Attributes:
         refused: number of messages of other publishers.

@@ -29,7 +29,7 @@ _MOMENT = 2.0 ** (1 - _DEPTH)
 _STEP = 1e-6
 """Smaller steps of the velocity do not matter, rad/s or m/s."""
 _ENOUGH = 4000
-"""After so many samples of a motion that is rejected anyway, its largest excess need not be found more exactly."""
+"""Number of samples after which the largest excess of a motion that is rejected anyway is exact enough."""
 
 
 @inlined

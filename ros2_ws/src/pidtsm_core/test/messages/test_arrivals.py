@@ -213,7 +213,7 @@ def test_the_longest_silence_between_two_messages_is_known(rate: int) -> None:
     assert source.arrivals.silence == source.period
     source.send(took=3 * SECOND)
     assert source.arrivals.silence == 3 * SECOND
-    # Messages that are refused are heard, too.
+    # Messages that are refused count as arrived, too.
     source.stamp -= 3600 * SECOND
     while source.send() is not Stamp.RESTARTED:
         pass

@@ -7,7 +7,7 @@ from pidtsm_experiments.live.nodes import Nodes
 _FORCE, _MASS, _LASTS = 50.0, 0.5, 0.3
 _LONGEST_PUSH = 5.0  # s
 _LARGEST = 1e6
-"""Of a force (N) or mass (kg) that can be entered."""
+"""Largest force (N) or mass (kg) that can be entered."""
 
 
 class Pushing:

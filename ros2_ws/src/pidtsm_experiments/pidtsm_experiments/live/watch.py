@@ -10,7 +10,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.recording.metric import MEAN_EFFORT, RMSE, Metric
 from pidtsm_core.signals import Signal
 from pidtsm_core.units import JointUnits, either
-from pidtsm_core.written import scaled
+from pidtsm_core.written import Scale, scale, scaled
 from pidtsm_experiments.live.desk import Desk
 from pidtsm_experiments.live.history import History, Measurement
 from pidtsm_experiments.live.motion import Moving
@@ -18,7 +18,6 @@ from pidtsm_experiments.live.plots import SHOWN, Comparison, Plots, color
 from pidtsm_experiments.live.stream import Batch
 from pidtsm_experiments.live.words import AMBER, GREEN, OLD, badge, loop, mode
 from pidtsm_msgs.msg import ControllerState
-from pidtsm_studies.reports.matrix import scales, unit_text
 
 _PANEL = 430  # pixels
 
@@ -137,12 +136,12 @@ def metrics_table(
     """
     filled = [column for column in columns if np.size(column[2]) == len(joints)]
     shown = {
-        metric: scales(metric, [of.tolist() for _, each, of in filled if each is metric], _si(metric, units))
+        metric: _scales(metric, np.max([values for _, each, values in filled if each is metric], axis=0), units)
         for _, metric, _ in filled
     }
     head = "".join(
         f'<th style="text-align:right;padding-left:1em">{heading}<br>'
-        f'<span style="font-weight:400">{unit_text(shown[metric])}</span></th>'
+        f'<span style="font-weight:400">{either(each.unit for each in shown[metric].values())}</span></th>'
         for heading, metric, _ in filled
     )
     rows = "".join(
@@ -158,5 +157,10 @@ def metrics_table(
     return f'<table style="margin:0.5em 0.75em;font-size:0.85em"><tr><th>since the mark</th>{head}</tr>{rows}</table>'
 
 
-def _si(metric: Metric, units: Sequence[JointUnits]) -> list[str]:
-    return [metric.unit_of(each) for each in units]
+def _scales(metric: Metric, largest: Array, units: Sequence[JointUnits]) -> dict[str, Scale]:
+    """A scale for each SI unit, which fits the largest value: it changes less often than one that fits most values."""
+    si = [metric.unit_of(each) for each in units]
+    return {
+        unit: scale([max(float(largest[i]) for i in range(len(si)) if si[i] == unit)], unit)
+        for unit in dict.fromkeys(si)
+    }

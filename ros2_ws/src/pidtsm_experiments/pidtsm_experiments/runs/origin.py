@@ -48,8 +48,8 @@ def making() -> dict[str, Any]:
 def write_origin(folder: Path, made_of: MadeOf = NOTHING, before: Path | None = None) -> None:
     """Write run.json to a result folder.
 
-    Seed and parameters are null if there are none. ``runs`` has, by its path, what run.json of each run that was read
-    says; null if it has none. ``renewed`` names the commands have made parts of the folder anew since.
+    Seed and parameters are null if there are none. ``runs`` has, by its path, the content of run.json of each run that
+    was read; null if it has none. ``renewed`` names the commands that have made parts of the folder anew since.
 
     Args:
         folder: of the result.

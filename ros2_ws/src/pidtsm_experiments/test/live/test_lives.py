@@ -71,7 +71,7 @@ def test_a_process_that_ended_is_dead_at_once_and_a_new_one_is_not() -> None:
         (Life(received=1.0, expected=2.0, ended="ended with exit code 1"), "dead: ended with exit code 1 at"),
     ],
 )
-def test_the_line_of_a_node_says_what_is_known(life: Life, word: str) -> None:
+def test_the_line_of_a_node_shows_what_is_known(life: Life, word: str) -> None:
     sentence = life.sentence(1.5)
     assert sentence.text.startswith(word)
     assert (sentence.color == GREEN) == word.startswith("alive")
@@ -135,7 +135,7 @@ def test_silence_is_explained_and_nothing_old_is_repeated(known: Known, words: s
         (ControllerState.HOLDING, None, "Holding its position"),
     ],
 )
-def test_why_the_arm_is_held_is_said_once_it_is_known(number: int, held: bool | None, words: str) -> None:
+def test_why_the_arm_is_held_is_shown_once_it_is_known(number: int, held: bool | None, words: str) -> None:
     assert mode(Known(ControllerState(mode=number), held=held)).text == words
 
 

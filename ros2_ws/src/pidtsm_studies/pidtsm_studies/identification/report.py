@@ -123,7 +123,7 @@ def _answers(found: Identification, result: dict[str, Any], joint: int) -> list[
         Answer(
             "What was found?",
             f"{known} of {len(result['combinations'])} combinations",
-            "the data determine them better than the description",
+            "the data say more about them than the description",
         ),
         Answer(
             "What to look at?",

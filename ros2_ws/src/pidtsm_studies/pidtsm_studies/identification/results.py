@@ -12,10 +12,9 @@ from pidtsm_core.identification.regressor import LINK, OF_JOINT, parameter_names
 def as_json(found: Identification) -> dict[str, Any]:
     """The result, in SI units; lists are in the order of the joints.
 
-    ``as_written`` are the errors of the files that were written and read back, null if there are none; ``notes`` name
-    what no motion can distinguish. ``combinations`` are the base parameters: what each consists of, its estimate, half
-    of its interval of 95 %, its value by the description, and whether the data determine it better than
-    the description.
+    ``as_written`` are the errors of the files that were written and read back, null if there are none; ``notes`` say
+    what no motion can tell apart. ``combinations`` are the base parameters: what each consists of, its estimate, half
+    of its interval of 95 %, its value by the description, and whether the data say more about it than the description.
     """
     check, fit, names = found.check, found.fit, parameter_names(found.arm.joints)
     described = found.base.mapping @ found.described

@@ -53,15 +53,15 @@ def of_joints(metrics: Mapping[str, Any], caption: str) -> dict[str, Any]:
         if metric.key not in metrics:
             continue
         values, si = values_of(metrics, metric), [metric.unit_of(each) for each in units]
-        shown = scales(metric, [values], si)
+        scales = _scales(metric, [values], si)
         place = worst(values, si) if metric.judged else None
         rows.append(
             {
                 "head": metric.name,
                 "about": _about(metric, units),
-                "unit": unit_text(shown),
+                "unit": _unit_text(scales),
                 "cells": [
-                    cell(metrics, metric, joint, shown[si[joint]], joint == place) for joint in range(len(values))
+                    cell(metrics, metric, joint, scales[si[joint]], joint == place) for joint in range(len(values))
                 ],
             }
         )
@@ -80,7 +80,7 @@ def of_runs(runs: Mapping[str, Mapping[str, Any]], metric: Metric, labels: Mappi
     units = units_of(first)
     si = [metric.unit_of(each) for each in units]
     every = {key: values_of(metrics, metric) for key, metrics in runs.items()}
-    shown = scales(metric, list(every.values()), si)
+    scales = _scales(metric, list(every.values()), si)
     flat = [value for values in every.values() for value in values]
     place = worst(flat, si * len(every)) if metric.judged else None
     before = next(iter(every.values()))
@@ -89,12 +89,12 @@ def of_runs(runs: Mapping[str, Mapping[str, Any]], metric: Metric, labels: Mappi
         cells = []
         for joint in range(len(units)):
             marked = place == number_of_row * len(units) + joint
-            found = cell(metrics, metric, joint, shown[si[joint]], marked)
+            found = cell(metrics, metric, joint, scales[si[joint]], marked)
             if number_of_row:
-                found["difference"] = difference(before[joint], every[key][joint], shown[si[joint]])
+                found["difference"] = difference(before[joint], every[key][joint], scales[si[joint]])
             cells.append(found)
         rows.append({"head": labels[key], "about": "", "unit": "", "cells": cells})
-    caption = f"{metric.name} ({_about(metric, units)}){f', {unit_text(shown)}' if unit_text(shown) else ''}"
+    caption = f"{metric.name} ({_about(metric, units)}){f', {_unit_text(scales)}' if _unit_text(scales) else ''}"
     return {"caption": caption, "corner": "run", "joints": _heads(first), "rows": rows}
 
 
@@ -137,14 +137,8 @@ def difference(first: float | None, value: float | None, shown: Scale) -> str:
     )
 
 
-def scales(metric: Metric, rows: Sequence[Sequence[float | None]], units: Sequence[str]) -> dict[str, Scale]:
-    """A common scale for the values of each unit.
-
-    Args:
-        metric: the metric.
-        rows: values in the SI unit, one per joint.
-        units: SI unit of each joint.
-    """
+def _scales(metric: Metric, rows: Sequence[Sequence[float | None]], units: Sequence[str]) -> dict[str, Scale]:
+    """A common scale for the values of each unit."""
     found = {}
     for unit in dict.fromkeys(units):
         values = [value for row in rows for value, its in zip(row, units, strict=True) if its == unit]
@@ -152,9 +146,8 @@ def scales(metric: Metric, rows: Sequence[Sequence[float | None]], units: Sequen
     return found
 
 
-def unit_text(shown: Mapping[str, Scale]) -> str:
-    """The units of these scales, for the head of a table."""
-    return either(each.unit for each in shown.values() if each.unit)
+def _unit_text(scales: Mapping[str, Scale]) -> str:
+    return either(each.unit for each in scales.values() if each.unit)
 
 
 def _about(metric: Metric, units: Sequence[JointUnits]) -> str:

@@ -14,7 +14,7 @@ from pidtsm_studies.score.criteria import CRITERIA, Criterion, Extent, Range
 from pidtsm_studies.score.tasks import Task
 
 CONFIDENCE = 0.95
-"""Of all intervals."""
+"""Confidence of all intervals."""
 FILE = "score.json"
 
 

@@ -17,7 +17,7 @@ COLUMNS = (
     "effort variation",
     "worst criterion",
 )
-"""Of the table of an arm, in the order of `cells`."""
+"""Columns of the table of an arm, in the order of `cells`."""
 
 
 def title(entry: Entry) -> str:

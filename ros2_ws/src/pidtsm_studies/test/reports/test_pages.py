@@ -63,8 +63,8 @@ def test_no_number_differs_from_metrics_json(
     factors = {metric.key: metric.factor for metric in METRICS}
     cells = Cells(arms[robot]).cells
     misleading = OF_TRACKING if metrics["outcome"] == RAN_AWAY else ()
-    told = [key for key in factors if key in metrics and key not in misleading]
-    known = {(key, joint) for key in told for joint, value in enumerate(metrics[key]) if value is not None}
+    meaningful = [key for key in factors if key in metrics and key not in misleading]
+    known = {(key, joint) for key in meaningful for joint, value in enumerate(metrics[key]) if value is not None}
     assert {(key, joint) for key, joint, _, _ in cells} == known
     for key, joint, value, text in cells:
         assert float(value) == metrics[key][joint]
