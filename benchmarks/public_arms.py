@@ -2,7 +2,7 @@
 
 ./pidtsm shell -c "python benchmarks/public_arms.py --out results/public_arms"
 
-For each arm: the findings of `check`, `gains`, a rollout with 14-bit encoders and 1 ms of delay, `excite`, `identify` on that
+For each arm: `check`, `gains`, a rollout with 14-bit encoders and 1 ms of delay, `excite`, `identify` on that
 motion, the planning of `move` to random targets, rounded as a person types them, and, with ``--nodes``, `nodes start`
 with a simulated arm and `move` to some of them. What a message proposes (``--joints``, ``--effort``,
 ``robot.armature``) is followed literally. A run that is interrupted is resumed by the same command.

@@ -1,4 +1,4 @@
-"""Whatever a parameter, a description or a table contains: it is used or refused in one line, soon, and in little memory.
+"""Whatever parameters, descriptions or tables contain: it is used or refused in one line, soon, and in little memory.
 
 The corpus is made here, the same one every time. Scenarios, parameter files and bags have their own, see the tests of
 pidtsm_experiments.

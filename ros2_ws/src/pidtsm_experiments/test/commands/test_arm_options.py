@@ -95,7 +95,7 @@ def test_every_command_with_an_arm_has_all_options(command: str) -> None:
 
 @pytest.mark.parametrize("command", WITH_ARM)
 def test_every_command_uses_them(command: str, call: Call) -> None:
-    """A joint that does not exist is refused, before anything is written; the message has its name and those that exist."""
+    """A joint that does not exist is refused, before anything is written; the message names it and those that exist."""
     code, out, err = call(
         *command.split(), *NEEDED.get(command, []), "--robot", FILE, "--joints", "knee", "--save", "mine"
     )
