@@ -159,11 +159,9 @@ def make_experiment(
         _warn_of_gripper(arm, of_arm)
         merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
     merge(_of_hardware(hardware, _overridden(settings, chosen)), Path(hardware or ""))
-    requested = law or next(
-        (value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None
-    )
-    for name in _named(params) or _usual(_source(arm, scenario, base), requested, base, chosen):
-        before = requested or settings["controller"].get(LAW_NAME.name)
+    wanted = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
+    for name in _named(params) or _usual(_source(arm, scenario, base), wanted, base, chosen):
+        before = wanted or settings["controller"].get(LAW_NAME.name)
         merge(*_parameter_set(name, before if before in LAWS.names else None, _overridden(settings, chosen)))
     if law is not None:
         settings["controller"]["law.name"] = law
