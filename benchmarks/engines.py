@@ -20,7 +20,7 @@ TAKES = 300.0  # s
 ROBOT = "panda"
 _DONE = re.compile(r"done: (\d+) samples in ([\d.]+) s")
 _MISSES = 1e-3
-"""Share of missed deadlines that counts as none, so that the ratio of two small numbers says something."""
+"""Share of missed deadlines that counts as none, so that the ratio of two small numbers means something."""
 
 
 def run(quick: bool) -> Iterator[Row]:

@@ -238,7 +238,7 @@ def one(folder: Path, robot: str, seed: int, tracks: bool, measure: Measure = me
 
 
 def main() -> None:
-    """Measure as many arms as asked for, and print a line per robot."""
+    """Measure the requested number of arms, and print a line per robot."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)

@@ -58,7 +58,7 @@ def run(quick: bool) -> Iterator[Row]:
 
 
 def _watch(system: LiveSystem, pages: int, lasts: float) -> _Loop:
-    """The loop while so many pages are open, as a node that joins the domain hears it from the controller."""
+    """The loop while this many pages are open, as a node that joins the domain receives it from the controller."""
     with ExitStack() as stack:
         for _ in range(pages):
             stack.enter_context(live_client(system.address))

@@ -2,7 +2,7 @@
 
 ./pidtsm shell -c "python benchmarks/public_arms.py --out results/public_arms"
 
-Of each arm: what `check` says, `gains`, a rollout with 14-bit encoders and 1 ms of delay, `excite`, `identify` on that
+For each arm: `check`, `gains`, a rollout with 14-bit encoders and 1 ms of delay, `excite`, `identify` on that
 motion, the planning of `move` to random targets, rounded as a person types them, and, with ``--nodes``, `nodes start`
 with a simulated arm and `move` to some of them. What a message proposes (``--joints``, ``--effort``,
 ``robot.armature``) is followed literally. A run that is interrupted is resumed by the same command.
@@ -63,7 +63,7 @@ ARMS = (
 """Files below the folder of the packages."""
 SENSORS = ("--set", "simulator.encoder.bits=14", "--set", "simulator.delay.samples=1")
 _ARMATURE = "0.05"
-"""kg m^2, where a message asks for rotors."""
+"""kg m^2, where a message requires rotors."""
 _CURES = 3
 _SHOWN = ("rollout", "check", "gains", "excite", "identify", "targets", "refused", "arrived")
 _TARGETS = 400
@@ -116,7 +116,7 @@ def tried(file: Path, folder: Path, nodes: bool) -> dict[str, Any]:
     row: dict[str, Any] = {}
     began = time.perf_counter()
     code, output, errors, cure = cured(["rollout", *robot, *SENSORS, "--duration", "8", "--json"])
-    row |= {"rollout": code, "cure": cure, "said": errors.strip().splitlines()[-1:] if code else []}
+    row |= {"rollout": code, "cure": cure, "messages": errors.strip().splitlines()[-1:] if code else []}
     if code in (0, 1) and output:
         metrics = json.loads(output)
         row |= {"joints": len(metrics["joints"]), "outcome": metrics["outcome"]}
@@ -170,7 +170,7 @@ def driven(file: Path, cure: Sequence[str]) -> dict[str, Any]:
         motion_limits(arm_of(file, options).settings()),
         np.array(arm_of(file, options).robot().initial_position),
     )
-    random, said = np.random.default_rng(1), list[str]()
+    random, messages = np.random.default_rng(1), list[str]()
     try:
         for _ in range(_MOVES):
             target = np.clip(np.round(start + random.uniform(-0.4, 0.4, start.size), 2), limits.lower, limits.upper)
@@ -178,10 +178,10 @@ def driven(file: Path, cure: Sequence[str]) -> dict[str, Any]:
             done = subprocess.run(words, capture_output=True, text=True, check=False)
             found = json.loads(done.stdout)["position"].values() if done.returncode == 0 else [np.inf]
             near = done.returncode == 0 and np.abs(np.array([*found]) - target).max() < _NEAR
-            said.append("" if near else done.stderr.strip() or str(found))
+            messages.append("" if near else done.stderr.strip() or str(found))
     finally:
         subprocess.run([*program, "nodes", "stop"], capture_output=True, check=False)
-    return {"arrived": said.count(""), "moves": said}
+    return {"arrived": messages.count(""), "moves": messages}
 
 
 def planned(file: Path, options: Sequence[str]) -> dict[str, Any]:

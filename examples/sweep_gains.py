@@ -1,4 +1,4 @@
-"""Two hundred pairs of gains on all cores, with a noisy sensor: what does a small error cost in torque variation?"""
+"""Two hundred pairs of gains on all cores, with a noisy sensor: what does a small error cost in effort variation?"""
 
 from itertools import product
 

@@ -47,7 +47,7 @@ The errors are the largest of all joints: from 4 s on, or for the payload from 2
 variation is the mean change of the torque from sample to sample, of the joint with the largest one. The last column is
 the largest torque as a share of its limit.
 
-| arm | joints | condition | error (mrad or mm) | torque variation (N m) | torque / limit |
+| arm | joints | condition | error (mrad or mm) | effort variation (N m) | torque / limit |
 | --- | --- | --- | --- | --- | --- |
 """
 
@@ -63,7 +63,7 @@ delay and the friction of the description:
 
 
 def judge(arm: str, overrides: tuple[str, ...], since: float, law: str | None = None) -> tuple[float, float, float]:
-    """Largest error (rad or m) and torque variation (N m or N) from `since` (s) on; largest torque / limit."""
+    """Largest error (rad or m) and effort variation (N m or N) from `since` (s) on; largest torque / limit."""
     experiment = make_experiment(None, law, params=[PRACTICAL], overrides=overrides, robot=arm)
     run = rollout(experiment)
     late = run.time >= since

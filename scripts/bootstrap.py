@@ -22,7 +22,7 @@ def main(arguments: list[str]) -> None:
         case ["shell", "-c", line]:
             command = [shell, "-c", line]
         case ["shell", *others]:
-            environment.say('usage: pidtsm shell [-c "COMMAND"]: a shell, or one COMMAND, in the environment')
+            environment.report('usage: pidtsm shell [-c "COMMAND"]: a shell, or one COMMAND, in the environment')
             sys.exit(0 if others in (["-h"], ["--help"]) else 2)
         case ["actions"]:
             command = [str(layout.python), "-c", ""]
@@ -44,5 +44,5 @@ if __name__ == "__main__":
         print("\npidtsm: interrupted; the next call repairs it", file=sys.stderr)
         sys.exit(130)
     except (environment.SetupError, OSError) as error:
-        environment.say(str(error))
+        environment.report(str(error))
         sys.exit(1)

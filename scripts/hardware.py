@@ -37,7 +37,7 @@ rigid, and it compensates the friction of the description only.
 
 * **Elastic joints** (`elasticity.*`). Each motor moves its link through a spring with a damper (M. W. Spong, 1987).
   Friction and brakes act on the motor; pushes, contact, payload and disturbances act on the link. `~/ground_truth`,
-  metrics and tables are those of the link; the encoders measure the motors, unless `elasticity.encoder` says `link`. At
+  metrics and tables are those of the link; the encoders measure the motors, unless `elasticity.encoder` is `link`. At
   the start the springs carry the arm. A joint needs a rotor (`robot.armature`), or it is refused. Joints that slide
   stay rigid in the classes.
 * **Friction** (`friction.*`). With `friction.bristle_stiffness`, a joint sticks until its static friction is exceeded

@@ -18,7 +18,10 @@ from support.devtools import browser
 _PROGRAM = Path(__file__).resolve().parents[1] / "pidtsm"
 _PICTURES: dict[str, list[str]] = {"live-two-link.png": [], "live-panda.png": ["--robot", "panda"]}
 _WIDTH, _HEIGHT = 1500, 900
-"""Of the window, px."""
+"""Size of the window, px."""
+_FOLLOWS = "(document.querySelector('#status')?.innerText ?? '').includes('Following')"
+"""Whether the nodes have started and the arm follows."""
+_STARTED_WITHIN = 120.0  # s
 _FULL = 24.0
 """s until the curves fill their time window."""
 _CLOSED = 1.0
@@ -35,6 +38,10 @@ def picture(file: Path, options: list[str]) -> None:
         address = next(found[1] for line in live.stdout if (found := re.search(r"live page: (\S+)", line)))
         with tempfile.TemporaryDirectory() as profile, browser(Path(profile), in_3d=True) as page:
             page.open(address, _WIDTH, _HEIGHT)
+            end = time.monotonic() + _STARTED_WITHIN
+            while not page.evaluate(_FOLLOWS):
+                assert time.monotonic() < end, "the arm does not follow"
+                time.sleep(_CLOSED)
             time.sleep(_FULL)
             page.evaluate(_CLOSE)
             time.sleep(_CLOSED)

@@ -1,4 +1,4 @@
-"""docs/api.md has every public name, and each says the shapes and units of its arrays."""
+"""docs/api.md has every public name, and each states the shapes and units of its arrays."""
 
 import inspect
 import re

@@ -70,9 +70,9 @@ def test_identify_names_what_the_demo_does_to_its_arm(
 ) -> None:
     """Case 1 has a disturbance, which no parameters explain."""
     assert main(["identify", str(demo_bag), "--robot", "two_link", "--out", str(tmp_path / "identified")]) == 2
-    told = " ".join(capsys.readouterr().err.split())
-    assert "truth: joint_states, positions and efforts" in told
-    assert "did something else act on the arm, such as a disturbance" in told
+    printed = " ".join(capsys.readouterr().err.split())
+    assert "truth: joint_states, positions and efforts" in printed
+    assert "did something else act on the arm, such as a disturbance" in printed
 
 
 def test_bag_holds_every_sample(demo_bag: Path, demo: Recording) -> None:
@@ -83,7 +83,7 @@ def test_bag_holds_every_sample(demo_bag: Path, demo: Recording) -> None:
             stamps[connection.topic][serialized_nanoseconds(payload)] += 1
     topics = ("/joint_states", "/joint_commands", "/reference", "/controller/state", "/simulator/ground_truth")
     assert {topic: len(counts) for topic, counts in stamps.items()} == dict.fromkeys(topics, SAMPLES)
-    # Lockstep asks for the first one again until it is answered.
+    # Lockstep requests the first one again until it is answered.
     assert all(count == 1 for counts in stamps.values() for stamp, count in counts.items() if stamp > 0)
     assert not any(demo.lost.values()), "every stamp of the ground truth has its partners"
     np.testing.assert_array_equal(demo.stamps_ns, np.arange(SAMPLES) * 1_000_000)

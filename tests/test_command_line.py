@@ -210,16 +210,16 @@ IMPERFECT = (
 def test_run_and_rollout_tell_the_same_to_the_last_digit(tmp_path: Path, call: Call) -> None:
     words = ("--duration", "1", *IMPERFECT)
     run, rollout = call("run", "--out", "mine", *words), call("rollout", "--json", *words)
-    told, simulated = json.loads((tmp_path / "mine" / "metrics.json").read_text()), json.loads(rollout.stdout)
-    assert set(told["rejected"]) >= {"controller", "simulator"}
-    assert set(told["rejected"].values()) == {0}
-    assert set(told["lost"].values()) == {0}
-    (fault,) = told["faults"]
+    of_bag, simulated = json.loads((tmp_path / "mine" / "metrics.json").read_text()), json.loads(rollout.stdout)
+    assert set(of_bag["rejected"]) >= {"controller", "simulator"}
+    assert set(of_bag["rejected"].values()) == {0}
+    assert set(of_bag["lost"].values()) == {0}
+    (fault,) = of_bag["faults"]
     assert (fault["fault"], fault["joint"]) == ("tracking_limit", "joint2")
     assert fault["time"] < 0.8 < fault["reset"]
-    assert told["time_holding"] > 0.0
+    assert of_bag["time_holding"] > 0.0
     of_nodes = ("clock", "lost", "rejected", "timing")
-    assert {key: told[key] for key in told if key not in of_nodes} == {
+    assert {key: of_bag[key] for key in of_bag if key not in of_nodes} == {
         key: simulated[key] for key in simulated if key not in of_nodes
     }
     assert (run.returncode, rollout.returncode) == (0, 0), run.stderr + rollout.stderr

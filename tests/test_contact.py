@@ -1,4 +1,4 @@
-"""What docs/contact.md says of contact and pushes."""
+"""What docs/contact.md states about contact and pushes."""
 
 import sys
 from pathlib import Path
@@ -15,7 +15,7 @@ BACK = {("piddtsm", "of the arm"): 6e-3}
 4.7 to 5.4 mrad; an impulse at the first sample, which is gone, made 2.1 mrad of exactly one of them."""
 
 
-def told(*first: str, cells: int) -> list[str]:
+def documented(*first: str, cells: int) -> list[str]:
     """The cells of the row that begins with these and has so many more."""
     lines = contact.PAGE.read_text(encoding="utf-8").splitlines()
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line.startswith("|")]
@@ -28,7 +28,7 @@ def told(*first: str, cells: int) -> list[str]:
 def test_a_controller_does_in_the_wall_what_the_page_says(contender: str, limits: str) -> None:
     judged = contact.judge(contact.press(contender, limits), limits)
     assert judged.torque <= 1.0
-    torque, gain, within, after, free = told(contender, limits, cells=5)
+    torque, gain, within, after, free = documented(contender, limits, cells=5)
     assert [float(torque), float(gain), float(within)] == pytest.approx(
         [judged.torque, judged.gain, 1e3 * judged.within], rel=0.2, abs=0.02
     )
@@ -54,6 +54,6 @@ def test_the_gain_runs_away_where_contact_is_not_recognised() -> None:
 def test_a_push_does_what_the_page_says_on_both_engines(engine: str) -> None:
     error, recovery = contact.push("piddtsm, practical", engine)
     assert recovery is not None
-    assert [float(cell) for cell in told("piddtsm, practical", cells=2)] == pytest.approx(
+    assert [float(cell) for cell in documented("piddtsm, practical", cells=2)] == pytest.approx(
         [1e3 * error, recovery], rel=0.05
     )

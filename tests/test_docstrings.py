@@ -1,4 +1,4 @@
-"""What is public says what it takes and gives: shapes, errors, and for what comes from the literature its source."""
+"""What is public states what it takes and gives: shapes, errors, and for what comes from the literature its source."""
 
 import ast
 import re
@@ -12,7 +12,7 @@ FILES = sorted(
     file
     for package in SOURCES.iterdir()
     for file in (package / package.name).rglob("*.py")
-    if "commands" not in file.parts  # Their package says what the two functions of each module do.
+    if "commands" not in file.parts  # Their package states what the two functions of each module do.
 )
 ELSEWHERE = re.compile(r"\b[Ss]ee `|[Aa]rguments as those of `")
 FROM_LITERATURE = ("laws/surfaces", "laws/reaching", "laws", "estimators", "simulation/disturbances", "robots")

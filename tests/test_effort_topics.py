@@ -53,7 +53,7 @@ def test_arrays_that_cannot_be_used_are_refused(testbed: Testbed) -> None:
     commands = testbed.node.create_publisher(Float64MultiArray, "effort_controller/commands", 10)
     simulator = testbed.start("simulator", "clock:=lockstep", "start.subscribers:=1", "input.type:=float64_multi_array")
 
-    def says(text: str) -> bool:
+    def logged(text: str) -> bool:
         return text in simulator.log.read_text()
 
     testbed.spin_until(lambda: states and commands.get_subscription_count(), "the first joint state")
@@ -65,7 +65,7 @@ def test_arrays_that_cannot_be_used_are_refused(testbed: Testbed) -> None:
     ):
         commands.publish(Float64MultiArray(data=values))
         reason = f"rejected effort_controller/commands: {cause}"
-        testbed.spin_until(partial(says, reason), reason)
+        testbed.spin_until(partial(logged, reason), reason)
     assert len(states) == 1, "nothing of this moves the arm"
     commands.publish(Float64MultiArray(data=[1.0, 2.0]))
     testbed.spin_until(lambda: len(states) > 1, "the next joint state")

@@ -1,4 +1,4 @@
-"""The examples are short and say what they show; those that need the workspace run. test_library.py runs the others."""
+"""The examples are short and describe themselves; those that need the workspace run. test_library.py runs the rest."""
 
 import ast
 import json

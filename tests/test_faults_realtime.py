@@ -72,7 +72,7 @@ class System:
         self._logged[node] = 0
         parameters = []
         if node == "controller":
-            # It waits for simulator, recorder and the test, which hears its first state.
+            # It waits for simulator, recorder and the test, which receives its first state.
             parameters = [f"watchdog.state_stop:={PATIENCE}", "start.subscribers:=3"]
         elif node == "simulator":
             parameters = [f"rate:={RATE}"]
@@ -98,7 +98,7 @@ class System:
 
         self.testbed.spin_until(holds, what)
 
-    def says(self, node: str, text: str) -> None:
+    def logs(self, node: str, text: str) -> None:
         """Wait for a text in the log of a node since the row began."""
         log = self.testbed.processes.running[node].log
         self.until(lambda: text in log.read_text()[self._logged[node] :], f"{text!r} in the log of {node}")
@@ -172,7 +172,7 @@ class System:
 
 
 def _brake_lines(log: Path) -> list[str]:
-    """What the simulator has logged of its brakes."""
+    """Lines of the log of the simulator about its brakes."""
     return re.findall("the brakes stop the arm|brakes released", log.read_text())
 
 
@@ -218,7 +218,7 @@ def ends_safely(system: System) -> None:
 
 def restart_simulator(system: System) -> None:
     system.kill("simulator")
-    system.says("controller", "stopped: no joint state for")
+    system.logs("controller", "stopped: no joint state for")
     ends_safely(system)
     system.start("simulator")
     state = system.state(lambda state: True, "the controller answers")
@@ -230,7 +230,7 @@ def stop_simulator(system: System) -> None:
     truth = system.watch.heard["simulator/ground_truth"]
     count = len(truth)
     system.send("simulator", signal.SIGSTOP)
-    system.says("controller", "stopped: no joint state for")
+    system.logs("controller", "stopped: no joint state for")
     system.send("simulator", signal.SIGCONT)
     system.pass_time(0.1)
     messages = system.watch.messages("simulator/ground_truth", count)
@@ -272,7 +272,7 @@ def kill_recorder(system: System) -> Judged:
 def restart_trajectory(system: System) -> None:
     system.kill("trajectory")
     system.state(lambda state: state.mode == HOLDING, "the position is held")
-    system.says("controller", "holding position: the reference is")
+    system.logs("controller", "holding position: the reference is")
     system.pass_time(0.5)
     state = system.state(lambda state: True, "it has come to rest")
     system.pass_time(0.5)
@@ -310,8 +310,8 @@ def stop_controller(system: System) -> None:
         assert {state.mode for state in states} == {STOPPED}, "latched"
         system.testbed.set("controller", {"watchdog.state_stop": PATIENCE})
         system.reset()
-    said = system.testbed.processes.running["controller"].log.read_text()[system._logged["controller"] :]
-    assert "clock was set" not in said
+    logged = system.testbed.processes.running["controller"].log.read_text()[system._logged["controller"] :]
+    assert "clock was set" not in logged
 
 
 def hog(system: System) -> None:

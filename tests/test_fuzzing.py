@@ -30,8 +30,8 @@ from pidtsm_core.parameters.files import load_ros_parameters
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.stamps import nanoseconds
 
-MESSAGES = 1_200
-"""Of each kind; once, 4,000 were tried."""
+MESSAGES = 4_000
+"""Of each kind."""
 VARIANTS = 10
 """Messages that differ in their stamps and in the damage they take."""
 BATCH = 200
@@ -143,7 +143,7 @@ KINDS: dict[str, list[Kind]] = {
 
 
 class Loop:
-    """Simulator, controller and trajectory in realtime, and a node that sends them things and judges what they say."""
+    """Simulator, controller and trajectory in realtime, and a node that sends them things and judges their answers."""
 
     def __init__(self, testbed: Testbed, form: str) -> None:
         self.testbed = testbed
@@ -187,7 +187,7 @@ class Loop:
         self.asking = {name: node.create_client(GetState, f"{name}/get_state") for name in NODES}
         testbed.spin_until(lambda: all(c.service_is_ready() for c in self.asking.values()), "the nodes")
 
-    # What they say.
+    # What they publish.
 
     def _judge(self, topic: str, message_type: type, callback: Callable[[Any], None]) -> Callable[[bytes], None]:
         def on_message(data: bytes) -> None:
@@ -268,7 +268,7 @@ class Loop:
     # What follows.
 
     def tracks(self) -> bool:
-        """The arm is where the reference is, and the controller says so."""
+        """The arm is where the reference is, and the controller reports it."""
         following = self.states and self.states[-1].mode == ControllerState.FOLLOWING
         return bool(following and len(self.errors) == self.errors.maxlen and max(self.errors) < 0.01)
 
@@ -289,7 +289,7 @@ class Loop:
         self.testbed.spin_until(self.tracks, "a loop that tracks")
 
     def end(self) -> None:
-        """The nodes are all there, and end as asked."""
+        """The nodes are all there, and end on request."""
         assert not self.absurd, self.absurd
         for process in self.processes.values():
             assert process.process.poll() is None
@@ -334,8 +334,8 @@ values = st.one_of(
     st.just(ParameterValue(type=ParameterType.PARAMETER_NOT_SET)),
     st.just(ParameterValue(type=200)),
 )
-SETS = {"controller": 300, "simulator": 150, "trajectory": 60}
-"""Number of sets; once, 800, 300 and 100 were tried."""
+SETS = {"controller": 800, "simulator": 300, "trajectory": 100}
+"""Number of sets of each node."""
 
 
 def fuzz_parameters(testbed: Testbed, name: str) -> None:
@@ -372,7 +372,7 @@ def fuzz_parameters(testbed: Testbed, name: str) -> None:
         before = after
 
     change()
-    assert taken > 4 or name == "trajectory"
+    assert taken > 10 or name == "trajectory"
     back = [Parameter(name=key, value=start[key]) for key in own if before[key] != start[key]]
     assert call(SetParametersAtomically, parameters=back).result.successful
     assert get() == start
@@ -383,7 +383,7 @@ def test_any_parameter_set_is_taken_whole_or_refused_whole_and_the_loop_runs_on(
     testbed.spin_until(loop.tracks, "a loop that tracks")
     for name in SETS:
         fuzz_parameters(testbed, name)
-        # Who changes the arm's masses and the torque limits gets what was asked for.
+        # Who changes the arm's masses and the torque limits gets what was requested.
         loop.absurd.clear()
         loop.recover()
     loop.end()

@@ -1,4 +1,4 @@
-"""Identification from the bags of real nodes does what docs/identify.md says of rollouts."""
+"""Identification from the bags of real nodes does what docs/identify.md states about rollouts."""
 
 import json
 import re
@@ -33,7 +33,7 @@ MASS, CENTRE = 1.2, [0.02, -0.03, 0.04]
 """Of the payload, kg and m."""
 
 
-def told(row: str) -> list[float]:
+def documented(row: str) -> list[float]:
     """The figures of the Panda in a row of the page."""
     (line,) = (line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith(f"| {row}"))
     return [float(number) for number in re.findall(r"[\d.]+", line.rstrip("| ").rpartition("|")[2])]
@@ -75,9 +75,9 @@ def test_seven_joints_are_identified_as_well_as_the_page_says(moved: Moved) -> N
     assert judged["warnings"] == []
     assert judged["consistent"]
     before, after = (np.array(judged[when]) for when in ("before", "after"))
-    assert [100.0 * np.mean(judged["covered"])] == pytest.approx(told("95 % intervals"), rel=0.2)
-    assert [np.sqrt(np.mean(before**2))] == pytest.approx(told("error of the torque on unseen motion"), rel=0.2)
-    of_all, of_worst = told("the same, identified")
+    assert [100.0 * np.mean(judged["covered"])] == pytest.approx(documented("95 % intervals"), rel=0.2)
+    assert [np.sqrt(np.mean(before**2))] == pytest.approx(documented("error of the torque on unseen motion"), rel=0.2)
+    of_all, of_worst = documented("the same, identified")
     assert np.sqrt(np.mean(after**2)) == pytest.approx(of_all, rel=0.2)
     assert after.max() <= 1.2 * of_worst
 
@@ -97,7 +97,7 @@ def test_the_commands_find_arm_and_payload_in_such_bags(
     carrying = record(tmp_path / "carrying", read_description(identified.read_text("utf-8")), CARRYING, carried)
     assert main(["identify-payload", str(carrying), "--robot", str(identified), "--json"]) == 0
     payload = json.loads(capsys.readouterr().out)
-    mass, centre = told("payload of an identified arm, largest error of mass and centre")[:2]
+    mass, centre = documented("payload of an identified arm, largest error of mass and centre")[:2]
     assert payload["mass"] == pytest.approx(MASS, rel=1.2e-2 * mass)
     distance = np.linalg.norm(np.subtract(payload["center_of_mass"], CENTRE))
     assert 1e3 * distance <= 1.2 * centre

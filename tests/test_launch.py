@@ -60,23 +60,23 @@ def test_arguments_mean_what_options_mean(testbed: Testbed) -> None:
 @pytest.mark.parametrize("clock", ["realtime", "lockstep"])
 def test_an_ordinary_end_shows_no_error(testbed: Testbed, clock: str) -> None:
     done = launch(testbed, f"clock:={clock}", "duration:=1.0", "record:=bag")
-    said = done.stdout + done.stderr
-    assert done.returncode == 0, said
-    assert said.count("process has finished cleanly") == 4, said
-    assert "ERROR" not in said
-    assert said.index("[controller-2]: process has finished") < said.index("SIGINT' to process[recorder-4]"), said
+    output = done.stdout + done.stderr
+    assert done.returncode == 0, output
+    assert output.count("process has finished cleanly") == 4, output
+    assert "ERROR" not in output
+    assert output.index("[controller-2]: process has finished") < output.index("SIGINT' to process[recorder-4]"), output
 
 
 def test_a_launch_ends_with_its_recorder(testbed: Testbed) -> None:
     """Else the simulator would wait for it for ever."""
     done = launch(testbed, "record:=/proc/bag", "set:=simulator.duration=0.0")
-    said = done.stdout + done.stderr
-    assert "cannot record: /proc/bag" in said
-    assert said.count("process has finished cleanly") == 3, said
+    output = done.stdout + done.stderr
+    assert "cannot record: /proc/bag" in output
+    assert output.count("process has finished cleanly") == 3, output
 
 
 def refused(testbed: Testbed, argument: str) -> str:
-    """What a launch says that starts nothing."""
+    """Output of a launch that starts nothing."""
     done = launch(testbed, argument)
     assert done.returncode == 1
     assert "process started" not in done.stdout + done.stderr
@@ -126,10 +126,10 @@ def test_rviz_and_the_visualization_show_the_robot(testbed: Testbed) -> None:
     rviz.chmod(0o755)
     testbed.environment["AMENT_PREFIX_PATH"] = f"{prefix}:{testbed.environment['AMENT_PREFIX_PATH']}"
     done = launch(testbed, "robot:=panda", "clock:=lockstep", "duration:=0.2", "viewer:=rviz")
-    said = done.stdout + done.stderr
-    assert done.returncode == 0, said
-    assert "arm.rviz -f world" in said, said
-    assert "[visualization]: the fixed frame is world" in said, said
+    output = done.stdout + done.stderr
+    assert done.returncode == 0, output
+    assert "arm.rviz -f world" in output, output
+    assert "[visualization]: the fixed frame is world" in output, output
 
 
 @pytest.mark.skipif(shutil.which("rviz2") is not None, reason="RViz is installed")

@@ -270,7 +270,7 @@ def real(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Real]:
 
 
 def test_the_page_of_a_real_arm_breaks_nothing_and_asks_before_it_moves(real: Real) -> None:
-    until(lambda: "REAL" in real.client.shown('id="status"'), "the page says so")
+    until(lambda: "REAL" in real.client.shown('id="status"'), "the page shows it")
     until(lambda: any(e["props"].get("label") == "Activate" for e in real.client.elements.values()), "its buttons")
     labels = {e["props"].get("label") for e in real.client.elements.values()}
     assert labels.isdisjoint({"Push", "Pick up", "Kill the controller", "Freeze the controller", "bits", "law"})

@@ -59,10 +59,10 @@ def test_one_joint_is_chosen_for_all_curves(live: LivePage) -> None:
 def test_a_gain_changed_on_the_page_is_the_nodes_and_a_bad_one_is_refused(live: LivePage) -> None:
     live.press("Controller")
     live.enter("k1", "3.5, 2.5")
-    until(lambda: live.told() == "set law.k1 = 3.5, 2.5", "the gain is set")
+    until(lambda: live.notification() == "set law.k1 = 3.5, 2.5", "the gain is set")
     assert parameter(live.system, "law.k1") == (3.5, 2.5)
     live.enter("k1", "-1")
-    until(lambda: "law.k1: -1 must be >= 0" in live.told().replace("law.k1 (", "law.k1: ("), "the reason")
+    until(lambda: "law.k1: -1 must be >= 0" in live.notification().replace("law.k1 (", "law.k1: ("), "the reason")
     assert parameter(live.system, "law.k1") == (3.5, 2.5)
 
 
@@ -71,7 +71,7 @@ def test_freedrive_and_hold_are_switches_that_show_what_the_controller_does(live
     live.flip("freedrive", on=True)
     until(lambda: "Freedrive: the arm can be moved by hand" in live.text("#status"), "freedrive")
     live.flip("freedrive", on=False)
-    until(lambda: "Holding its position, as it was told to" in live.text("#status"), "the arm is held")
+    until(lambda: "Holding its position on request" in live.text("#status"), "the arm is held")
     until(lambda: live.checked("hold") and not live.checked("freedrive"), "both switches show it")
     live.flip("hold", on=False)
     until(lambda: "Following" in live.text("#status"), "the arm follows")

@@ -1,4 +1,4 @@
-"""The nodes say how their loops run: in the controller's state, and on /diagnostics."""
+"""The nodes report how their loops run: in the controller's state, and on /diagnostics."""
 
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ def test_controller_state_tells_of_its_loop(tmp_path: Path) -> None:
 
 
 class Watcher:
-    """Keeps what is said on /diagnostics, by the name of the node."""
+    """Keeps the reports on /diagnostics, by the name of the node."""
 
     def __init__(self, testbed: Testbed) -> None:
         self.testbed = testbed

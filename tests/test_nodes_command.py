@@ -172,11 +172,11 @@ def test_freedrive_hold_and_back(system: System, capfd: pytest.CaptureFixture[st
     system.started.until_said("Freedrive: the arm can be moved by hand")
     assert of_system("freedrive", "off") == 0
     system.until_mode(Mode.HOLDING)
-    system.started.until_said("Holding its position, as it was told to")
+    system.started.until_said("Holding its position on request")
     capfd.readouterr()
     assert of_system("list", "--json") == 0
     rows = {row["node"]: row for row in json.loads(capfd.readouterr().out)}
-    assert rows[f"/{SPACE}/controller"]["status"] == "Holding its position, as it was told to"
+    assert rows[f"/{SPACE}/controller"]["status"] == "Holding its position on request"
     assert of_system("hold", "off") == 0
     system.until_mode(Mode.FOLLOWING)
 

@@ -16,7 +16,7 @@ from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.runs.runner import run
 
 LIMITS = {
-    # RMSE and ECI relative to ideal hardware, error after 10 s (rad), torque variation (N m).
+    # RMSE and ECI relative to ideal hardware, error after 10 s (rad), effort variation (N m).
     "encoder_17": (1.01, 1.005, 4e-4, 0.05),
     "encoder_14_delay": (1.01, 1.005, 6e-4, 0.12),
     "encoder_12_delay": (1.02, 1.005, 1.5e-3, 0.30),

@@ -1,4 +1,4 @@
-"""Every node's process ends cleanly when asked, at any moment, and gets its messages by UDP."""
+"""Every node's process ends cleanly on request, at any moment, and gets its messages by UDP."""
 
 import signal
 import time

@@ -1,4 +1,4 @@
-"""The figures of the tournament in the documentation are what its data say, and a cell of them is computed again."""
+"""The figures of the tournament in the documentation are those of its data, and a cell of them is computed again."""
 
 import json
 from pathlib import Path

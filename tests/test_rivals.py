@@ -30,7 +30,7 @@ STALL = 0.1  # s; a third of the time for which a node listens to the others bef
 
 
 class System:
-    """An arm that is moved, and a watch over what it was told and did.
+    """An arm that is moved, and a watch over its commands and motion.
 
     Attributes:
         sound: no test has failed on it.
@@ -73,7 +73,7 @@ class System:
         assert process.wait() == 0
 
     def until(self, condition: Callable[[], Any], what: str) -> None:
-        """Wait for a condition on what is heard."""
+        """Wait for a condition on what has arrived."""
 
         def holds() -> Any:
             self.watch.take()
@@ -81,7 +81,7 @@ class System:
 
         self.testbed.spin_until(holds, what)
 
-    def says(self, process: Process, pattern: str) -> None:
+    def logs(self, process: Process, pattern: str) -> None:
         """Wait for a text in the log of a process."""
         self.until(lambda: re.search(pattern, process.log.read_text()), f"{pattern!r} in the log of {process.name}")
 
@@ -98,7 +98,7 @@ class System:
         )
 
     def begin(self) -> None:
-        """All that is heard from now on is part of the test."""
+        """All that arrives from now on is part of the test."""
         self.sound = False
         self.start("simulator", "trajectory", "controller")
         self.follows()
@@ -169,11 +169,11 @@ def stranger(system: System, kind: Any, topic: str, witness: str) -> Judged:
         return len(states) > count + RATE
 
     system.until(disturb, "a second of disturbance")
-    system.says(
+    system.logs(
         system.running[witness], rf"/stranger publishes /{topic}, too|/{topic} has 2 publishers, of .*/stranger"
     )
     reader = system.running["simulator" if topic == "joint_commands" else "controller"]
-    system.says(reader, f"rejected {topic}: another node publishes this, too")
+    system.logs(reader, f"rejected {topic}: another node publishes this, too")
     system.until(
         lambda: any("/stranger" in s.message for m in system.watch.messages("/diagnostics") for s in m.status),
         "the stranger in the diagnostics",
@@ -187,14 +187,14 @@ def second(system: System, node: str, topic: str) -> Judged:
     """A second node of a kind yields, and does not take over when the first ends."""
     rival = system.second(node)
     # Where it became active before it had discovered the first, it yields.
-    system.says(rival, rf"(not |de)activated: .*/{node}\b")
-    system.says(system.running[node], f"/second (has a publisher of|publishes) {topic}, too; end one of them")
+    system.logs(rival, rf"(not |de)activated: .*/{node}\b")
+    system.logs(system.running[node], f"/second (has a publisher of|publishes) {topic}, too; end one of them")
     system.follows()
     not_judged = system.undisturbed()
-    said = len(rival.log.read_text())
+    before = len(rival.log.read_text())
     system.end(node)
     system.until(lambda: system.testbed.node.count_publishers(topic) == 1, "the end of the first")
-    assert "] [second]: active" not in rival.log.read_text()[said:]
+    assert "] [second]: active" not in rival.log.read_text()[before:]
     system.end("second")
     return not_judged
 
@@ -233,7 +233,7 @@ def test_of_two_that_start_together_one_publishes(testbed: Testbed, node: str, t
     system.start("controller", "trajectory")
     both = [system.running[node], system.second(node)]
     for process in both:
-        system.says(process, "has a publisher of")
+        system.logs(process, "has a publisher of")
     # Each knows the other, and waits for longer than it would listen to it.
     count = len(system.watch.heard["/diagnostics"])
     system.until(lambda: len(system.watch.heard["/diagnostics"]) > count + 4, "a second")

@@ -1,4 +1,4 @@
-"""What a rollout says is what the nodes do: bit for bit, for every law, whatever limits, faults or imperfections.
+"""A rollout computes what the nodes do: bit for bit, for every law, whatever limits, faults or imperfections.
 
 The nodes are real, and talk over DDS, but share this process with a witness of what they publish: many short runs.
 """

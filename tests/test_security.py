@@ -1,4 +1,4 @@
-"""The graph has the policy that is documented, nothing starts less secure than asked for, and files name no code."""
+"""The graph has the policy that is documented, nothing starts less secure than requested, and files name no code."""
 
 import ast
 import re
@@ -62,13 +62,13 @@ def graph(testbed: Testbed, node: str) -> Rules:
     """What a node has on the graph: names by kind."""
     if node not in testbed.node.get_node_names():
         return {}
-    asked = {
+    listings = {
         "publish": testbed.node.get_publisher_names_and_types_by_node,
         "subscribe": testbed.node.get_subscriber_names_and_types_by_node,
         "reply": testbed.node.get_service_names_and_types_by_node,
         "request": testbed.node.get_client_names_and_types_by_node,
     }
-    return {kind: {name for name, _ in ask(node, "/")} for kind, ask in asked.items()}
+    return {kind: {name for name, _ in listing(node, "/")} for kind, listing in listings.items()}
 
 
 def test_policy_is_exactly_what_the_nodes_use(testbed: Testbed) -> None:
@@ -105,7 +105,7 @@ def test_each_executable_has_an_enclave() -> None:
     assert composed == {node: policy()[f"{ENCLAVES}/{node}"][node] for node in MANAGED}
 
 
-# Nothing starts where security is asked for and missing.
+# Nothing starts where security is required and missing.
 
 
 @pytest.fixture
@@ -123,15 +123,15 @@ def test_no_node_starts_insecure(testbed: Testbed, keystore: Path) -> None:
     started = [testbed.start(name, *([f"output:={output}"] if name == "recorder" else [])) for name in EXECUTABLES]
     for process in started:
         assert process.wait() == 2, process.name
-        said = process.log.read_text()
-        assert "cannot start: ROS_SECURITY_ENABLE is true, but" in said
-        assert "cannot start a secure node" in said
-        assert "Traceback" not in said
+        log = process.log.read_text()
+        assert "cannot start: ROS_SECURITY_ENABLE is true, but" in log
+        assert "cannot start a secure node" in log
+        assert "Traceback" not in log
     assert not output.exists()
 
 
 @pytest.mark.parametrize(
-    ("environment", "said"),
+    ("environment", "cause"),
     [
         ({"ROS_SECURITY_ENABLE": "1"}, "ROS_SECURITY_ENABLE is '1'; it must be true or false"),
         ({"ROS_SECURITY_ENABLE": "true"}, "ROS_SECURITY_KEYSTORE names no keystore"),
@@ -152,14 +152,14 @@ def test_a_run_that_cannot_be_secure_does_not_start(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     environment: dict[str, str],
-    said: str,
+    cause: str,
 ) -> None:
     for name in ("ROS_SECURITY_KEYSTORE", "ROS_SECURITY_STRATEGY", "ROS_SECURITY_ENCLAVE_OVERRIDE"):
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
     assert main(["run", "--duration", "0.1", "--out", str(tmp_path / "out")]) == 2
-    assert re.search(said, capsys.readouterr().err)
+    assert re.search(cause, capsys.readouterr().err)
     assert not (tmp_path / "out").exists()
 
 

@@ -23,7 +23,7 @@ EFFORT = [40.0, 5.0]
 
 
 class Arm:
-    """The simulator process, with this torque commanded where the test says so."""
+    """The simulator process, with this torque commanded where the test requires it."""
 
     def __init__(self, testbed: Testbed, *parameters: str) -> None:
         self.testbed = testbed
@@ -37,13 +37,13 @@ class Arm:
 
     def _on_state(self, message: JointState) -> None:
         if self.states and message.header.stamp == self.states[-1].header.stamp:
-            return  # Asked again.
+            return  # It is sent again.
         self.states.append(message)
         if self.obedient:
             self.command()
 
     def command(self) -> None:
-        """Answer a joint state: the last one, unless `answers` says another."""
+        """Answer a joint state: the last one, unless `answers` returns another."""
         message = JointState(name=NAMES, effort=self.effort)
         message.header.stamp = self.answers(self.states).header.stamp
         self.commands.publish(message)
@@ -58,7 +58,7 @@ class Arm:
     def reset(self) -> Trigger.Response:
         return self.testbed.call(Trigger, "simulator/reset", Trigger.Request())
 
-    def says(self, text: str) -> None:
+    def logs(self, text: str) -> None:
         self.testbed.spin_until(lambda: text in self.process.log.read_text(), f"{text!r} in the log")
 
 
@@ -129,12 +129,12 @@ def test_brakes_stop_the_arm_when_commands_stay_out_and_open_with_the_next(testb
     testbed.spin_until(lambda: truth and min(map(abs, truth[-1].velocity)) > 0.05, "an arm in motion")
 
     arm.obedient = False
-    arm.says("(command.timeout): the brakes stop the arm")
+    arm.logs("(command.timeout): the brakes stop the arm")
     testbed.spin_until(lambda: not any(truth[-1].effort) and max(map(abs, truth[-1].velocity)) < 1e-6, "an arm at rest")
     testbed.spin_until(lambda: any("brakes engaged" in s for s in summaries), "word of it on /diagnostics")
 
     arm.obedient = True
-    arm.says("command received: brakes released")
+    arm.logs("command received: brakes released")
     testbed.spin_until(lambda: min(map(abs, truth[-1].velocity)) > 0.05, "an arm in motion again")
     time = 1e-9 * np.array([nanoseconds(each.header.stamp) for each in truth])[:, np.newaxis]
     position, velocity = (np.array([getattr(each, name) for each in truth]) for name in ("position", "velocity"))
@@ -162,7 +162,7 @@ def test_an_arm_that_diverges_starts_again_and_nothing_infinite_is_published(tes
     truth: list[JointState] = testbed.hear(JointState, "simulator/ground_truth", 1000)
     arm = Arm(testbed, *WILD)
     arm.effort, arm.obedient = TOO_MUCH, True
-    arm.says("s; it is at its initial position again, at rest")
+    arm.logs("s; it is at its initial position again, at rest")
     count = len(truth)
     testbed.spin_until(lambda: len(truth) > count + 50, "a second more")
     assert all(np.isfinite([*each.position, *each.velocity, *each.effort]).all() for each in truth)
@@ -183,7 +183,7 @@ def test_in_lockstep_an_arm_that_diverges_ends_the_run_as_a_rollout_ends(testbed
 def test_in_realtime_no_sample_passes_before_somebody_answers(testbed: Testbed) -> None:
     truth: list[JointState] = testbed.hear(JointState, "simulator/ground_truth", 1000)
     arm = Arm(testbed, "duration:=0.3")
-    arm.says("waiting: no command on joint_commands so far; is a controller active?")
+    arm.logs("waiting: no command on joint_commands so far; is a controller active?")
     assert not truth
     stamps = [nanoseconds(state.header.stamp) for state in arm.states]
     assert np.diff(stamps).min() >= 500_000, "the joint state comes again, with a fresh stamp"
@@ -208,14 +208,14 @@ def test_it_waits_for_an_active_controller_in_whatever_order_a_manager_starts_th
     testbed.start("trajectory", "autostart:=false", f"clock:={clock}")
     testbed.start("controller", "autostart:=false", f"reference.match:={match}")
 
-    def says(text: str) -> None:
+    def logs(text: str) -> None:
         testbed.spin_until(lambda: text in simulator.log.read_text(), f"{text!r} in the log")
 
     change(testbed, "simulator", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
-    says("waiting: joint_states has 0 of 2 subscribers, joint_commands 0 publishers")
+    logs("waiting: joint_states has 0 of 2 subscribers, joint_commands 0 publishers")
     change(testbed, "controller", Transition.TRANSITION_CONFIGURE)
     change(testbed, "trajectory", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
-    says("waiting: no command on joint_commands so far; is a controller active?")
+    logs("waiting: no command on joint_commands so far; is a controller active?")
     # While a joint state is late, because the machine is busy, the controller refuses.
     activate = Transition.TRANSITION_ACTIVATE
     testbed.spin_until(lambda: changes(testbed, "controller", activate), "the controller is active")

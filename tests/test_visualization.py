@@ -1,4 +1,4 @@
-"""The visualization node turns what the loop says into what viewers show, for any arm."""
+"""The visualization node turns the messages of the loop into what viewers show, for any arm."""
 
 from typing import Any
 
@@ -36,7 +36,7 @@ class Loop:
         self.efforts = [4.0] * len(joints)
         self.desired = [*[0.4] * (len(joints) - 1), float("nan")]
 
-    def say(self) -> None:
+    def publish(self) -> None:
         header = Header(stamp=Time(sec=7))
         self.states.publish(JointState(header=header, name=self.names, position=self.positions))
         self.commands.publish(JointState(header=header, name=self.names, effort=self.efforts))
@@ -44,8 +44,8 @@ class Loop:
 
 
 def frames(loop: Loop, heard: list[TFMessage]) -> dict[str, Any]:
-    """Let the loop say something, and return the transforms heard so far, by link."""
-    loop.say()
+    """Let the loop publish something, and return the transforms received so far, by link."""
+    loop.publish()
     return {frame.child_frame_id: frame for message in heard for frame in message.transforms}
 
 
@@ -69,7 +69,7 @@ def test_arm_and_reference_are_shown(testbed: Testbed, name: str) -> None:
     loop = Loop(testbed, arm.joints)
 
     def whole() -> bool:
-        loop.say()
+        loop.publish()
         return bool(
             descriptions
             and any(len(message.markers) == 2 + len(arm.joints) for message in markers)

@@ -153,6 +153,6 @@ def entries(env: dict[str, str], name: str) -> list[str]:
     return [entry for entry in env.get(name, "").split(os.pathsep) if entry]
 
 
-def say(message: str, end: str = "\n") -> None:
+def report(message: str, end: str = "\n") -> None:
     """Print a message on standard error; standard output is for the command."""
     print(f"pidtsm: {message}", end=end, file=sys.stderr, flush=True)

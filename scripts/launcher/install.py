@@ -15,7 +15,7 @@ from subprocess import DEVNULL, check_output, run
 from typing import Any, NamedTuple
 
 from launcher import environment
-from launcher.environment import STEPS, WHEELS, Layout, SetupError, say
+from launcher.environment import STEPS, WHEELS, Layout, SetupError, report
 
 # Options of pip and the corresponding variables of uv, which does not read pip's configuration.
 _PIP = ("index-url", "extra-index-url", "find-links", "trusted-host", "cert", "no-cache-dir", "no-index")
@@ -152,7 +152,7 @@ class Installer(NamedTuple):
 
     def _run(self, what: str, command: list[str], *, more: dict[str, str] | None = None, needed: bool = True) -> bool:
         """Run one step with `more` variables and its output in the log; print progress, return whether it succeeded."""
-        say(f"{what} ...", end="")
+        report(f"{what} ...", end="")
         started = time.monotonic()
         env = (more or {}) | self._variables()
         with self.layout.log.open("a+", errors="replace") as log:
@@ -180,14 +180,14 @@ def set_up(layout: Layout, *, actions: bool) -> dict[str, Any]:
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        say("another pidtsm is setting this checkout up, waiting for it ...")
+        report("another pidtsm is setting this checkout up, waiting for it ...")
         fcntl.flock(lock, fcntl.LOCK_EX)
     want = environment.wanted(layout)
     installer = Installer(layout, want, lock)
     if work := environment.missing(layout, want, environment.read(layout)):
         first, reason = work
         _check_machine(want["ROS 2"], layout.root, create=first == "environment")
-        say(f"{reason}: setting up the {first}.")
+        report(f"{reason}: setting up the {first}.")
         for step in (installer.create, installer.install, installer.build)[STEPS.index(first) :]:
             step()
         if first == "environment":

@@ -1,4 +1,4 @@
-"""Headless Chromium over its DevTools pipe: what a page logs, asks the network for, and shows."""
+"""Headless Chromium over its DevTools pipe: what a page logs, requests from the network, and shows."""
 
 import base64
 import fcntl
@@ -34,7 +34,7 @@ class Page:
     """One page of the browser.
 
     Attributes:
-        events: everything the browser told, in order.
+        events: everything the browser reported, in order.
     """
 
     def __init__(self, commands: int, answers: int) -> None:
@@ -129,22 +129,22 @@ class Page:
     @property
     def complaints(self) -> list[str]:
         """Errors, warnings and exceptions of the page."""
-        said = []
+        found = []
         for event in self.events:
             parameters = event.get("params", {})
             if event.get("method") == "Runtime.exceptionThrown":
-                said.append(str(parameters["exceptionDetails"]))
+                found.append(str(parameters["exceptionDetails"]))
             if event.get("method") == "Runtime.consoleAPICalled" and parameters["type"] in ("error", "warning"):
-                said.append(str(parameters["args"]))
+                found.append(str(parameters["args"]))
             if event.get("method") == "Log.entryAdded" and parameters["entry"]["level"] in ("error", "warning"):
-                said.append(parameters["entry"]["text"])
-        return said
+                found.append(parameters["entry"]["text"])
+        return found
 
     @property
     def requests(self) -> list[str]:
-        """Addresses that the page asked for."""
-        asked = [event["params"] for event in self.events if event.get("method") == "Network.requestWillBeSent"]
-        return [request["request"]["url"] for request in asked]
+        """Addresses that the page requested."""
+        requested = [event["params"] for event in self.events if event.get("method") == "Network.requestWillBeSent"]
+        return [request["request"]["url"] for request in requested]
 
 
 @contextmanager

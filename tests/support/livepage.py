@@ -68,7 +68,7 @@ class LiveSystem(NamedTuple):
     process: int
 
     def kill(self, node: str) -> None:
-        """End the process of a node at once; the page is not told."""
+        """End the process of a node at once; unknown to the page."""
         children = psutil.Process(self.process).children()
         next(child for child in children if any(word.endswith(f"/{node}") for word in child.cmdline())).kill()
 
@@ -169,7 +169,7 @@ class LivePage:
         """The text of an element; empty if there is none."""
         return str(self.page.evaluate(f"document.querySelector({selector!r})?.textContent ?? ''"))
 
-    def told(self) -> str:
+    def notification(self) -> str:
         """What became of the last values, in the open tab."""
         script = f"[...document.querySelectorAll('[role=status]')].filter({_VISIBLE}).map(e => e.textContent).join()"
         return str(self.page.evaluate(script))

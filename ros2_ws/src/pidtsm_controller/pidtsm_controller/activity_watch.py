@@ -35,14 +35,14 @@ class ActivityWatch:
         self._node = node
         self._controller = node.resolve_topic_name(topic).split("/")[-2]
         self._manager = self._state = ""
-        self._heard = 0.0  # s
+        self._received = 0.0  # s
         self._idle = 0
         node.listen(DiagnosticArray, _TOPIC, self._receive, raw=True, while_inactive=True, reliable=True)
 
     @property
     def trouble(self) -> str:
         """Why no torque reaches the arm; empty if it does, or if nothing is known."""
-        if self._state in ("", _ACTIVE) or time.monotonic() - self._heard > _VALID:
+        if self._state in ("", _ACTIVE) or time.monotonic() - self._received > _VALID:
             return ""
         return f"{self._manager} reports that {self._controller} is {self._state}: activate it, then this node"
 
@@ -68,13 +68,13 @@ class ActivityWatch:
             self._state = ""
             return
         ended = self._state == _ACTIVE
-        self._manager, self._state, self._heard = manager, state, time.monotonic()
+        self._manager, self._state, self._received = manager, state, time.monotonic()
         self._idle = 0 if state == _ACTIVE else self._idle + 1
         if self._node.active and self._idle and (ended or self._idle >= _STARTING):
             self._node.get_logger().error(f"deactivated, because no torque reaches the arm: {self.trouble}")
             self._node.trigger_deactivate()
 
     def _several(self, manager: str) -> bool:
-        """Whether several managers have this name, in different namespaces, which the status does not tell."""
+        """Whether several managers have this name, in different namespaces, which the status does not distinguish."""
         infos = self._node.get_publishers_info_by_topic(_TOPIC)
         return len({info.node_namespace for info in infos if info.node_name == manager}) > 1

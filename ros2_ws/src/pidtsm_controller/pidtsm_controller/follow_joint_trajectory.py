@@ -131,7 +131,7 @@ class GoalServer:
         self._waiting: tuple[_Goal, FeedForward] | None = None
         self._running: _Goal | None = None
         self._efforts, self._efforts_start = fade(0.0, np.zeros(len(limits.joints))), 0
-        self._heard = time.monotonic()
+        self._received = time.monotonic()
         self._flooded = False
         self._admitted: GoalContent | None = None
         self.now = -1
@@ -151,7 +151,7 @@ class GoalServer:
             self._plan(following)
         if self._planning and (self._node.lockstep or self._planning[2].done()):
             self._install()
-        self._heard = time.monotonic()
+        self._received = time.monotonic()
         if self._waiting and now >= self._waiting[0].begin:
             (goal, self._efforts), self._waiting = self._waiting, None
             if self._running:
@@ -207,7 +207,7 @@ class GoalServer:
 
     def look_for_the_arm(self) -> None:
         """End all goals if no joint states arrive."""
-        if self._goals() and (silent := time.monotonic() - self._heard) > _PATIENCE[self._node.lockstep]:
+        if self._goals() and (silent := time.monotonic() - self._received) > _PATIENCE[self._node.lockstep]:
             self._give_up(f"no joint state for {silent:.1f} s")
 
     def end_all(self, reason: str, now: int) -> None:

@@ -94,7 +94,7 @@ def rejection(goal: GoalContent, joints: Sequence[str], *, partial: bool, now: i
     if not goal.count:
         return "it has no points"
     if goal.points is None:
-        return ""  # It is accepted, so that the result can say how many are allowed.
+        return ""  # It is accepted, so that the result can report how many are allowed.
     return _rejection_of_points(goal.names, goal.points) or _rejection_of_times(goal.stamp, goal.points, now)
 
 

@@ -14,7 +14,7 @@ from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import set_stamp
 
 _PERIOD = NANOSECONDS // 10
-"""Of the messages, ns."""
+"""Period of the messages, ns."""
 _SEEN = 1.0
 """s of motion before which nothing is taken over."""
 _CERTAIN, _LIGHT = 0.2, 0.1
@@ -93,7 +93,7 @@ class PayloadWatch:
         return ""
 
     def _advance(self, blend: PayloadBlend, dt: float) -> None:
-        """Let dt (s) pass; at the end, the parameters say what the model is."""
+        """Let dt (s) pass; at the end, the parameters are those of the model."""
         blend.advance(dt)
         if not blend.done:
             return

@@ -1,7 +1,7 @@
 """Goals of an action as bytes, although rclpy makes objects of them.
 
 The objects of a goal with 10,000 points take rclpy 60 to 250 ms, in which no thread of the process runs. Its action
-server asks the type of the request for two C functions: one makes the message, one makes an object of it. The type
+server gets two C functions from the type of the request: one makes the message, one makes an object of it. The type
 here has the first one of the interfaces and another second one: it serializes the message again, in 2 ms. What it is
 made of, the attributes that rclpy looks up on each type of message, is how rclpy and the generated interfaces find each
 other. That it works is checked when the type is made.

@@ -45,7 +45,7 @@ class Streams:
         self._log, self._replace = node.get_logger(), replace
         self._joints, self._filter = limits.joints, StreamFilter(limits)
         self._motion: MotionUnderWay | None = None
-        self._now = self._heard = 0  # ns
+        self._now = self._received = 0  # ns
         self._busy = self._gave_way = False
         self._warned = ""
         self.stopped = ""
@@ -134,7 +134,7 @@ class Streams:
     def _take(self, receive: Callable[[], str]) -> None:
         """Follow what is received, if it can be used."""
         assert self._motion is not None
-        paused, self._heard = self._now - self._heard > _PAUSE, self._now
+        paused, self._received = self._now - self._received > _PAUSE, self._now
         if (self._busy and self._filter.running) or (self._gave_way and not paused):
             raise MessageError(
                 f"another motion has taken over; the stream is followed again after a pause of {seconds(_PAUSE):g} s"

@@ -101,7 +101,7 @@ def test_the_effort_of_a_reference_is_added_to_the_command_and_may_be_empty(grap
     np.testing.assert_allclose(command(), still, atol=1e-9)
 
 
-def test_freedrive_and_hold_are_services_and_say_why_they_refuse(graph: Callable[..., Any]) -> None:
+def test_freedrive_and_hold_are_services_and_report_why_they_refuse(graph: Callable[..., Any]) -> None:
     made = graph(ControllerNode, LOCKSTEP, "activation.distance:=0.1")
     node, arm = made.node, Arm(made, [0.2, -0.1], [0.2, -0.1])
     states: list[ControllerState] = []

@@ -99,7 +99,7 @@ def test_points_and_tolerances_that_are_too_many_are_not_read() -> None:
     assert goal.rest is None
 
 
-def test_what_is_no_goal_is_told() -> None:
+def test_what_is_no_goal_is_rejected() -> None:
     data = taken(request(2, 2, 3)).goal
     end = data.index(struct.pack("<I", 3), 24) + 4
     for length in range(end):
@@ -110,7 +110,7 @@ def test_what_is_no_goal_is_told() -> None:
 
 
 def read(data: bytes) -> GoalContent | None:
-    """The goal, None if it is told that there is none."""
+    """The goal, None if it is rejected."""
     try:
         return read_goal(data)
     except MessageError:

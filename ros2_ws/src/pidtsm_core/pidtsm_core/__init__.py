@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 
 __version__ = "0.2.0"
-"""Defined here alone; a test compares what the packages say with it."""
+"""Defined here alone; a test compares the versions of the packages with it."""
 
 _MODULES = {
     "ArmDefinition": "robots.definition",

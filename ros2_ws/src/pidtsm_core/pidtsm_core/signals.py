@@ -71,11 +71,11 @@ class Fault(IntEnum):
 class Stop(IntEnum):
     """How a controller that has stopped keeps the arm safe: the first stage trusts most, the last one least."""
 
-    NONE = 0  # not stopped, or as ``stop.effort`` says if that is not ``hold``
+    NONE = 0  # not stopped, or ``stop.effort`` is not ``hold``
     HOLD = 1  # holds the arm where it stopped
     DAMPING = 2  # damps it: it left its place
     GRAVITY = 3  # carries it, and damps it weakly: it grew faster although it was damped
-    BLIND = 4  # applies what the model says while no joint state arrives; this effort fades
+    BLIND = 4  # applies the effort of the model while no joint state arrives; this effort fades
 
 
 class Violation(IntEnum):

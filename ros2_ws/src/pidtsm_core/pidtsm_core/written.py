@@ -89,8 +89,18 @@ def quantity(value: float | None, unit: str, digits: int = DIGITS) -> str:
     if value is None:
         return NOTHING
     fitting = scale([value], unit)
-    shown = 0.0 if abs(value) < _ROUNDING else fitting.factor * value
-    return f"{number(shown, digits)}{THIN}{fitting.unit}".rstrip(THIN)
+    return f"{scaled(value, fitting, digits)}{THIN}{fitting.unit}".rstrip(THIN)
+
+
+def scaled(value: float, shown: Scale, digits: int = DIGITS) -> str:
+    """A value in the unit of a scale, without this unit, for a table whose head has it; what is only rounding is 0.
+
+    Args:
+        value: in the SI unit.
+        shown: see `scale`.
+        digits: significant digits.
+    """
+    return number(0.0 if abs(value) < _ROUNDING else shown.factor * value, digits)
 
 
 def signed(value: float, digits: int = DIGITS) -> str:

@@ -1,4 +1,4 @@
-"""Whatever a parameter, a description or a table says: it is used or refused in one line, soon, and in little memory.
+"""Whatever parameters, descriptions or tables contain: it is used or refused in one line, soon, and in little memory.
 
 The corpus is made here, the same one every time. Scenarios, parameter files and bags have their own, see the tests of
 pidtsm_experiments.
@@ -61,8 +61,8 @@ OTHERS: tuple[object, ...] = (
 )
 VALUES = (*NUMBERS, *OTHERS)
 TEXTS = ("", "nan", "inf", "-1", "0", "1e300", "1e-320", "9" * 400, "x", "1 2", "1 2 3 4", "\u00fc", "${9**9}", "../..")
-DESCRIPTIONS, TABLES = 400, 1200
-"""Of each kind; once, 1,000 and 3,200 were tried."""
+DESCRIPTIONS, TABLES = 1000, 3200
+"""Number of each."""
 TABLE = "time,q_joint1,q_joint2\n" + "".join(f"{t / 10},{math.sin(t)},{math.cos(t)}\n" for t in range(20))
 MJCF = """<mujoco><compiler angle="radian"/><option gravity="0 0 -9.81"/><default><joint damping="0.1"/></default>
 <asset><hfield name="ground" nrow="3" ncol="3" size="1 1 1 1"/><texture name="t" type="2d" builtin="flat" width="4"

@@ -105,10 +105,10 @@ class Diagnostics:
             level, message = idle_level, idle
         else:
             level, message = judge(readings, self._node.values, scale)
-        heard, rivals = self._node.rivals
+        received, rivals = self._node.rivals
         if rivals:
             level, message = (
-                max(level, DiagnosticStatus.ERROR if heard else DiagnosticStatus.WARN),
+                max(level, DiagnosticStatus.ERROR if received else DiagnosticStatus.WARN),
                 f"{rivals}; {message}",
             )
         status = DiagnosticStatus(

@@ -156,7 +156,7 @@ class ManagedNode(LifecycleNode):
 
     @property
     def rivals(self) -> tuple[bool, str]:
-        """Whether another node is heard on the topic of this one, and who publishes its topics, too."""
+        """Whether another node publishes on the topic of this one, and who publishes its topics, too."""
         return troubles(self._sole, self._sources)
 
     # Lifecycle.

@@ -39,7 +39,7 @@ def declare(node: Node, schema: Schema, joints: Callable[[Mapping[str, object]],
     if given.get(DESCRIPTION.name) == FROM_TOPIC:
         given[DESCRIPTION.name] = receive_description(node, stop)
     values = resolve(schema, given, joints(given))
-    _tell_of_gripper(node, given)
+    _report_gripper(node, given)
     for parameter in schema(given):
         value = values[parameter.name]
         node.declare_parameter(
@@ -51,7 +51,7 @@ def declare(node: Node, schema: Schema, joints: Callable[[Mapping[str, object]],
     return values
 
 
-def _tell_of_gripper(node: Node, given: Mapping[str, object]) -> None:
+def _report_gripper(node: Node, given: Mapping[str, object]) -> None:
     """Log which joints were recognised as a gripper, and locked, because the parameter ``joints`` is not set."""
     if "joints" in given or not given.get(DESCRIPTION.name):
         return

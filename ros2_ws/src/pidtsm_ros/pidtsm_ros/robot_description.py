@@ -16,7 +16,7 @@ def receive_description(node: Node, stop: Stop) -> str:
     """Wait for the latched ``robot_description`` (std_msgs/String).
 
     Raises:
-        SystemExit: the process was told to end.
+        SystemExit: the process was requested to end.
     """
     received: list[str] = []
     subscription = node.create_subscription(String, TOPIC, lambda message: received.append(message.data), KEPT)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 CHECK = 0.4
 """Time between two checks for other publishers, s."""
 _QUIET = 0.3
-"""s; a publisher from which nothing was heard for so long publishes nothing."""
+"""s; a publisher from which nothing arrived for so long publishes nothing."""
 _EVEN = 50
 """Messages; of two publishers that differ by fewer, none was first."""
 CURE = "end one of them, or give each arm a namespace of its own"
@@ -69,13 +69,13 @@ class SoleTopic:
         publisher: of rclpy.
         lost: the node must not become active by itself any more, because another is.
         trouble: who else publishes the topic, and the cure; empty if nobody.
-        heard_another: messages of another node were heard while this one is active.
+        received_another: messages of another node arrived while this one is active.
     """
 
     def __init__(self, node: ManagedNode, topic: str, create: Callable[[], Publisher]) -> None:
         """Create the publisher; args: node: its node; topic: its name; create: creates it."""
         self._node = node
-        self.lost = self.heard_another = self._rivalled = False
+        self.lost = self.received_another = self._rivalled = False
         self.trouble = ""
         self._published = 0
         self._topic = node.resolve_topic_name(topic)
@@ -89,8 +89,8 @@ class SoleTopic:
             else:  # At this moment another node of this name was discovered.
                 node.destroy_publisher(self.publisher)
         self._subscription: Subscription | None = None
-        self._since = self._heard = 0.0  # s
-        self._last = 0  # number of the last message heard
+        self._since = self._received = 0.0  # s
+        self._last = 0  # number of the last message received
         self._older = self._even = False
 
     def _of_this_name(self) -> set[bytes]:
@@ -131,7 +131,7 @@ class SoleTopic:
             return ""
         self._listen()
         topic, names, now = self._topic, named(others), time.monotonic()
-        if self._heard and now - self._heard < _QUIET and known(others):
+        if self._received and now - self._received < _QUIET and known(others):
             self.lost = True
             return f"{topic} is published by {names} already; {CURE}"
         before = sum(bytes(info.endpoint_gid) < self._own for info in others)
@@ -145,14 +145,14 @@ class SoleTopic:
 
     def _listen(self) -> None:
         if self._subscription is None:
-            self._since, self._heard, self._last = time.monotonic(), 0.0, 0
+            self._since, self._received, self._last = time.monotonic(), 0.0, 0
             self._subscription = self._node.create_subscription(
-                self.publisher.msg_type, self._topic, with_number(self._hear), READER, raw=True
+                self.publisher.msg_type, self._topic, with_number(self._receive), READER, raw=True
             )
 
-    def _hear(self, _data: bytes, number: int | None) -> None:
+    def _receive(self, _data: bytes, number: int | None) -> None:
         """Find out whether a message is of another node: its number does not continue those of this node."""
-        self._heard = time.monotonic()
+        self._received = time.monotonic()
         if not self._node.active or number is None:
             return
         if number > self._published or number <= self._last:
@@ -166,17 +166,17 @@ class SoleTopic:
         others = self._others()
         if not others:
             self.destroy()
-            self.trouble, self.heard_another = "", False
+            self.trouble, self.received_another = "", False
             return False
         topic, names = self._topic, named(others)
-        self.heard_another |= self._rivalled
-        says = f"{names} {'publishes' if self.heard_another else 'has a publisher of'} {topic}, too; {CURE}"
-        if says != self.trouble and known(others):
-            self.trouble = says
-            if self.heard_another:
-                self._node.get_logger().error(says)
+        self.received_another |= self._rivalled
+        text = f"{names} {'publishes' if self.received_another else 'has a publisher of'} {topic}, too; {CURE}"
+        if text != self.trouble and known(others):
+            self.trouble = text
+            if self.received_another:
+                self._node.get_logger().error(text)
             else:
-                self._node.get_logger().warning(says)
+                self._node.get_logger().warning(text)
         if not self._node.active:
             return False
         self._listen()
@@ -190,9 +190,9 @@ class SoleTopic:
 
 
 def troubles(sole: SoleTopic | None, sources: Sequence[SourceWatch]) -> tuple[bool, str]:
-    """Whether another node is heard on a node's own topic, and who publishes its topics, too."""
+    """Whether another node publishes on a node's own topic, and who publishes its topics, too."""
     found = [*([sole.trouble] if sole else []), *(source.trouble for source in sources)]
-    return bool(sole and sole.heard_another), "; ".join(filter(None, found))
+    return bool(sole and sole.received_another), "; ".join(filter(None, found))
 
 
 class SourceWatch:
@@ -209,7 +209,7 @@ class SourceWatch:
             self.trouble = ""
             return
         infos = self._node.get_publishers_info_by_topic(self._topic)
-        says = f"{self._topic} has {len(infos)} publishers, of {named(infos)}; {CURE}"
-        if says != self.trouble and known(infos):
-            self.trouble = says
-            self._node.get_logger().warning(says)
+        text = f"{self._topic} has {len(infos)} publishers, of {named(infos)}; {CURE}"
+        if text != self.trouble and known(infos):
+            self.trouble = text
+            self._node.get_logger().warning(text)

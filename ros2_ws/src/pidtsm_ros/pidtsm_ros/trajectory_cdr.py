@@ -17,7 +17,7 @@ from pidtsm_core.timing import NANOSECONDS
 from pidtsm_ros.cdr import LEAD, STAMP_BEGIN, STAMP_END, aligned, serialized_nanoseconds
 
 FIELDS = ("positions", "velocities", "accelerations", "effort")
-"""Of a point, in the order of all arrays here."""
+"""Fields of a point, in the order of all arrays here."""
 _LITTLE_ENDIAN = 1
 _WORD = 4
 _LONGEST_NAME, _MOST_JOINTS = 10_000, 1000

@@ -21,7 +21,7 @@ def run(function: str, block: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("code", [0, 1, 2])
-def test_a_process_that_hangs_at_its_end_leaves_and_says_so(code: int) -> None:
+def test_a_process_that_hangs_at_its_end_leaves_and_reports_it(code: int) -> None:
     ended = run("leaving_within", f"with leaving_within({code}, 0.2): {_HANGS}")
     assert ended.returncode == code
     (line,) = ended.stderr.splitlines()

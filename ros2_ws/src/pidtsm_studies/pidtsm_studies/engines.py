@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import Experiment
 from pidtsm_core.recording import Recording
+from pidtsm_core.recording.metric import MEAN_EFFORT, RMSE
 from pidtsm_core.robots import find_robot
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.simulation.mujoco_model import ENGINE, MUJOCO
@@ -18,7 +19,7 @@ from pidtsm_core.units import alike
 from pidtsm_studies.reports.comparison import write_comparison
 from pidtsm_studies.reports.figures import envelope, finished, line, logarithmic, panels, save_figures
 
-COMPARED = ("rmse", "eci")
+COMPARED = (RMSE, MEAN_EFFORT)
 """The metrics that are compared."""
 _TOGETHER = 3
 """Largest number of joints in a panel."""
@@ -74,9 +75,9 @@ def as_json(comparison: EngineComparison) -> dict[str, Any]:
     """The comparison for a JSON file: per joint, the metrics by engine and the largest difference of q."""
     first = next(iter(comparison.runs.values()))
     table = {
-        metric: {
-            **{engine: metrics[metric] for engine, metrics in comparison.metrics.items()},
-            "relative_difference": comparison.relative(metric).tolist(),
+        metric.key: {
+            **{engine: metrics[metric.key] for engine, metrics in comparison.metrics.items()},
+            "relative_difference": comparison.relative(metric.key).tolist(),
         }
         for metric in COMPARED
     }
@@ -101,7 +102,7 @@ def write_engine_page(comparison: EngineComparison, path: Path, simulator: Mappi
     Args:
         comparison: the runs.
         path: the HTML file; an existing one is replaced.
-        simulator: parameters of the simulated arm, which say when it was pushed or loaded.
+        simulator: parameters of the simulated arm, with the times of pushes and loads.
     """
     runs = {engine: (run, comparison.metrics[engine]) for engine, run in comparison.runs.items()}
     chosen = {f"simulator.{ENGINE.name}": {engine: engine for engine in runs}}

@@ -108,7 +108,7 @@ def check_video() -> None:
     """Check that this machine can render and encode; call it before MuJoCo is imported.
 
     Raises:
-        UsageError: a package or OpenGL is missing; the message says what to do.
+        UsageError: a package or OpenGL is missing; the message shows the cure.
     """
     os.environ.setdefault("MUJOCO_GL", "egl")  # Without a display; Mesa renders on the processor without a GPU.
     missing = "python -m pip install av pyopengl"

@@ -96,7 +96,7 @@ def test_a_video_shows_the_run(tmp_path: Path) -> None:
     assert (tmp_path / "still.png").stat().st_size > 1000
 
 
-def test_what_is_missing_for_pictures_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_missing_for_pictures_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(UsageError, match="--video needs av: python -m pip install av pyopengl"):
         check_video()

@@ -19,9 +19,9 @@ class Drives:
     """
 
     def __init__(self, values: Mapping[str, Value], joints: Sequence[str]) -> None:
-        """Serialize the message, with the fields that `values`, the node's parameters, ask for."""
+        """Serialize the message, with the fields that `values`, the node's parameters, choose."""
         wanted = {"velocity": values[VELOCITY_REPORTED.name], "effort": values[EFFORT_REPORTED.name]}
-        fields = ["position", *(name for name, asked in wanted.items() if asked)]
+        fields = ["position", *(name for name, chosen in wanted.items() if chosen)]
         self._message = OutgoingMessage(JointState(name=list(joints)), fields, joints=len(joints))
         self._rows = dict(zip(fields, self._message.arrays, strict=True))
         self._estimate = DriveVelocity(len(joints), as_float(values[VELOCITY_CUTOFF.name]))

@@ -136,7 +136,7 @@ def make_experiment(
         overrides: texts ``NODE.PARAMETER=VALUE``, or values by node and name; groups may be nested.
         robot: the arm of simulator and controller: a name, also one under which the user has stored an arm, the path of
             a description, or an `ArmDefinition`; None: that of the scenario.
-        hardware: a class of hardware from `hardware_names`; None: what the scenario says.
+        hardware: a class of hardware from `hardware_names`; None: that of the scenario.
 
     Raises:
         UsageError: anything unknown or malformed; the message contains the file, the key and what is allowed.
@@ -159,9 +159,9 @@ def make_experiment(
         _warn_of_gripper(arm, of_arm)
         merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
     merge(_of_hardware(hardware, _overridden(settings, chosen)), Path(hardware or ""))
-    asked = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
-    for name in _named(params) or _usual(_source(arm, scenario, base), asked, base, chosen):
-        before = asked or settings["controller"].get(LAW_NAME.name)
+    wanted = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
+    for name in _named(params) or _usual(_source(arm, scenario, base), wanted, base, chosen):
+        before = wanted or settings["controller"].get(LAW_NAME.name)
         merge(*_parameter_set(name, before if before in LAWS.names else None, _overridden(settings, chosen)))
     if law is not None:
         settings["controller"]["law.name"] = law
@@ -200,7 +200,7 @@ def _parameter_set(name: str, law: str | None, settings: Settings) -> tuple[Sett
 
 
 def _source(arm: ArmDefinition | None, scenario: str | Experiment | None, base: Experiment) -> str | None:
-    """Description of the arm by the user or by a scenario; None: neither says."""
+    """Description of the arm by the user or by a scenario; None: neither gives one."""
     of_scenario = _robot(base.settings) if isinstance(scenario, str) else None
     return of_scenario if arm is None else arm.description
 

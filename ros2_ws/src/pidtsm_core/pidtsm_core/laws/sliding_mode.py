@@ -104,7 +104,7 @@ def _kernel(surface: Surface, reaching: ReachingLaw) -> Kernel:
 
 
 KERNELS = [[_kernel(surface, reaching) for reaching in REACHING_LAWS.members] for surface in SURFACES.members]
-"""By surface and reaching law."""
+"""The kernels, by surface and reaching law."""
 
 
 class _Parts(NamedTuple):

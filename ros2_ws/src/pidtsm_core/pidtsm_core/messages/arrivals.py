@@ -110,7 +110,7 @@ class Arrivals:
         """Treat the next message as the first."""
         self.last = -1
         self.elapsed = self.silence = self.period = self._taken = 0
-        self._heard = self._silence = 0
+        self._received = self._silence = 0
         self._leads = _RecentLeads(0, 0)
         self._tolerance = self.TOLERANCE
         self._row = _NO_ROW
@@ -124,8 +124,8 @@ class Arrivals:
                 is ahead, and repeated stamps count towards a restart, because the sender repeats unanswered messages.
         """
         if now is not None:
-            self._silence = max(self._silence, now - self._heard)
-            self._heard = now
+            self._silence = max(self._silence, now - self._received)
+            self._received = now
         if self.last < 0:
             return Stamp.NEW
         if stamp == self.last:

@@ -17,11 +17,11 @@ def continuation(judged: Stamp, by_stamps: int, by_own_clock: int, longest: int)
     """How to go on with a usable joint state.
 
     A gap by either clock stops the arm: by the stamps, joint states were lost; by the node's own clock, the node did
-    not run or heard nothing, even if every joint state of that time has waited for it. Only while joint states keep
+    not run or received nothing, even if every joint state of that time has waited for it. Only while joint states keep
     arriving does a new time mean that their clock was set.
 
     Args:
-        judged: what `Arrivals.judge` says of its stamp.
+        judged: result of `Arrivals.judge` for its stamp.
         by_stamps: time since the last joint state used, ns, by their stamps.
         by_own_clock: longest time without any joint state since then, ns, by the node's clock.
         longest: longest gap that is no fault, ns.

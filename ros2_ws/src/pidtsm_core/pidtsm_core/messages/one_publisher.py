@@ -1,4 +1,4 @@
-"""Tells the messages of one publisher of a topic from those of another, so that a node obeys only one."""
+"""Distinguishes the messages of one publisher of a topic from those of another, so that a node obeys only one."""
 
 from collections.abc import Callable
 
@@ -8,9 +8,9 @@ from pidtsm_core.timing import NANOSECONDS
 class OnePublisher:
     """Accepts the messages of the publisher that was there first.
 
-    Middleware numbers the messages of each publisher, but does not say whose a message is. The messages of one have
-    increasing numbers, without large gaps. Those of another begin at 1, or go on elsewhere. Another publisher is
-    accepted when the first has been silent for `SILENCE` while the other published, or has gone.
+    Middleware numbers the messages of each publisher, but does not name the publisher of a message. The messages of
+    one have increasing numbers, without large gaps. Those of another begin at 1, or go on elsewhere. Another
+    publisher is accepted when the first has been silent for `SILENCE` while the other published, or has gone.
 
     Attributes:
         refused: number of messages of other publishers.
@@ -24,7 +24,7 @@ class OnePublisher:
     def __init__(self) -> None:
         self.refused = 0
         self._last = self._other = -1
-        self._heard = self._challenged = 0
+        self._received = self._challenged = 0
 
     def accepts(self, number: int, now: int, alone: Callable[[], bool]) -> bool:
         """Whether to read a message; then call `take` if its content is valid, too.
@@ -32,13 +32,13 @@ class OnePublisher:
         Args:
             number: of the message, counted by the middleware for each publisher.
             now: monotonic clock of the receiver, ns.
-            alone: tells whether the topic has only one publisher now.
+            alone: returns whether the topic has only one publisher now.
         """
         if self._last < 0:
             return True
         missing = number - self._last - 1
         follows = missing == 0 or (
-            number != self._other + 1 and 0 < missing <= self._LOST + (now - self._heard) // self._BETWEEN
+            number != self._other + 1 and 0 < missing <= self._LOST + (now - self._received) // self._BETWEEN
         )
         if follows:
             self.take(number, now)
@@ -54,4 +54,4 @@ class OnePublisher:
         """Obey the publisher of this message, which was valid."""
         if self._challenged and number == self._other + 1:
             self._other = -1  # It is the other that is obeyed now.
-        self._last, self._heard, self._challenged = number, now, 0
+        self._last, self._received, self._challenged = number, now, 0

@@ -61,7 +61,7 @@ class Recording:
         continuous: whether each joint turns without end; empty: none does, or it is not known.
         robot: parameters of the simulated arm, for `find_robot`; empty if the bag does not contain them.
         truth: what position, velocity and effort are: `GROUND_TRUTH`, or, if the bag has none, what was measured.
-        lacking: topics that the bag does not have; what they would say is 0 above.
+        lacking: topics that the bag does not have; what they would contain is 0 above.
         sliding_variable, manifold_variable, adaptive_gain, switching_term: rows of `signals` by name, shape
             (samples, joints) each; `Signal` has their units.
         estimated_position, estimated_velocity, estimated_acceleration: likewise.
@@ -245,7 +245,7 @@ def _optional(module: str) -> Any:
     """Import a module that only some functions need.
 
     Raises:
-        ModuleNotFoundError: it is not installed; the message says how to install it.
+        ModuleNotFoundError: it is not installed; the message shows how to install it.
     """
     try:
         return import_module(module)

@@ -24,7 +24,7 @@ HELD, FREED, STOPPED, RAN_AWAY = "held", "freedrive", "stopped", "ran away"
 """Possible outcomes of a run."""
 
 GROUND_TRUTH = "ground truth"
-"""What `Recording.truth` says of a simulated arm, whose true state is known."""
+"""Value of `Recording.truth` for a simulated arm, whose true state is known."""
 
 ASTRAY = np.pi
 """With a larger error, the arm no longer tracks its reference, rad or m."""
@@ -201,7 +201,7 @@ def sources(metrics: Mapping[str, Any]) -> Iterator[str]:
     """What the metrics were computed from, if that is not the ground truth and all topics of a run.
 
     Args:
-        metrics: as in metrics.json; those of older versions do not say it.
+        metrics: as in metrics.json; those of older versions lack it.
     """
     if (truth := metrics.get("truth", GROUND_TRUTH)) != GROUND_TRUTH:
         yield f"truth: {truth}"

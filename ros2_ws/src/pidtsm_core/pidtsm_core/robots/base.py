@@ -80,7 +80,7 @@ class Robot(Member):
             arm and of the controller; empty: none.
         tool: its tool for these packed parameters; None: it is not known where the tool is.
         rotor: the inertias of its rotors as the joints see them for these packed parameters, kg m^2, shape (joints,);
-            None: its model does not say.
+            None: its model does not define them.
         mjcf: the text of an MJCF of these packed parameters, for MuJoCo, see `text_bodies`; None: there is none.
         rigid: values of parameters with which a closed form moves as a rigid body does; empty: with any.
         base: name of its base link.

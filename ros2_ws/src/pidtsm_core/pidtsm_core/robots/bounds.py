@@ -117,7 +117,7 @@ class _Size:
                 raise DescriptionError(f"{file} includes itself")
             root = ElementTree.fromstring(read_text(file))  # noqa: S314  As that of the description.
         except (OSError, ElementTree.ParseError, UnicodeDecodeError):
-            return  # The compiler says what is wrong, or finds the file elsewhere.
+            return  # The compiler reports what is wrong, or finds the file elsewhere.
         self.add(root, copies, 0, includes + 1)
 
 

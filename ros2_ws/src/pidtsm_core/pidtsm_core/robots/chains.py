@@ -153,7 +153,7 @@ class _Tree:
     def gripper(self, path: Sequence[int]) -> str:
         """Why the last body of a path is part of a gripper; empty: it is not.
 
-        It is light, and its name says so, or its joint is coupled to another one, or beside another one with a light
+        It is light, and its name shows it, or its joint is coupled to another one, or beside another one with a light
         body, or it slides a few centimetres only, or it is tiny, opens and closes, and is beside a heavier body on
         the same link.
         """

@@ -102,7 +102,7 @@ def load_spec(file: Path) -> Any:
     """
     if not file.is_file():
         raise DescriptionError("no such file")
-    with suppress(ElementTree.ParseError, UnicodeDecodeError):  # The compiler says what is wrong.
+    with suppress(ElementTree.ParseError, UnicodeDecodeError):  # The compiler reports what is wrong.
         check_bounds(ElementTree.fromstring(read_text(file)), file.parent)  # noqa: S314  As above.
     try:
         return load_mujoco().MjSpec.from_file(str(file))

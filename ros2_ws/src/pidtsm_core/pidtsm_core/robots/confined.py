@@ -70,7 +70,7 @@ _CALLS = {
 _OPEN = {"open": (2, None, 1), "openat": (257, 56, 2)}
 """Calls that are allowed only for reading, and the position of their flags."""
 _IOCTL, _IS_TERMINAL = (16, 29), 0x5401
-"""The call that asks whether a file is a terminal; it is allowed for nothing else."""
+"""The call that finds whether a file is a terminal; it is allowed for nothing else."""
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
 _IMPORTED_LATE = ("xacro.substitution_args", "yaml", "ament_index_python.packages")
@@ -161,7 +161,7 @@ def main(file: str, given: Mapping[str, str]) -> int:
     import xacro
 
     for name in _IMPORTED_LATE:
-        with suppress(ImportError):  # Then what needs it says so.
+        with suppress(ImportError):  # Then what needs it reports the error.
             import_module(name)
     xacro.safe_eval = _refuse_hidden_names(xacro.safe_eval)
     arguments = _Arguments(given)

@@ -1,4 +1,4 @@
-"""Which arm: its description, and what the user says about it."""
+"""Which arm: its description, and what the user specifies about it."""
 
 import math
 import shlex
@@ -72,7 +72,7 @@ class ArmDefinition:
         """Parameters of simulator and controller that differ from their defaults.
 
         Raises:
-            UsageError: the arm cannot have what is said about it.
+            UsageError: the arm cannot have what is specified.
             ParameterError: see `find_robot`.
         """
         self._check_closed_form()
@@ -133,8 +133,8 @@ class ArmDefinition:
         return replace(found, tree=tree)
 
     def content(self) -> dict[str, Any]:
-        """What its file says: everything that is given; plain dictionaries, lists, texts and numbers."""
-        said: dict[str, Any] = {
+        """The content of its file: everything that is given; plain dictionaries, lists, texts and numbers."""
+        given: dict[str, Any] = {
             "description": resolved_description(self.description),
             "joints": list(self.joints),
             "locked": dict(self.locked),
@@ -142,10 +142,10 @@ class ArmDefinition:
             "payload": {"mass": self.payload, "center_of_mass": list(self.center_of_mass)} if self.payload else None,
             "xacro": dict(self.xacro),
         }
-        return {key: value for key, value in said.items() if value}
+        return {key: value for key, value in given.items() if value}
 
     def words(self) -> list[str]:
-        """The options of a command that say the same."""
+        """The equivalent options of a command."""
         if self.name:
             return ["--robot", self.name]
         efforts = (
@@ -165,7 +165,7 @@ class ArmDefinition:
         return pairs + [word for name, value in self.xacro.items() for word in ("--xacro", f"{name}:={value}")]
 
     def _check_closed_form(self) -> None:
-        """Check that a closed form is not asked for what it cannot do."""
+        """Check that a closed form is not given what it cannot have."""
         if self.description not in ROBOTS.names:
             return
         for what, given in (("locked joints", self.locked), ("xacro arguments", self.xacro)):

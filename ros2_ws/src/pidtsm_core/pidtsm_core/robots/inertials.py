@@ -106,7 +106,7 @@ def compile_bodies(spec: Any) -> tuple[Any, Mapping[int, Inertial]]:
 
 
 def body_inertials(spec: Any) -> list[Inertial]:
-    """Of each body of a ``mujoco.MjSpec`` but the first, the world; see `compile_bodies`, which changes it.
+    """Inertials of each body of a ``mujoco.MjSpec`` but the first, the world; see `compile_bodies`, which changes it.
 
     Raises:
         DescriptionError: it cannot be compiled.
@@ -116,7 +116,7 @@ def body_inertials(spec: Any) -> list[Inertial]:
 
 
 def _compiled(model: Any, body: int) -> Inertial:
-    """Of a body of a ``mujoco.MjModel``."""
+    """Inertial of a body of a ``mujoco.MjModel``."""
     axes = np.empty(9)
     load_mujoco().mju_quat2Mat(axes, model.body_iquat[body])
     turned = axes.reshape(3, 3)

@@ -77,7 +77,7 @@ def _located(folder: Path, text: str) -> str:
     try:
         root = ElementTree.fromstring(text)  # noqa: S314  A robot's own description; expat limits expansion.
     except ElementTree.ParseError:
-        return text  # The compiler says what is wrong.
+        return text  # The compiler reports what is wrong.
     if root.tag != "mujoco" or not any("file" in element.attrib for element in root.iter()):
         return text
     check_bounds(root, folder)

@@ -20,7 +20,7 @@ from pidtsm_core.robots.tree.layout import Column, inertia_matrix, rows, set_ine
 _INVERSE = Interface(NOTHING(POINTER, POINTER, POINTER, INTEGER, INTEGER, POINTER, INTEGER, POINTER))
 _FORWARD = Interface(NOTHING(POINTER, POINTER, POINTER, INTEGER, POINTER, INTEGER, POINTER))
 inverse_tree, forward_tree = _INVERSE.call, _FORWARD.call
-"""Of compiled code, with one of `tree_addresses`: the functions are long and have many callers."""
+"""Called by compiled code with one of `tree_addresses`: the functions are long and have many callers."""
 
 
 def _inverse(q: Any, dq: Any, ddq: Any, rows: int, joints: int, p: Any, length: int, effort: Any) -> None:

@@ -49,7 +49,7 @@ PARAMETERS = (STIFFNESS, _DAMPING, ENCODER)
 _ANGLE = 0.7
 """rad; largest angle by which a joint may vibrate in a substep: its frequency is then exact to angle^4 / 720."""
 _SUBSTEPS = 2
-"""At least."""
+"""Smallest number of substeps."""
 MOST_SUBSTEPS = 8
 """A faster vibration is stable, but its frequency is not exact."""
 

@@ -26,7 +26,7 @@ from pidtsm_core.simulation.drivetrain import Drivetrain, DrivetrainState, Kept,
 
 _ROOT = math.sqrt(3.0)
 _EIGENVALUE = complex(3.0, _ROOT)
-"""Of the inverse of the coefficients of the method; the other one is its conjugate."""
+"""Eigenvalue of the inverse of the coefficients of the method; the other one is its conjugate."""
 _ONE = complex(1.0, _ROOT - 2.0)
 """A constant in both stages, in its complex form y1 - i (2 - sqrt 3) y2."""
 _SECOND = 1.0 / (_ROOT - 2.0)
@@ -34,7 +34,7 @@ _SECOND = 1.0 / (_ROOT - 2.0)
 BRAKING = 0.002
 """Time constant with which the brakes stop the motors, s."""
 _FIRM = 1e12
-"""Of the brakes of a rigid joint, N m s/rad."""
+"""Damping of the brakes of a rigid joint, N m s/rad."""
 _ATTEMPTS = 6
 """Largest number of times that a substep decides which joints stick."""
 _SHARPNESS = 10.0

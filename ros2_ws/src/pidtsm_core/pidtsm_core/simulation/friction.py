@@ -60,7 +60,7 @@ class FrictionConfig(NamedTuple):
 def friction_config(values: Mapping[str, Value], inertia: Array, dt: float) -> FrictionConfig:
     """Prepare the friction.
 
-    Where a joint has little inertia, Coulomb friction rises less steeply around standstill than `PARAMETERS` say, and
+    Where a joint has little inertia, Coulomb friction rises less steeply around standstill than by `PARAMETERS`, and
     viscous friction is smaller, so that Runge-Kutta can solve the equation.
 
     Args:

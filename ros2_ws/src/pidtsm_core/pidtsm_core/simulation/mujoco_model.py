@@ -226,7 +226,7 @@ def _compiled(spec: Any, values: Mapping[str, Value], phase: Phase, drives: Driv
 
 
 def _set_joints(model: Any, dofs: list[int], viscous: Array, armature: Array | None) -> None:
-    """Set what the parameters say of the joints, whose places in qvel are `dofs`; dry friction is that of `plant`."""
+    """Apply the parameters of the joints, whose places in qvel are `dofs`; dry friction is that of `plant`."""
     model.dof_damping[dofs] = viscous
     model.dof_frictionloss[dofs] = 0.0
     if armature is not None:

@@ -1,6 +1,6 @@
 """Elastic joints on the engine MuJoCo: each motor is a body of its own.
 
-A tendon with stiffness and damping couples it to its link, so that both move as `drivetrain_step` says.
+A tendon with stiffness and damping couples it to its link, so that both move as in `drivetrain_step`.
 
 MuJoCo integrates springs explicitly; its steps are so short that it can.
 """

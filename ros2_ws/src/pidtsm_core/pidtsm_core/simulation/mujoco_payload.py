@@ -17,7 +17,7 @@ from pidtsm_core.robots.rigid_bodies import set_inertial
 DROPPED = "pidtsm_dropped_payload"
 """Name of the body that falls."""
 _DENSITY = 1000.0
-"""Of the box, kg/m^3."""
+"""Density of the box, kg/m^3."""
 _COLOR = 0.9, 0.6, 0.2
 _LIGHTEST = 1e-3
 """kg; mass of the box that falls if there is no payload."""

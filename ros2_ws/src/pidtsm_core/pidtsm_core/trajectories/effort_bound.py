@@ -4,7 +4,7 @@ In an interval of time, a polynomial differs from its value in the middle by at 
 at the ends. That puts q, q' and q'' of all joints into a box around the sampled state, and `effort_spread` bounds how
 far the efforts in this box are from the sampled ones. An interval is done when samples plus bound are within the limits
 and their tolerance; otherwise it is halved, and the bound falls at least in proportion. So it does not matter how short
-a segment is, or where in it the effort is largest: a motion is accepted only if the bound says so for every moment of
+a segment is, or where in it the effort is largest: a motion is accepted only if the bound proves it for every moment of
 it, and rejected only if a sample exceeds its limit.
 
 Where the velocity has a step, as between straight lines, the effort is that which makes the step in `STEP_TIME`.
@@ -29,7 +29,7 @@ _MOMENT = 2.0 ** (1 - _DEPTH)
 _STEP = 1e-6
 """Smaller steps of the velocity do not matter, rad/s or m/s."""
 _ENOUGH = 4000
-"""After so many samples of a motion that is rejected anyway, its largest excess need not be found more exactly."""
+"""Number of samples after which the largest excess of a motion that is rejected anyway is exact enough."""
 
 
 @inlined
@@ -67,7 +67,7 @@ def _taylor(c: Array, interval: Array, duration: float, middle: Array, box: Arra
 
 @inlined
 def _measure(model: Model, states: Array, limit: Array, places: NDArray[np.int_], time: float, worst: Array) -> bool:
-    """Compute efforts and their spread, keep the largest excess, and tell whether the interval is to be halved.
+    """Compute efforts and their spread, keep the largest excess, and return whether the interval is to be halved.
 
     `states` has middle and box of the state, then rows for efforts and spread, shape (10, joints). All are in the order
     of the joints of the model, `limit` is in that of `places`. `worst` is that of `largest_excess`.

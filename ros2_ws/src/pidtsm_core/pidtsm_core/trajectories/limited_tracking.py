@@ -14,7 +14,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import njit
 
 POLE = 40.0
-"""Of the linear law, rad/s."""
+"""Pole of the linear law, rad/s."""
 
 _BISECTIONS = 14
 """Jerks are found to 2^-14 of the largest."""

@@ -95,7 +95,7 @@ PARAMETERS = (
 """Parameters of `motion_limits`, for a node."""
 
 _SHARE = 0.5
-"""Of the torque beyond gravity, for the default acceleration."""
+"""Share of the torque beyond gravity that the default acceleration may need."""
 _LEAST = 0.1
 """Least share of the effort limit that counts as beyond gravity, where gravity takes nearly all of it."""
 _WITHOUT_MODEL = 5.0

@@ -52,7 +52,7 @@ class PiecewiseMotion:
 
     @property
     def coefficients(self) -> Array:
-        """Of the powers 0 to 5 of the share of a segment that has passed, shape (joints, segments, 6), rad."""
+        """Coefficients of powers 0 to 5 of the share of a segment that has passed, shape (joints, segments, 6), rad."""
         return self.parameters[:, self.segments + 1 :].reshape(len(self.parameters), -1, 6)
 
     def stretched(self, factor: float) -> "PiecewiseMotion":

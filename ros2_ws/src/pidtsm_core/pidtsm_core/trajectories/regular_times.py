@@ -10,7 +10,7 @@ class RegularTimes:
     """Gives messages without stamps the times at which a regular sender would have sent them: a phase-locked loop."""
 
     _TIME, _LARGEST_SHARE = 0.15 * NANOSECONDS, 0.3
-    """In this time, ns, the loop corrects its phase, but by this share of the deviation at most; critically damped."""
+    """Time in which the loop corrects its phase (critically damped), ns; largest share of a deviation it corrects."""
     _FARTHEST = 0.05 * NANOSECONDS
     """Largest distance from the time of arrival, ns; in a shorter gap no message is missing, but some are late."""
 

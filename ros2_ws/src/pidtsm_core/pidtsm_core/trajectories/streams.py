@@ -28,9 +28,9 @@ _TICK = 1e-3
 _ROUNDING = 1e-7
 """Times that differ less are the same, s."""
 _MARGIN = 200.0
-"""Of position limits, in jerk times tick^3; of 2,000 random streams, the farthest passes its bound by 110."""
+"""Margin of position limits, in jerk times tick^3; of 2,000 random streams, the farthest passes its bound by 110."""
 _MOST_TICKS = 1000
-"""After a longer gap the motion lags, as nothing is followed for so long."""
+"""Longest gap; after a longer one the motion lags, because nothing is followed for so long."""
 _CLOSEST = 2e-3
 """Points of a chunk that come sooner than this after it takes over are left out, s."""
 _SLEW = 0.05

@@ -115,7 +115,7 @@ def file(tmp_path: Path) -> str:
 
 
 @pytest.mark.parametrize("law", LAWS.names)
-def test_an_arm_from_a_file_has_them_without_asking(file: str, law: str) -> None:
+def test_an_arm_from_a_file_has_them_by_default(file: str, law: str) -> None:
     without, with_them = (make_experiment(None, law, params=params, robot=file) for params in ((), (PRACTICAL,)))
     by_parameter = make_experiment(None, overrides=[f"controller.law.name={law}"], robot=file)
     assert without.settings == with_them.settings == by_parameter.settings
@@ -133,7 +133,7 @@ def test_it_has_them_in_a_scenario(tmp_path: Path, file: str) -> None:
     assert "estimator.bandwidth" not in of_the_article
 
 
-def test_other_gains_are_those_that_are_asked_for(file: str) -> None:
+def test_other_gains_are_those_that_are_requested(file: str) -> None:
     of_the_article = make_experiment(None, params=["article"], robot=file)
     assert "estimator.bandwidth" not in of_the_article.settings["controller"]
     differentiated = make_experiment(None, overrides=["controller.estimator.name=exact"], robot=file)

@@ -43,7 +43,7 @@ def test_an_unknown_class_is_refused_with_those_that_exist() -> None:
         make_experiment(None, hardware="gearde")
 
 
-def test_a_recording_says_which_side_it_is_of() -> None:
+def test_a_recording_shows_which_side_it_is_of() -> None:
     elastic = rollout(make_experiment("case1", duration=0.01, hardware="geared", params="practical"))
     assert elastic.metrics()["side"] == "link"
     assert rollout(duration=0.01).metrics()["side"] == ""

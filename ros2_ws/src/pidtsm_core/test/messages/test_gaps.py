@@ -47,7 +47,7 @@ def test_a_gap_by_either_clock_stops_the_arm(by_stamps: int, by_own_clock: int) 
     if by_own_clock > LONGEST:
         expected = Continuation.STOP
     elif by_stamps - by_own_clock > Arrivals.TOLERANCE:
-        expected = Continuation.HOLD  # The node has heard the source all the time.
+        expected = Continuation.HOLD  # The node has received from the source all the time.
     else:
         expected = Continuation.STOP if by_stamps > LONGEST else Continuation.FOLLOW
     found = set(node.decided) - {Continuation.FOLLOW}

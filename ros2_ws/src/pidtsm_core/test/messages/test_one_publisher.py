@@ -48,7 +48,7 @@ def test_messages_of_the_only_publisher_are_read_whatever_is_lost() -> None:
     assert all(reader.read(number) for number in (1, 2, 500, 501, 100_000, 1, 2, 7))
 
 
-def test_both_that_waited_while_the_receiver_did_not_run_are_told_apart() -> None:
+def test_both_that_waited_while_the_receiver_did_not_run_are_distinguished() -> None:
     reader = Reader()
     assert all(reader.read(number) for number in range(1, 5000))
     reader.now += 5_000 * MS

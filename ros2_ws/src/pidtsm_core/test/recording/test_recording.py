@@ -36,7 +36,7 @@ def test_arrays_have_one_column_per_joint(run: Recording) -> None:
     assert {array.shape for array in run.arrays().values()} == {(2000, 2)}
 
 
-def test_its_text_says_what_it_is(run: Recording) -> None:
+def test_its_text_shows_what_it_is(run: Recording) -> None:
     assert repr(run).startswith("<Recording of two_link: case1, piddtsm, 2 s, RMSE 0.14")
     assert repr(run).endswith(" rad>")
     foreign = replace(run, robot={}, scenario=None, law=None, slides=(True, False))

@@ -1,4 +1,4 @@
-"""Which arm: what a definition says reaches the parameters, a file and back."""
+"""Which arm: the content of a definition reaches the parameters, a file and back."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -85,7 +85,7 @@ def test_a_stored_arm_is_the_same_arm() -> None:
 
 
 @pytest.mark.parametrize("robot", ["panda", "arm.urdf", "topic", "<robot/>"])
-def test_a_name_or_path_alone_says_nothing_more(robot: str) -> None:
+def test_a_name_or_path_alone_means_nothing_more(robot: str) -> None:
     store("arm.urdf", "description: panda")  # No name that --save takes.
     store("panda", "description: ur5")
     assert find_arm(robot) == ArmDefinition(robot)
@@ -108,7 +108,7 @@ def test_xacro_arguments_reach_the_model() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arm", "told"),
+    ("arm", "cause"),
     [
         (ArmDefinition("arm.urdf.xacro"), "its argument mass has no value; give it with --xacro mass:=VALUE"),
         (ArmDefinition("arm.urdf.xacro", xacro={"mass": "1", "mas": "1"}), "no argument mas; it has length, mass"),
@@ -121,9 +121,9 @@ def test_xacro_arguments_reach_the_model() -> None:
         (ArmDefinition("scra"), "neither a file nor one of two_link, .*, mine; did you mean scara"),
     ],
 )
-def test_what_an_arm_cannot_have_is_refused(arm: ArmDefinition, told: str) -> None:
+def test_what_an_arm_cannot_have_is_refused(arm: ArmDefinition, cause: str) -> None:
     store("mine", "description: panda")
-    with pytest.raises(UsageError, match=told) as refusal:
+    with pytest.raises(UsageError, match=cause) as refusal:
         make_experiment(None, robot=arm)
     assert "\n" not in str(refusal.value)
 

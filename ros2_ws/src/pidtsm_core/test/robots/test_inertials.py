@@ -65,12 +65,12 @@ def test_a_link_on_a_moving_one_matters_only_with_it(where: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("inertia", "told"),
+    ("inertia", "cause"),
     [(IMPOSSIBLE, "no body has its inertia"), (NEGATIVE, "no body has its inertia"), (NONE, "a mass, but no inertia")],
     ids=["triangle", "negative", "zero"],
 )
-def test_the_inertia_of_a_moving_link_matters(inertia: tuple[float, float, float], told: str) -> None:
-    with pytest.raises(DescriptionError, match=told) as refused:
+def test_the_inertia_of_a_moving_link_matters(inertia: tuple[float, float, float], cause: str) -> None:
+    with pytest.raises(DescriptionError, match=cause) as refused:
         read_description(arm(upper=inertia), CHOSEN)
     assert refused.value.element == ("link", "upper")
 

@@ -1,4 +1,4 @@
-"""Joints and links are where MuJoCo says that they are, also those that the tree does not keep."""
+"""Joints and links are where MuJoCo has them, also those that the tree does not keep."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -24,7 +24,7 @@ from pidtsm_core.robots.payload import Payload
 from pidtsm_core.robots.two_link import TWO_LINK
 from pidtsm_core.simulation.plant import Plant, plant_schema
 
-PROPERTY = settings(deadline=None, max_examples=25)
+PROPERTY = settings(deadline=None, max_examples=50)
 ALL = [find_robot({"robot.description": name}) for name in NAMES]
 EACH = pytest.mark.parametrize("robot", ALL, ids=lambda r: r.name)
 SEEDS = st.integers(min_value=0, max_value=2**32 - 1)

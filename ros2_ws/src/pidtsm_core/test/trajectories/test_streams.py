@@ -293,7 +293,7 @@ def test_a_joint_that_turns_without_end_takes_the_shorter_way() -> None:
     assert np.abs(motions[:, 1]).max() < 0.5
 
 
-def test_its_statistics_tell_how_it_arrives() -> None:
+def test_its_statistics_show_how_it_arrives() -> None:
     stream, sent = StreamFilter(make_limits()), messages(sums(6), 30.0, 20.0, np.random.default_rng(6))
     arrivals = [message.arrival for message in sent if _receive(stream, message)]
     statistics = stream.statistics(START + round((arrivals[-1] + 0.25) * 1e9))

@@ -18,7 +18,7 @@ SOURCES: Mapping[str, tuple[WantedTopic, ...]] = {
     "joint_states": tuple(WantedTopic(topic.name, topic.msgtype, ("position",)) for topic in (SENSORS, TRUTH)),
     "reference": (WantedTopic(REFERENCE.name, REFERENCE.msgtype, ("position",), may_be_empty=True),),
 }
-"""By what a motion is read from, the topics that have it, the first one that is there."""
+"""Topics to read a motion from, by kind of position; the first one in the bag is used."""
 
 
 def read_positions(path: Path, source: str) -> tuple[tuple[str, ...], Array, Array, Mapping[str, object]]:

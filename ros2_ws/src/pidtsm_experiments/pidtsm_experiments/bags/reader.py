@@ -215,7 +215,7 @@ def _held(state: Columns, stamps: Stamps) -> Columns:
 
 
 def _without_state(columns: Mapping[WantedTopic, Columns], stamps: Stamps, joints: Sequence[str]) -> Columns:
-    """The signals of a controller that publishes commands alone; what it does not say is 0."""
+    """The signals of a controller that publishes commands alone; what it does not publish is 0."""
     effort = STATE.fields.index("effort")
     state = Columns.blank(STATE, stamps.size, len(joints), [effort])
     if commands := columns.get(COMMANDED):

@@ -1,4 +1,4 @@
-"""The options that say which arm, the same for every command that takes ``--robot``."""
+"""The options that define the arm, the same for every command that takes ``--robot``."""
 
 import argparse
 import math
@@ -32,7 +32,7 @@ def add_arm_arguments(
     of: str = "simulator and controller",
     positional: bool = False,
 ) -> None:
-    """Add the options that say which arm.
+    """Add the options that define the arm.
 
     Args:
         parser: of the command.
@@ -90,7 +90,7 @@ def read_arm(options: argparse.Namespace) -> ArmDefinition | None:
     """The arm that the options of `add_arm_arguments` define, with its joints named; None: they define none.
 
     Raises:
-        UsageError: an option needs ``--robot``, or the arm cannot have what is said about it.
+        UsageError: an option needs ``--robot``, or the arm cannot have what is specified.
     """
     given = given_arm(options)
     # What decides on the joints may follow: an override of a parameter.
@@ -100,7 +100,7 @@ def read_arm(options: argparse.Namespace) -> ArmDefinition | None:
 
 
 def introduce(options: argparse.Namespace) -> None:
-    """Say which joints of a file are used, on standard error, and store the arm if ``--save`` is given.
+    """Print which joints of a file are used, on standard error, and store the arm if ``--save`` is given.
 
     To be called after all other input has been checked.
 
@@ -113,7 +113,7 @@ def introduce(options: argparse.Namespace) -> None:
             with suppress(ParameterError):
                 robot = each.robot()
                 assert isinstance(robot, TreeRobot)
-                _say(f"{Path(each.label).name}: {joints_sentence(robot.description)}")
+                _note(f"{Path(each.label).name}: {joints_sentence(robot.description)}")
                 _warn_of_weakness(each)
     if options.save is not None and arm is not None:
         _store(options.save, arm.with_joints())
@@ -129,7 +129,7 @@ def _warn_of_weakness(arm: ArmDefinition) -> None:
         return
     shares = ", ".join(f"{robot.joints[j]} {needed[j]:.3g} of {limits[j]:.3g} {robot.units[j].effort}" for j in weak)
     cure = ",".join(f"{robot.joints[j]}={2.0 * needed[j]:.2g}" for j in weak)
-    _say(
+    _note(
         f"warning: to carry the arm about the middle of its range takes {shares}; move where it takes less, or if "
         f"the drives can do more, give --effort {cure}"
     )
@@ -141,21 +141,21 @@ def settings_of(arm: ArmDefinition | None) -> Mapping[str, Any]:
 
 
 def given_arm(options: argparse.Namespace) -> ArmDefinition | None:
-    """The arm exactly as the options say; None: they say nothing.
+    """The arm exactly as the options define it; None: none is given.
 
     Raises:
         UsageError: an option needs ``--robot``, or contradicts another one.
     """
-    said = [name for name in _OPTIONS if getattr(options, name) is not None]
+    given = [name for name in _OPTIONS if getattr(options, name) is not None]
     robots = _robots(options)
     if not robots:
-        if said:
-            raise UsageError(f"--{said[0]} needs --robot")
+        if given:
+            raise UsageError(f"--{given[0]} needs --robot")
         return None
     if len(robots) > 1:
-        if said:
+        if given:
             raise UsageError(
-                f"--{said[0]} is for one arm, and --robot names {len(robots)}; store each one with --save first"
+                f"--{given[0]} is for one arm, and --robot names {len(robots)}; store each one with --save first"
             )
         return None
     arm = find_arm(robots[0])
@@ -169,7 +169,7 @@ def _robots(options: argparse.Namespace) -> list[str]:
 
 
 def _changes(options: argparse.Namespace, arm: ArmDefinition) -> dict[str, Any]:
-    """What the options say about an arm, by field."""
+    """What the options specify about an arm, by field."""
     changes: dict[str, Any] = {}
     locked = dict(pair for pairs in options.lock or () for pair in pairs)
     if options.joints is not None:
@@ -207,10 +207,10 @@ def _store(name: str, arm: ArmDefinition) -> None:
     except OSError as error:
         raise UsageError(f"--save {name}: {error.filename}: {error.strerror}") from None
     write_file(writable_file(file), file_content(arm))
-    _say(f"{name}: {'replaced' if known else 'stored'} in {_shown(file)}; --robot {name} uses it")
+    _note(f"{name}: {'replaced' if known else 'stored'} in {_shown(file)}; --robot {name} uses it")
 
 
-def _say(text: str) -> None:
+def _note(text: str) -> None:
     print(f"pidtsm: {text}", file=sys.stderr)
 
 

@@ -67,7 +67,7 @@ def execute(options: argparse.Namespace) -> int:
         write_check_report(place, check, settings)
         CONSOLE.print(f"{options.html}", highlight=False)
     if check.refusal is not None:
-        print(f"pidtsm: {_told(check, check.refusal)}", file=sys.stderr)
+        print(f"pidtsm: {_described(check, check.refusal)}", file=sys.stderr)
         return _UNUSABLE
     if options.save is not None:
         introduce(options)
@@ -87,12 +87,12 @@ def _show(check: ArmCheck) -> None:
             console.print(table)
     for kind, doubts, style in (("doubt", check.doubts, "bold red"), ("note", check.notes, "")):
         for doubt in doubts:
-            text = f"{kind}: {_told(check, doubt)}"
+            text = f"{kind}: {_described(check, doubt)}"
             console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
     console.print(summary(check), highlight=False, markup=False)
 
 
-def _told(check: ArmCheck, doubt: Doubt) -> str:
+def _described(check: ArmCheck, doubt: Doubt) -> str:
     """A doubt with its place."""
     where = check.where(doubt)
     return f"{where}: {doubt}" if where else str(doubt)

@@ -8,7 +8,7 @@ import joblib
 from pidtsm_core.errors import UsageError
 
 TIMEOUT = 10.0
-"""Of a scheduler that does not answer, s."""
+"""Time after which a scheduler that does not answer is given up, s."""
 
 
 @contextmanager

@@ -13,15 +13,17 @@ from rich.markup import escape
 from rich.table import Table
 
 from pidtsm_core.errors import UsageError
+from pidtsm_core.recording.metric import Metric
 from pidtsm_core.recording.outcome import sources
 from pidtsm_core.units import joint_units
+from pidtsm_core.written import NOTHING
 from pidtsm_experiments.commands.options import CONSOLE, read
-from pidtsm_experiments.commands.table import METRICS, Metric
+from pidtsm_experiments.commands.table import COLUMNS
 from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_experiments.runs.saved import read_parameters
 from pidtsm_studies.reports.comparison import check_comparable, differing_parameters, write_comparison
-from pidtsm_studies.reports.labels import NOTHING, difference_text
+from pidtsm_studies.reports.labels import difference_text
 from pidtsm_studies.reports.matrix import metric_text, metric_value
 
 _TOGETHER = 3
@@ -106,9 +108,9 @@ def differences(metrics: _Metrics) -> dict[str, dict[str, list[float | None]]]:
     first, *others = metrics
     return {
         other: {
-            key: [_minus(metrics, other, first, key, j) for j in range(len(metrics[first]["joints"]))]
-            for key, *_ in METRICS
-            if key in metrics[first] and key in metrics[other]
+            metric.key: [_minus(metrics, other, first, metric.key, j) for j in range(len(metrics[first]["joints"]))]
+            for metric in COLUMNS
+            if metric.key in metrics[first] and metric.key in metrics[other]
         }
         for other in others
     }
@@ -129,11 +131,11 @@ def _metrics_tables(metrics: _Metrics) -> Iterator[Table]:
         for start in range(0, len(others), step):
             names = [first, *others[start : start + step]]
             table = _table(joint, "metric", "unit", *names)
-            for metric in METRICS:
+            for metric in COLUMNS:
                 runs = [metrics[name] for name in names]
                 if any(metric.key in run and (not metric.only_if_any or run[metric.key][j]) for run in runs):
                     cells = (_cell(metrics, name, first, metric, j) for name in names)
-                    table.add_row(metric.label, metric.unit.format(**units[j]._asdict()), *cells)
+                    table.add_row(metric.name, metric.unit_of(units[j]), *cells)
             yield table
 
 

@@ -24,8 +24,6 @@ from pidtsm_studies.engines import (
 )
 from pidtsm_studies.reports.labels import value_text
 
-_LABELS = {"rmse": "RMSE", "eci": "ECI"}
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_experiment_arguments(parser, engine=False)
@@ -60,12 +58,12 @@ def _table(comparison: EngineComparison) -> Table:
     table = Table(title=escape(title), title_style="bold", box=box.SIMPLE_HEAD)
     table.add_column("joint", overflow="fold")
     for metric in COMPARED:
-        table.add_column(_LABELS[metric], justify="right")
+        table.add_column(metric.heading, justify="right")
         table.add_column("MuJoCo", justify="right")
     table.add_column("largest |Δq|", justify="right")
     for j, joint in enumerate(recording.joints):
         cells = []
         for metric in COMPARED:
-            cells += [value_text(metrics[metric][j]), f"{100.0 * comparison.relative(metric)[j]:+.1g} %"]
+            cells += [value_text(metrics[metric.key][j]), f"{100.0 * comparison.relative(metric.key)[j]:+.1g} %"]
         table.add_row(escape(joint), *cells, f"{comparison.difference[:, j].max():.1e}")
     return table

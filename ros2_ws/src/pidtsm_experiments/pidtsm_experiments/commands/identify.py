@@ -69,7 +69,7 @@ def execute(options: argparse.Namespace) -> int:
     with result_folder(options.out, MadeOf(runs=tuple(options.bags))) as folder:
         (folder / file).write_text(corrected_description(arm, found.parameters), encoding="utf-8")
         written = written_parameters(found, str(options.out.absolute() / file))
-        more = _said_of(definition)
+        more = _kept_of(definition)
         text = "".join(ros_parameters(node, {**values, **more}) for node, values in written.items())
         (folder / PARAMETERS).write_text(text, encoding="utf-8")
         found = _read_back(found, folder, file)
@@ -112,10 +112,10 @@ def _short(label: str) -> str:
     return str(Path(path.parent.name, path.name))
 
 
-def _said_of(arm: ArmDefinition) -> dict[str, Value]:
-    """What the options say of the arm and still holds of the identified one; its payload is a part of that."""
-    said = {name: value for name, value in arm.settings().items() if name in (LOCKED.name, "limits.effort")}
-    return {**said, **({MASS: 0.0} if arm.payload else {})}
+def _kept_of(arm: ArmDefinition) -> dict[str, Value]:
+    """What the options specify about the arm and still holds for the identified one; its payload is a part of that."""
+    kept = {name: value for name, value in arm.settings().items() if name in (LOCKED.name, "limits.effort")}
+    return {**kept, **({MASS: 0.0} if arm.payload else {})}
 
 
 def _read_back(found: Identification, folder: Path, file: str) -> Identification:

@@ -19,7 +19,7 @@ from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.live.parameters import Described, shown, written
 from pidtsm_experiments.live.system import System
-from pidtsm_experiments.operate.attached import ask, found, joined, place
+from pidtsm_experiments.operate.attached import found, joined, place, run
 
 if TYPE_CHECKING:
     from pidtsm_experiments.operate.listing import Row
@@ -73,15 +73,15 @@ def execute_action(options: argparse.Namespace) -> int:
     return actions[options.action](options)
 
 
-def _ask(options: argparse.Namespace, question: Callable[[System], Coroutine[Any, Any, Any]], node: str) -> Any:
-    """Ask a node that must be there."""
+def _request(options: argparse.Namespace, request: Callable[[System], Coroutine[Any, Any, Any]], node: str) -> Any:
+    """Send a request to a node that must be there."""
 
-    async def asked(system: System) -> Any:
+    async def answer(system: System) -> Any:
         await found(system, node)
-        return await question(system)
+        return await request(system)
 
     with joined(options.namespace or "") as system:
-        return ask(system, asked(system))
+        return run(system, answer(system))
 
 
 def _list(options: argparse.Namespace) -> int:
@@ -89,7 +89,7 @@ def _list(options: argparse.Namespace) -> int:
 
     with joined(options.namespace or "") as root:
         only = None if options.namespace is None else f"/{options.namespace.strip('/')}"
-        listed = ask(root, rows(root, only))
+        listed = run(root, rows(root, only))
     if options.json:
         print(json.dumps([asdict(row) for row in listed]))
     elif listed:
@@ -104,8 +104,8 @@ def _print(rows: "list[Row]") -> None:
     for heading in ("node", "state", "what it does", "last message"):
         table.add_column(heading, overflow="fold")
     for row in rows:
-        heard = "none yet" if row.age is None else f"{row.age:.1f} s ago"
-        table.add_row(*(Text(cell) for cell in (row.node, row.lifecycle or "no answer", row.status, heard)))
+        received = "none yet" if row.age is None else f"{row.age:.1f} s ago"
+        table.add_row(*(Text(cell) for cell in (row.node, row.lifecycle or "no answer", row.status, received)))
     Console().print(table)
 
 
@@ -118,12 +118,12 @@ def _param(options: argparse.Namespace) -> int:
         options.namespace = space
     if options.what == "set":
         values = _values(options.words)
-        _ask(options, lambda system: system.set(name, values), name)
+        _request(options, lambda system: system.set(name, values), name)
         if not options.json:
             print(f"{name}: {', '.join(f'{each} = {shown(value)}' for each, value in values.items())}")
             return 0
         options.what, options.words = "get", list(values)
-    described = _ask(options, lambda system: system.described(name), name)
+    described = _request(options, lambda system: system.described(name), name)
     chosen = _chosen(described, options.words, whole=options.what == "get")
     if options.json:
         print(json.dumps({each.name: each.value for each in chosen}))
@@ -167,14 +167,14 @@ def _values(words: list[str]) -> dict[str, Any]:
 
 
 def _reset(options: argparse.Namespace) -> int:
-    _ask(options, lambda system: system.trigger("controller/reset_fault"), "controller")
+    _request(options, lambda system: system.trigger("controller/reset_fault"), "controller")
     print("fault reset")
     return 0
 
 
 def _switch(options: argparse.Namespace) -> int:
     on = options.on == "on"
-    _ask(options, lambda system: system.switch(f"controller/{options.action}", on), "controller")
+    _request(options, lambda system: system.switch(f"controller/{options.action}", on), "controller")
     done = {
         ("freedrive", True): "the arm can be moved by hand; ./pidtsm nodes freedrive off holds it where it is",
         ("freedrive", False): "the arm is held where it is; ./pidtsm nodes hold off lets it follow the reference",
@@ -189,7 +189,7 @@ def _record(options: argparse.Namespace) -> int:
     from pidtsm_experiments.operate.recording import record
 
     with joined(options.namespace or "") as system:
-        kept = ask(system, record(system, options.output, options.duration))
+        kept = run(system, record(system, options.output, options.duration))
     if options.json:
         print(json.dumps({"bag": str(kept.bag), "samples": kept.samples, "size": kept.size}))
     else:
@@ -203,7 +203,7 @@ def _stop(options: argparse.Namespace) -> int:
     if end_claimed(options.namespace or ""):
         print(f"ended the nodes {place(options.namespace or '')}")
         return 0
-    stopped = _ask(options, _deactivated, "controller")
+    stopped = _request(options, _deactivated, "controller")
     print(f"deactivated {', '.join(stopped)}; their processes, which others have started, go on")
     return 0
 

@@ -114,7 +114,7 @@ def _notes(runs: dict[tuple[str, str], Any]) -> list[str]:
 
 def _summary(runs: Mapping[tuple[str, str], Any]) -> Table:
     table = Table(title="joints 1, 2 of each run", box=box.SIMPLE)
-    for column in ("case", "law", "RMSE (rad)", "torque variation (N m)", "jumps"):
+    for column in ("case", "law", "RMSE (rad)", "effort variation (N m)", "jumps"):
         table.add_column(column, no_wrap=True)
     for (scenario, law), run in runs.items():
         if isinstance(run, str):

@@ -1,52 +1,47 @@
 """The metrics of a run as a table on the terminal."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from pidtsm_core.recording.metric import (
+    ADAPTIVE_GAIN,
+    EFFORT_JUMPS,
+    EFFORT_VARIATION,
+    EFFORT_VARIATION_RATE,
+    LARGEST_ERROR,
+    MEAN_EFFORT,
+    RECOVERY_TIME,
+    RMSE,
+    SATURATION,
+    SETTLING_TIME,
+    STEADY_STATE_ERROR,
+    TIME_AT_EFFORT_LIMIT,
+    TIME_AT_RATE_LIMIT,
+    Metric,
+)
 from pidtsm_core.recording.outcome import FOLLOWED, OF_TRACKING, RAN_AWAY, verdict, what_happened
 from pidtsm_core.units import joint_units
 from pidtsm_studies.reports.labels import value_text
 
-
-class Metric(NamedTuple):
-    """A metric in tables.
-
-    Attributes:
-        key: in metrics.json.
-        label: name.
-        heading: of a narrow column.
-        unit: with a placeholder for that of the joint's position or effort.
-        factor: of the value, if the unit is another one than in metrics.json.
-        only_if_any: whether the metric is shown only if it is not 0.
-    """
-
-    key: str
-    label: str
-    heading: str
-    unit: str = ""
-    factor: float = 1.0
-    only_if_any: bool = False
-
-
-METRICS = (
-    Metric("max_error", "largest error", "largest error", "{position}"),
-    Metric("rmse", "RMSE", "RMSE", "{position}"),
-    Metric("steady_state_error", "steady-state error", "steady error", "{position}"),
-    Metric("eci", "ECI, mean |effort|", "mean effort", "{effort}"),
-    Metric("saturation", "saturated", "at limit", "%", 100.0),
-    Metric("recovery_time", "recovery time", "recovery", "s"),
-    Metric("settling_time", "settling time", "settling", "s"),
-    Metric("torque_variation", "effort variation", "effort variation", "{effort}"),
-    Metric("torque_variation_rate", "effort variation rate", "variation rate", "{effort}/s"),
-    Metric("torque_jumps", "effort jumps", "effort jumps"),
-    Metric("time_at_effort_limit", "at the effort limit", "effort limit", "s", only_if_any=True),
-    Metric("time_at_rate_limit", "at the rate limit", "rate limit", "s", only_if_any=True),
-    Metric("adaptive_gain", "adaptive gain, last", "adaptive gain"),
+COLUMNS = (
+    LARGEST_ERROR,
+    RMSE,
+    STEADY_STATE_ERROR,
+    MEAN_EFFORT,
+    SATURATION,
+    RECOVERY_TIME,
+    SETTLING_TIME,
+    EFFORT_VARIATION,
+    EFFORT_VARIATION_RATE,
+    EFFORT_JUMPS,
+    TIME_AT_EFFORT_LIMIT,
+    TIME_AT_RATE_LIMIT,
+    ADAPTIVE_GAIN,
 )
 """Every metric, in the order of columns; those that do not fit are left out from the end."""
 _CELL = 9
@@ -72,10 +67,10 @@ def metrics_table(metrics: Mapping[str, Any], width: int = 80) -> Table:
     if mixed:
         table.add_column("units", no_wrap=True)
         taken += 10
-    known = [m for m in METRICS if m.key in metrics and (not m.only_if_any or any(metrics[m.key]))]
+    known = [m for m in COLUMNS if m.key in metrics and (not m.only_if_any or any(metrics[m.key]))]
     columns = known[: max(1, (width - taken - 3) // (_CELL + 2))]
     for metric in columns:
-        unit = "" if mixed and "{" in metric.unit else metric.unit.format(**units[0]._asdict())
+        unit = "" if mixed and "{" in metric.unit else metric.unit_of(units[0])
         table.add_column(f"{metric.heading}\n{unit}".strip(), justify="right", vertical="bottom", max_width=_CELL)
     for j, joint in enumerate(joints):
         of_joint = [f"{units[j].position}, {units[j].effort}"] if mixed else []

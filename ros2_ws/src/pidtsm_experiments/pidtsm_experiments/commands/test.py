@@ -47,15 +47,15 @@ def execute(options: argparse.Namespace) -> int:
         return _run(root, "pytest", *options.arguments)
     files = _affected(root, options.changed) if options.changed else []
     # The types take one processor for as long as compiling and the first tests take the other.
-    with TemporaryFile("w+") as said, _start(root, *_TYPES, stdout=said, stderr=said) as types:
+    with TemporaryFile("w+") as output, _start(root, *_TYPES, stdout=output, stderr=output) as types:
         with subprocess.Popen([sys.executable, "-c", _COMPILE], cwd=root / "tests"):
             failed = [" ".join(check) for check in _STYLE if _run(root, *check)]
         if files is not None:
             failed += _test(root, options.arguments, files)
         if types.wait():
             failed.append(" ".join(_TYPES))
-        said.seek(0)
-        sys.stdout.write(said.read())
+        output.seek(0)
+        sys.stdout.write(output.read())
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)
     return 1 if failed else 0

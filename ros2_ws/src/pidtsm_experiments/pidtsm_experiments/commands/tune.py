@@ -86,7 +86,7 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def identity_of(arm: ArmDefinition) -> dict[str, Any]:
-    """What of the identity of a search is the arm, see `tune`: more than a name only if more is said."""
+    """What of the identity of a search is the arm, see `tune`: more than a name only if more is specified."""
     more = {} if arm == ArmDefinition(arm.description) else {"arm": arm.content()}
     return {"robot": arm.label, **more}
 

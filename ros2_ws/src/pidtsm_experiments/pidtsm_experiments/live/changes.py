@@ -12,8 +12,8 @@ from pidtsm_experiments.live.parameters import shown
 LARGE = 3.0
 """A change by more than this factor, in either direction, is large."""
 
-_TOLD = 3
-"""Values of a step that are told."""
+_LISTED = 3
+"""Values of a step that are listed."""
 
 
 def is_large(before: Any, after: Any) -> bool:
@@ -75,12 +75,12 @@ class Step:
     def __str__(self) -> str:
         # A choice, such as of the law, comes before the parameters that come and go with it.
         names = sorted({**self.before, **self.after}, key=lambda name: not name.endswith(".name"))
-        text = "; ".join(told(name, self.before.get(name), self.after.get(name)) for name in names[:_TOLD])
-        text += f"; and {len(names) - _TOLD} more" if len(names) > _TOLD else ""
+        text = "; ".join(described(name, self.before.get(name), self.after.get(name)) for name in names[:_LISTED])
+        text += f"; and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
         return f"{self.node} {text}" + (f" ({self.by})" if self.by else "")
 
 
-def told(name: str, before: Any, after: Any) -> str:
+def described(name: str, before: Any, after: Any) -> str:
     """One change in words."""
     return f"{name}: {_or_none(before)} → {_or_none(after)}"
 

@@ -14,7 +14,7 @@ Widget: TypeAlias = GuiTextHandle | GuiCheckboxHandle | GuiDropdownHandle[str]
 Apply: TypeAlias = Callable[[Mapping[str, Any]], Awaitable[None]]
 """Gives a node new values by name, or raises RefusedError."""
 Agree: TypeAlias = Callable[[ClientHandle | None, Mapping[str, Any], Callable[[], Coroutine[Any, Any, None]]], bool]
-"""Asks a browser whether a node may get new values, and then calls back; false: there is nothing to ask."""
+"""Has a browser confirm that a node gets new values, and then calls back; false: nothing needs a confirmation."""
 Run: TypeAlias = Callable[[Coroutine[Any, Any, None]], None]
 """Runs something in the thread of the page, and shows why it was refused, if it was."""
 
@@ -64,7 +64,7 @@ class Form:
         @submit.on_click
         def _(event: GuiEvent[Any]) -> None:
             self._acts.run(self._submit(event.client))
-            form.submit()  # Tells the browsers that nothing is left to apply; names no browser.
+            form.submit()  # Informs the browsers that nothing is left to apply; names no browser.
 
         @form.on_submit
         def _(event: GuiEvent[Any]) -> None:

@@ -50,12 +50,12 @@ class Desk:
             await action
         except RefusedError as error:
             self.system.note(f"refused: {error}")
-            self.tell("Refused", str(error), "red")
+            self.notify("Refused", str(error), "red")
         except Exception as error:  # Whatever a browser sends, the page goes on.
             self.system.note(f"failed: {error!r}")
             traceback.print_exc()
 
-    def tell(self, title: str, text: str, color: Any = "green") -> None:
+    def notify(self, title: str, text: str, color: Any = "green") -> None:
         """Show a notification in every browser."""
         for client in self.server.get_clients().values():
             client.add_notification(title, text, color=color, auto_close_seconds=_CLOSES_AFTER)
@@ -92,11 +92,11 @@ class Desk:
             moves: whether it may set the arm in motion, which must be confirmed if the arm is real.
         """
         if moves and not self.system.simulated:
-            self.ask(client, f"**{label}** may set it in motion. Is everybody out of its reach?", label, action)
+            self.confirm(client, f"**{label}** may set it in motion. Is everybody out of its reach?", label, action)
         else:
             self.run(action())
 
-    def ask(
+    def confirm(
         self, client: ClientHandle | None, question: str, label: str, action: Callable[[], Coroutine[Any, Any, None]]
     ) -> None:
         """Do something to a real arm, once it is confirmed.

@@ -7,7 +7,7 @@ from pidtsm_experiments.live.nodes import Nodes
 _FORCE, _MASS, _LASTS = 50.0, 0.5, 0.3
 _LONGEST_PUSH = 5.0  # s
 _LARGEST = 1e6
-"""Of a force (N) or mass (kg) that can be entered."""
+"""Largest force (N) or mass (kg) that can be entered."""
 
 
 class Pushing:
@@ -30,14 +30,14 @@ class Pushing:
 
 
 class Carrying:
-    """A load that the arm picks up and drops; the controller is not told."""
+    """A load that the arm picks up and drops; unknown to the controller."""
 
     def __init__(self, desk: Desk) -> None:
         """Add the controls to the current container."""
         self._desk, gui = desk, desk.server.gui
         with gui.add_folder("Load"):
             self._mass = gui.add_number("mass [kg]", _MASS, min=0.0, max=_LARGEST, step=0.05, hint="mass at the tool")
-            desk.button("Pick up", self._pick_up, "the arm carries this mass from now on; the controller is not told")
+            desk.button("Pick up", self._pick_up, "the arm carries this mass from now on; unknown to the controller")
             desk.button("Drop", self._drop, "the arm carries nothing")
 
     async def _pick_up(self) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 from viser import ClientHandle, GuiTabHandle
 
-from pidtsm_experiments.live.changes import LARGE, is_large, told
+from pidtsm_experiments.live.changes import LARGE, described, is_large
 from pidtsm_experiments.live.controls import Acts, Form, Message, groups
 from pidtsm_experiments.live.desk import Desk
 from pidtsm_experiments.live.errors import RefusedError
@@ -97,7 +97,7 @@ class NodeForms:
     def _agree(
         self, client: ClientHandle | None, values: Mapping[str, Any], go_on: Callable[[], Coroutine[Any, Any, None]]
     ) -> bool:
-        """Ask before a large change of a real arm; false: there is nothing to ask."""
+        """Have a large change of a real arm confirmed; false: nothing needs a confirmation."""
         known = self.values
         large = [name for name, value in values.items() if is_large(known.get(name), value)]
         if not large or self._desk.system.simulated:
@@ -109,9 +109,9 @@ class NodeForms:
                 raise RefusedError(f"{', '.join(values)}: changed in the meantime; look, and apply it again")
             await go_on()
 
-        lines = "\n".join(f"* {told(name, before[name], values[name])}" for name in large)
+        lines = "\n".join(f"* {described(name, before[name], values[name])}" for name in large)
         question = f"A change by more than a factor of {LARGE:g}:\n\n{lines}\n\nIs everybody out of its reach?"
-        self._desk.ask(client, question, "Change it", confirmed)
+        self._desk.confirm(client, question, "Change it", confirmed)
         return True
 
     async def apply(self, changes: Mapping[str, Any]) -> None:
@@ -137,7 +137,7 @@ class NodeForms:
             await self.restart(changes, recorded)
             return
         before = {name: self.values[name] for name in changes if name in self.values}
-        # Known beforehand: the event that tells of it must not look like a change by somebody else.
+        # Known beforehand: the event that reports it must not look like a change by somebody else.
         self.values.update(changes)
         try:
             await self._desk.system.set(self._node, changes)
@@ -194,7 +194,7 @@ class NodeForms:
         self._desk.system.note(f"{', '.join(begun)} started again")
 
     def follow(self, changes: Mapping[str, Any]) -> None:
-        """Show what the node says that has changed; a new start of the node by the page uses it."""
+        """Show what has changed according to the node; a new start of the node by the page uses it."""
         known = {name: self.values[name] for name in changes if name in self.values}
         self._desk.changes.record(self._node, known, {name: changes[name] for name in known}, "by another program")
         self._shows(changes)

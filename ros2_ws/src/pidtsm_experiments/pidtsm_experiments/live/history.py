@@ -11,7 +11,7 @@ from pidtsm_core.arrays import Array
 SPAN = 20.0
 """Length of the curves, s."""
 _BUCKET = 50_000_000
-"""Of a curve, the smallest and the largest value within this time are kept, ns."""
+"""Time of which a curve keeps the smallest and the largest value, ns."""
 _BUCKETS = round(SPAN * 1e9 / _BUCKET)
 
 

@@ -1,4 +1,4 @@
-"""What is known of each node now: whether it lives, when it was heard last, and how it ended."""
+"""What is known of each node now: whether it lives, when its last message arrived, and how it ended."""
 
 import time
 from collections.abc import Collection, Iterator, Mapping
@@ -42,7 +42,7 @@ class Life:
     """One node. Times are those of `time.monotonic`, s.
 
     Attributes:
-        heard: when its last message arrived; None: none has.
+        received: when its last message arrived; None: none has.
         expected: when the next one is late; it is silent afterwards.
         ended: how its process ended; empty: it runs, or is not known.
         found_ended: when that was noticed, half a second later at most.
@@ -50,7 +50,7 @@ class Life:
         present: whether it is in the graph. A node that is killed stays there for up to 20 s.
     """
 
-    heard: float | None = None
+    received: float | None = None
     expected: float = 0.0
     ended: str = ""
     found_ended: float = 0.0
@@ -63,19 +63,19 @@ class Life:
             return Condition.DEAD
         if self.suspended:
             return Condition.SUSPENDED
-        if self.heard is None:
+        if self.received is None:
             return Condition.UNHEARD
         return Condition.ALIVE if now <= self.expected else Condition.SILENT
 
     def sentence(self, now: float) -> Sentence:
         """The same in words, with the time of the last message."""
         condition = self.condition(now)
-        last = "" if self.heard is None else f"last message {time_of_day(self.heard)}"
+        last = "" if self.received is None else f"last message {time_of_day(self.received)}"
         if condition is Condition.DEAD:
             text = f"dead: {self.ended} at {time_of_day(self.found_ended)}" + (last and f", {last}")
-        elif condition is Condition.SILENT and self.heard is not None:
+        elif condition is Condition.SILENT and self.received is not None:
             left = "" if self.present else "; it has left the network"
-            text = f"silent since {time_of_day(self.heard)} ({now - self.heard:.0f} s){left}"
+            text = f"silent since {time_of_day(self.received)} ({now - self.received:.0f} s){left}"
         elif condition is Condition.UNHEARD:
             text = "no message yet: it starts, or is not configured" if self.present else "not there"
         else:
@@ -99,11 +99,11 @@ class Lives:
         """What is known of a node; it counts as one of the system from now on."""
         return self._lives.setdefault(node, Life())
 
-    def hear(self, node: str, within: float, now: float | None = None) -> None:
+    def note_message(self, node: str, within: float, now: float | None = None) -> None:
         """A message of a node has arrived; it is alive for `within` s."""
         now = time.monotonic() if now is None else now
         life = self.of(node)
-        life.heard, life.expected = now, max(life.expected, now + within)
+        life.received, life.expected = now, max(life.expected, now + within)
 
     def end(self, node: str, ended: str, suspended: bool = False, now: float | None = None) -> None:
         """How the process of a node has ended (empty: it runs), and whether it is suspended."""
@@ -131,8 +131,8 @@ class Lives:
 
     def age(self, node: str) -> float | None:
         """Time since the last message of a node, s; None: none has arrived."""
-        heard = self._lives[node].heard if node in self._lives else None
-        return None if heard is None else time.monotonic() - heard
+        received = self._lives[node].received if node in self._lives else None
+        return None if received is None else time.monotonic() - received
 
     def trouble(self, node: str) -> str:
         """Why a node cannot answer, as a sentence without its end; empty: nothing is known against it."""

@@ -77,7 +77,7 @@ class Page:
                 if self._watching is not None:
                     self._show(picture, self._watching)
                 if picture % _TELL_EVERY == 0:
-                    self._tell()
+                    self._report()
                 await asyncio.sleep(_PERIOD)
         finally:
             building.cancel()
@@ -196,7 +196,7 @@ class Page:
         if picture % _TELL_EVERY == 0:
             watching.show()
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         """Update the texts."""
         self._strip.look()
         self._read_returned()
@@ -216,12 +216,12 @@ class Page:
                 self._lost.add(node)
             elif node in self._lost and lives.condition(node) is Condition.ALIVE:
                 self._lost.discard(node)
-                self._desk.system.note(f"{node} is heard again")
+                self._desk.system.note(f"{node} is alive again")
                 self._desk.run(forms.read_again())
 
     def _move(self, batch: Batch | None) -> None:
         """Show the arm: as the controller sees it, or as it is measured while the controller is silent."""
-        reference, effort = None, np.full(len(self._joints), np.nan)  # Unknown while nothing tells of them.
+        reference, effort = None, np.full(len(self._joints), np.nan)  # Unknown while no message has them.
         if batch is not None:
             last = batch.values[-1]
             self._position = last[Signal.POSITION]

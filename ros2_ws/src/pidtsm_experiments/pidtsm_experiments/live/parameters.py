@@ -1,4 +1,4 @@
-"""Parameters of a node as its descriptors tell them, and values as a person writes them."""
+"""Parameters of a node as in its descriptors, and values as a person writes them."""
 
 from typing import Any, NamedTuple
 

@@ -12,7 +12,7 @@ from pidtsm_studies.reports.styles import SERIES
 
 SHOWN = {
     Signal.POSITION_ERROR: "error e in {position}",
-    Signal.EFFORT: "torque τ in {effort}",
+    Signal.EFFORT: "effort τ in {effort}",
     Signal.SLIDING_VARIABLE: "sliding variable s, in thousandths",
     Signal.ADAPTIVE_GAIN: "adaptive gain Υ",
 }

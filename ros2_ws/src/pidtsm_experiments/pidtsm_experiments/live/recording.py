@@ -60,7 +60,7 @@ class Recording:
 
     @property
     def ended(self) -> str:
-        """How the recorder has ended by itself; empty: it runs, or was not asked to record."""
+        """How the recorder has ended by itself; empty: it runs, or was not started to record."""
         process = self._processes.running.get("recorder")
         code = None if process is None else process.process.poll()
         return "" if code is None else how_ended(code)

@@ -1,4 +1,4 @@
-"""One line for each node: whether it lives, when it was heard last, and what starts it again."""
+"""One line for each node: whether it lives, when its last message arrived, and what starts it again."""
 
 import time
 from collections.abc import Callable, Coroutine
@@ -45,7 +45,7 @@ class Strip:
                 lives.end(node, desk.nodes.ended(node), desk.nodes.suspended(node))
         if self._recording.on:
             if self._recording.samples != self._samples or _RECORDER not in lives:
-                lives.hear(_RECORDER, REPORTS_WITHIN)
+                lives.note_message(_RECORDER, REPORTS_WITHIN)
             self._samples = self._recording.samples
             lives.end(_RECORDER, "")
         elif self._recording.ended:

@@ -17,7 +17,7 @@ _HINTS = {
 _MOVING = {("freedrive", True), ("hold", False)}
 """What may set the arm in motion."""
 _SHOWN_AFTER = 1.5
-"""s after which a switch shows what the controller does: it reports once a second that it was told to hold."""
+"""s after which a switch shows what the controller does: it reports once a second that it holds on request."""
 
 
 class Switches:
@@ -27,7 +27,7 @@ class Switches:
         """Add them to the current container."""
         self._desk = desk
         self._boxes = {name: self._box(name) for name in _HINTS}
-        self._asked = dict.fromkeys(_HINTS, 0.0)
+        self._requested = dict.fromkeys(_HINTS, 0.0)
 
     def _box(self, name: str) -> GuiCheckboxHandle:
         box = self._desk.server.gui.add_checkbox(name, False, hint=_HINTS[name])
@@ -36,7 +36,7 @@ class Switches:
         def _(event: GuiEvent[Any]) -> None:
             if event.client is not None:  # Otherwise it only shows what is.
                 on = bool(box.value)
-                self._asked[name] = time.monotonic() + _SHOWN_AFTER
+                self._requested[name] = time.monotonic() + _SHOWN_AFTER
                 text = f"{name} {'on' if on else 'off'}"
                 self._desk.act(event.client, text, lambda: self._switch(name, on), (name, on) in _MOVING)
 
@@ -46,7 +46,7 @@ class Switches:
         try:
             await self._desk.system.switch(f"controller/{name}", on)
         except RefusedError:
-            self._asked[name] = 0.0
+            self._requested[name] = 0.0
             raise
         self._desk.system.note(f"{name} {'on' if on else 'off'}")
 
@@ -58,5 +58,5 @@ class Switches:
         known = {"freedrive": newest.mode == Mode.FREEDRIVE, "hold": held}
         for name, on in known.items():
             box = self._boxes[name]
-            if on is not None and time.monotonic() > self._asked[name] and box.value != on:
+            if on is not None and time.monotonic() > self._requested[name] and box.value != on:
                 setattr(box, "value", on)  # noqa: B010  viser's types do not know that it can be set.

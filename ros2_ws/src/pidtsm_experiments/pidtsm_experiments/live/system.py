@@ -28,7 +28,7 @@ from pidtsm_experiments.live.lives import REPORTS_WITHIN, SAMPLES_WITHIN, Condit
 from pidtsm_experiments.live.messages import one_point
 from pidtsm_experiments.live.parameters import Described, plain
 from pidtsm_experiments.live.stream import Batch, StateStream, by_name
-from pidtsm_experiments.live.words import Heard
+from pidtsm_experiments.live.words import Known
 from pidtsm_msgs.msg import ControllerState
 from pidtsm_ros.process import spin_for
 from pidtsm_ros.qos import READER, RELIABLE_READER
@@ -49,7 +49,7 @@ PUSH_EVERY = 0.05
 """s between two messages of a push; each acts for 0.1 s."""
 _ABOVE_INFO = 20
 _HELD = "call ~/hold with false"
-"""What the controller reports that was told to hold the arm."""
+"""What the controller reports that holds the arm on request."""
 NODE_NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 """Stands for the name of a node whose topics are discovered before it is."""
 
@@ -81,7 +81,7 @@ class System:
         self.changed: list[tuple[str, dict[str, Any]]] = []
         self._clients: dict[str, Client] = {}
         self._states = StateStream(self._listener)
-        self._heard = time.monotonic()
+        self._received = time.monotonic()
         self._joint_states: Subscription | None = None
         exact = ExactPublisher
         self._pushes = self._node.create_publisher(WrenchStamped, "simulator/push", 10, publisher_class=exact)
@@ -151,23 +151,23 @@ class System:
     @property
     def silence(self) -> float:
         """Time since the last state of the controller, s."""
-        return time.monotonic() - self._heard
+        return time.monotonic() - self._received
 
     @property
     def since(self) -> str:
         """Time of day of the last state of the controller."""
-        return time_of_day(self._heard)
+        return time_of_day(self._received)
 
     def states(self) -> Batch | None:
         """The states of the controller since the last call."""
         batch = self._states.take()
         if batch is not None:
-            self._heard = time.monotonic()
+            self._received = time.monotonic()
             if batch.newest.mode != self._mode:
                 self._mode, self._held = batch.newest.mode, None
             self._reports.pop("controller", None)  # It is active: what it reported before no longer holds.
-            self.lives.hear("controller", SAMPLES_WITHIN)
-            self._hear_source()  # Each state answers a joint state.
+            self.lives.note_message("controller", SAMPLES_WITHIN)
+            self._note_source()  # Each state answers a joint state.
             self._ignore_joint_states()
         return batch
 
@@ -181,13 +181,13 @@ class System:
         while (taken := self._joint_states.handle.take_message(JointState, False)) is not None:
             newest = taken[0]
         if newest is not None:
-            self._hear_source()
+            self._note_source()
         found = None if newest is None else by_name(newest.name, newest.position, joints)
         return found if found is not None and np.isfinite(found).all() else None
 
-    def _hear_source(self) -> None:
+    def _note_source(self) -> None:
         if self.source.node:
-            self.lives.hear(self.source.node, SAMPLES_WITHIN)
+            self.lives.note_message(self.source.node, SAMPLES_WITHIN)
 
     def _ignore_joint_states(self) -> None:
         """The controller runs: publishing the joint states to one more reader would delay its commands."""
@@ -203,10 +203,10 @@ class System:
 
     @property
     def held(self) -> bool | None:
-        """Whether the controller was told to hold the arm; None: it has not reported since its mode has changed."""
+        """Whether the controller holds the arm on request; None: it has not reported since its mode has changed."""
         return self._held
 
-    def heard(self, newest: ControllerState | None, ended: str = "") -> Heard:
+    def known(self, newest: ControllerState | None, ended: str = "") -> Known:
         """What is known of the controller.
 
         Args:
@@ -216,7 +216,7 @@ class System:
         alive = self.lives.condition("controller") is Condition.ALIVE
         missing = self.lives.trouble(self.source.node)
         report = self.report("controller")
-        return Heard(newest, self.silence, self.since, report, alive, ended, missing, self._held)
+        return Known(newest, self.silence, self.since, report, alive, ended, missing, self._held)
 
     def _own(self, full_name: str) -> str | None:
         """The name of a node of the namespace; None: the node is another."""
@@ -229,7 +229,7 @@ class System:
                 self._reports[name] = status.message
                 if name == "controller":
                     self._held = _HELD in status.message
-                self.lives.hear(name, REPORTS_WITHIN)
+                self.lives.note_message(name, REPORTS_WITHIN)
 
     def _on_log(self, message: Log) -> None:
         name = self._own(message.name.replace(".", "/"))
@@ -261,17 +261,17 @@ class System:
                 known = self.lives.trouble(node) or f"{node} does not run, or is not configured"
                 raise RefusedError(f"no {name}: {known}")
             await asyncio.sleep(_POLL)
-        futures, asked = [client.call_async(request)], time.monotonic()
-        end = asked + within
+        futures, sent = [client.call_async(request)], time.monotonic()
+        end = sent + within
         while not any(future.done() for future in futures):
             if time.monotonic() > end:
                 for future in futures:
                     client.remove_pending_request(future)
                 known = self.lives.trouble(node)
                 raise RefusedError(f"{node} did not answer {name} within {within:g} s{known and f': {known}'}")
-            if kind in _REPEATABLE and time.monotonic() > asked + _AGAIN:
+            if kind in _REPEATABLE and time.monotonic() > sent + _AGAIN:
                 futures.append(client.call_async(request))
-                asked = time.monotonic()
+                sent = time.monotonic()
             await asyncio.sleep(_POLL)
         return next(future.result() for future in futures if future.done())
 
@@ -303,8 +303,8 @@ class System:
         """
         listed = await self.call(ListParameters, f"{node}/list_parameters", ListParameters.Request())
         names = sorted(listed.result.names)
-        asked = DescribeParameters.Request(names=names)
-        described = await self.call(DescribeParameters, f"{node}/describe_parameters", asked)
+        sent = DescribeParameters.Request(names=names)
+        described = await self.call(DescribeParameters, f"{node}/describe_parameters", sent)
         values = await self.call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
         return [
             Described(descriptor, plain(value))

@@ -18,7 +18,7 @@ _SHOWN = 8
 class Undo:
     """What has been changed since the page began, and the way back.
 
-    One step back is never asked about: its values were in force before, and whoever sees an arm shake needs one click.
+    One step back needs no confirmation: its values were in force before, and whoever sees an arm shake needs one click.
     """
 
     def __init__(self, desk: Desk, forms: Mapping[str, NodeForms]) -> None:
@@ -39,7 +39,7 @@ class Undo:
                 f"All changes are undone together, some by more than a factor of {LARGE:g}. "
                 "Is everybody out of its reach?"
             )
-            desk.ask(event.client, question, "Undo all", lambda: self._undo(len(desk.changes.steps)))
+            desk.confirm(event.client, question, "Undo all", lambda: self._undo(len(desk.changes.steps)))
 
     def _large(self) -> bool:
         """Whether a value changes much if all is undone."""

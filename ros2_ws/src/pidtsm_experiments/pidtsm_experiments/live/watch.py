@@ -7,9 +7,10 @@ import numpy as np
 from viser import GuiTabHandle
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.recording.metric import MEAN_EFFORT, RMSE, Metric
 from pidtsm_core.signals import Signal
 from pidtsm_core.units import JointUnits, either
-from pidtsm_core.written import quantity
+from pidtsm_core.written import Scale, scale, scaled
 from pidtsm_experiments.live.desk import Desk
 from pidtsm_experiments.live.history import History, Measurement
 from pidtsm_experiments.live.motion import Moving
@@ -32,14 +33,14 @@ class Status:
     def show(self, newest: ControllerState | None, name: str) -> None:
         """Show the state; `newest`: last state of the controller, or None; `name`: of the arm."""
         system, nodes = self._desk.system, self._desk.nodes
-        heard = system.heard(newest, nodes.ended("controller") if nodes is not None else "")
-        sentence = mode(heard)
+        known = system.known(newest, nodes.ended("controller") if nodes is not None else "")
+        sentence = mode(known)
         real = "REAL ARM" if system.source.driver else "REAL ARM, not seen yet"
         kind = badge("SIMULATED", GREEN) if system.simulated else badge(real, AMBER)
         self._html.content = (
             f'<div id="status" style="padding:0.5em 0.75em;line-height:1.6">{kind} <b>{escape(name)}</b><br>'
             f'<span style="color:{sentence.color};font-weight:600">{escape(sentence.text)}</span><br>'
-            f'<span style="font-size:0.8em;opacity:0.75">{loop(heard)}</span></div>'
+            f'<span style="font-size:0.8em;opacity:0.75">{loop(known)}</span></div>'
         )
 
 
@@ -93,10 +94,13 @@ class Watching:
     def show(self) -> None:
         """Show metrics and events."""
         now, kept = self._measured, self._kept
-        self._metrics.content = _table(self._joints, self._units, {"RMSE": now.rmse, "ECI": now.eci})
+        self._metrics.content = metrics_table(
+            self._joints, self._units, [("RMSE", RMSE, now.rmse), ("ECI", MEAN_EFFORT, now.eci)]
+        )
         if kept.samples and now.samples:
-            columns = {"RMSE of A": kept.rmse, "RMSE": now.rmse, "ECI of A": kept.eci, "ECI": now.eci}
-            self._compared.content = _table(self._joints, self._units, columns)
+            columns = [("RMSE of A", RMSE, kept.rmse), ("RMSE", RMSE, now.rmse)]
+            columns += [("ECI of A", MEAN_EFFORT, kept.eci), ("ECI", MEAN_EFFORT, now.eci)]
+            self._compared.content = metrics_table(self._joints, self._units, columns)
         lines = "".join(f"<div>{time} {escape(text)}</div>" for time, text in self._desk.system.events)
         self._events.content = f'<div id="events" style="padding:0.5em 0.75em;font-size:0.8em">{lines}</div>'
 
@@ -119,18 +123,44 @@ def _legend(joints: Sequence[str]) -> str:
     return f'<div style="padding:0.25em 0.75em">{names}</div>'
 
 
-def _table(joints: Sequence[str], units: Sequence[JointUnits], columns: dict[str, Array]) -> str:
-    """RMSE and ECI per joint since the mark, as HTML; empty columns are left out."""
-    filled = {name: values for name, values in columns.items() if np.size(values) == len(joints)}
-    head = "".join(f'<th style="text-align:right;padding-left:1em">{name}</th>' for name in filled)
+def metrics_table(
+    joints: Sequence[str], units: Sequence[JointUnits], columns: Sequence[tuple[str, Metric, Array]]
+) -> str:
+    """Metrics per joint since the mark, as HTML.
+
+    Args:
+        joints: names.
+        units: of each joint.
+        columns: heading, metric and values (SI, shape (joints,)) of each; one without values is left out. Those of the
+            same metric have the same unit.
+    """
+    filled = [column for column in columns if np.size(column[2]) == len(joints)]
+    shown = {
+        metric: _scales(metric, np.max([values for _, each, values in filled if each is metric], axis=0), units)
+        for _, metric, _ in filled
+    }
+    head = "".join(
+        f'<th style="text-align:right;padding-left:1em">{heading}<br>'
+        f'<span style="font-weight:400">{either(each.unit for each in shown[metric].values())}</span></th>'
+        for heading, metric, _ in filled
+    )
     rows = "".join(
         f'<tr><td style="color:{color(i)};font-weight:600">{escape(joint)}</td>'
         + "".join(
             f'<td style="text-align:right;padding-left:1em;white-space:nowrap">'
-            f"{quantity(float(values[i]), units[i].position if name.startswith('RMSE') else units[i].effort)}</td>"
-            for name, values in filled.items()
+            f"{scaled(float(values[i]), shown[metric][metric.unit_of(units[i])])}</td>"
+            for _, metric, values in filled
         )
         + "</tr>"
         for i, joint in enumerate(joints)
     )
     return f'<table style="margin:0.5em 0.75em;font-size:0.85em"><tr><th>since the mark</th>{head}</tr>{rows}</table>'
+
+
+def _scales(metric: Metric, largest: Array, units: Sequence[JointUnits]) -> dict[str, Scale]:
+    """A scale for each SI unit, which fits the largest value: it changes less often than one that fits most values."""
+    si = [metric.unit_of(each) for each in units]
+    return {
+        unit: scale([max(float(largest[i]) for i in range(len(si)) if si[i] == unit)], unit)
+        for unit in dict.fromkeys(si)
+    }

@@ -30,7 +30,7 @@ class Sentence:
 
 
 @dataclass(frozen=True)
-class Heard:
+class Known:
     """What is known of the controller and of the source of its joint states.
 
     Attributes:
@@ -38,10 +38,10 @@ class Heard:
         silence: time since then, s.
         since: time of day of the last state.
         report: what the controller has reported on /diagnostics since then; empty: nothing.
-        alive: whether the controller was heard lately.
+        alive: whether the controller has sent something lately.
         ended: how its process has ended; empty: it runs, or is not known.
         missing: why there are no joint states; empty: not known.
-        held: whether the controller was told to hold the arm; None: not known.
+        held: whether the controller holds the arm on request; None: not known.
     """
 
     newest: ControllerState | None
@@ -54,19 +54,19 @@ class Heard:
     held: bool | None = False
 
 
-def mode(heard: Heard) -> Sentence:
+def mode(known: Known) -> Sentence:
     """What the controller does, and why it has stopped if it has."""
-    newest = heard.newest
-    if heard.ended:
-        return Sentence(f"The controller {heard.ended}", RED)
-    if newest is None or heard.silence > LATE:
-        return _silent(heard)
+    newest = known.newest
+    if known.ended:
+        return Sentence(f"The controller {known.ended}", RED)
+    if newest is None or known.silence > LATE:
+        return _silent(known)
     if reason := fault(newest):
         return Sentence(f"Stopped: {reason}. It holds the arm until the fault is reset", RED)
-    reasons = {True: ", as it was told to", False: ": the reference is missing or too old", None: ""}
+    reasons = {True: " on request", False: ": the reference is missing or too old", None: ""}
     sentences = {
         Mode.FOLLOWING: Sentence("Following the reference", GREEN),
-        Mode.HOLDING: Sentence(f"Holding its position{reasons[heard.held]}", AMBER),
+        Mode.HOLDING: Sentence(f"Holding its position{reasons[known.held]}", AMBER),
         Mode.FREEDRIVE: Sentence("Freedrive: the arm can be moved by hand", AMBER),
     }
     return sentences.get(newest.mode, Sentence(f"In mode {newest.mode}", AMBER))
@@ -82,18 +82,18 @@ def fault(newest: ControllerState) -> str:
         return f"fault {newest.fault}"
 
 
-def _silent(heard: Heard) -> Sentence:
-    if heard.report.startswith("inactive"):
-        return Sentence(f"The controller is {heard.report}{_because(heard.missing)}", AMBER)
-    if heard.newest is None and not heard.missing:
+def _silent(known: Known) -> Sentence:
+    if known.report.startswith("inactive"):
+        return Sentence(f"The controller is {known.report}{_because(known.missing)}", AMBER)
+    if known.newest is None and not known.missing:
         return Sentence("Waiting for the controller", GREY)
     text = (
-        f"No state of the controller since {heard.since}" if heard.newest is not None else "No state of the controller"
+        f"No state of the controller since {known.since}" if known.newest is not None else "No state of the controller"
     )
-    if heard.report not in ("", _FINE):
-        return Sentence(f'{text}: it runs, and reports "{heard.report}"{_because(heard.missing)}', RED)
-    if heard.alive:
-        return Sentence(f"{text}{_because(heard.missing)}", RED)
+    if known.report not in ("", _FINE):
+        return Sentence(f'{text}: it runs, and reports "{known.report}"{_because(known.missing)}', RED)
+    if known.alive:
+        return Sentence(f"{text}{_because(known.missing)}", RED)
     return Sentence(f"{text}: it does not run, or does not answer", RED)
 
 
@@ -101,13 +101,13 @@ def _because(missing: str) -> str:
     return f"; {missing}" if missing else ""
 
 
-def loop(heard: Heard) -> str:
+def loop(known: Known) -> str:
     """Rate, age and missed deadlines as they are now."""
-    newest = heard.newest
+    newest = known.newest
     if newest is None:
         return ""
-    if heard.silence > OLD:
-        return f"0 commands per second · no data since {heard.since}"
+    if known.silence > OLD:
+        return f"0 commands per second · no data since {known.since}"
     return (
         f"{newest.rate:.0f} commands per second · age of the last joint state {newest.state_age * 1e3:.2f} ms · "
         f"{newest.missed_deadlines:.0f} missed deadlines"

@@ -69,7 +69,7 @@ def joined(namespace: str, words: Sequence[str] = ()) -> Iterator[System]:
         rclpy.try_shutdown()
 
 
-def ask(system: System, question: Coroutine[Any, Any, _Answer]) -> _Answer:
+def run(system: System, request: Coroutine[Any, Any, _Answer]) -> _Answer:
     """The answer of a coroutine, while the system is spun.
 
     Raises:
@@ -79,7 +79,7 @@ def ask(system: System, question: Coroutine[Any, Any, _Answer]) -> _Answer:
     async def answered() -> _Answer:
         spinning = asyncio.ensure_future(_spin(system))
         try:
-            return await question
+            return await request
         finally:
             spinning.cancel()
             with suppress(asyncio.CancelledError):

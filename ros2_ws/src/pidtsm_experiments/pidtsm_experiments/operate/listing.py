@@ -21,7 +21,7 @@ from pidtsm_msgs.msg import ControllerState
 _MARKS = {"controller": "law.name", "trajectory": "reference.name", "simulator": "robot.description"}
 """By name of a node, a parameter that a foreign node of the same name lacks."""
 _SETTLE = 3.2
-"""s in which the others are discovered, after the first: one that misses them hears of them 3 s later."""
+"""s in which the others are discovered, after the first: one that misses them discovers them 3 s later."""
 _REPORT_WITHIN = 1.5
 """s; nodes report once a second."""
 _POLL = 0.05  # s
@@ -57,14 +57,14 @@ class _Watched:
         self._reported: set[str] = set()
 
     def look(self) -> bool:
-        """Take what has arrived; whether every node was heard."""
+        """Take what has arrived; whether every node has reported."""
         self.system.spin()
         batch = self.system.states()
         self.newest = self.newest if batch is None else batch.newest
         self._reported |= {node for node in self.nodes if self.system.report(node)}
         # Whether the arm is held on request is in the report alone.
-        tells = self.newest is not None and self.newest.mode != Mode.HOLDING
-        return self._reported | ({"controller"} if tells else set()) >= set(self.nodes)
+        known = self.newest is not None and self.newest.mode != Mode.HOLDING
+        return self._reported | ({"controller"} if known else set()) >= set(self.nodes)
 
     async def row(self, node: str) -> Row | None:
         """What is known of a node; None: it is not one of pidtsm."""
@@ -82,7 +82,7 @@ class _Watched:
         if node != "controller":
             return Row(name, lifecycle, self.system.report(node) or "no report yet", age=age)
         newest, active = self.newest, lifecycle == "active"
-        status = mode(self.system.heard(newest)).text
+        status = mode(self.system.known(newest)).text
         if newest is None or not active:
             return Row(name, lifecycle, status, age=age)
         return Row(name, lifecycle, status, _mode(newest.mode), fault(newest), age)
@@ -116,8 +116,8 @@ async def rows(root: System, namespace: str | None) -> list[Row]:
             await asyncio.sleep(_POLL)
         spinning = asyncio.ensure_future(_spin(watched))
         try:
-            asked = [each.row(node) for each in watched for node in each.nodes]
-            return [row for row in await asyncio.gather(*asked) if row is not None]
+            pending = [each.row(node) for each in watched for node in each.nodes]
+            return [row for row in await asyncio.gather(*pending) if row is not None]
         finally:
             spinning.cancel()
 

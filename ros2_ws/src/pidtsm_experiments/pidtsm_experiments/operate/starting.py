@@ -24,15 +24,15 @@ from pidtsm_experiments.live.words import mode
 from pidtsm_msgs.msg import ControllerState
 from pidtsm_ros.stop import Stop
 
-Say = Callable[[str], None]
+Show = Callable[[str], None]
 """Called with each line."""
 
 _STILL = {"reference.name": "minimum_jerk"}
-"""The reference of a real arm, of which nobody said how it is to move; its ends are where the arm is."""
+"""The reference of a real arm, for which no motion is given; its ends are where the arm is."""
 _PERIOD = 0.05  # s
 _LOOK = 0.5  # s between two looks into the graph
 _WAIT = 2.0
-"""s without joint states after which it is said that they are awaited."""
+"""s without joint states after which a line shows that they are awaited."""
 _REST_WITHIN = 3.0
 """s for the arm to come to rest before the nodes end."""
 _AGE = re.compile(r" \(\d+ s\)")
@@ -54,7 +54,7 @@ class Start(NamedTuple):
 
 
 def still_scenario() -> Experiment:
-    """What happens if nobody says: the arm stays where it is."""
+    """The motion if none is given: the arm stays where it is."""
     return Experiment("still", "", 1.0, {"simulator": {}, "controller": {}, "trajectory": dict(_STILL)})
 
 
@@ -83,14 +83,14 @@ def surroundings(_node: str) -> dict[str, str]:
 
 
 class Watch:
-    """Starts nodes, says what changes, and brings the arm to rest at the end."""
+    """Starts nodes, shows what changes, and brings the arm to rest at the end."""
 
-    def __init__(self, system: System, nodes: Nodes, start: Start, say: Say) -> None:
-        """Args: say: called with each line."""
-        self._system, self._nodes, self._start, self._say = system, nodes, start, say
+    def __init__(self, system: System, nodes: Nodes, start: Start, show: Show) -> None:
+        """Args: show: called with each line."""
+        self._system, self._nodes, self._start, self._show = system, nodes, start, show
         self._joints = names(start.parameters["controller"]["joints"])
         self._newest: ControllerState | None = None
-        self._said: dict[str, str] = {}
+        self._shown: dict[str, str] = {}
         self._noted = 0
         self._arm_seen = False
         self._began = time.monotonic()
@@ -110,14 +110,14 @@ class Watch:
             if time.monotonic() > looked:
                 looked = time.monotonic() + _LOOK
                 self._look()
-            self._tell()
+            self._show_changes()
             await asyncio.sleep(_PERIOD)
         await self._rest(stop)
 
     def _begin(self, node: str) -> None:
         self._nodes.start(node)
         self._system.lives.begin(node)
-        self._say(f"{node} starts")
+        self._show(f"{node} starts")
 
     def _take(self) -> None:
         self._system.spin()
@@ -156,28 +156,28 @@ class Watch:
             if ended:
                 raise RunError(f"{node} {ended}; its last lines:\n{self._nodes.last_words(node)}")
 
-    def _tell(self) -> None:
-        """Say what has changed."""
+    def _show_changes(self) -> None:
+        """Show what has changed."""
         if self._newest is not None or self._system.report("controller"):
-            self._change("controller", mode(self._system.heard(self._newest)).text)
+            self._change("controller", mode(self._system.known(self._newest)).text)
         for node in self._system.lives:
             condition = self._system.lives.condition(node)
-            if condition is Condition.ALIVE and self._said.get(node, "") != condition.value:
-                self._said[node] = condition.value
-                self._say(f"{node} is heard")
-            elif condition is Condition.SILENT and self._said.get(node) == Condition.ALIVE.value:
-                self._said[node] = condition.value
-                self._say(self._system.lives.trouble(node))
+            if condition is Condition.ALIVE and self._shown.get(node, "") != condition.value:
+                self._shown[node] = condition.value
+                self._show(f"{node} is alive")
+            elif condition is Condition.SILENT and self._shown.get(node) == Condition.ALIVE.value:
+                self._shown[node] = condition.value
+                self._show(self._system.lives.trouble(node))
         while self._system.events:
             _, text = self._system.events.pop()
-            self._say(text)
+            self._show(text)
 
     def _change(self, topic: str, text: str) -> None:
-        """Say a text if it is not what was said last about this topic."""
+        """Show a text if it is not the last one about this topic."""
         key, lasting = f"/{topic}", _AGE.sub("", text)  # No name of a node has a slash.
-        if self._said.get(key) != lasting:
-            self._said[key] = lasting
-            self._say(text)
+        if self._shown.get(key) != lasting:
+            self._shown[key] = lasting
+            self._show(text)
 
     async def _rest(self, stop: Stop) -> None:
         """Bring an arm that follows to rest before the nodes end; another request to stop cuts it short."""
@@ -185,7 +185,7 @@ class Watch:
         if newest is None or newest.mode != Mode.FOLLOWING or self._system.silence > _LOOK:
             return
         stop.requested = False
-        self._say("bringing the arm to rest")
+        self._show("bringing the arm to rest")
         held = asyncio.ensure_future(self._system.switch("controller/hold", on=True))
         end = time.monotonic() + _REST_WITHIN
         while time.monotonic() < end and not stop.requested:
@@ -197,7 +197,7 @@ class Watch:
         try:
             await held
         except (RefusedError, asyncio.CancelledError) as error:
-            self._say(f"the arm is not at rest: {error or 'no answer'}")
+            self._show(f"the arm is not at rest: {error or 'no answer'}")
 
     def _resting(self) -> bool:
         state: Any = self._newest

@@ -19,7 +19,7 @@ ORIGIN = "run.json"
 _SOURCE = Path(pidtsm_core.__file__).resolve().parent
 _ANSWER_WITHIN = 5.0  # s
 _MAKING = ("version", "commit", "command")
-"""Keys that say how something was made."""
+"""Keys that describe how something was made."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ def making() -> dict[str, Any]:
 def write_origin(folder: Path, made_of: MadeOf = NOTHING, before: Path | None = None) -> None:
     """Write run.json to a result folder.
 
-    Seed and parameters are null if there are none. ``runs`` has, by its path, what run.json of each run that was read
-    says; null if it has none. ``renewed`` says which commands have made parts of the folder anew since.
+    Seed and parameters are null if there are none. ``runs`` has, by its path, the content of run.json of each run that
+    was read; null if it has none. ``renewed`` names the commands that have made parts of the folder anew since.
 
     Args:
         folder: of the result.
@@ -70,7 +70,7 @@ def write_origin(folder: Path, made_of: MadeOf = NOTHING, before: Path | None = 
 
 
 def origin_of(run: Path) -> dict[str, Any] | None:
-    """What run.json of a result folder says, given it, its bag, or a file of its bag; None if there is none."""
+    """Content of run.json of a result folder, given it, its bag, or a file of its bag; None if there is none."""
     folders = (run, *run.absolute().parents[: 2 if run.is_file() else 1 if (run / "metadata.yaml").exists() else 0])
     for folder in folders:
         try:
@@ -83,7 +83,7 @@ def origin_of(run: Path) -> dict[str, Any] | None:
 
 
 def comment() -> str:
-    """Lines at the start of a YAML file that say where it comes from."""
+    """Lines at the start of a YAML file about where it comes from."""
     version, revision, command = making().values()
     words = " ".join(shlex.quote(word) for word in [Path(command[0]).name, *command[1:]])
     return f"# pidtsm {version}, commit {revision or 'unknown'}\n# {' '.join(words.split())}\n"

@@ -17,7 +17,7 @@ from pidtsm_experiments.runs.origin import NOTHING, ORIGIN, MadeOf, write_origin
 def result_folder(out: Path, made_of: MadeOf = NOTHING) -> Iterator[Path]:
     """Yield an empty working folder; at the end of the block it becomes `out` and replaces earlier results.
 
-    It gets a file that says where the results come from, see `write_origin`, and a marker, see `ownership`. If the
+    It gets a file about where the results come from, see `write_origin`, and a marker, see `ownership`. If the
     block raises an exception, earlier results are kept, and the unfinished ones are moved to ``OUT.failed``, where the
     logs can be read. Links to `out` are followed. Only files that the program has made are removed.
 
@@ -56,7 +56,7 @@ def result_folder(out: Path, made_of: MadeOf = NOTHING) -> Iterator[Path]:
 def renewed(out: Path, *names: str, beside: tuple[str, ...] = (), made_of: MadeOf = NOTHING) -> Iterator[Path]:
     """Yield an empty working folder; at the end of the block its content replaces that of the same names in `out`.
 
-    `out` gets a file that says where the results come from, or a line in it if it has one, see `write_origin`. If the
+    `out` gets a file about where the results come from, or a line in it if it has one, see `write_origin`. If the
     block raises an exception, `out` is unchanged. Links to `out` are followed.
 
     Args:
@@ -200,7 +200,7 @@ def _move(unfinished: Path, out: Path) -> None:
 
 
 def _keep(unfinished: Path, failed: Path) -> str:
-    """Move what is unfinished to `failed`, and say so; never raises."""
+    """Move what is unfinished to `failed`, and report it; never raises."""
     try:
         with suppress(OSError):  # On a full disk, it stays marked as unfinished.
             ownership.mark(unfinished)

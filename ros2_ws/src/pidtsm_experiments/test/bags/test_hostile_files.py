@@ -141,7 +141,7 @@ def changed(edit: Callable[[bytes], bytes], metadata: bool = False) -> Change:
     return change
 
 
-def told(*keys: str, value: object) -> Change:
+def replaced(*keys: str, value: object) -> Change:
     """Another value in metadata.yaml."""
 
     def change(bag: Path) -> None:
@@ -226,24 +226,24 @@ CHANGES: dict[str, Change] = {
     "metadata with code": changed(lambda old: b"!!python/object/apply:os.getcwd []", metadata=True),
     "metadata that is a bomb": changed(lambda old: BOMB.encode(), metadata=True),
     "metadata that is deep": changed(lambda old: b"[" * 100_000, metadata=True),
-    "another version": told("version", value=999),
-    "version that is text": told("version", value="nine"),
-    "another storage": told("storage_identifier", value="floppy"),
-    "files of somebody": told("relative_file_paths", value=["../../../etc/passwd"]),
-    "files for ever": told("relative_file_paths", value=["/dev/zero"]),
-    "no files named": told("relative_file_paths", value=[]),
-    "files that are numbers": told("relative_file_paths", value=[1]),
-    "null in a name": told("relative_file_paths", value=["a\0b"]),
-    "compression": told("compression_format", value="zstd"),
-    "compression that is none": told("compression_mode", value="FILE"),
-    "huge count": told("message_count", value=2**62),
-    "negative count": told("message_count", value=-1),
-    "huge duration": told("duration", "nanoseconds", value=10**400),
-    "no topics": told("topics_with_message_count", value=[]),
-    "other type": told("topics_with_message_count", "0", "topic_metadata", "type", value="mine/msg/Nothing"),
-    "text for a type": told("topics_with_message_count", "0", "topic_metadata", "type", value="/"),
-    "text for a topic": told("topics_with_message_count", "0", "topic_metadata", "name", value=""),
-    "text for a count": told("topics_with_message_count", "0", "message_count", value="many"),
+    "another version": replaced("version", value=999),
+    "version that is text": replaced("version", value="nine"),
+    "another storage": replaced("storage_identifier", value="floppy"),
+    "files of somebody": replaced("relative_file_paths", value=["../../../etc/passwd"]),
+    "files for ever": replaced("relative_file_paths", value=["/dev/zero"]),
+    "no files named": replaced("relative_file_paths", value=[]),
+    "files that are numbers": replaced("relative_file_paths", value=[1]),
+    "null in a name": replaced("relative_file_paths", value=["a\0b"]),
+    "compression": replaced("compression_format", value="zstd"),
+    "compression that is none": replaced("compression_mode", value="FILE"),
+    "huge count": replaced("message_count", value=2**62),
+    "negative count": replaced("message_count", value=-1),
+    "huge duration": replaced("duration", "nanoseconds", value=10**400),
+    "no topics": replaced("topics_with_message_count", value=[]),
+    "other type": replaced("topics_with_message_count", "0", "topic_metadata", "type", value="mine/msg/Nothing"),
+    "text for a type": replaced("topics_with_message_count", "0", "topic_metadata", "type", value="/"),
+    "text for a topic": replaced("topics_with_message_count", "0", "topic_metadata", "name", value=""),
+    "text for a count": replaced("topics_with_message_count", "0", "message_count", value="many"),
     "no messages": statements("DELETE FROM messages"),
     "no table": statements("DROP TABLE messages"),
     "no topic": statements("DELETE FROM topics"),

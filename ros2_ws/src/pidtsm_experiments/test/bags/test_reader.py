@@ -650,7 +650,7 @@ def test_references_of_older_versions_without_an_effort_are_read(
     assert_is(read_recording(tmp_path / "old"), run)
 
 
-def test_a_bag_without_messages_says_so(tmp_path: Path) -> None:
+def test_a_bag_without_messages_is_reported(tmp_path: Path) -> None:
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         writer.add_connection("/reference", "pidtsm_msgs/msg/JointReference", typestore=typestore())
     with pytest.raises(RecordingError, match="no messages: was anything running"):

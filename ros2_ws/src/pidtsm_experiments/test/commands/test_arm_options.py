@@ -1,4 +1,4 @@
-"""One way to say which arm, on every command that takes ``--robot``."""
+"""One way to define the arm, on every command that takes ``--robot``."""
 
 import argparse
 import json
@@ -95,7 +95,7 @@ def test_every_command_with_an_arm_has_all_options(command: str) -> None:
 
 @pytest.mark.parametrize("command", WITH_ARM)
 def test_every_command_uses_them(command: str, call: Call) -> None:
-    """A joint that does not exist is refused, before anything is written; its name is told with those that exist."""
+    """A joint that does not exist is refused, before anything is written; the message names it and those that exist."""
     code, out, err = call(
         *command.split(), *NEEDED.get(command, []), "--robot", FILE, "--joints", "knee", "--save", "mine"
     )
@@ -106,7 +106,7 @@ def test_every_command_uses_them(command: str, call: Call) -> None:
 
 
 def test_from_nothing_to_a_tracked_arm_with_two_commands(call: Call) -> None:
-    """The first one may be refused, and tells the second one."""
+    """The first one may be refused, and names the second one."""
     two = (
         ARM.replace("</robot>", "") + LINK.format("post", 9) + JOINT.format("turn", "revolute", "floor", "post", 1, 90)
     )
@@ -120,11 +120,11 @@ def test_from_nothing_to_a_tracked_arm_with_two_commands(call: Call) -> None:
     assert max(json.loads(out)["rmse"]) < 1e-3
 
 
-def test_it_is_said_which_joints_of_a_file_move(call: Call) -> None:
-    said = "pidtsm: crane.urdf.xacro: moves shoulder, elbow, wrist; locks pinch (a gripper: by its name"
+def test_it_prints_which_joints_of_a_file_move(call: Call) -> None:
+    line = "pidtsm: crane.urdf.xacro: moves shoulder, elbow, wrist; locks pinch (a gripper: by its name"
     code, _, err = call("gains", "--robot", FILE)
     assert code == 0
-    assert err.startswith(said)
+    assert err.startswith(line)
     assert err.count("\n") == 1
     assert call("gains", "--robot", "scara")[2] == ""
 
@@ -157,7 +157,7 @@ def test_a_stored_arm_is_known_to_commands_and_to_python(call: Call) -> None:
     assert "one of two_link, panda, scara, ur5, xarm7, z1, crane; did you mean crane?" in err
 
 
-def test_check_judges_the_arm_that_the_options_say(call: Call) -> None:
+def test_check_judges_the_arm_that_the_options_define(call: Call) -> None:
     words = ["--joints", "elbow,wrist", "--effort", "elbow=1", "--xacro", "mass:=3", "--save", "crane"]
     code, out, err = call("check", FILE, *words)
     assert code == 1, err
@@ -182,7 +182,7 @@ def test_options_vary_a_stored_arm(call: Call) -> None:
 
 
 @pytest.mark.parametrize("option", [["--payload", "3"], ["--effort", "5"], ["--joints", "shoulder,elbow"]])
-def test_gains_depend_on_what_is_said_about_the_arm(option: list[str], call: Call) -> None:
+def test_gains_depend_on_what_is_specified_about_the_arm(option: list[str], call: Call) -> None:
     """With coarse encoders: the less inertia a step moves, the higher the bandwidth."""
     coarse = ["--robot", FILE, "--encoder-bits", "10"]
     without, given = (gains(call, *coarse, *words)["estimator.bandwidth"]["value"] for words in ([], option))
@@ -200,7 +200,7 @@ def test_a_motion_of_excitation_is_one_of_this_arm(call: Call) -> None:
         assert values.get("robot.xacro", "mass:=3") == "mass:=3"
 
 
-def test_the_words_of_an_arm_say_the_same(call: Call) -> None:
+def test_the_options_of_an_arm_are_equivalent(call: Call) -> None:
     parser = _parser("rollout")
     words = [
         "--joints",
@@ -220,7 +220,7 @@ def test_the_words_of_an_arm_say_the_same(call: Call) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "cause"),
     [
         (["--joints", "a,b"], "--joints needs --robot"),
         (["--save", "mine"], "--save needs --robot"),
@@ -240,10 +240,10 @@ def test_the_words_of_an_arm_say_the_same(call: Call) -> None:
         (["--robot", FILE, "--save", "../a"], "is no name for an arm"),
     ],
 )
-def test_bad_input_is_one_line_and_stores_nothing(words: list[str], told: str, call: Call) -> None:
+def test_bad_input_is_one_line_and_stores_nothing(words: list[str], cause: str, call: Call) -> None:
     code, out, err = call("gains", *words)
     assert (code, out) == (2, "")
-    assert told in err
+    assert cause in err
     assert err.count("\n") == 1
     assert not stored_names()
 

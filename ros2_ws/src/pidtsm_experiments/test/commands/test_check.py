@@ -1,4 +1,4 @@
-"""``./pidtsm check``: tables, page and JSON of an arm, and exit codes that say whether it looks right."""
+"""``./pidtsm check``: tables, page and JSON of an arm, and exit codes that show whether it looks right."""
 
 import json
 import re
@@ -21,8 +21,8 @@ def arm(folder: Path, old: str = "", new: str = "") -> Path:
 
 def test_a_sound_arm_is_shown_with_its_joints_and_loads(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "scara"]) == 0
-    shown, told = capsys.readouterr()
-    assert told == ""
+    shown, messages = capsys.readouterr()
+    assert messages == ""
     assert max(map(len, shown.splitlines())) <= 100
     assert re.search(r"joint3 +prismatic +0 0 1 +-0\.18 to 0 +1\.1", shown)
     assert re.search(r"joint3 +150 +12\.8 +9 % +5\.8 +4\.5 +20 +12", shown)
@@ -32,13 +32,13 @@ def test_a_sound_arm_is_shown_with_its_joints_and_loads(capsys: pytest.CaptureFi
 def test_a_doubt_has_file_line_element_and_cure(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = arm(folder, 'lower="-2.6" upper="2.6"', 'lower="-149" upper="149"')
     assert main(["check", str(file), "--html", "arm.html"]) == 1
-    shown, told = capsys.readouterr()
+    shown, messages = capsys.readouterr()
     line = 1 + file.read_text(encoding="utf-8").splitlines().index('  <joint name="joint2" type="revolute">')
     doubt = (
         f"{file}:{line}: joint joint2: its limits are -149 to 149 rad, 23.7 turns; write radians, if these are degrees"
     )
     assert doubt in shown
-    assert told == "arm.html\n"
+    assert messages == "arm.html\n"
     page = (folder / "arm.html").read_text(encoding="utf-8")
     assert f"<small>{file}:{line}</small>" in page
     assert page.count("<svg") == 3
@@ -48,8 +48,8 @@ def test_a_doubt_has_file_line_element_and_cure(folder: Path, capsys: pytest.Cap
 def test_an_arm_that_cannot_be_used_is_refused_in_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = arm(folder, 'lower="-2.6" upper="2.6"', 'lower="2.6" upper="-2.6"')
     assert main(["check", str(file), "--html", "arm.html"]) == 2
-    shown, told = capsys.readouterr()
-    assert "joint joint2: lower of its limit, 2.6, is not below upper, -2.6; swap them" in told
+    shown, messages = capsys.readouterr()
+    assert "joint joint2: lower of its limit, 2.6, is not below upper, -2.6; swap them" in messages
     assert "cannot be used" in shown
     assert "cannot be used" in (folder / "arm.html").read_text(encoding="utf-8")
 
@@ -85,7 +85,7 @@ def test_a_closed_form_has_a_picture_too(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "messages"),
     [
         ([], "the following arguments are required: ROBOT"),
         (["pandda"], "did you mean panda?"),
@@ -94,8 +94,8 @@ def test_a_closed_form_has_a_picture_too(folder: Path) -> None:
         (["scara", "--html", "nowhere/arm.html"], "No such file or directory"),
     ],
 )
-def test_bad_input_is_one_line(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_one_line(words: list[str], messages: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", *words]) == 2
     err = capsys.readouterr().err
-    assert told in err
+    assert messages in err
     assert err.count("\n") == 1

@@ -101,7 +101,7 @@ def test_parquet_has_the_same_numbers(strange: Path, kept: Path, folder: Path) -
     np.testing.assert_array_equal(table["effort.joint2"].to_numpy(), run.effort[:, 1])
 
 
-def test_without_pyarrow_it_says_how_to_get_it(
+def test_without_pyarrow_it_shows_how_to_get_it(
     strange: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)

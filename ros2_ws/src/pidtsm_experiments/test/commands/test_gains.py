@@ -36,7 +36,7 @@ def test_a_program_reads_values_and_reasons(capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "cause"),
     [
         (["--encoder-bits", "41"], "must be from 0 to 40"),
         (["--delay", "-1"], "must be from 0 to 1000 ms"),
@@ -47,8 +47,8 @@ def test_a_program_reads_values_and_reasons(capsys: pytest.CaptureFixture[str]) 
         (["--out", "nowhere/gains.yaml"], "No such file or directory"),
     ],
 )
-def test_bad_input_is_one_line(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_one_line(words: list[str], cause: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["gains", *words]) == 2
     err = capsys.readouterr().err
-    assert told in err
+    assert cause in err
     assert err.count("\n") == 1

@@ -56,7 +56,7 @@ def test_the_result_is_an_arm_for_controller_and_simulator(known: KnownArm, fold
     result = json.loads((folder / "result/identification.json").read_text(encoding="utf-8"))
     origin = origin_of(folder / "result")
     assert origin is not None
-    assert origin["runs"] == {str(folder / "bag"): None}, "a bag of somebody says nothing of where it comes from"
+    assert origin["runs"] == {str(folder / "bag"): None}, "a bag of somebody does not name where it comes from"
     errors = result["torque_error"]
     assert (np.array(errors["after"]) < 0.2 * np.array(errors["before"])).all()
     np.testing.assert_allclose(result["coulomb"], known.truth[24:26], rtol=0.05)
@@ -75,7 +75,7 @@ def test_the_result_is_an_arm_for_controller_and_simulator(known: KnownArm, fold
 
 
 def test_what_the_arm_carried_is_a_part_of_the_result(folder: Path, tmp_path: Path) -> None:
-    """So the parameter file says that it carries nothing more."""
+    """So the parameter file has no payload."""
     words = [str(folder / "bag"), "--robot", str(folder / "arm.urdf"), "--payload", "0.1", "--effort", "90,40"]
     assert main(["identify", *words, "--out", str(tmp_path / "loaded")]) == 0
     before = [
@@ -104,7 +104,7 @@ def test_the_page_shows_torques_parameters_and_what_is_unknown(folder: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "cause"),
     [
         (["nowhere"], "no such file or folder"),
         (["bag", "--robot", "panda"], "the joint states lack panda_joint1"),
@@ -116,7 +116,7 @@ def test_bad_input_is_named(
     folder: Path,
     known: KnownArm,
     words: list[str],
-    told: str,
+    cause: str,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -124,7 +124,7 @@ def test_bad_input_is_named(
     if words[0] == "silent":
         write_joint_states(known.measured.between(0.0, 0.1), folder / "silent", efforts=False)
     assert main(["identify", *words, *([] if "--robot" in words else ["--robot", "two_link"])]) == 2
-    assert told in capsys.readouterr().err
+    assert cause in capsys.readouterr().err
     assert not (folder / "results").exists()
 
 
@@ -134,13 +134,13 @@ def test_a_motion_that_is_too_short_is_named_with_the_command_that_makes_a_bette
     write_joint_states(known.measured.between(0.0, 0.15), tmp_path / "short")
     arm = str(folder / "arm.urdf")
     assert main(["identify", str(tmp_path / "short"), "--robot", arm, "--out", str(tmp_path / "result")]) == 2
-    told = capsys.readouterr().err
-    assert "record at least 20 s" in told
-    assert f"./pidtsm excite --robot {arm} --duration 60 --out motion.yaml makes such a motion" in told
+    cause = capsys.readouterr().err
+    assert "record at least 20 s" in cause
+    assert f"./pidtsm excite --robot {arm} --duration 60 --out motion.yaml makes such a motion" in cause
     assert not (tmp_path / "result").exists()
 
 
-def test_terminal_json_and_page_say_the_same_of_a_lift(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_terminal_json_and_page_agree_on_a_lift(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lift = random_tree(1, "p", "z")
     write_joint_states(lift.measured, tmp_path / "bag")
     (tmp_path / "lift.urdf").write_text(lift.described.text, encoding="utf-8")

@@ -55,7 +55,7 @@ def test_the_leaderboard_reads_it(scores: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "name"), [("firm.yaml", "piddtsm firm"), ("panda-17bit/params.yaml", "piddtsm panda-17bit")]
 )
-def test_a_parameter_file_is_called_as_what_tells_it_from_others(tmp_path: Path, file: str, name: str) -> None:
+def test_a_parameter_file_is_called_as_what_distinguishes_it(tmp_path: Path, file: str, name: str) -> None:
     path = tmp_path / file
     path.parent.mkdir(exist_ok=True)
     path.write_text("controller:\n  ros__parameters:\n    law.k1: 2.0\n")

@@ -1,4 +1,4 @@
-"""Every change can be undone, and one definition says which are large."""
+"""Every change can be undone, and one definition decides which are large."""
 
 from typing import Any
 

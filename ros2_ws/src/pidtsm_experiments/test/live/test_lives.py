@@ -14,7 +14,7 @@ from pidtsm_experiments.live.lives import (
     how_to_start,
     time_of_day,
 )
-from pidtsm_experiments.live.words import GREEN, RED, Heard, loop, mode
+from pidtsm_experiments.live.words import GREEN, RED, Known, loop, mode
 from pidtsm_experiments.runs.runner import EXECUTABLES
 from pidtsm_msgs.msg import ControllerState
 
@@ -25,7 +25,7 @@ DIED = "simulator was killed by signal 9 at 12:00:00"
 @pytest.mark.parametrize("within", [SAMPLES_WITHIN, REPORTS_WITHIN])
 def test_a_node_is_alive_until_its_next_message_is_late(within: float) -> None:
     lives = Lives()
-    lives.hear("controller", within, now=100.0)
+    lives.note_message("controller", within, now=100.0)
     life = lives.of("controller")
     assert life.condition(100.0 + 0.99 * within) is Condition.ALIVE
     assert life.condition(100.0 + 1.01 * within) is Condition.SILENT
@@ -33,14 +33,14 @@ def test_a_node_is_alive_until_its_next_message_is_late(within: float) -> None:
 
 def test_the_more_patient_of_two_sources_counts() -> None:
     lives = Lives()
-    lives.hear("controller", REPORTS_WITHIN, now=100.0)
-    lives.hear("controller", SAMPLES_WITHIN, now=100.1)
+    lives.note_message("controller", REPORTS_WITHIN, now=100.0)
+    lives.note_message("controller", SAMPLES_WITHIN, now=100.1)
     assert lives.of("controller").condition(100.0 + 0.99 * REPORTS_WITHIN) is Condition.ALIVE
 
 
 def test_a_silent_node_is_named_with_the_time_of_its_last_message() -> None:
     lives, now = Lives(), time.monotonic()
-    lives.hear("trajectory", REPORTS_WITHIN, now=now - 7.0)
+    lives.note_message("trajectory", REPORTS_WITHIN, now=now - 7.0)
     assert lives.trouble("trajectory") == f"trajectory is silent since {time_of_day(now - 7.0)} (7 s)"
     lives.see({"controller"})
     assert lives.trouble("trajectory").endswith("(7 s); it has left the network")
@@ -48,7 +48,7 @@ def test_a_silent_node_is_named_with_the_time_of_its_last_message() -> None:
 
 def test_a_process_that_ended_is_dead_at_once_and_a_new_one_is_not() -> None:
     lives = Lives()
-    lives.hear("simulator", REPORTS_WITHIN)
+    lives.note_message("simulator", REPORTS_WITHIN)
     lives.end("simulator", "was killed by signal 9")
     first = lives.of("simulator").found_ended
     assert lives.condition("simulator") is Condition.DEAD
@@ -65,13 +65,13 @@ def test_a_process_that_ended_is_dead_at_once_and_a_new_one_is_not() -> None:
     [
         (Life(), "no message yet"),
         (Life(present=False), "not there"),
-        (Life(heard=1.0, expected=2.0), "alive, last message"),
-        (Life(heard=1.0, expected=2.0, suspended=True), "suspended by this page"),
-        (Life(heard=-9.0, expected=-8.0), "silent since"),
-        (Life(heard=1.0, expected=2.0, ended="ended with exit code 1"), "dead: ended with exit code 1 at"),
+        (Life(received=1.0, expected=2.0), "alive, last message"),
+        (Life(received=1.0, expected=2.0, suspended=True), "suspended by this page"),
+        (Life(received=-9.0, expected=-8.0), "silent since"),
+        (Life(received=1.0, expected=2.0, ended="ended with exit code 1"), "dead: ended with exit code 1 at"),
     ],
 )
-def test_the_line_of_a_node_says_what_is_known(life: Life, word: str) -> None:
+def test_the_line_of_a_node_shows_what_is_known(life: Life, word: str) -> None:
     sentence = life.sentence(1.5)
     assert sentence.text.startswith(word)
     assert (sentence.color == GREEN) == word.startswith("alive")
@@ -102,25 +102,25 @@ def test_an_arm_is_simulated_only_if_nothing_else_ever_sent_its_joint_states(
 
 
 def test_figures_of_the_loop_do_not_outlive_its_messages() -> None:
-    assert loop(Heard(FOLLOWING)).startswith("1000 commands per second")
-    assert loop(Heard(FOLLOWING, silence=1.1, since="12:00:00")) == "0 commands per second · no data since 12:00:00"
-    assert not loop(Heard(None))
+    assert loop(Known(FOLLOWING)).startswith("1000 commands per second")
+    assert loop(Known(FOLLOWING, silence=1.1, since="12:00:00")) == "0 commands per second · no data since 12:00:00"
+    assert not loop(Known(None))
 
 
 @pytest.mark.parametrize(
-    ("heard", "words"),
+    ("known", "words"),
     [
-        (Heard(FOLLOWING, silence=3.0, since="12:00:00"), "since 12:00:00: it does not run, or does not answer"),
+        (Known(FOLLOWING, silence=3.0, since="12:00:00"), "since 12:00:00: it does not run, or does not answer"),
         (
-            Heard(FOLLOWING, 3.0, "12:00:00", "no joint state for a second", True, missing=DIED),
+            Known(FOLLOWING, 3.0, "12:00:00", "no joint state for a second", True, missing=DIED),
             f'since 12:00:00: it runs, and reports "no joint state for a second"; {DIED}',
         ),
-        (Heard(FOLLOWING, 3.0, "12:00:00", "running", True, missing=DIED), f"since 12:00:00; {DIED}"),
-        (Heard(FOLLOWING, ended="was killed by signal 9"), "The controller was killed by signal 9"),
+        (Known(FOLLOWING, 3.0, "12:00:00", "running", True, missing=DIED), f"since 12:00:00; {DIED}"),
+        (Known(FOLLOWING, ended="was killed by signal 9"), "The controller was killed by signal 9"),
     ],
 )
-def test_silence_is_explained_and_nothing_old_is_repeated(heard: Heard, words: str) -> None:
-    sentence = mode(heard)
+def test_silence_is_explained_and_nothing_old_is_repeated(known: Known, words: str) -> None:
+    sentence = mode(known)
     assert sentence.text.endswith(words)
     assert sentence.color == RED
     assert "Following" not in sentence.text
@@ -130,13 +130,13 @@ def test_silence_is_explained_and_nothing_old_is_repeated(heard: Heard, words: s
     ("number", "held", "words"),
     [
         (ControllerState.FREEDRIVE, False, "Freedrive: the arm can be moved by hand"),
-        (ControllerState.HOLDING, True, "Holding its position, as it was told to"),
+        (ControllerState.HOLDING, True, "Holding its position on request"),
         (ControllerState.HOLDING, False, "Holding its position: the reference is missing or too old"),
         (ControllerState.HOLDING, None, "Holding its position"),
     ],
 )
-def test_why_the_arm_is_held_is_said_once_it_is_known(number: int, held: bool | None, words: str) -> None:
-    assert mode(Heard(ControllerState(mode=number), held=held)).text == words
+def test_why_the_arm_is_held_is_shown_once_it_is_known(number: int, held: bool | None, words: str) -> None:
+    assert mode(Known(ControllerState(mode=number), held=held)).text == words
 
 
 def test_the_command_that_starts_a_node_has_its_namespace() -> None:

@@ -245,7 +245,7 @@ def test_nothing_is_lost_that_is_not_ours(root: Path, seed: int) -> None:
 
 
 def test_many_situations_end_well(root: Path) -> None:
-    """The judge above could not tell if everything were refused."""
+    """The judge above could not notice if everything were refused."""
     for place in ("missing", "empty", "killed at once", "result", "link to a result", "link to nothing"):
         out = root / place / "out"
         out.parent.mkdir()
@@ -338,8 +338,8 @@ def test_a_disk_that_is_full_loses_nothing(root: Path) -> None:
         [*alone, *words] if can_mount else words, capture_output=True, text=True, check=False, timeout=300.0
     )
     assert done.returncode == 0, done.stderr
-    said = [line for line in done.stderr.splitlines() if line.startswith("pidtsm: ")]
-    assert len([line for line in said if "cannot write " in line]) >= 4
+    lines = [line for line in done.stderr.splitlines() if line.startswith("pidtsm: ")]
+    assert len([line for line in lines if "cannot write " in line]) >= 4
     assert ("No space left on device" if can_mount else "File too large") in done.stderr
     assert "Traceback" not in done.stderr
 

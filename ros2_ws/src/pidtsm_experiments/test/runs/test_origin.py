@@ -1,4 +1,4 @@
-"""Every result says where it comes from, and there is one version."""
+"""Every result records where it comes from, and there is one version."""
 
 import json
 import re
@@ -24,23 +24,23 @@ def test_a_result_names_version_commit_command_seed_and_all_parameters(
     monkeypatch.setattr("sys.argv", ["pidtsm", "rollout"])
     out = tmp_path / "one"
     assert main(["rollout", "--duration", "0.1", "--set", "simulator.seed=7", "--out", str(out)]) in (0, 1)
-    said = json.loads((out / "run.json").read_text(encoding="utf-8"))
-    assert said["version"] == pidtsm_core.__version__
-    assert said["command"] == ["pidtsm", "rollout"]
-    assert said["seed"] == 7
-    assert set(said["parameters"]) == {"simulator", "controller", "trajectory"}
-    assert said["parameters"]["simulator"]["seed"] == 7
-    assert len(said["parameters"]["controller"]) > 20
+    content = json.loads((out / "run.json").read_text(encoding="utf-8"))
+    assert content["version"] == pidtsm_core.__version__
+    assert content["command"] == ["pidtsm", "rollout"]
+    assert content["seed"] == 7
+    assert set(content["parameters"]) == {"simulator", "controller", "trajectory"}
+    assert content["parameters"]["simulator"]["seed"] == 7
+    assert len(content["parameters"]["controller"]) > 20
     if (SOURCES.parents[1] / ".git").exists():
-        assert re.fullmatch(r"[0-9a-f]{40}(\+changes)?", said["commit"])
+        assert re.fullmatch(r"[0-9a-f]{40}(\+changes)?", content["commit"])
 
 
 def test_a_result_without_a_run_has_its_origin_too(tmp_path: Path) -> None:
     with result_folder(tmp_path / "out") as folder:
         (folder / "score.json").write_text("{}", encoding="utf-8")
-    said = json.loads((tmp_path / "out/run.json").read_text(encoding="utf-8"))
-    assert said["version"] == pidtsm_core.__version__
-    assert said["parameters"] is said["seed"] is None
+    content = json.loads((tmp_path / "out/run.json").read_text(encoding="utf-8"))
+    assert content["version"] == pidtsm_core.__version__
+    assert content["parameters"] is content["seed"] is None
 
 
 def test_the_repository_of_somebody_else_is_not_the_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,7 +51,7 @@ def test_the_repository_of_somebody_else_is_not_the_source(tmp_path: Path, monke
     assert origin.commit() is None
 
 
-def test_the_command_line_tells_the_version(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_prints_the_version(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["--version"])
     assert ended.value.code == 0
@@ -90,7 +90,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield parent
 
 
-def said_in(folder: Path) -> dict[str, Any]:
+def content_of(folder: Path) -> dict[str, Any]:
     content = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     assert content["version"] == pidtsm_core.__version__
     assert content["commit"] == origin.commit()
@@ -101,28 +101,28 @@ def said_in(folder: Path) -> dict[str, Any]:
     ("folder", "command", "seed", "nodes"),
     [("one", "rollout", 7, 3), ("two", "rollout", 7, 3), ("compare", "compare", None, 0), ("report", "report", 7, 3)],
 )
-def test_a_result_says_what_made_it(results: Path, folder: str, command: str, seed: int | None, nodes: int) -> None:
-    said = said_in(results / folder)
-    assert said["command"][:2] == ["/somewhere/pidtsm", command]
-    assert said["seed"] == seed
-    assert len(said["parameters"] or ()) == nodes
+def test_a_result_records_what_made_it(results: Path, folder: str, command: str, seed: int | None, nodes: int) -> None:
+    content = content_of(results / folder)
+    assert content["command"][:2] == ["/somewhere/pidtsm", command]
+    assert content["seed"] == seed
+    assert len(content["parameters"] or ()) == nodes
 
 
 def test_what_was_made_of_runs_has_their_origins(results: Path) -> None:
-    one, two = (said_in(results / name) for name in ("one", "two"))
+    one, two = (content_of(results / name) for name in ("one", "two"))
     two.pop("renewed")
-    assert said_in(results / "compare")["runs"] == {"one": one, "two": two}
-    assert said_in(results / "report")["runs"] == {"one/bag": one}
+    assert content_of(results / "compare")["runs"] == {"one": one, "two": two}
+    assert content_of(results / "report")["runs"] == {"one/bag": one}
 
 
 def test_a_folder_of_which_parts_are_made_anew_stays_what_it_is(results: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(results)
     monkeypatch.setattr(figures, "FIGURES", {"error": figures.error})
-    said = said_in(results / "two")
-    assert said["command"][1] == "rollout"
-    assert [each["command"][1:] for each in said["renewed"]] == [["report", "two"]]
+    content = content_of(results / "two")
+    assert content["command"][1] == "rollout"
+    assert [each["command"][1:] for each in content["renewed"]] == [["report", "two"]]
     made("report", "two")
-    assert said_in(results / "two") == said, "the same command adds nothing"
+    assert content_of(results / "two") == content, "the same command adds nothing"
     (results / "two/run.json").write_text("[")  # As of another program, or damaged.
     made("report", "two")
-    assert said_in(results / "two")["parameters"] == said["parameters"]
+    assert content_of(results / "two")["parameters"] == content["parameters"]

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from pidtsm_core.recording import Recording
+from pidtsm_core.written import NOTHING
 from pidtsm_studies.article.measures import measure
 from pidtsm_studies.article.printed import PRINTED
-from pidtsm_studies.reports.labels import CASES, NOTHING, label, value_text
+from pidtsm_studies.reports.labels import CASES, label, value_text
 
 Run: TypeAlias = tuple[Recording, Mapping[str, Any]]
 """A recording and its metrics, as returned by `Recording.metrics`."""

@@ -13,7 +13,7 @@ from pidtsm_studies.reports.skeleton import find_skeleton
 
 _VIEWS = {"from the side (x to the right, z up)": (0, 2), "from the front (y, z)": (1, 2), "from above (x, y)": (0, 1)}
 _SIZE, _MARGIN = 300.0, 30.0
-"""Of a view, px."""
+"""Size and margin of a view, px."""
 _SHORTEST = 1e-3
 """Links that are shorter are not drawn, m."""
 

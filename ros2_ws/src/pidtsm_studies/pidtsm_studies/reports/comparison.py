@@ -8,10 +8,10 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment.node_parameters import NODE_ONLY
 from pidtsm_core.parameters.files import NODES, Settings
 from pidtsm_core.recording import Recording
-from pidtsm_core.written import enumeration
+from pidtsm_core.written import NOTHING, enumeration
 from pidtsm_studies.article.claims import Run
 from pidtsm_studies.reports.contrast import contrast_answers, contrast_section, contrast_verdict, contrasts
-from pidtsm_studies.reports.labels import NOTHING, run_entries
+from pidtsm_studies.reports.labels import run_entries
 from pidtsm_studies.reports.page import Page, write_page
 from pidtsm_studies.reports.sections import events_of, happened_section, matrix_sections
 from pidtsm_studies.reports.verdicts import extents
@@ -80,7 +80,7 @@ def write_comparison(
         path: the HTML file.
         runs: at least two runs by name, with the same joints; differences are those to the first.
         parameters: see `differing_parameters`.
-        simulators: parameters of the simulated arm, by run, which say when it was pushed or loaded.
+        simulators: parameters of the simulated arm, by run, with the times of pushes and loads.
         title: of the page; empty: the names of the runs.
     """
     entries = run_entries(runs)

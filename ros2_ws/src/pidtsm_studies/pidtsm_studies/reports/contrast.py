@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from pidtsm_core.recording.metric import METRICS, RMSE, Metric
 from pidtsm_core.recording.outcome import FOLLOWED
-from pidtsm_core.written import quantity, scale
-from pidtsm_studies.reports.matrix import METRICS, Metric, cell, difference, units_of, values_of
+from pidtsm_core.written import Scale, quantity, scale
+from pidtsm_studies.reports.matrix import cell, difference, units_of, values_of
 from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer, Section
 
 _SHOWN = 6
-"""As many differences are shown first."""
-_RMSE = METRICS[0]
+"""Largest number of differences shown first."""
 _Metrics = Mapping[str, Mapping[str, Any]]
 """Metrics by name of the run."""
 
@@ -62,12 +62,12 @@ def contrasts(metrics: _Metrics) -> Contrasts:
             continue
         ratios = [_ratio(column) for column in columns]
         place = max(range(len(ratios)), key=lambda j: (ratios[j], max(value or 0.0 for value in columns[j])))
-        if metric is _RMSE:
+        if metric is RMSE:
             joint = max(range(len(columns)), key=lambda j: _spread(columns[j]))
             place = joint
         if ratios[place] > 1.0:
             found.append(Contrast(metric, place, ratios[place]))
-    found.sort(key=lambda each: (each.metric is not _RMSE, not each.metric.judged, -each.ratio))
+    found.sort(key=lambda each: (each.metric is not RMSE, not each.metric.judged, -each.ratio))
     return Contrasts(tuple(found), tuple(equal), joint)
 
 
@@ -125,7 +125,7 @@ def contrast_section(found: Contrasts, metrics: _Metrics, parameters: Mapping[st
     for each in found.found[:_SHOWN]:
         unit = each.metric.unit_of(units[each.joint])
         values = [values_of(of_run, each.metric)[each.joint] for of_run in metrics.values()]
-        shown = scale(values, unit) if each.metric.factor == 1.0 else scale([], unit)._replace(factor=100.0)
+        shown = scale(values, unit) if each.metric.factor == 1.0 else Scale(unit, each.metric.factor)
         cells = [cell(of_run, each.metric, each.joint, shown, False) for of_run in metrics.values()]
         for other, value in zip(cells[1:], values[1:], strict=True):
             other["difference"] = difference(values[0], value, shown)
@@ -143,7 +143,7 @@ def contrast_section(found: Contrasts, metrics: _Metrics, parameters: Mapping[st
 
 def _ranked(metrics: _Metrics, joint: int) -> list[tuple[float, str]]:
     """RMSE of a joint and name of each run that followed, the best first."""
-    pairs = [(values_of(each, _RMSE)[joint], name) for name, each in metrics.items() if each["outcome"] == FOLLOWED]
+    pairs = [(values_of(each, RMSE)[joint], name) for name, each in metrics.items() if each["outcome"] == FOLLOWED]
     return sorted((value, name) for value, name in pairs if value is not None)
 
 

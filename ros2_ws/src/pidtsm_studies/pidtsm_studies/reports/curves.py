@@ -15,7 +15,7 @@ from pidtsm_studies.reports.packed import packed
 
 _MOST_PARTS, _FEWEST_PARTS = 1000, 150
 _NUMBERS = 225_000
-"""About as many numbers does a page hold for its curves, 1.2 MB: many runs are drawn with fewer parts."""
+"""Approximate number of values on a page for its curves, 1.2 MB; with many runs, each is drawn with fewer parts."""
 _OWN = ""
 """Unit of variables whose unit depends on the law."""
 
@@ -25,7 +25,7 @@ class Timed(Protocol):
 
     @property
     def time(self) -> Array:
-        """Of the samples, s, shape (samples,)."""
+        """Times of the samples, s, shape (samples,)."""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -33,7 +33,7 @@ class Timed(Protocol):
 
     @property
     def units(self) -> tuple[JointUnits, ...]:
-        """Of each joint."""
+        """Units of each joint."""
 
 
 @dataclass(frozen=True)

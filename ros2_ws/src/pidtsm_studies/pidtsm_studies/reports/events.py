@@ -50,7 +50,7 @@ def events(recording: Recording, metrics: Mapping[str, Any], simulator: Mapping[
     Args:
         recording: the run.
         metrics: see `Recording.metrics`.
-        simulator: parameters of the simulated arm, which say when it was pushed or loaded; empty if not known.
+        simulator: parameters of the simulated arm, with the times of pushes and loads; empty if not known.
     """
     found = [
         *_disturbances(recording, simulator),

@@ -66,7 +66,7 @@ _LEFT, _RIGHT, _ABOVE, _BELOW = 0.95, 0.15, 0.35, 0.5  # space around the panels
 _BESIDE, _BETWEEN = 0.95, 0.2  # space between columns, and between rows
 _LABEL = 0.62  # from a panel to the label of its vertical axis
 _TOGETHER = 3
-"""Largest number of joints in a panel; more lines could not be told apart."""
+"""Largest number of joints in a panel; more lines could not be distinguished."""
 _START = 1.0  # duration of the start of a run, s
 
 

@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from pidtsm_core.written import NOTHING
+
 LABELS = {
     "piddtsm": "PIDDTSM",
     "pidnftsm": "PIDNFTSM",
@@ -17,10 +19,11 @@ LABELS = {
 
 CASES = {"case1": "Case 1", "case2": "Case 2"}
 """Labels of the article's cases in tables and figures, by scenario."""
-NOTHING = "–"
-"""Table entry for a value that does not exist."""
 DIGITS = 4
-"""Significant digits of measured values, everywhere; the article prints no more."""
+"""Significant digits of `value_text`: in the terminal, in figures and beside the article, which prints no more.
+
+Matrices and sentences of pages have `pidtsm_core.written.DIGITS`.
+"""
 
 
 def label(law: str) -> str:

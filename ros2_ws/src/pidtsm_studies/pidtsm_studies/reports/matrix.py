@@ -1,56 +1,13 @@
 """Metrics as matrices: metrics by joints for one run, runs by joints for several."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from pidtsm_core.recording.metric import METRICS, Metric
 from pidtsm_core.recording.outcome import OF_TRACKING, RAN_AWAY
 from pidtsm_core.units import JointUnits, either, joint_units
 from pidtsm_core.written import NOTHING, THIN, Scale, number, scale, signed
 from pidtsm_studies.reports.labels import value_text
-
-
-@dataclass(frozen=True)
-class Metric:
-    """A metric of each joint.
-
-    Attributes:
-        key: in metrics.json.
-        name: text.
-        about: what it is, in a few words; {position} and {effort} are the units of all joints.
-        unit: SI unit, in which {position} and {effort} are those of a joint.
-        factor: of the value, if the unit is another one than in metrics.json.
-        judged: whether the largest value is the worst.
-    """
-
-    key: str
-    name: str
-    about: str
-    unit: str = ""
-    factor: float = 1.0
-    judged: bool = True
-
-    def unit_of(self, units: JointUnits) -> str:
-        """SI unit for a joint."""
-        return self.unit.format(**units._asdict())
-
-
-METRICS = (
-    Metric("rmse", "RMSE", "root of the mean of e²", "{position}"),
-    Metric("max_error", "largest error", "max |e|", "{position}"),
-    Metric("steady_state_error", "steady-state error", "max |e| over the last 40 % of the run", "{position}"),
-    Metric("settling_time", "settling time", "until |e| stays below 2 % of its start", "s"),
-    Metric("recovery_time", "recovery time", "from the event until |e| stays below 10⁻³ {position}", "s"),
-    Metric("saturation", "at a limit", "of the effort or its rate, share of the samples", "%", 100.0),
-    Metric("eci", "mean effort (ECI)", "mean |τ|", "{effort}", judged=False),
-    Metric("torque_variation", "effort variation", "mean change from sample to sample", "{effort}"),
-    Metric("torque_variation_rate", "effort variation rate", "the same per second", "{effort}/s"),
-    Metric("torque_jumps", "effort jumps", "samples at which it changes by more than 5 {effort}"),
-    Metric("time_at_effort_limit", "at the effort limit", "time", "s"),
-    Metric("time_at_rate_limit", "at the rate limit", "time", "s"),
-    Metric("adaptive_gain", "adaptive gain Υ", "at the end", judged=False),
-)
-"""Every metric in the order of the pages."""
 
 
 def metric_value(metrics: Mapping[str, Any], key: str, joint: int) -> float | None:

@@ -15,7 +15,7 @@ from pidtsm_core.written import number, quantity, readable
 from pidtsm_studies.reports.styles import SERIES
 
 GOOD, BAD, PLAIN = "good", "bad", "plain"
-"""What a verdict says."""
+"""State of a verdict."""
 _SCRIPTS = ("written", "page", "plots", "arm", "viewer", "charts", "filter")
 """Parts of the script, in their order."""
 

@@ -33,7 +33,7 @@ def write_report(
         runs: a reproduction, or a single run.
         comparisons: comparisons with the article, as returned by `claims.compare`; empty: a report without the article.
         notes: further notes on the deviations, each a sentence or a paragraph.
-        simulator: parameters of the simulated arm of a single run, which say when it was pushed or loaded.
+        simulator: parameters of the simulated arm of a single run, with the times of pushes and loads.
     """
     reproduction = {_key(runs[0]): runs} if isinstance(runs, tuple) else runs
     done = {key: run for key, run in reproduction.items() if not isinstance(run, str)}

@@ -3,15 +3,16 @@
 from collections.abc import Mapping
 from typing import Any
 
+from pidtsm_core.recording.metric import METRICS
 from pidtsm_core.recording.outcome import what_happened
 from pidtsm_studies.reports.events import Event, events
 from pidtsm_studies.reports.labels import Entry
-from pidtsm_studies.reports.matrix import METRICS, of_joints, of_runs
+from pidtsm_studies.reports.matrix import of_joints, of_runs
 from pidtsm_studies.reports.page import Section
 from pidtsm_studies.reports.viewer import Cases, case_name
 
 _FIRST = 2
-"""As many matrices of several runs are shown; the others are folded."""
+"""Number of matrices of several runs that are open; the others are folded."""
 
 
 def section(name: str, heading: str, content: Any, folded: bool = False, template: str = "") -> Section:

@@ -89,7 +89,7 @@ def find_skeleton(parameters: Mapping[str, object]) -> Skeleton:
         return Skeleton(found.joints, found.tree, found.tool_row, found.tool)
     if robot is TWO_LINK:
         return _planar(parameters)
-    raise ParameterError(f"robot.description: {robot.name} is a closed form, which does not say where its joints are")
+    raise ParameterError(f"robot.description: {robot.name} is a closed form, which has no positions of its joints")
 
 
 def _planar(parameters: Mapping[str, object]) -> Skeleton:

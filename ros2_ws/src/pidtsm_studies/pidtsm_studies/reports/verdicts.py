@@ -4,15 +4,15 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
+from pidtsm_core.recording.metric import RMSE
 from pidtsm_core.recording.outcome import FOLLOWED, RAN_AWAY, verdict, what_happened
 from pidtsm_core.written import number, quantity
 from pidtsm_studies.reports.events import Event
-from pidtsm_studies.reports.matrix import METRICS, units_of, values_of, worst
+from pidtsm_studies.reports.matrix import units_of, values_of, worst
 from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer
 
-_RMSE, _LARGEST = METRICS[0], METRICS[1]
-_TOLD = 2
-"""As many events are told in the answers."""
+_SHOWN = 2
+"""Largest number of events in an answer."""
 
 
 def sentence(text: str) -> str:
@@ -27,7 +27,7 @@ def state_of(metrics: Mapping[str, Any]) -> str:
 
 def worst_joint(metrics: Mapping[str, Any]) -> int | None:
     """Index of the joint with the largest RMSE; None if the run ran away, or has a single joint."""
-    return worst(values_of(metrics, _RMSE), [_RMSE.unit_of(units) for units in units_of(metrics)])
+    return worst(values_of(metrics, RMSE), [RMSE.unit_of(units) for units in units_of(metrics)])
 
 
 def run_answers(metrics: Mapping[str, Any], events: Sequence[Event]) -> list[Answer]:
@@ -50,7 +50,7 @@ def _followed(metrics: Mapping[str, Any]) -> Answer:
 
 def _how_well(metrics: Mapping[str, Any], joint: int | None) -> Answer:
     if metrics["outcome"] == RAN_AWAY:
-        return Answer("How well?", "Not at all", "errors of an arm that ran away say nothing", BAD)
+        return Answer("How well?", "Not at all", "errors of an arm that ran away mean nothing", BAD)
     unit = units_of(metrics)[joint or 0].position
     steady = metrics["steady_state_error"]
     most = max((value for value in steady if value is not None), default=None)
@@ -66,13 +66,13 @@ def _how_well(metrics: Mapping[str, Any], joint: int | None) -> Answer:
 
 def _happened(metrics: Mapping[str, Any], events: Sequence[Event]) -> Answer:
     order = sorted(events, key=lambda event: (event.kind in ("learnt", "mode"), event.kind != "fault", event.time))
-    told = sorted(order[:_TOLD], key=lambda event: event.time)
+    shown = sorted(order[:_SHOWN], key=lambda event: event.time)
     unusual = [event for event in events if event.kind != "learnt"]
     if not unusual:
         others = what_happened(metrics) if metrics["outcome"] == FOLLOWED else []
-        return Answer("What happened?", "Nothing unusual", "; ".join(others[:_TOLD]), PLAIN)
-    text = "; ".join(f"{event.text} at {number(event.time)}\u202fs" for event in told)
-    rest = len(events) - len(told)
+        return Answer("What happened?", "Nothing unusual", "; ".join(others[:_SHOWN]), PLAIN)
+    text = "; ".join(f"{event.text} at {number(event.time)}\u202fs" for event in shown)
+    rest = len(events) - len(shown)
     state = BAD if any(event.kind == "fault" for event in events) else PLAIN
     return Answer("What happened?", sentence(text), f"and {rest} more, see the marks" if rest else "", state)
 
@@ -85,7 +85,7 @@ def _worst(metrics: Mapping[str, Any], joint: int | None) -> Answer:
         return Answer(
             "Which joint is worst?", metrics["joints"][0] if len(metrics["joints"]) == 1 else "None stands out"
         )
-    rmse = [value for value in values_of(metrics, _RMSE) if value is not None]
+    rmse = [value for value in values_of(metrics, RMSE) if value is not None]
     middle = sorted(rmse)[len(rmse) // 2]
     ratio = f", {number(metrics['rmse'][joint] / middle, 2)} × the median" if middle and len(rmse) > 2 else ""
     unit = units_of(metrics)[joint].position

@@ -20,7 +20,7 @@ _INTRODUCTION = """# Leaderboard
 
 `./pidtsm leaderboard` writes this page from the results of `./pidtsm score`; [Score](score.md) describes what is
 measured. The best score comes first. RMSE is the root of the sum of squares of the joints (rad, m for a joint that
-slides), ECI and torque variation are sums (N m, N). The interval of a score covers other seeds.
+slides), ECI and effort variation are sums (N m, N). The interval of a score covers other seeds.
 """
 _QUICK = """**Quick scores**, of {values} values and {repeats} seed: they only show that everything runs, and cannot be
 compared with others.

@@ -98,7 +98,7 @@ def judge(run: Recording, after: float, limits: Array) -> JointMetrics:
 
 
 def _plan(task: Task, limits: Array, extent: Extent) -> Iterator[tuple[tuple[str, str], dict[str, Any]]]:
-    """Of each run criterion and range, and its simulator parameters; seeds vary fastest."""
+    """Criterion and range of each run, and its simulator parameters; seeds vary fastest."""
     for criterion in CRITERIA:
         for each in criterion.ranges:
             for value in each.values(extent):

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.recording.metric import EFFORT_VARIATION, MEAN_EFFORT, RMSE
+from pidtsm_core.units import TURNS
 from pidtsm_core.written import THIN, number, scale
 from pidtsm_studies.limit.known import above_limit
 from pidtsm_studies.reports.charts import Axis, Line, chart
@@ -20,8 +22,8 @@ from pidtsm_studies.score.wording import arm_of, combined, title
 
 _RUNS = {"ideal": "ideal", "hardware": "14 bit and 1 ms"}
 """The nominal runs and their names."""
-_METRICS = {"rmse": ("RMSE", "rad"), "eci": ("ECI", "N m"), "torque_variation": ("torque variation", "N m")}
-"""What is shown of a nominal run: name and unit."""
+_METRICS = (RMSE, MEAN_EFFORT, EFFORT_VARIATION)
+"""The columns of a nominal run."""
 
 
 def write_score_page(path: Path, heading: str, entries: Sequence[Entry]) -> None:
@@ -140,7 +142,7 @@ def _arm(arm: str, entries: Sequence[Entry], plots: Sequence[str], styles: Mappi
             "payload": number(task.payload),
             "event": number(task.event),
         },
-        "heads": [name for name, _ in _METRICS.values()],
+        "heads": [metric.name for metric in _METRICS],
         "units": _units(entries),
         "hardware": _RUNS,
         "rows": [_row(entry, styles, _scales(entries)) for entry in entries],
@@ -155,7 +157,7 @@ def _arm(arm: str, entries: Sequence[Entry], plots: Sequence[str], styles: Mappi
 def _scales(entries: Sequence[Entry]) -> dict[str, Any]:
     """A common unit for each metric of all entries."""
     runs = [found for entry in entries for found in entry.nominal.values() if found is not None]
-    return {key: scale([combined(key, run[key]) for run in runs], unit) for key, (_, unit) in _METRICS.items()}
+    return {m.key: scale([combined(m.key, run[m.key]) for run in runs], m.unit_of(TURNS)) for m in _METRICS}
 
 
 def _units(entries: Sequence[Entry]) -> list[str]:
@@ -188,7 +190,7 @@ def _nominal(entry: Entry, run: str, scales: Mapping[str, Any]) -> dict[str, Any
     found = entry.nominal[run]
     cells = None
     if found is not None:
-        values = {key: combined(key, found[key]) for key in _METRICS}
+        values = {metric.key: combined(metric.key, found[metric.key]) for metric in _METRICS}
         cells = [{"value": value, "text": number(scales[key].factor * value)} for key, value in values.items()]
     return {"cells": cells, "failed": not entry.succeeds[run]}
 

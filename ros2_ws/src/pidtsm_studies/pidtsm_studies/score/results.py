@@ -14,7 +14,7 @@ from pidtsm_studies.score.criteria import CRITERIA, Criterion, Extent, Range
 from pidtsm_studies.score.tasks import Task
 
 CONFIDENCE = 0.95
-"""Of all intervals."""
+"""Confidence of all intervals."""
 FILE = "score.json"
 
 
@@ -41,7 +41,7 @@ class Curve:
         values: shape (values,).
         successes: number of successful runs per value, shape (values,).
         runs: number of runs per value.
-        failure: the first one; None: no run failed, or the file of the score does not say.
+        failure: the first one; None: no run failed, or the file of the score lacks it.
     """
 
     range: Range
@@ -205,7 +205,7 @@ def _outcome(criterion: Criterion, content: Mapping[str, Any]) -> Outcome:
 
 def _curve(each: Range, content: Mapping[str, Any]) -> Curve:
     of_range, runs = content["ranges"][each.label], content["runs_per_value"]
-    # Older files do not say what failed.
+    # Older files lack it.
     failure = of_range.get("first_failure")
     return Curve(
         each, tuple(of_range["values"]), tuple(of_range["successes"]), runs, Failure(**failure) if failure else None

@@ -34,7 +34,7 @@ class Task:
         error: largest error of a successful run, rad or m.
         payload: largest payload, kg.
         scenario: name of its scenario; None: the default motion of the arm.
-        arm: the arm, if more than `robot` is said about it.
+        arm: the arm, if more than `robot` is specified.
         hardware: its class of hardware; None: what is not varied is ideal.
     """
 

@@ -14,10 +14,10 @@ COLUMNS = (
     "RMSE, ideal",
     "RMSE, 14 bit and 1 ms",
     "ECI",
-    "torque variation",
+    "effort variation",
     "worst criterion",
 )
-"""Of the table of an arm, in the order of `cells`."""
+"""Columns of the table of an arm, in the order of `cells`."""
 
 
 def title(entry: Entry) -> str:
@@ -49,8 +49,8 @@ def failure_text(outcome: Outcome) -> str:
 def _failure_text(curve: Curve) -> str:
     assert curve.failure is not None
     value, joint, reason = curve.failure
-    said = {"error": f"error of {joint}", "roughness": f"rough effort of {joint}"}.get(reason, reason)
-    return f"{said} at {value:g} {curve.range.unit}".rstrip()
+    cause = {"error": f"error of {joint}", "roughness": f"rough effort of {joint}"}.get(reason, reason)
+    return f"{cause} at {value:g} {curve.range.unit}".rstrip()
 
 
 def cells(entry: Entry) -> list[str]:
@@ -67,7 +67,7 @@ def cells(entry: Entry) -> list[str]:
 
 
 def combined(metric: str, values: Sequence[float]) -> float:
-    """One number for all joints: the root of the sum of squares of RMSE, the sum of ECI and torque variation."""
+    """One number for all joints: the root of the sum of squares of RMSE, the sum of ECI and effort variation."""
     return math.hypot(*values) if metric == "rmse" else math.fsum(values)
 
 

@@ -22,7 +22,7 @@ FIXED: tuple[str, ...] = tuple(_CONTENT["fixed"])
 """Parameters that are not tuned."""
 
 PARAMETERS = "params.yaml"
-"""The parameter file in the folder of a tuning, which tells one tuning from another."""
+"""The parameter file in the folder of a tuning, which distinguishes one tuning from another."""
 NOMINAL = "nominal"
 """The condition of training in which model and load are as the controller knows them."""
 

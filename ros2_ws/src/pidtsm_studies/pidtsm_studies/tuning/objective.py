@@ -63,7 +63,7 @@ class Result:
     Attributes:
         cost: to be minimised; 1 and a little for the rule-based set.
         rmse: mean over the joints of the RMSE relative to that of the rule-based set; inf if the run diverged.
-        variation: mean over the joints of the torque variation, relative to what is smooth.
+        variation: mean over the joints of the effort variation, relative to what is smooth.
         success: whether the run succeeded, see `pidtsm_studies.score`.
         metrics: rmse, eci, torque_variation and late_error, one value per joint; empty if the run diverged.
     """

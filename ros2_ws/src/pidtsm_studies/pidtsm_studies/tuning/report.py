@@ -147,6 +147,6 @@ def _front(tuning: Tuning) -> Any:
         lines.append(Line(name, style, x, y, points=12))
     return chart(
         lines,
-        Axis("torque variation, relative to a smooth one", logarithmic=True),
+        Axis("effort variation, relative to a smooth one", logarithmic=True),
         Axis("RMSE, relative to the first set", logarithmic=True),
     )

@@ -10,6 +10,7 @@ import pytest
 
 from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Signal, Status
+from pidtsm_core.written import NOTHING
 from pidtsm_studies.article.claims import (
     ARTICLE_LAWS,
     CLAIMS,
@@ -24,7 +25,7 @@ from pidtsm_studies.article.claims import (
 )
 from pidtsm_studies.article.measures import MEASURES, measure
 from pidtsm_studies.article.printed import PRINTED
-from pidtsm_studies.reports.labels import CASES, LABELS, NOTHING, style_indices
+from pidtsm_studies.reports.labels import CASES, LABELS, style_indices
 
 
 def made_up_run(case: str, law: str, scale: float = 1.0) -> Run:

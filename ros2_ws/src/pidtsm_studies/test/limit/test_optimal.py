@@ -14,7 +14,7 @@ from pidtsm_core.simulation.disturbances.article import ARTICLE
 from pidtsm_studies.limit.optimal import acceleration, find_limit
 
 
-def test_without_casadi_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_casadi_it_shows_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "casadi", None)
     with pytest.raises(UsageError, match=r"limit needs CasADi: .* -r requirements/limit\.lock"):
         find_limit(make_experiment("case1"))

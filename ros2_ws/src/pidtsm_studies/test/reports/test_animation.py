@@ -1,4 +1,4 @@
-"""The animated arm is where MuJoCo says that it is, and is first seen from where its motion is visible."""
+"""The animated arm is where MuJoCo has it, and is first seen from where its motion is visible."""
 
 import base64
 import math

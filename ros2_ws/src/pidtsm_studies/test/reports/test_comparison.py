@@ -40,11 +40,11 @@ def test_what_differs_comes_first(comparison: Path, compared: dict[str, Run]) ->
         for a, b in zip(gentle[key], firm[key], strict=True):
             assert f'<data value="{b!r}"' in page
             assert f"<small>{difference(a, b, Scale('', 1.0))}</small>" in page
-    told = page.partition('class="verdict')[2].partition("</p>")[0]
-    assert "a/firm.1 follows most closely" in told
+    verdict_text = page.partition('class="verdict')[2].partition("</p>")[0]
+    assert "a/firm.1 follows most closely" in verdict_text
 
 
-def test_equal_runs_are_said_to_be_equal(tmp_path: Path, compared: dict[str, Run]) -> None:
+def test_equal_runs_are_reported_as_equal(tmp_path: Path, compared: dict[str, Run]) -> None:
     run = compared["gentle"]
     write_comparison(tmp_path / "report.html", {"a": run, "b": run}, {})
     page = (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -12,11 +12,11 @@ import pytest
 from support.devtools import CHROMIUM, Page
 
 from pidtsm_core.recording import Recording
+from pidtsm_core.recording.metric import METRICS
 from pidtsm_core.recording.outcome import OF_TRACKING, RAN_AWAY
 from pidtsm_core.recording.summary import write_metrics
 from pidtsm_core.written import number, quantity
 from pidtsm_studies.reports.comparison import write_comparison
-from pidtsm_studies.reports.matrix import METRICS
 
 in_browser = pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
 NOTATION = re.compile(r"\d[eE][-+]?\d|\d-\d{2}\b(?!-)")
@@ -63,8 +63,8 @@ def test_no_number_differs_from_metrics_json(
     factors = {metric.key: metric.factor for metric in METRICS}
     cells = Cells(arms[robot]).cells
     misleading = OF_TRACKING if metrics["outcome"] == RAN_AWAY else ()
-    told = [key for key in factors if key in metrics and key not in misleading]
-    known = {(key, joint) for key in told for joint, value in enumerate(metrics[key]) if value is not None}
+    meaningful = [key for key in factors if key in metrics and key not in misleading]
+    known = {(key, joint) for key in meaningful for joint, value in enumerate(metrics[key]) if value is not None}
     assert {(key, joint) for key, joint, _, _ in cells} == known
     for key, joint, value, text in cells:
         assert float(value) == metrics[key][joint]

@@ -158,7 +158,7 @@ def happened(path: Path) -> str:
     return path.read_text(encoding="utf-8").partition('<h2 id="happened">')[2].partition("</section>")[0]
 
 
-def test_unusual_events_are_told_and_marked(tmp_path: Path, run_of: RunOf) -> None:
+def test_unusual_events_are_shown_and_marked(tmp_path: Path, run_of: RunOf) -> None:
     recording, _ = run_of("case1", "piddtsm")
     status = recording.status.copy()
     status[500:700] = (Mode.STOPPED, Fault.VELOCITY_LIMIT, 1, Violation.VELOCITY, Stop.HOLD)

@@ -1,4 +1,4 @@
-"""The tuned sets that come along keep what is said of them, under conditions that they were not tuned under."""
+"""The tuned sets keep what is documented about them, under conditions that they were not tuned under."""
 
 import re
 from dataclasses import replace

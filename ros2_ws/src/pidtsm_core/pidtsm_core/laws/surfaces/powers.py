@@ -6,7 +6,7 @@ from pidtsm_core.compiling.decorators import inlined
 
 _ROUNDING = 1e-12
 """Smallest velocity of the error that counts, in rad/s or m/s: far above the rounding of a reference's sine or of an
-estimate (1e-17 to 1e-15), far below what any sensor tells from rest."""
+estimate (1e-17 to 1e-15), far below what any sensor distinguishes from rest."""
 
 
 @inlined

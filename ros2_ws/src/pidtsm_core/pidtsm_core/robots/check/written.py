@@ -141,7 +141,7 @@ def range_doubts(name: str, lower: float, upper: float) -> Iterator[Doubt]:
 
 
 def narrow_doubts(joints: Sequence[JointFacts]) -> Iterator[Doubt]:
-    """Doubts about the ranges of an MJCF, where angles are degrees unless it says radians."""
+    """Doubts about the ranges of an MJCF, where angles are degrees unless it chooses radians."""
     for joint in joints:
         if joint.type == "revolute" and joint.upper - joint.lower < _NARROW:
             low, high = math.degrees(joint.lower), math.degrees(joint.upper)

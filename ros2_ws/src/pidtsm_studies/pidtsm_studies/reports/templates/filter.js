@@ -14,8 +14,8 @@ function applyFilters() {
   hiddenSeries.clear();
   for (const box of off) for (const label of JSON.parse(box.dataset.series || "[]")) hiddenSeries.add(label);
   const rows = [...document.querySelectorAll("tr[data-tags]")];
-  const told = document.getElementById("filtered");
-  if (told) told.textContent = `${rows.filter((row) => row.checkVisibility()).length} of ${rows.length} rows shown`;
+  const count = document.getElementById("filtered");
+  if (count) count.textContent = `${rows.filter((row) => row.checkVisibility()).length} of ${rows.length} rows shown`;
   redraw();
 }
 
