@@ -16,8 +16,10 @@ from pidtsm_core.robots import find_robot
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.simulation.mujoco_model import ENGINE, MUJOCO
 from pidtsm_core.units import alike
+from pidtsm_core.written import quantity
 from pidtsm_studies.reports.comparison import write_comparison
 from pidtsm_studies.reports.figures import envelope, finished, line, logarithmic, panels, save_figures
+from pidtsm_studies.reports.page import Answer
 
 COMPARED = (RMSE, MEAN_EFFORT)
 """The metrics that are compared."""
@@ -108,7 +110,15 @@ def write_engine_page(comparison: EngineComparison, path: Path, simulator: Mappi
     chosen = {f"simulator.{ENGINE.name}": {engine: engine for engine in runs}}
     first = next(iter(comparison.runs.values()))
     title = f"{first.scenario}, {first.law}: the equations of the model and MuJoCo"
-    write_comparison(path, runs, chosen, dict.fromkeys(runs, simulator), title)
+    write_comparison(path, runs, chosen, dict.fromkeys(runs, simulator), title, _apart(first, comparison.difference))
+
+
+def _apart(run: Recording, difference: Array) -> Answer:
+    """Where the engines differ most."""
+    sample, joint = (int(each) for each in np.unravel_index(np.argmax(difference), difference.shape))
+    far = quantity(float(difference[sample, joint]), run.units[joint].position)
+    where = f"in the position of {run.joints[joint]} at {quantity(float(run.time[sample]), 's')}"
+    return Answer("How far apart are they?", far, where)
 
 
 def _difference(comparison: EngineComparison) -> Figure:

@@ -10,11 +10,11 @@ from pidtsm_core.parameters.files import NODES, Settings
 from pidtsm_core.recording import Recording
 from pidtsm_core.written import NOTHING, enumeration
 from pidtsm_studies.article.claims import Run
-from pidtsm_studies.reports.contrast import contrast_answers, contrast_section, contrast_verdict, contrasts
+from pidtsm_studies.reports.contrast import BEST, contrast_answers, contrast_section, contrast_verdict, contrasts
 from pidtsm_studies.reports.labels import run_entries
-from pidtsm_studies.reports.page import Page, write_page
+from pidtsm_studies.reports.page import Answer, Page, write_page
 from pidtsm_studies.reports.sections import events_of, happened_section, matrix_sections
-from pidtsm_studies.reports.verdicts import extents
+from pidtsm_studies.reports.verdicts import extents, sentence
 from pidtsm_studies.reports.viewer import more_curves_section, viewer_data, viewer_section
 
 _TOGETHER = "Comparison"
@@ -73,6 +73,7 @@ def write_comparison(
     parameters: Mapping[str, Mapping[str, Any]],
     simulators: Mapping[str, Mapping[str, Any]] | None = None,
     title: str = "",
+    apart: Answer | None = None,
 ) -> None:
     """Write the report of runs over each other; the same runs give the same file.
 
@@ -82,6 +83,7 @@ def write_comparison(
         parameters: see `differing_parameters`.
         simulators: parameters of the simulated arm, by run, with the times of pushes and loads.
         title: of the page; empty: the names of the runs.
+        apart: how far the runs are apart, if this is the question, instead of which one follows best.
     """
     entries = run_entries(runs)
     scenarios = {recording.scenario for recording, _ in runs.values()}
@@ -102,6 +104,9 @@ def write_comparison(
     )
     verdict, state = contrast_verdict(found, metrics)
     answers = contrast_answers(found, metrics, len(parameters))
+    if apart is not None:
+        verdict = sentence(f"The runs differ by at most {apart.text}, {apart.detail}")
+        answers = [apart if answer.question == BEST else answer for answer in answers]
     page = Page(title or enumeration(list(runs)), verdict, state, extents(metrics), answers, sections, data)
     write_page(path, page)
 

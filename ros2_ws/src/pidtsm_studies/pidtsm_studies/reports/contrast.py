@@ -10,6 +10,7 @@ from pidtsm_core.written import Scale, quantity, scale
 from pidtsm_studies.reports.matrix import cell, difference, units_of, values_of
 from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer, Section
 
+BEST = "Which follows best?"
 _SHOWN = 6
 """Largest number of differences shown first."""
 _Metrics = Mapping[str, Mapping[str, Any]]
@@ -109,7 +110,7 @@ def contrast_answers(found: Contrasts, metrics: _Metrics, parameters: int) -> li
     if ranked and found.found:
         unit = units_of(next(iter(metrics.values())))[found.joint].position
         text = " < ".join(quantity(value, unit) for value in sorted({value for value, _ in ranked})[:4])
-        answers.append(Answer("Which follows best?", ranked[0][1], f"RMSE of {joints[found.joint]}: {text}"))
+        answers.append(Answer(BEST, ranked[0][1], f"RMSE of {joints[found.joint]}: {text}"))
     given = f"{parameters} parameter{'s' if parameters != 1 else ''}" if parameters else "No parameter that is known"
     answers.append(Answer("What was changed?", given, "see Parameters that differ" if parameters else ""))
     if found.found:

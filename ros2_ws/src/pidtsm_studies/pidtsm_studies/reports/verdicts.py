@@ -5,7 +5,7 @@ from itertools import groupby
 from typing import Any
 
 from pidtsm_core.recording.metric import RMSE
-from pidtsm_core.recording.outcome import FOLLOWED, RAN_AWAY, verdict, what_happened
+from pidtsm_core.recording.outcome import FOLLOWED, RAN_AWAY, STOPPED, verdict, what_happened
 from pidtsm_core.written import number, quantity
 from pidtsm_studies.reports.events import Event
 from pidtsm_studies.reports.matrix import units_of, values_of, worst
@@ -55,10 +55,12 @@ def _how_well(metrics: Mapping[str, Any], joint: int | None) -> Answer:
     steady = metrics["steady_state_error"]
     most = max((value for value in steady if value is not None), default=None)
     where = steady.index(most) if most is not None else 0
-    text = f"RMSE {quantity(metrics['rmse'][joint or 0], unit)}"
+    text, worst_of = f"RMSE {quantity(metrics['rmse'][joint or 0], unit)}", " at worst" if joint is not None else ""
+    if metrics["outcome"] == STOPPED:
+        return Answer("How well?", text + worst_of, "including the time after the stop", BAD)
     return Answer(
         "How well?",
-        text + (" at worst" if joint is not None else ""),
+        text + worst_of,
         f"in the end within {quantity(most, units_of(metrics)[where].position)}",
         state_of(metrics),
     )
@@ -81,6 +83,9 @@ def _worst(metrics: Mapping[str, Any], joint: int | None) -> Answer:
     if metrics["outcome"] == RAN_AWAY:
         far = max(range(len(metrics["joints"])), key=lambda j: metrics["max_error"][j])
         return Answer("Which joint is worst?", metrics["joints"][far], "farthest from its reference", BAD)
+    stopped = [fault["joint"] for fault in metrics["faults"] if fault["joint"]]
+    if metrics["outcome"] == STOPPED and stopped:
+        return Answer("Which joint is worst?", stopped[-1], "it caused the stop", BAD)
     if joint is None:
         return Answer(
             "Which joint is worst?", metrics["joints"][0] if len(metrics["joints"]) == 1 else "None stands out"
