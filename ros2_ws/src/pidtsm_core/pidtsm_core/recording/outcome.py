@@ -40,6 +40,9 @@ BEFORE_FAULT, LIMITED_BEFORE = 0.5, 0.2
 and the share of its samples."""
 _LEFT_ITS_WAY = (Fault.POSITION_LIMIT, Fault.VELOCITY_LIMIT, Fault.TRACKING_LIMIT)
 
+ROUGH = 0.05
+"""A run whose error ends beyond this has followed roughly, rad or m."""
+
 OF_TRACKING = ("max_error", "rmse", "eci", "steady_state_error")
 """Metrics that are meaningless if the arm ran away."""
 
@@ -264,7 +267,8 @@ def verdict(metrics: Mapping[str, Any]) -> str:
     most = max(range(len(saturation)), key=lambda joint: saturation[joint])
     joint = metrics["joints"][most]
     limited = f", but {joint} was at a limit of its effort {100.0 * saturation[most]:.0f} % of the time"
-    text = FOLLOWED + (limited if saturation[most] >= NOTABLE_SATURATION else "")
+    roughly = " roughly" if (errors[worst] or 0.0) > ROUGH else ""
+    text = FOLLOWED + roughly + (limited if saturation[most] >= NOTABLE_SATURATION else "")
     within = quantity(errors[worst], units[worst].position)
     return f"{text}; in the end within {within} ({metrics['joints'][worst]})"
 

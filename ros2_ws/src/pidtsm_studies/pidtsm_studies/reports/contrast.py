@@ -6,11 +6,13 @@ from typing import Any
 
 from pidtsm_core.recording.metric import METRICS, RMSE, Metric
 from pidtsm_core.recording.outcome import FOLLOWED
-from pidtsm_core.written import Scale, quantity, scale
+from pidtsm_core.written import THIN, Scale, scale, scaled
 from pidtsm_studies.reports.matrix import cell, difference, units_of, values_of
 from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer, Section
 
 BEST = "Which follows best?"
+_RANKED = 4
+"""Largest number of runs in the answer to `BEST`."""
 _SHOWN = 6
 """Largest number of differences shown first."""
 _Metrics = Mapping[str, Mapping[str, Any]]
@@ -86,11 +88,10 @@ def contrast_verdict(found: Contrasts, metrics: _Metrics) -> tuple[str, str]:
         return f"The runs differ, but not in the RMSE of any joint{missing}.", PLAIN
     each = next(iter(metrics.values()))
     unit, joint = units_of(each)[found.joint].position, each["joints"][found.joint]
-    by = difference(most, least, scale([most], unit))
-    return (
-        f"{best} follows most closely: the RMSE of {joint} is {quantity(least, unit)}, {by} against {worst}{missing}.",
-        PLAIN,
-    )
+    shown = scale([least, most], unit)
+    values = f"{scaled(least, shown)} against {scaled(most, shown)}{THIN}{shown.unit}"
+    by = difference(most, least, shown)
+    return f"{best} follows most closely: the RMSE of {joint} is {values} of {worst} ({by}){missing}.", PLAIN
 
 
 def contrast_answers(found: Contrasts, metrics: _Metrics, parameters: int) -> list[Answer]:
@@ -109,8 +110,10 @@ def contrast_answers(found: Contrasts, metrics: _Metrics, parameters: int) -> li
     ranked = _ranked(metrics, found.joint)
     if ranked and found.found:
         unit = units_of(next(iter(metrics.values())))[found.joint].position
-        text = " < ".join(quantity(value, unit) for value in sorted({value for value, _ in ranked})[:4])
-        answers.append(Answer(BEST, ranked[0][1], f"RMSE of {joints[found.joint]}: {text}"))
+        shown = scale([value for value, _ in ranked], unit)
+        text = ", ".join(f"{name} {scaled(value, shown)}" for value, name in ranked[:_RANKED])
+        more = ", …" if len(ranked) > _RANKED else ""
+        answers.append(Answer(BEST, ranked[0][1], f"RMSE of {joints[found.joint]} in {shown.unit}: {text}{more}"))
     given = f"{parameters} parameter{'s' if parameters != 1 else ''}" if parameters else "No parameter that is known"
     answers.append(Answer("What was changed?", given, "see Parameters that differ" if parameters else ""))
     if found.found:

@@ -101,9 +101,9 @@ def _limits(metrics: Mapping[str, Any]) -> Iterator[Event]:
     for violation in metrics["violations"]:
         limit, lasts = violation["limit"], quantity(violation["duration"], "s")
         if limit == _CONTACT:
-            yield Event("contact", violation["time"], None, f"touches something, for {lasts} in all")
+            yield Event("contact", violation["time"], None, f"touches something ({lasts} in all)")
         else:
-            yield Event("limit", violation["time"], None, f"a joint is beyond limits.{limit}, for {lasts} in all")
+            yield Event("limit", violation["time"], None, f"a joint is beyond limits.{limit} ({lasts} in all)")
 
 
 def _modes(recording: Recording) -> Iterator[Event]:

@@ -9,6 +9,9 @@ from pidtsm_core.units import JointUnits, either, joint_units
 from pidtsm_core.written import NOTHING, THIN, Scale, number, scale, signed
 from pidtsm_studies.reports.labels import value_text
 
+_MUCH_SMALLER = 0.05
+"""Ratio below which a percentage says too little."""
+
 
 def metric_value(metrics: Mapping[str, Any], key: str, joint: int) -> float | None:
     """A metric of a joint; None if it does not exist, or if the run ran away and it would mislead."""
@@ -131,10 +134,11 @@ def difference(first: float | None, value: float | None, shown: Scale) -> str:
         return "="
     if first == 0.0:
         return signed(shown.factor * value, digits=2)
-    percent = 100.0 * (value / first - 1.0)
-    return (
-        f"{signed(percent, digits=2)}{THIN}%" if abs(percent) < 1000.0 else f"{number(value / first, digits=2)}{THIN}×"
-    )
+    ratio = value / first
+    if 0.0 < ratio < _MUCH_SMALLER:
+        return f"{number(first / value, digits=2)}{THIN}× smaller"
+    percent = 100.0 * (ratio - 1.0)
+    return f"{signed(percent, digits=2)}{THIN}%" if abs(percent) < 1000.0 else f"{number(ratio, digits=2)}{THIN}×"
 
 
 def _scales(metric: Metric, rows: Sequence[Sequence[float | None]], units: Sequence[str]) -> dict[str, Scale]:

@@ -5,12 +5,14 @@ from itertools import groupby
 from typing import Any
 
 from pidtsm_core.recording.metric import RMSE
-from pidtsm_core.recording.outcome import FOLLOWED, RAN_AWAY, STOPPED, verdict, what_happened
+from pidtsm_core.recording.outcome import FOLLOWED, RAN_AWAY, ROUGH, STOPPED, verdict, what_happened
 from pidtsm_core.written import number, quantity
 from pidtsm_studies.reports.events import Event
 from pidtsm_studies.reports.matrix import units_of, values_of, worst
 from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer
 
+_IMPORTANCE = ("fault", "push", "payload", "contact", "limit", "mode", "learnt")
+"""Kinds of events, those first that an answer names first."""
 _SHOWN = 2
 """Largest number of events in an answer."""
 
@@ -21,8 +23,10 @@ def sentence(text: str) -> str:
 
 
 def state_of(metrics: Mapping[str, Any]) -> str:
-    """Whether a run followed."""
-    return GOOD if metrics["outcome"] == FOLLOWED else BAD
+    """Whether a run followed; `PLAIN`: roughly."""
+    if metrics["outcome"] != FOLLOWED:
+        return BAD
+    return GOOD if max((error or 0.0 for error in metrics["steady_state_error"]), default=0.0) <= ROUGH else PLAIN
 
 
 def worst_joint(metrics: Mapping[str, Any]) -> int | None:
@@ -44,8 +48,9 @@ def _followed(metrics: Mapping[str, Any]) -> Answer:
     ]
     whole = quantity(metrics["duration"], "s")
     detail = f"{', '.join(away)} of {whole}" if away else f"all {whole}"
-    good = metrics["outcome"] == FOLLOWED
-    return Answer("Did it follow?", "Yes" if good else f"No: {metrics['outcome']}", detail, GOOD if good else BAD)
+    state = state_of(metrics)
+    text = {GOOD: "Yes", PLAIN: "Roughly", BAD: f"No: {metrics['outcome']}"}[state]
+    return Answer("Did it follow?", text, detail, state)
 
 
 def _how_well(metrics: Mapping[str, Any], joint: int | None) -> Answer:
@@ -67,7 +72,7 @@ def _how_well(metrics: Mapping[str, Any], joint: int | None) -> Answer:
 
 
 def _happened(metrics: Mapping[str, Any], events: Sequence[Event]) -> Answer:
-    order = sorted(events, key=lambda event: (event.kind in ("learnt", "mode"), event.kind != "fault", event.time))
+    order = sorted(events, key=lambda event: (_IMPORTANCE.index(event.kind), event.time))
     shown = sorted(order[:_SHOWN], key=lambda event: event.time)
     unusual = [event for event in events if event.kind != "learnt"]
     if not unusual:
