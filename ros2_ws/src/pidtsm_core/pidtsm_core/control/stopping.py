@@ -94,7 +94,7 @@ def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> 
         state.desired[1, j] = velocity
         state.desired[2, j] = 0.0
     if time_of_change(state) > _LONG_CHANGE:
-        _continue_acceleration(config, state)
+        _continue_acceleration(config, state, stamp)
     state.hold_pace[0] = min(max(_FADES_OVER / max(fastest, 1e-9), QUICKEST), SLOWEST)
     _plan_stop(config, state, stamp, fastest)
     _weigh(config, state)
@@ -123,10 +123,23 @@ def resume_hold(config: ControllerConfig, state: ControllerState, stamp: int) ->
 
 
 @inlined
-def _continue_acceleration(config: ControllerConfig, state: ControllerState) -> None:
-    """Begin the way to rest with the acceleration that the last command causes, because it cannot change at once."""
+def _continue_acceleration(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
+    """Begin the way to rest with the acceleration that the last command causes, because it cannot change at once.
+
+    What was applied without effect so far, such as against friction, does not accelerate the arm now.
+    """
+    _find_load(config, state, stamp)
     for j in range(state.sent.size):
-        state.net[j] = state.sent[j] - state.hold[Hold.LEARNT, j]
+        state.motion[0, j] = 0.0
+    inverse_dynamics(config.model, state.desired[0], state.desired[1], state.motion[:1], state.scratch[3:4])
+    add_offset(config, state.scratch[3:4], 1.0)
+    enough = state.counts[Count.NOTES] >= RECENT
+    for j in range(state.sent.size):
+        state.net[j] = net = state.sent[j] - state.hold[Hold.LEARNT, j]
+        if enough and not is_doubtful(state, j):
+            carried = state.scratch[3, j]
+            state.net[j] = carried + _middle(net - carried, state.sent[j] - state.scratch[2, j] - carried, 0.0)
+    for j in range(state.sent.size):
         state.scratch[0, j] = state.desired[0, j]
         state.scratch[1, j] = state.desired[1, j]
     add_offset(config, state.net.reshape((1, -1)), -1.0)
