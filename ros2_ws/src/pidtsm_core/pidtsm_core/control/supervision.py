@@ -48,7 +48,7 @@ def supervise(state: ControllerState, stamp: int) -> None:
         _enter(state, Stop.DAMPING if _changes_sign(state) else Stop.GRAVITY, stamp)
     elif state.counts[Count.RESTED] < _LARGEST_COUNT:
         since = stamp + 1 - state.times[Time.DEGRADED_SINCE]
-        if _fastest(state) < _SLOW or (stage == Stop.DAMPING and since > _PATIENCE):
+        if _fastest(state) < _SLOW or since > _PATIENCE:
             state.counts[Count.RESTED] += 1
             state.conditions[Condition.HELD] = Held.ELSEWHERE
 
