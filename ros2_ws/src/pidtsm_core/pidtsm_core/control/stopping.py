@@ -93,10 +93,14 @@ def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> 
         state.desired[0, j] = position
         state.desired[1, j] = velocity
         state.desired[2, j] = 0.0
-    if time_of_change(state) > _LONG_CHANGE:
+    continues, suspended = time_of_change(state) > _LONG_CHANGE, conditions[Condition.UNLIMITED]
+    if continues:
         _continue_acceleration(config, state, stamp)
     state.hold_pace[0] = min(max(_FADES_OVER / max(fastest, 1e-9), QUICKEST), SLOWEST)
     _plan_stop(config, state, stamp, fastest)
+    if continues and state.approach_duration[0] > _LONGEST_REST:
+        conditions[Condition.UNLIMITED] = suspended
+        _plan_shorter(config, state, stamp, fastest)
     _weigh(config, state)
     _choose_bandwidth(config, state)
     state.conditions[Condition.HELD] = Held.HERE
@@ -179,6 +183,30 @@ def _plan_stop(config: ControllerConfig, state: ControllerState, stamp: int, fas
         if 0.5 * fastest * (state.approach_duration[0] - unlimited) > DETOUR:
             conditions[Condition.UNLIMITED] = 1
             come_to_rest(config, state, stamp, shortest)
+
+
+@part
+def _plan_shorter(config: ControllerConfig, state: ControllerState, stamp: int, fastest: float) -> None:
+    """Plan without the acceleration with which the way begins, if it is shorter then.
+
+    The longer a way takes, the farther its first acceleration leads. If the way begins without it, the effort needs
+    some time to follow, in which the arm goes astray.
+    """
+    far, farther, astray = 0.0, 0.0, 0.25 * time_of_change(state) ** 2
+    suspended = state.conditions[Condition.UNLIMITED]
+    for j in range(state.measured.size):
+        far = max(far, abs(state.held[0, j] - state.desired[0, j]))
+        state.net[j] = state.desired[2, j]
+        state.desired[2, j] = 0.0
+    _plan_stop(config, state, stamp, fastest)
+    for j in range(state.measured.size):
+        way = abs(state.held[0, j] - state.desired[0, j])
+        farther = max(farther, way + astray * abs(state.net[j]))
+    if farther > far:
+        state.conditions[Condition.UNLIMITED] = suspended
+        for j in range(state.measured.size):
+            state.desired[2, j] = state.net[j]
+        _plan_stop(config, state, stamp, fastest)
 
 
 @inlined
