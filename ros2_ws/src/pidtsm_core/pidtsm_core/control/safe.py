@@ -29,7 +29,7 @@ _SETTLES, _WEIGHS, _WEIGHING = 0.03, 0.3, 2.0
 """s, s; the load is weighed between these times after the stop. Rate, relative to the bandwidth of the hold."""
 _LONGEST_PERIOD = NANOSECONDS // 300
 """ns; an arm that is measured less often is not weighed."""
-_MOVES = 0.005
+_MOVES = 0.001
 """rad; largest way that the difference between the last command and the safe effort alone would move the arm."""
 _SHARE_OF_RATE = 0.5
 """Share of a rate limit in which the difference fades."""
