@@ -2,7 +2,8 @@
 
 If the arm leaves its place, holding is given up for damping, which dissipates energy whatever the inertia is. If a
 joint becomes faster although it is damped, the damping acts on a wrong velocity, or too late: then the arm is only
-carried by the model, with weak damping. An arm that has come to rest is held again, but not for ever.
+carried by the model, with weak damping. An arm that has come to rest, or moves on but no faster, is held again, but not
+for ever.
 """
 
 import math
@@ -26,7 +27,7 @@ _GROWN_ENERGY = 1.1
 _SLOW = 0.05
 """rad/s; an arm that is slower is held again."""
 _PATIENCE = NANOSECONDS // 2
-"""ns after which an arm that obeys is held again even if it moves: it sinks because its load is unknown."""
+"""ns after which an arm that gets no faster is held again even if it moves: it sinks because its load is unknown."""
 _LARGEST_COUNT = 5
 """How often."""
 
