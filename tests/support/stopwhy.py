@@ -1,14 +1,14 @@
 """Why a stop is bad: which condition must go, so that it is good?
 
 A bad stop is simulated again from the sample of the stop on, each time without one of the conditions in `CONDITIONS`,
-and judged as before. The first condition without which the stop is good explains it (a counterfactual, "but for"). If
-no single one does, those in `CHOICES` are tried, then pairs and triples of both. Before all that, the best braking
-takes the place of the controller: it knows the true arm and its true motion without delay, and only the limits of
-torques and of their steps bind it. If it is bad, too, no controller could have done better: ``limits``. A condition
-that a case does not have is not tried.
+and judged as before. The first condition without which the stop is good explains it (a counterfactual, "but for"); then
+those in `CHOICES`. Before all that, the best braking takes the place of the controller: it knows the true arm and its
+true motion without delay, and only the limits of torques and of their steps bind it. If it is bad, too, no controller
+could have done better: ``limits``. A condition that a case does not have is not tried.
 
-If more than three conditions are needed, they are taken away one after the other, each time the one without which the
-stop is best, up to `_LONGEST`. What is left is the controller's own: ``controller``.
+If no single condition explains the stop, more are taken away one after the other, each time the one without which the
+stop is best, until it is good; then those are given back that are not needed for it. If this leads nowhere, all pairs
+and triples are tried. What is left is the controller's own: ``controller``.
 """
 
 from collections.abc import Callable, Iterable
@@ -192,7 +192,7 @@ OTHERS = {
 }
 _EVERY = {name: change for name, (change, _) in (CONDITIONS | CHOICES).items()}
 _MOST, _LONGEST = 3, 6
-"""Conditions that together are an explanation, of all combinations; and of those that are tried last."""
+"""Conditions that together are an explanation: of all combinations, and one after the other."""
 
 
 def _present(run: Run) -> list[str]:
@@ -231,20 +231,33 @@ def explain(run: Run) -> str:
     if judge(run.with_other(_drives, stop_ideally)).why:
         return LIMITS
     present = _present(run)
-    for size in range(1, _MOST + 1):
+    single = {}
+    for name in present:
+        single[name] = _without(run, [name])
+        if not single[name].why:
+            return name
+    found = _one_by_one(run, present, min(present, key=lambda name: single[name].worst_ratio))
+    return "+".join(found or _together(run, present)) or CONTROLLER
+
+
+def _one_by_one(run: Run, present: list[str], first: str) -> list[str]:
+    """Conditions that are all needed, beginning with the most important one; none if the stop remains bad."""
+    gone, good = [first], False
+    while not good and len(gone) < min(_LONGEST, len(present)):
+        left = {name: _without(run, [*gone, name]) for name in present if name not in gone}
+        gone.append(min(left, key=lambda name: left[name].worst_ratio))
+        good = not left[gone[-1]].why
+    for name in list(gone) if good else ():
+        fewer = [other for other in gone if other != name]
+        if not _without(run, fewer).why:
+            gone = fewer
+    return [name for name in present if name in gone] if good else []
+
+
+def _together(run: Run, present: list[str]) -> tuple[str, ...]:
+    """The first pair or triple without which the stop is good; none: empty."""
+    for size in range(2, _MOST + 1):
         for some in combinations(present, size):
             if not _without(run, some).why:
-                return "+".join(some)
-    return _one_by_one(run, present)
-
-
-def _one_by_one(run: Run, present: list[str]) -> str:
-    """What is good without more conditions than are tried in all combinations, or `CONTROLLER`."""
-    gone: list[str] = []
-    while len(gone) < min(_LONGEST, len(present)):
-        left = {name: _without(run, [*gone, name]) for name in present if name not in gone}
-        best = min(left, key=lambda name: left[name].worst_ratio)
-        gone.append(best)
-        if not left[best].why:
-            return "+".join(name for name in present if name in gone)
-    return CONTROLLER
+                return some
+    return ()
