@@ -227,7 +227,9 @@ def _present_motion(config: ControllerConfig, state: ControllerState, stamp: int
         return hold[Hold.POSITION, joint], hold[Hold.VELOCITY, joint]
     recent, velocity = noted_motion(state, stamp, joint, RECENT)
     _, before = noted_motion(state, stamp, joint, HISTORY)
-    if is_doubtful(state, joint):
+    if state.counts[Count.NOTES] < 2:
+        velocity = 0.0  # The controller has just begun, at rest; a few samples show no velocity.
+    elif is_doubtful(state, joint):
         velocity = before
     else:
         recent = _middle(state.measured[joint], recent, y[Signal.POSITION, joint])
