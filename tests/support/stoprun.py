@@ -19,6 +19,8 @@ from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 from pidtsm_core.timing import period_nanoseconds
 from support.stopcases import ARMS, Case
 from support.stoploop import (
+    STEP,
+    Braking,
     Kind,
     LoopParts,
     Progress,
@@ -43,7 +45,7 @@ class Run:
         limit: of the torques, shape (joints,), N m.
         picked: first sample at which the arm carries its payload.
         bandwidth: of the hold, by the parameters, rad/s.
-        late: samples between a motion of the arm and the torque that answers it.
+        braking: of the best braking, by which the stop is judged.
         fault: its name; empty: none.
         controller, parts, events: the loop after the last sample.
     """
@@ -61,7 +63,8 @@ class Run:
         self.events = falsified(_table(case, rate))
         self.limit = np.minimum(joint_array(values["limits.effort"], arm.joints), self.controller.config.limits.effort)
         self.bandwidth = as_float(known["stop.bandwidth"])
-        self._simulated, self.late = values, _late(values, rate, arm.joints)
+        self._simulated = values
+        self.braking = Braking(self.limit, STEP, self.dt, _late(values, arm.joints))
         until, self._after = round(case.until * rate), round(case.after * rate)
         self._draws = robot.randomness.draw(until + self._after)
         self._progress, self._whole = nothing_so_far(), trace_of(until + self._after, arm.joints)
@@ -135,7 +138,6 @@ class Run:
         robot.measurements.sent[:] = robot.commands.sent[:] = -1  # What is on its way arrives as the next does.
         self.stopped, self.picked, self._after = self.stopped * times, self.picked * times, self._after * times
         self.dt = 1.0 / rate
-        self.late = _late(self._simulated, rate, self.limit.size)
 
     def replace_last_command(self, effort: Array) -> None:
         """Let the last command and the torque of the drives be others, shape (joints,), N m; for `with_other`."""
@@ -154,10 +156,11 @@ class Run:
                 yield slice(int(part[0]), int(part[-1]) + 1)
 
 
-def _late(values: Mapping[str, Value], rate: int, joints: int) -> int:
+def _late(values: Mapping[str, Value], joints: int) -> int:
+    """Samples between a motion of the arm and the torque that answers it."""
     lag = float(joint_array(values["actuator.lag"], joints).max())
     delays = as_float(values["delay.samples"]) + as_float(values["delay.command_samples"])
-    return int(delays) + int(np.ceil(lag * rate))
+    return int(delays) + int(np.ceil(lag * as_float(values["rate"])))
 
 
 def _parts(controller: Controller, robot: SimulatedRobot, motion: ReferenceMotion, period: int) -> LoopParts:

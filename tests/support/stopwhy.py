@@ -4,7 +4,8 @@ A bad stop is simulated again from the sample of the stop on, each time without 
 and judged as before. The first condition without which the stop is good explains it (a counterfactual, "but for"); then
 those in `CHOICES`. Before all that, the best braking takes the place of the controller: it knows the true arm and its
 true motion without delay, and only the limits of torques and of their steps bind it. If it is bad, too, no controller
-could have done better: ``limits``. A condition that a case does not have is not tried.
+could have done better: ``limits``. A condition that a case does not have is not tried. What is allowed remains that of
+the stop as it was: of its motion, its torque limits and its rate.
 
 If no single condition explains the stop, more are taken away one after the other, each time the one without which the
 stop is best, until it is good; then those are given back that are not needed for it. If this leads nowhere, all pairs
