@@ -8,8 +8,8 @@ could have done better: ``limits``. A condition that a case does not have is not
 the stop as it was: of its motion, its torque limits and its rate.
 
 If no single condition explains the stop, more are taken away one after the other, each time the one without which the
-stop is best, until it is good; then those are given back that are not needed for it. If this leads nowhere, all pairs
-and triples are tried. What is left is the controller's own: ``controller``.
+stop is best, until it is good, or all of them; then those are given back that are not needed for it. If this leads
+nowhere, all pairs and triples are tried. What is left is the controller's own: ``controller``.
 """
 
 from collections.abc import Callable, Iterable
@@ -127,9 +127,15 @@ def _rate_limit(run: Run) -> None:
 
 
 def _speed(run: Run) -> None:
+    """The arm is no faster than its velocity limit, and what the controller has seen of it fits."""
     limit, velocity = run.controller.config.limits.velocity, run.parts.robot.arm.derivatives[0]
     most = np.where(limit > 0.0, limit, _USUAL)
-    velocity[:] /= max(1.0, float((np.abs(velocity) / most).max()))
+    share = 1.0 / max(1.0, float((np.abs(velocity) / most).max()))
+    state = run.controller.state
+    for speeds in (velocity, state.signals[Signal.VELOCITY], state.hold[Hold.BEFORE], state.hold[Hold.VELOCITY]):
+        speeds[:] = share * speeds
+    state.history[:] = state.measured + share * (state.history - state.measured)
+    _again(run)
 
 
 def _truth(run: Run) -> None:
@@ -141,9 +147,8 @@ def _truth(run: Run) -> None:
 
 def _impulse(run: Run) -> None:
     """The torque before the stop is that of the true motion without any acceleration, within the limits."""
-    k, effort = run.stopped, np.zeros((1, run.limit.size))
-    q, dq = (np.ascontiguousarray(table[k]) for table in (run.trace.position, run.trace.velocity))
-    inverse_dynamics(run.true(k), q, dq, np.zeros_like(effort), effort)
+    arm, effort = run.parts.robot.arm, np.zeros((1, run.limit.size))
+    inverse_dynamics(run.true(run.stopped), arm.position, arm.derivatives[0], np.zeros_like(effort), effort)
     run.replace_last_command(np.clip(effort[0], -run.limit, run.limit))
     _again(run)
 
@@ -248,11 +253,14 @@ def _one_by_one(run: Run, present: list[str], first: str) -> list[str]:
         left = {name: _without(run, [*gone, name]) for name in present if name not in gone}
         gone.append(min(left, key=lambda name: left[name].worst_ratio))
         good = not left[gone[-1]].why
-    for name in list(gone) if good else ():
+    gone = gone if good else present
+    if not good and _without(run, gone).why:
+        return []
+    for name in list(gone):
         fewer = [other for other in gone if other != name]
         if not _without(run, fewer).why:
             gone = fewer
-    return [name for name in present if name in gone] if good else []
+    return [name for name in present if name in gone]
 
 
 def _together(run: Run, present: list[str]) -> tuple[str, ...]:
