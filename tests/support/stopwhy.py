@@ -8,8 +8,8 @@ could have done better: ``limits``. A condition that a case does not have is not
 the stop as it was: of its motion, its torque limits and its rate.
 
 If no single condition explains the stop, more are taken away one after the other, each time the one without which the
-stop is best, until it is good, or all of them; then those are given back that are not needed for it. If this leads
-nowhere, all pairs and triples are tried. What is left is the controller's own: ``controller``.
+stop is best, until it is good, or all of them but one; then those are given back that are not needed for it. If this
+leads nowhere, all pairs and triples are tried. What is left is the controller's own: ``controller``.
 """
 
 from collections.abc import Callable, Iterable
@@ -253,9 +253,9 @@ def _one_by_one(run: Run, present: list[str], first: str) -> list[str]:
         left = {name: _without(run, [*gone, name]) for name in present if name not in gone}
         gone.append(min(left, key=lambda name: left[name].worst_ratio))
         good = not left[gone[-1]].why
-    gone = gone if good else present
-    if not good and _without(run, gone).why:
-        return []
+    if not good:
+        most = [present, *([other for other in present if other != name] for name in present)]
+        gone = next((names for names in most if not _without(run, names).why), [])
     for name in list(gone):
         fewer = [other for other in gone if other != name]
         if not _without(run, fewer).why:
