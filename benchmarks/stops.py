@@ -48,7 +48,7 @@ _SHOWN = 40
 _MAKERS: dict[str, Callable[[int, int], Case]] = {"stops": case_of, "alarms": ordinary_case_of}
 
 
-def judged(search: str, seed: int, indices: range) -> list[dict[str, Any]]:
+def judged(search: str, seed: int, indices: Iterable[int]) -> list[dict[str, Any]]:
     """Outcomes of cases, see `Outcome`; bad stops are explained."""
     outcomes = []
     for index in indices:
@@ -60,7 +60,7 @@ def judged(search: str, seed: int, indices: range) -> list[dict[str, Any]]:
     return outcomes
 
 
-def _judged_in_a_process(search: str, seed: int, indices: range) -> list[dict[str, Any]]:
+def _judged_in_a_process(search: str, seed: int, indices: Iterable[int]) -> list[dict[str, Any]]:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # The main process ends the search.
     return judged(search, seed, indices)
 
@@ -129,11 +129,11 @@ class Search:
         with Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch=2 * jobs, batch_size=1) as parallel:
             yield from parallel(delayed(_judged_in_a_process)(self._name, self._seed, chunk) for chunk in chunks)
 
-    def _chunks(self) -> Iterator[range]:
+    def _chunks(self) -> Iterator[list[int]]:
         first = 0
         while True:
-            chunk = range(first, first + _CHUNK)
-            if not all(index in self.outcomes for index in chunk):
+            chunk = [index for index in range(first, first + _CHUNK) if index not in self.outcomes]
+            if chunk:
                 yield chunk
             first += _CHUNK
 

@@ -41,7 +41,7 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.robots import Model, inverse_dynamics
 from support.stopcases import case_of
-from support.stoploop import STEP, Braking, brake, kinetic
+from support.stoploop import STEP, brake, kinetic
 from support.stoprun import Run
 
 CRITERIA = ("travel", "speed", "energy", "step", "torque", "finite")
@@ -103,7 +103,7 @@ def best_braking(run: Run, first: int) -> tuple[Array, Array]:
     applied = trace.applied[max(first - 1, 0)]
     state = np.array([trace.position[first], trace.velocity[first], applied])
     way, fastest = np.zeros(n), np.zeros(n)
-    brake(run.true(first), Braking(run.limit, STEP, run.dt, run.late), state, way, fastest, np.zeros((7, n)))
+    brake(run.true(first), run.braking, state, way, fastest, np.zeros((7, n)))
     return way, fastest
 
 

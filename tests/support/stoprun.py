@@ -2,24 +2,29 @@
 
 import copy
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.estimators import ESTIMATORS
-from pidtsm_core.parameters import as_float, joint_array, resolve
+from pidtsm_core.parameters import Value, as_float, joint_array, resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.robots import Model
 from pidtsm_core.signals import Fault
+from pidtsm_core.simulation.actuator import actuator_config
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 from pidtsm_core.timing import period_nanoseconds
 from support.stopcases import ARMS, Case
 from support.stoploop import (
+    STEP,
+    Braking,
     Kind,
     LoopParts,
     Progress,
+    Trace,
     falsified,
     first_samples,
     nothing_so_far,
@@ -40,7 +45,7 @@ class Run:
         limit: of the torques, shape (joints,), N m.
         picked: first sample at which the arm carries its payload.
         bandwidth: of the hold, by the parameters, rad/s.
-        late: samples between a motion of the arm and the torque that answers it.
+        braking: of the best braking, by which the stop is judged.
         fault: its name; empty: none.
         controller, parts, events: the loop after the last sample.
     """
@@ -58,9 +63,8 @@ class Run:
         self.events = falsified(_table(case, rate))
         self.limit = np.minimum(joint_array(values["limits.effort"], arm.joints), self.controller.config.limits.effort)
         self.bandwidth = as_float(known["stop.bandwidth"])
-        lag = float(joint_array(values["actuator.lag"], arm.joints).max())
-        delays = as_float(values["delay.samples"]) + as_float(values["delay.command_samples"])
-        self.late = int(delays) + int(np.ceil(lag * rate))
+        self._simulated = values
+        self.braking = Braking(self.limit, STEP, self.dt, _late(values, arm.joints))
         until, self._after = round(case.until * rate), round(case.after * rate)
         self._draws = robot.randomness.draw(until + self._after)
         self._progress, self._whole = nothing_so_far(), trace_of(until + self._after, arm.joints)
@@ -108,9 +112,40 @@ class Run:
         other._whole = copy.deepcopy(self._whole)
         hardware = self.parts.hardware
         change(other)
-        other.finite = other._simulate(self.stopped + self._after, by)
+        other.finite = other._simulate(other.stopped + other._after, by)
         self.parts = self.parts._replace(hardware=hardware)
         return other
+
+    def change_rate(self, rate: int) -> None:
+        """From the sample after the stop on, let joint states and commands come at another rate; for `with_other`.
+
+        Args:
+            rate: a multiple of the rate so far, Hz. Delays keep their number of samples, and noise its values in time.
+        """
+        times, past = round(rate * self.dt), self.stopped + 1
+        robot, hardware = self.parts.robot, self.parts.hardware
+        drives = actuator_config({**self._simulated, "rate": rate}, self.limit.size)
+        self.parts = self.parts._replace(hardware=hardware._replace(actuator=drives), period=period_nanoseconds(rate))
+        before: list[Any] = list(self._whole)
+        after: list[Any] = list(trace_of(len(self._whole.fault) * times, self.limit.size))
+        for old, new in zip(before, after, strict=True):
+            new[: past * times] = np.repeat(old[:past], times, axis=0)
+        self._whole = Trace(*after)
+        self._draws = np.repeat(self._draws, times, axis=0)
+        self._progress[[Progress.SAMPLE, Progress.STOPPED]] *= times
+        self._progress[Progress.USUAL] = self.parts.period
+        self.events.table[:, 2:4] *= times
+        robot.measurements.sent[:] = robot.commands.sent[:] = -1  # What is on its way arrives as the next does.
+        self.stopped, self.picked, self._after = self.stopped * times, self.picked * times, self._after * times
+        self.dt = 1.0 / rate
+
+    def replace_last_command(self, effort: Array) -> None:
+        """Let the last command and the torque of the drives be others, shape (joints,), N m; for `with_other`."""
+        robot = self.parts.robot
+        for last in (self.controller.state.sent, self.parts.effort, robot.command, robot.lagging):
+            last[:] = effort
+        robot.commands.packets[:, 0] = effort
+        self._whole.command[self.stopped - 1 : self.stopped + 1] = effort
 
     def stretches(self) -> Iterator[slice]:
         """Samples after the stop in which no outside force acts or changes, at least 10 ms each."""
@@ -119,6 +154,13 @@ class Run:
         for part in np.split(free, ends):
             if part.size * self.dt > 0.01:
                 yield slice(int(part[0]), int(part[-1]) + 1)
+
+
+def _late(values: Mapping[str, Value], joints: int) -> int:
+    """Samples between a motion of the arm and the torque that answers it."""
+    lag = float(joint_array(values["actuator.lag"], joints).max())
+    delays = as_float(values["delay.samples"]) + as_float(values["delay.command_samples"])
+    return int(delays) + int(np.ceil(lag * as_float(values["rate"])))
 
 
 def _parts(controller: Controller, robot: SimulatedRobot, motion: ReferenceMotion, period: int) -> LoopParts:

@@ -13,7 +13,7 @@ from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.desired import write_desired
 from pidtsm_core.control.effort import LARGEST_CHANGE, add_offset, added_gravity, carry, feed_offset, limit_effort
 from pidtsm_core.control.state import Condition, ControllerState, Held, Hold, Time, part
-from pidtsm_core.control.stopping import DETOUR, QUICKEST, SLOWEST, begin_hold, learn, resume_hold
+from pidtsm_core.control.stopping import DETOUR, SLOWEST, begin_hold, learn, resume_hold
 from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
 from pidtsm_core.control.trust import is_doubtful, reverse, used_position
 from pidtsm_core.robots import inverse_dynamics
@@ -29,7 +29,7 @@ _SETTLES, _WEIGHS, _WEIGHING = 0.03, 0.3, 2.0
 """s, s; the load is weighed between these times after the stop. Rate, relative to the bandwidth of the hold."""
 _LONGEST_PERIOD = NANOSECONDS // 300
 """ns; an arm that is measured less often is not weighed."""
-_MOVES = 0.005
+_MOVES = 0.001
 """rad; largest way that the difference between the last command and the safe effort alone would move the arm."""
 _SHARE_OF_RATE = 0.5
 """Share of a rate limit in which the difference fades."""
@@ -269,7 +269,7 @@ def _hurry(config: ControllerConfig, state: ControllerState) -> None:
         off, inertia = abs(state.hold[Hold.OFFSET, j]), state.inertia[j, j]
         if inertia > 0.0 and off > 0.0:
             rate = math.sqrt(off * off * off / (6.0 * inertia * _MOVES))
-            state.hold_pace[0] = max(min(state.hold_pace[0], config.limits.effort[j] / rate), QUICKEST)
+            state.hold_pace[0] = min(state.hold_pace[0], config.limits.effort[j] / rate)
 
 
 @inlined

@@ -93,10 +93,14 @@ def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> 
         state.desired[0, j] = position
         state.desired[1, j] = velocity
         state.desired[2, j] = 0.0
-    if time_of_change(state) > _LONG_CHANGE:
-        _continue_acceleration(config, state)
+    continues, suspended = time_of_change(state) > _LONG_CHANGE, conditions[Condition.UNLIMITED]
+    if continues:
+        _continue_acceleration(config, state, stamp)
     state.hold_pace[0] = min(max(_FADES_OVER / max(fastest, 1e-9), QUICKEST), SLOWEST)
     _plan_stop(config, state, stamp, fastest)
+    if continues and state.approach_duration[0] > _LONGEST_REST:
+        conditions[Condition.UNLIMITED] = suspended
+        _plan_shorter(config, state, stamp, fastest)
     _weigh(config, state)
     _choose_bandwidth(config, state)
     state.conditions[Condition.HELD] = Held.HERE
@@ -123,10 +127,23 @@ def resume_hold(config: ControllerConfig, state: ControllerState, stamp: int) ->
 
 
 @inlined
-def _continue_acceleration(config: ControllerConfig, state: ControllerState) -> None:
-    """Begin the way to rest with the acceleration that the last command causes, because it cannot change at once."""
+def _continue_acceleration(config: ControllerConfig, state: ControllerState, stamp: int) -> None:
+    """Begin the way to rest with the acceleration that the last command causes, because it cannot change at once.
+
+    What was applied without effect so far, such as against friction, does not accelerate the arm now.
+    """
+    _find_load(config, state, stamp)
     for j in range(state.sent.size):
-        state.net[j] = state.sent[j] - state.hold[Hold.LEARNT, j]
+        state.motion[0, j] = 0.0
+    inverse_dynamics(config.model, state.desired[0], state.desired[1], state.motion[:1], state.scratch[3:4])
+    add_offset(config, state.scratch[3:4], 1.0)
+    enough = state.counts[Count.NOTES] >= RECENT
+    for j in range(state.sent.size):
+        state.net[j] = net = state.sent[j] - state.hold[Hold.LEARNT, j]
+        if enough and not is_doubtful(state, j):
+            carried = state.scratch[3, j]
+            state.net[j] = carried + _middle(net - carried, state.sent[j] - state.scratch[2, j] - carried, 0.0)
+    for j in range(state.sent.size):
         state.scratch[0, j] = state.desired[0, j]
         state.scratch[1, j] = state.desired[1, j]
     add_offset(config, state.net.reshape((1, -1)), -1.0)
@@ -168,6 +185,30 @@ def _plan_stop(config: ControllerConfig, state: ControllerState, stamp: int, fas
             come_to_rest(config, state, stamp, shortest)
 
 
+@part
+def _plan_shorter(config: ControllerConfig, state: ControllerState, stamp: int, fastest: float) -> None:
+    """Plan without the acceleration with which the way begins, if it is shorter then.
+
+    The longer a way takes, the farther its first acceleration leads. If the way begins without it, the effort needs
+    some time to follow, in which the arm goes astray.
+    """
+    far, farther, astray = 0.0, 0.0, 0.25 * time_of_change(state) ** 2
+    suspended = state.conditions[Condition.UNLIMITED]
+    for j in range(state.measured.size):
+        far = max(far, abs(state.held[0, j] - state.desired[0, j]))
+        state.net[j] = state.desired[2, j]
+        state.desired[2, j] = 0.0
+    _plan_stop(config, state, stamp, fastest)
+    for j in range(state.measured.size):
+        way = abs(state.held[0, j] - state.desired[0, j])
+        farther = max(farther, way + astray * abs(state.net[j]))
+    if farther > far:
+        state.conditions[Condition.UNLIMITED] = suspended
+        for j in range(state.measured.size):
+            state.desired[2, j] = state.net[j]
+        _plan_stop(config, state, stamp, fastest)
+
+
 @inlined
 def _middle(a: float, b: float, c: float) -> float:
     """The median of three numbers: one of them may be arbitrarily wrong."""
@@ -186,7 +227,9 @@ def _present_motion(config: ControllerConfig, state: ControllerState, stamp: int
         return hold[Hold.POSITION, joint], hold[Hold.VELOCITY, joint]
     recent, velocity = noted_motion(state, stamp, joint, RECENT)
     _, before = noted_motion(state, stamp, joint, HISTORY)
-    if is_doubtful(state, joint):
+    if state.counts[Count.NOTES] < 2:
+        velocity = 0.0  # The controller has just begun, at rest; a few samples show no velocity.
+    elif is_doubtful(state, joint):
         velocity = before
     else:
         recent = _middle(state.measured[joint], recent, y[Signal.POSITION, joint])

@@ -2,7 +2,8 @@
 
 If the arm leaves its place, holding is given up for damping, which dissipates energy whatever the inertia is. If a
 joint becomes faster although it is damped, the damping acts on a wrong velocity, or too late: then the arm is only
-carried by the model, with weak damping. An arm that has come to rest is held again, but not for ever.
+carried by the model, with weak damping. An arm that has come to rest, or moves on but no faster, is held again, but not
+for ever.
 """
 
 import math
@@ -26,7 +27,7 @@ _GROWN_ENERGY = 1.1
 _SLOW = 0.05
 """rad/s; an arm that is slower is held again."""
 _PATIENCE = NANOSECONDS // 2
-"""ns after which an arm that obeys is held again even if it moves: it sinks because its load is unknown."""
+"""ns after which an arm that gets no faster is held again even if it moves: it sinks because its load is unknown."""
 _LARGEST_COUNT = 5
 """How often."""
 
@@ -48,7 +49,7 @@ def supervise(state: ControllerState, stamp: int) -> None:
         _enter(state, Stop.DAMPING if _changes_sign(state) else Stop.GRAVITY, stamp)
     elif state.counts[Count.RESTED] < _LARGEST_COUNT:
         since = stamp + 1 - state.times[Time.DEGRADED_SINCE]
-        if _fastest(state) < _SLOW or (stage == Stop.DAMPING and since > _PATIENCE):
+        if _fastest(state) < _SLOW or since > _PATIENCE:
             state.counts[Count.RESTED] += 1
             state.conditions[Condition.HELD] = Held.ELSEWHERE
 

@@ -11,7 +11,7 @@ from support.stopcauses import Event
 from support.stopjudge import CRITERIA, judge, released
 from support.stoploop import STEP, Braking, brake
 from support.stoprun import Run
-from support.stopwhy import LIMITS, explain
+from support.stopwhy import CHOICES, CONDITIONS, LIMITS, explain
 from support.testarms import ROTOR
 
 GOOD = Case(
@@ -72,6 +72,17 @@ SPOILT: dict[str, Callable[[Run], None]] = {
     "torque": overload,
     "finite": break_down,
 }
+
+
+def without(names: list[str]) -> Callable[[Run], None]:
+    """Take conditions away, in their order."""
+
+    def change(run: Run) -> None:
+        for name, (take_away, _) in (CONDITIONS | CHOICES).items():
+            if name in names:
+                take_away(run)
+
+    return change
 
 
 def test_a_good_stop_violates_nothing() -> None:
@@ -138,6 +149,34 @@ def test_a_bad_stop_is_explained_by_what_makes_it_bad(
     run = Run(replace(GOOD, events=events, simulator=GOOD.simulator | simulator))
     assert judge(run).why
     assert explain(run) == explanation
+
+
+def test_a_bad_stop_is_explained_by_conditions_that_are_all_needed() -> None:
+    run = Run(case_of(1, 136))  # Both encoders stand still, and the arm carries a load.
+    explanation = explain(run).split("+")
+    assert len(explanation) > 1
+    assert not judge(run.with_other(without(explanation))).why
+    for name in explanation:
+        assert judge(run.with_other(without([other for other in explanation if other != name]))).why
+
+
+def test_a_run_continues_at_a_faster_rate() -> None:
+    run = Run(GOOD)
+    faster = run.with_other(lambda other: other.change_rate(1000))
+    assert faster.dt == pytest.approx(0.5 * run.dt)
+    np.testing.assert_allclose(faster.trace.position[::2], run.trace.position, atol=1e-3)
+    assert not judge(faster).why
+    np.testing.assert_array_equal(run.with_other(lambda _: None).trace.position, run.trace.position)
+
+
+def test_a_stop_continues_from_another_command() -> None:
+    run = Run(GOOD)
+    effort = run.trace.command[run.stopped] + 0.3 * run.limit
+    other = run.with_other(lambda other: other.replace_last_command(effort))
+    np.testing.assert_array_equal(other.trace.command[run.stopped], effort)
+    step = np.abs(other.trace.command[run.stopped + 1] - effort) / run.limit
+    assert (step > 0.0).all()
+    assert (step <= STEP).all()
 
 
 def test_a_run_continues_from_its_stop_as_often_as_one_likes() -> None:
