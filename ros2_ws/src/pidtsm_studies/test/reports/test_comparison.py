@@ -84,6 +84,7 @@ def test_a_difference_is_relative_to_the_first_run(first: float | None, value: f
         (0.0, 0.0, "="),
         (0.0, 1.0, "+1"),
         (0.1, 5.0, "50 ×"),
+        (5.0, 0.1, "50 × smaller"),
         (None, 1.0, ""),
         (1.0, None, ""),
     ],
