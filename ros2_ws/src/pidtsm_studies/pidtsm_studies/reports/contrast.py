@@ -11,6 +11,8 @@ from pidtsm_studies.reports.matrix import cell, difference, units_of, values_of
 from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer, Section
 
 BEST = "Which follows best?"
+_THE_SAME = 1e-9
+"""Relative difference of two ratios that are the same but for rounding."""
 _RANKED = 4
 """Largest number of runs in the answer to `BEST`."""
 _SHOWN = 6
@@ -39,7 +41,8 @@ class Contrasts:
     """What differs and what does not.
 
     Attributes:
-        found: one for each metric that differs, the largest ratio first.
+        found: one for each metric that differs, the largest ratio first; metrics whose ratio shows nothing new, such as
+            an effort variation per second beside that per sample, are left out.
         equal: names of the metrics that are the same for every joint of every run.
         joint: the joint whose RMSE differs most, for the curves.
     """
@@ -68,7 +71,8 @@ def contrasts(metrics: _Metrics) -> Contrasts:
         if metric is RMSE:
             joint = max(range(len(columns)), key=lambda j: _spread(columns[j]))
             place = joint
-        if ratios[place] > 1.0:
+        known = any(each.joint == place and abs(each.ratio / ratios[place] - 1.0) < _THE_SAME for each in found)
+        if ratios[place] > 1.0 and not known:
             found.append(Contrast(metric, place, ratios[place]))
     found.sort(key=lambda each: (each.metric is not RMSE, not each.metric.judged, -each.ratio))
     return Contrasts(tuple(found), tuple(equal), joint)
