@@ -10,6 +10,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.description import Links
 from pidtsm_core.robots.picture import effort_arc, effort_arrow, effort_color, effort_shares
+from pidtsm_core.robots.placement import relative_placements
 
 GHOST = "reference"
 """TF prefix and namespace of the second arm, which shows the reference."""
@@ -32,10 +33,9 @@ def transforms(links: Links, placements: Array, header: Header, prefix: str) -> 
         header: provides the stamp.
         prefix: prefix of every frame name; the base of an arm with a prefix coincides with that of the arm without.
     """
-    parents = placements[np.maximum(links.parents, 0)]
-    inverse = parents[:, :, :3].transpose(0, 2, 1)
-    places = (inverse @ (placements - parents)[:, :, 3:])[:, :, 0].tolist()
-    turns = Rotation.from_matrix(inverse @ placements[:, :, :3]).as_quat().tolist()
+    relative = relative_placements(links, placements)
+    places = relative[:, :, 3].tolist()
+    turns = Rotation.from_matrix(relative[:, :, :3]).as_quat().tolist()
     frames = []
     for name, parent, place, turn in zip(links.names, links.parents, places, turns, strict=True):
         if parent < 0 and not prefix:
