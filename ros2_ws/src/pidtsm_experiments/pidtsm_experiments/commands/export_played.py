@@ -1,0 +1,97 @@
+"""What ``./pidtsm export`` writes for viewers that play a run: Foxglove, RViz and rerun."""
+
+import argparse
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from pidtsm_core.errors import UsageError
+from pidtsm_experiments.bags.errors import RecordingError
+from pidtsm_experiments.commands.arm_options import add_arm_arguments, read_arm
+from pidtsm_experiments.commands.options import CONSOLE, progress_bar
+from pidtsm_experiments.runs.files import writable_file, written_file
+from pidtsm_experiments.runs.saved import bag_of
+
+_ENDS = {"foxglove": "_foxglove.mcap", "rerun": ".rrd"}
+
+
+def add_played_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the formats that viewers play."""
+    parser.add_argument(
+        "--foxglove",
+        action="store_true",
+        help="write an MCAP file that Foxglove and RViz play: the recorded topics, /robot_description, /tf and "
+        "/tf_static of the arm and of its reference",
+    )
+    parser.add_argument(
+        "--rerun",
+        action="store_true",
+        help="write a file for the viewer rerun: the moving arm, its curves and what happened (needs rerun-sdk)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="file of --foxglove or --rerun (default: beside the run, with its name: RUN_foxglove.mcap, RUN.rrd)",
+    )
+    add_arm_arguments(parser, of="the recording, if it does not say or if the description has moved")
+
+
+def played_formats(options: argparse.Namespace) -> dict[str, Path]:
+    """The files to write, by format; empty: none is asked for.
+
+    Raises:
+        UsageError: a file cannot be written, or would replace the run.
+    """
+    asked = [name for name in _ENDS if getattr(options, name)]
+    if options.out is not None and len(asked) != 1:
+        reason = "name one of them" if asked else "it needs --foxglove or --rerun; --csv and --parquet name their file"
+        raise UsageError(f"--out is the file of --foxglove or --rerun: {reason}")
+    run = Path(options.run.absolute())
+    bag = bag_of(run).resolve()
+    found = {}
+    for name in asked:
+        file = options.out or options.run.with_name(f"{run.stem}{_ENDS[name]}")
+        place = writable_file(file)
+        if bag in (place, place.parent):
+            raise UsageError(f"--out {file}: is a part of the bag; name another file")
+        found[name] = place
+    return found
+
+
+def write_played(name: str, options: argparse.Namespace, place: Path) -> None:
+    """Write one of the files of `played_formats`, and say what it has.
+
+    Raises:
+        UsageError: the run cannot be read, its arm is not known, or rerun-sdk is not installed.
+        RunError: the file cannot be written.
+    """
+    given = read_arm(options)
+    robot = None if given is None else given.settings()
+    text = {"foxglove": _foxglove, "rerun": _rerun}[name](options.run, robot, place)
+    CONSOLE.print(f"{place}: {text}", highlight=False, soft_wrap=True)
+
+
+def _foxglove(run: Path, robot: Mapping[str, object] | None, place: Path) -> str:
+    from pidtsm_experiments.export.foxglove import write_foxglove
+
+    try:
+        with _progress("copying") as advance, written_file(place) as stream:
+            played = write_foxglove(bag_of(run), robot, stream, advance)
+    except RecordingError as error:
+        raise UsageError(str(error)) from None
+    arms = "the arm and its reference" if played.ghost else "the arm (the bag has no reference)"
+    text = f"{played.messages} messages, and {played.moments} transforms of {arms}, from {played.source}"
+    return text if played.described else f"{text}; viewers cannot read an MJCF, so they show frames alone"
+
+
+def _rerun(run: Path, robot: Mapping[str, object] | None, place: Path) -> str:
+    raise UsageError("not yet")
+
+
+@contextmanager
+def _progress(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar, and a function that advances it to a number of steps of all."""
+    with progress_bar() as bar:
+        task = bar.add_task(what)
+        yield lambda done, of: bar.update(task, completed=done, total=of)
