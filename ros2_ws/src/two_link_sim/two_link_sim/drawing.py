@@ -9,19 +9,24 @@ from visualization_msgs.msg import Marker
 from pidtsm_core.arrays import Array
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.description import Links
-from pidtsm_core.robots.picture import effort_arc, effort_arrow, effort_color, effort_shares
+from pidtsm_core.robots.picture import (
+    ARM_COLOR,
+    BONE_WIDTH,
+    GHOST_COLOR,
+    bones,
+    effort_arc,
+    effort_arrow,
+    effort_color,
+    effort_shares,
+)
 from pidtsm_core.robots.placement import relative_placements
 
 GHOST = "reference"
 """TF prefix and namespace of the second arm, which shows the reference."""
 
 # Lengths as shares of the reach of the arm.
-_BONE_WIDTH = 0.02
 _ARC_WIDTH = 0.01
 _ARROW_WIDTHS = 0.02, 0.04  # shaft, head
-
-_ARM_COLOR = ColorRGBA(r=0.15, g=0.3, b=0.5, a=1.0)
-_GHOST_COLOR = ColorRGBA(r=0.4, g=0.4, b=0.4, a=0.5)
 
 
 def transforms(links: Links, placements: Array, header: Header, prefix: str) -> list[TransformStamped]:
@@ -59,11 +64,10 @@ def skeleton(links: Links, placements: Array, header: Header, size: float, ghost
         size: reach of the arm, m.
         ghost: whether this is the arm that shows the reference.
     """
-    origins = placements[:, :, 3]
-    ends = np.stack([origins[links.parents[1:]], origins[1:]], axis=1).reshape(-1, 3)
-    marker = _marker(header, links.names[0], GHOST if ghost else "arm", Marker.LINE_LIST, ends)
-    marker.scale.x = _BONE_WIDTH * size
-    marker.color = _GHOST_COLOR if ghost else _ARM_COLOR
+    marker = _marker(header, links.names[0], GHOST if ghost else "arm", Marker.LINE_LIST, bones(links, placements))
+    marker.scale.x = BONE_WIDTH * size
+    red, green, blue, opacity = GHOST_COLOR if ghost else ARM_COLOR
+    marker.color = ColorRGBA(r=red, g=green, b=blue, a=opacity)
     return marker
 
 

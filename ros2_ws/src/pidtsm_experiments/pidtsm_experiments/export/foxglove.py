@@ -20,13 +20,14 @@ from pidtsm_experiments.bags.reader import open_bag
 from pidtsm_experiments.bags.recovery import Readable, readable
 from pidtsm_experiments.bags.topics import MEASURED, REFERENCE, TRUTH, WantedTopic, connections_with_messages
 from pidtsm_experiments.export.arm import GHOST, DrawnArm, drawn_arm
+from pidtsm_experiments.export.markers import MARKERS, Skeleton
 from pidtsm_experiments.export.mcap_file import McapFile, quality
 from pidtsm_experiments.export.transforms import TRANSFORMS, Frames
 from pidtsm_ros.cdr import stamps_of
 
 RATE = 100.0
 """Transforms a second of each arm."""
-_MOVING, _FIXED, _DESCRIPTION = "/tf", "/tf_static", "/robot_description"
+_MOVING, _FIXED, _DESCRIPTION, _MARKERS = "/tf", "/tf_static", "/robot_description", "/visualization/markers"
 _TEXT = "std_msgs/msg/String"
 _EARLY = 1.01
 """Messages of a clock that is a hundredth early are due, too."""
@@ -91,11 +92,13 @@ class _Playable:
         settings = run_metadata(bag, whole).robot if robot is None else robot
         self._arm = drawn_arm(settings or self._recorded_description())
         self._check_joints()
-        self._clock = _Clock()
+        self._clock, self._draws = _Clock(), True
         known = self._known_frames()
         self._frames = {self._motion: Frames(self._arm, "", known)}
+        self._skeletons = {self._motion: Skeleton(self._arm, ghost=False)}
         if connections_with_messages(REFERENCE, reader.connections):
             self._frames[REFERENCE] = Frames(self._arm, f"{GHOST}/", known)
+            self._skeletons[REFERENCE] = Skeleton(self._arm, ghost=True)
 
     def write(self, stream: BinaryIO, advance: Advance) -> Played:
         """Write the file; see `write_foxglove`."""
@@ -124,17 +127,19 @@ class _Playable:
     def _begin(self, file: McapFile) -> bool:
         """Write what does not change; returns whether viewers have a description."""
         recorded = {connection.topic for connection in self._reader.connections}
+        self._draws = _MARKERS not in recorded
         for topic, kind, offered in (
             (_DESCRIPTION, _TEXT, quality(1, kept=True)),
             (_FIXED, TRANSFORMS, quality(1, kept=True)),
             (_MOVING, TRANSFORMS, quality(100)),
+            (_MARKERS, MARKERS, quality(1)),
         ):
             if topic not in recorded:
                 file.add_topic(topic, kind, [offered])
         store, start = typestore(), self._reader.start_time
         urdf = self._arm.description.urdf
         if urdf and _DESCRIPTION not in recorded:
-            file.write(_DESCRIPTION, start, bytes(store.serialize_cdr(store.types[_TEXT](urdf), _TEXT)))
+            file.write(_DESCRIPTION, start, _serialized(store.types[_TEXT](urdf)))
         if fixed := [each for frames in self._frames.values() for each in frames.fixed().transforms]:
             file.write(_FIXED, start, _serialized(store.types[TRANSFORMS](fixed)))
         return bool(urdf) or _DESCRIPTION in recorded
@@ -145,6 +150,8 @@ class _Playable:
         if q is None:  # Drives that have not started report no positions, and a reference that is lost none.
             return
         file.write(_MOVING, time, _serialized(self._frames[wanted].moving(q, stamp)))
+        if self._draws:
+            file.write(_MARKERS, time, _serialized(self._skeletons[wanted].markers(q, stamp)))
         self._clock.note(wanted, stamp)
 
     def _source(self) -> WantedTopic:
@@ -204,4 +211,4 @@ class _Clock:
 
 
 def _serialized(message: Any) -> bytes:
-    return bytes(typestore().serialize_cdr(message, TRANSFORMS))
+    return bytes(typestore().serialize_cdr(message, message.__msgtype__))
