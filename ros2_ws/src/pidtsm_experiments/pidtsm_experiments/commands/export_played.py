@@ -8,9 +8,9 @@ from pathlib import Path
 from pidtsm_core.errors import UsageError
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, read_arm
-from pidtsm_experiments.commands.options import CONSOLE, progress_bar
-from pidtsm_experiments.runs.files import writable_file, written_file
-from pidtsm_experiments.runs.saved import bag_of
+from pidtsm_experiments.commands.options import CONSOLE, progress_bar, read
+from pidtsm_experiments.runs.files import writable_file, write_file, written_file
+from pidtsm_experiments.runs.saved import bag_of, read_parameters
 
 _ENDS = {"foxglove": "_foxglove.mcap", "rerun": ".rrd"}
 
@@ -86,7 +86,18 @@ def _foxglove(run: Path, robot: Mapping[str, object] | None, place: Path) -> str
 
 
 def _rerun(run: Path, robot: Mapping[str, object] | None, place: Path) -> str:
-    raise UsageError("not yet")
+    from pidtsm_experiments.export.arm import drawn_arm
+    from pidtsm_experiments.export.rerun_file import require_rerun, rerun_file
+
+    require_rerun()
+    recording = read(run)
+    arm = drawn_arm(recording.robot if robot is None else robot)
+    simulator = read_parameters(run).get("simulator", recording.robot)
+    with CONSOLE.status("drawing the arm"):
+        shown = rerun_file(recording, arm, simulator, run.absolute().stem)
+    write_file(place, shown.content)
+    text = f"{recording.time.size} samples, {shown.moments} pictures of the arm and its reference, {shown.marks} events"
+    return f"{text}; {shown.lacking} meshes are not drawn: their files are not here" if shown.lacking else text
 
 
 @contextmanager
