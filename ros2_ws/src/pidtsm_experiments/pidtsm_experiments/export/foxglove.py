@@ -118,7 +118,7 @@ class _Playable:
             wanted = sources.get(connection.topic)
             if wanted and self._clock.is_due(wanted, stamp := int(stamps_of([data])[0])):
                 self._add_transforms(file, wanted, time, data, stamp)
-            if count % 1000 == 0:
+            if count % 500 == 0:
                 advance(count, reader.message_count)
         file.finish()
         source = next(topic for topic, wanted in sources.items() if wanted is self._motion)
