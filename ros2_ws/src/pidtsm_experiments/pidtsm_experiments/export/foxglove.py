@@ -149,7 +149,9 @@ class _Playable:
         q = self._arm.positions(message.name, message.position)
         if q is None:  # Drives that have not started report no positions, and a reference that is lost none.
             return
-        file.write(_MOVING, time, _serialized(self._frames[wanted].moving(q, stamp)))
+        moving = self._frames[wanted].moving(q, stamp)
+        if moving.transforms:
+            file.write(_MOVING, time, _serialized(moving))
         if self._draws:
             file.write(_MARKERS, time, _serialized(self._skeletons[wanted].markers(q, stamp)))
         self._clock.note(wanted, stamp)

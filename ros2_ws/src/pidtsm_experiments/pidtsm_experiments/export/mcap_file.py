@@ -77,7 +77,9 @@ class McapFile:
         about = connection.ext
         assert isinstance(about, ConnectionExtRosbag2)
         form, definition = _FORMATS.get(connection.msgdef.format, ""), connection.msgdef.data
-        described = (form, definition, connection.digest) if form else _definition(store, connection.msgtype)
+        made = _definition(store, connection.msgtype)
+        # rosbags reads the hashes of a folder, and not those of a single file.
+        described = (form, definition, connection.digest or made[2]) if form else made
         qualities = about.offered_qos_profiles
         self._add(connection.topic, connection.msgtype, *described, about.serialization_format, qualities)
 
@@ -107,9 +109,8 @@ class McapFile:
     ) -> None:
         if kind not in self._schemas:
             self._schemas[kind] = self._writer.register_schema(kind, form, definition.encode())
-        about = {"offered_qos_profiles": yaml.safe_dump([_plain(each) for each in qualities], sort_keys=False)}
-        if digest:
-            about["topic_type_hash"] = digest
+        offered = yaml.safe_dump([_plain(each) for each in qualities], sort_keys=False)
+        about = {"offered_qos_profiles": offered, "topic_type_hash": digest}
         self._channels[topic] = self._writer.register_channel(topic, encoding, self._schemas[kind], about)
 
 

@@ -82,7 +82,7 @@ def rerun_file(recording: Recording, arm: DrawnArm, simulator: Mapping[str, obje
     stream = rerun.RecordingStream("pidtsm", recording_id=name)
     memory = stream.memory_recording()
     stream.send_recording_name(name)
-    stream.send_blueprint(_blueprint(rerun))
+    stream.send_blueprint(_blueprint(rerun, reach(arm.description)))
     since = recording.stamps_ns - recording.stamps_ns[0] + round(float(recording.time[0]) * 1e9)
     time = since.astype("timedelta64[ns]")
     _add_curves(rerun, stream, recording, time)
@@ -108,7 +108,7 @@ def _add_curves(rerun: ModuleType, stream: Any, recording: Recording, time: Time
             ("effort", units.effort, 1.5),
         ):
             path = f"{quantity}/{rerun.escape_entity_path_part(joint)}"
-            about = f"{joint} {quantity} [{unit}]"
+            about = f"{joint} [{unit}]"
             stream.log(path, rerun.SeriesLines(names=about, colors=[color], widths=[width]), static=True)
             values = rerun.Scalars.columns(scalars=np.ascontiguousarray(arrays[quantity][:, j]))
             stream.send_columns(path, [rerun.TimeColumn(TIMELINE, duration=time)], values)
@@ -183,19 +183,25 @@ class _Scene:
         self._stream.send_columns(path, [index], lines.partition([len(each) for each in strips]))
 
 
-def _blueprint(rerun: ModuleType) -> Any:
-    """What the viewer shows at first: the arm beside error, effort and position, and below them what happened."""
+def _blueprint(rerun: ModuleType, size: float) -> Any:
+    """What the viewer shows at first: the arm beside error, effort and position, and below them what happened.
+
+    Args:
+        rerun: the module.
+        size: reach of the arm, m.
+    """
     layout = rerun.blueprint
+    hidden = layout.PlotLegend(visible=False)  # The joints have the same colours in all plots.
+    together = ["/position/**", "/reference/**"]
     curves = layout.Vertical(
         layout.TimeSeriesView(origin="error", name="Error"),
-        layout.TimeSeriesView(origin="effort", name="Effort"),
-        layout.TimeSeriesView(
-            origin="/", contents=["/position/**", "/reference/**"], name="Position (thick) and reference (thin)"
-        ),
+        layout.TimeSeriesView(origin="effort", name="Effort", plot_legend=hidden),
+        layout.TimeSeriesView(contents=together, name="Position (thick) and reference (thin)", plot_legend=hidden),
         layout.TextLogView(origin=_EVENTS, name="What happened"),
-        row_shares=[3, 3, 3, 1.5],
+        row_shares=[3, 3, 3, 2],
     )
-    arm = layout.Spatial3DView(origin=_SCENE, name="Arm, and its reference as a ghost")
+    eye = layout.EyeControls3D(position=[2.0 * size, -1.5 * size, 1.3 * size], look_target=[0.0, 0.0, 0.4 * size])
+    arm = layout.Spatial3DView(origin=_SCENE, name="Arm, and its reference as a ghost", eye_controls=eye)
     return layout.Blueprint(
         layout.Horizontal(arm, curves, column_shares=[2, 3]),
         layout.TimePanel(timeline=TIMELINE, state="collapsed"),

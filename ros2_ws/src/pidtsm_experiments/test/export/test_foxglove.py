@@ -134,8 +134,12 @@ def test_standard_types_and_latched_topics_are_what_rosbags_expects(played: Path
             message = store.deserialize_cdr(data, connection.msgtype)
             assert bytes(store.serialize_cdr(message, connection.msgtype)) == data
     assert set(added) == set(ADDED)
+    with (played / "panda.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary
+    hashes = {channel.topic: channel.metadata["topic_type_hash"] for channel in summary.channels.values()}
     for topic, connection in added.items():
-        assert connection.digest == store.hash_rihs01(connection.msgtype)
+        assert hashes[topic] == store.hash_rihs01(connection.msgtype)
         assert isinstance(connection.ext, ConnectionExtRosbag2)
         (quality,) = connection.ext.offered_qos_profiles
         kept = topic in ("/tf_static", "/robot_description")
