@@ -28,7 +28,7 @@ ROSDEP_KEYS = {
 """Of Python packages, as in rosdep/python.yaml of rosdistro; ROS packages are declared by their names."""
 WITHOUT_KEY = {"axe_core_python", "cma", "llvmlite", "mcap", "mujoco", "ruckig", "threadpoolctl", "viser"}
 """llvmlite comes with numba. The ROS package ruckig has no Python module."""
-OPTIONAL = {"OpenGL", "av", "casadi", "dask", "distributed", "glfw", "pinocchio", "pyarrow"}
+OPTIONAL = {"OpenGL", "av", "casadi", "dask", "distributed", "glfw", "pinocchio", "pyarrow", "rerun"}
 """Imported only where they are installed."""
 HELPERS = {"support"}
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.recording import Recording
-from pidtsm_core.robots.picture import ARM_COLOR, BONE_WIDTH, GHOST_COLOR, bones, reach
+from pidtsm_core.robots.picture import BONE_WIDTH, bones, reach
 from pidtsm_core.robots.placement import link_placements
 from pidtsm_experiments.export.arm import GHOST, DrawnArm
 from pidtsm_experiments.export.shapes import Shape, shapes_of
@@ -26,6 +26,9 @@ TIMELINE = "time"
 _INSTALL = "./pidtsm shell -c 'python -m pip install --no-deps -r requirements/rerun.lock'"
 _LEVELS = {"fault": "ERROR", "limit": "WARN", "contact": "WARN", "push": "WARN"}
 _ARM, _EVENTS, _SCENE = "arm", "events", "scene"
+
+_ARM_COLOR, _GHOST_COLOR = (92, 184, 255, 255), (200, 200, 200, 110)
+"""Red, green, blue and opacity, on the dark background of the viewer."""
 
 Times = NDArray[np.timedelta64]
 
@@ -100,7 +103,7 @@ def _add_curves(rerun: ModuleType, stream: Any, recording: Recording, time: Time
     """Position, reference, error and effort of each joint, to the last bit."""
     arrays = recording.arrays()
     for j, (joint, units) in enumerate(zip(recording.joints, recording.units, strict=True)):
-        color = tuple(bytes.fromhex(SERIES[j % len(SERIES)].dark.removeprefix("#")))
+        color = _rgb(SERIES[j % len(SERIES)].dark)
         for quantity, unit, width in (
             ("position", units.position, 2.0),
             ("reference", units.position, 1.0),
@@ -112,6 +115,11 @@ def _add_curves(rerun: ModuleType, stream: Any, recording: Recording, time: Time
             stream.log(path, rerun.SeriesLines(names=about, colors=[color], widths=[width]), static=True)
             values = rerun.Scalars.columns(scalars=np.ascontiguousarray(arrays[quantity][:, j]))
             stream.send_columns(path, [rerun.TimeColumn(TIMELINE, duration=time)], values)
+
+
+def _rgb(color: str) -> tuple[int, ...]:
+    """Red, green and blue of a colour such as ``#0072b2``."""
+    return tuple(bytes.fromhex(color.removeprefix("#")))
 
 
 def _add_events(rerun: ModuleType, stream: Any, recording: Recording, simulator: Mapping[str, object]) -> int:
@@ -144,7 +152,7 @@ class _Scene:
         """
         rerun, stream, links = self._rerun, self._stream, self._arm.links
         placements = np.array([link_placements(self._arm, q) for q in np.ascontiguousarray(positions)])
-        color = tuple(round(255 * part) for part in (GHOST_COLOR if ghost else ARM_COLOR))
+        color = _GHOST_COLOR if ghost else _ARM_COLOR
         index = rerun.TimeColumn(TIMELINE, duration=time)
         for i, link in enumerate(links.names):
             path = f"{_SCENE}/{name}/{rerun.escape_entity_path_part(link)}"
@@ -200,7 +208,7 @@ def _blueprint(rerun: ModuleType, size: float) -> Any:
         layout.TextLogView(origin=_EVENTS, name="What happened"),
         row_shares=[3, 3, 3, 2],
     )
-    eye = layout.EyeControls3D(position=[2.0 * size, -1.5 * size, 1.3 * size], look_target=[0.0, 0.0, 0.4 * size])
+    eye = layout.EyeControls3D(position=[1.2 * size, -0.9 * size, 0.8 * size], look_target=[0.0, 0.0, 0.3 * size])
     arm = layout.Spatial3DView(origin=_SCENE, name="Arm, and its reference as a ghost", eye_controls=eye)
     return layout.Blueprint(
         layout.Horizontal(arm, curves, column_shares=[2, 3]),

@@ -12,11 +12,15 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import ConnectionExtRosbag2, QosDurability, QosReliability
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.recording import Recording
@@ -27,7 +31,13 @@ from pidtsm_experiments.export.foxglove import write_foxglove
 from pidtsm_experiments.runs.files import written_file
 
 ARMS = ("panda", "scara")
-ADDED = ("/tf", "/tf_static", "/robot_description", "/visualization/markers")
+TYPES = {
+    "/tf": TFMessage,
+    "/tf_static": TFMessage,
+    "/robot_description": String,
+    "/visualization/markers": MarkerArray,
+}
+ADDED = tuple(TYPES)
 SOURCES = {"": "/simulator/ground_truth", "reference/": "/reference"}
 """Topic of the positions of each arm, by the prefix of its frames."""
 
@@ -126,11 +136,12 @@ def test_all_links_are_where_mujoco_puts_them(played: Path, arm: str) -> None:
     assert {prefix + link for prefix in SOURCES for link in links} <= poses.tree.keys()
 
 
-def test_standard_types_and_latched_topics_are_what_rosbags_expects(played: Path) -> None:
+def test_standard_types_and_latched_topics_are_what_rosbags_and_rclpy_expect(played: Path) -> None:
     store = get_typestore(Stores.ROS2_JAZZY)
     with AnyReader([played / "panda.mcap"], default_typestore=store) as reader:
         added = {connection.topic: connection for connection in reader.connections if connection.topic in ADDED}
         for connection, _, data in reader.messages(list(added.values())):
+            assert serialize_message(deserialize_message(data, TYPES[connection.topic]))[: len(data)] == data
             message = store.deserialize_cdr(data, connection.msgtype)
             assert bytes(store.serialize_cdr(message, connection.msgtype)) == data
     assert set(added) == set(ADDED)
