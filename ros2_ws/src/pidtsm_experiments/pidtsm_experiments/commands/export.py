@@ -17,8 +17,8 @@ from pidtsm_experiments.commands.options import CONSOLE, read
 from pidtsm_experiments.runs.files import writable_file, write_file
 from pidtsm_experiments.runs.saved import bag_of
 
-_EPILOG = """Tables. A run has one row per sample: time (s); position, velocity, error, effort, reference and signals of the
-controller for each joint, in columns such as effort.joint2.
+_EPILOG = """Tables. A run has one row per sample: time (s); position, velocity, error, effort, reference and signals of
+the controller for each joint, in columns such as effort.joint2.
 
 Any other bag, and any with --messages, has one row for each joint of each message whose type has joint names, such as
 sensor_msgs/JointState: topic, time (s, since the earliest stamp), stamp (ns), joint, and the fields of the messages,

@@ -19,7 +19,7 @@ from pidtsm_experiments.bags.metadata import METADATA_KEY, run_metadata, stored_
 from pidtsm_experiments.bags.reader import open_bag
 from pidtsm_experiments.bags.recovery import Readable, readable
 from pidtsm_experiments.bags.topics import MEASURED, REFERENCE, TRUTH, WantedTopic, connections_with_messages
-from pidtsm_experiments.export.arm import GHOST, DrawnArm, drawn_arm
+from pidtsm_experiments.export.arm import GHOST, drawn_arm
 from pidtsm_experiments.export.markers import MARKERS, Skeleton
 from pidtsm_experiments.export.mcap_file import McapFile, quality
 from pidtsm_experiments.export.transforms import TRANSFORMS, Frames

@@ -33,7 +33,8 @@ class Skeleton:
         links, types = self._arm.links, typestore().types
         point, time = types["geometry_msgs/msg/Point"], types["builtin_interfaces/msg/Time"]
         vector, pose = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Pose"]
-        marker, color = types["visualization_msgs/msg/Marker"], types["std_msgs/msg/ColorRGBA"]
+        marker: Any = types["visualization_msgs/msg/Marker"]
+        color = types["std_msgs/msg/ColorRGBA"]
         nowhere = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
         ends = [point(*each) for each in bones(links, link_placements(self._arm, q)).tolist()]
         lines = marker(

@@ -184,9 +184,7 @@ class _Scene:
     def _add_bones(self, path: str, strips: Sequence[Array], index: Any, color: tuple[int, ...]) -> None:
         """Lines from link to link."""
         rerun = self._rerun
-        self._stream.log(
-            path, rerun.LineStrips3D.from_fields(radii=[self._width], colors=[color]), static=True
-        )
+        self._stream.log(path, rerun.LineStrips3D.from_fields(radii=[self._width], colors=[color]), static=True)
         lines = rerun.LineStrips3D.columns(strips=[strip for each in strips for strip in each])
         self._stream.send_columns(path, [index], lines.partition([len(each) for each in strips]))
 
