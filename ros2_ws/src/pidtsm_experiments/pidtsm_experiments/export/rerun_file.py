@@ -206,7 +206,7 @@ def _blueprint(rerun: ModuleType, size: float) -> Any:
         layout.TextLogView(origin=_EVENTS, name="What happened"),
         row_shares=[3, 3, 3, 2],
     )
-    eye = layout.EyeControls3D(position=[1.2 * size, -0.9 * size, 0.8 * size], look_target=[0.0, 0.0, 0.3 * size])
+    eye = layout.EyeControls3D(position=[0.7 * size, -1.2 * size, 0.7 * size], look_target=[0.0, 0.0, 0.3 * size])
     arm = layout.Spatial3DView(origin=_SCENE, name="Arm, and its reference as a ghost", eye_controls=eye)
     return layout.Blueprint(
         layout.Horizontal(arm, curves, column_shares=[2, 3]),

@@ -141,9 +141,10 @@ def test_standard_types_and_latched_topics_are_what_rosbags_and_rclpy_expect(pla
     with AnyReader([played / "panda.mcap"], default_typestore=store) as reader:
         added = {connection.topic: connection for connection in reader.connections if connection.topic in ADDED}
         for connection, _, data in reader.messages(list(added.values())):
-            assert serialize_message(deserialize_message(data, TYPES[connection.topic]))[: len(data)] == data
-            message = store.deserialize_cdr(data, connection.msgtype)
-            assert bytes(store.serialize_cdr(message, connection.msgtype)) == data
+            through = serialize_message(deserialize_message(data, TYPES[connection.topic]))[: len(data)]
+            for each in (data, through):  # Bytes between the fields are rclpy's own.
+                message = store.deserialize_cdr(each, connection.msgtype)
+                assert bytes(store.serialize_cdr(message, connection.msgtype)) == data
     assert set(added) == set(ADDED)
     with (played / "panda.mcap").open("rb") as stream:
         summary = make_reader(stream).get_summary()
