@@ -4,13 +4,14 @@ import argparse
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from pidtsm_core.errors import UsageError
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, read_arm
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar, read
 from pidtsm_experiments.runs.files import writable_file, write_file, written_file
-from pidtsm_experiments.runs.saved import bag_of, read_parameters
+from pidtsm_experiments.runs.saved import RECORDING, bag_of, read_parameters
 
 _ENDS = {"foxglove": "_foxglove.mcap", "rerun": ".rrd"}
 
@@ -76,8 +77,8 @@ def _foxglove(run: Path, robot: Mapping[str, object] | None, place: Path) -> str
     from pidtsm_experiments.export.foxglove import write_foxglove
 
     try:
-        with _progress("copying") as advance, written_file(place) as stream:
-            played = write_foxglove(bag_of(run), robot, stream, advance)
+        with _bag(run) as bag, _progress("copying") as advance, written_file(place) as stream:
+            played = write_foxglove(bag, robot, stream, advance)
     except RecordingError as error:
         raise UsageError(str(error)) from None
     arms = "the arm and its reference" if played.ghost else "the arm (the bag has no reference)"
@@ -98,6 +99,27 @@ def _rerun(run: Path, robot: Mapping[str, object] | None, place: Path) -> str:
     write_file(place, shown.content)
     text = f"{recording.time.size} samples, {shown.moments} pictures of the arm and its reference, {shown.marks} events"
     return f"{text}; {shown.lacking} meshes are not drawn: their files are not here" if shown.lacking else text
+
+
+@contextmanager
+def _bag(run: Path) -> Iterator[Path]:
+    """The bag of a run, or one that is made of a rollout that left none.
+
+    Raises:
+        UsageError: the rollout cannot be read, or its parameters are gone.
+    """
+    from pidtsm_experiments.bags.rollout_bag import write_rollout_bag
+
+    if not (run / RECORDING).is_file():
+        yield bag_of(run)
+        return
+    recording, given = read(run), read_parameters(run).get("trajectory", {})
+    trajectory = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+    if not {"joints", "feedforward.effort"} <= trajectory.keys():
+        raise UsageError(f"{run}: params/trajectory.yaml is gone or not complete; repeat the rollout with --bag")
+    with TemporaryDirectory(prefix="pidtsm-") as folder:
+        write_rollout_bag(recording, trajectory, Path(folder, run.absolute().name))
+        yield Path(folder, run.absolute().name)
 
 
 @contextmanager

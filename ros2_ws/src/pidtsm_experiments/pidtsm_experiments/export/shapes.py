@@ -1,5 +1,6 @@
 """What the links of a URDF look like: boxes, cylinders, spheres and mesh files."""
 
+import os
 from collections import defaultdict
 from collections.abc import Mapping
 from contextlib import suppress
@@ -16,7 +17,8 @@ from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.source import file_in_package
 
 _MESHES = (".stl", ".obj", ".dae", ".glb", ".gltf")
-_GEOMETRIES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+_GEOMETRIES = {"box": (("size", 3),), "cylinder": (("radius", 1), ("length", 1)), "sphere": (("radius", 1),)}
+"""Attributes of each geometry, and how many numbers they have."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Shape:
 
 
 def shapes_of(urdf: str) -> tuple[Mapping[str, list[Shape]], int]:
-    """Visible shapes of each link, and the number of meshes whose file does not exist here or has another format.
+    """Visible shapes of each link, and the number of meshes whose file cannot be read here or has another format.
 
     Args:
         urdf: text of a URDF that has been read before; empty: there are no shapes.
@@ -62,26 +64,34 @@ def shapes_of(urdf: str) -> tuple[Mapping[str, list[Shape]], int]:
 def _shape(geometry: Element, origin: Element | None) -> Shape | None:
     """A shape, None if it cannot be drawn."""
     place = origin.attrib if origin is not None else {}
-    translation = _numbers(place.get("xyz", "0 0 0"))
-    turn = Rotation.from_euler("xyz", _numbers(place.get("rpy", "0 0 0"))).as_quat()
-    if geometry.tag == "mesh":
-        file = _file(geometry.get("filename", ""))
-        scale = tuple(_numbers(geometry.get("scale", "1 1 1")).tolist())
-        return Shape("mesh", scale, file, translation, turn) if file else None
-    if geometry.tag not in _GEOMETRIES:
-        return None
-    size = _numbers(" ".join(geometry.get(name, "") for name in _GEOMETRIES[geometry.tag]))
-    return Shape(geometry.tag, tuple(size.tolist()), None, translation, turn)
+    with suppress(ValueError):  # Nobody has read the numbers of what is only seen.
+        translation = _numbers(place.get("xyz", "0 0 0"), 3)
+        turn = Rotation.from_euler("xyz", _numbers(place.get("rpy", "0 0 0"), 3)).as_quat()
+        if geometry.tag == "mesh":
+            file, scale = _file(geometry.get("filename", "")), _numbers(geometry.get("scale", "1 1 1"), 3)
+            return Shape("mesh", tuple(scale.tolist()), file, translation, turn) if file else None
+        if geometry.tag in _GEOMETRIES:
+            sizes = [_numbers(geometry.get(name, ""), count) for name, count in _GEOMETRIES[geometry.tag]]
+            return Shape(geometry.tag, tuple(np.concatenate(sizes).tolist()), None, translation, turn)
+    return None
 
 
 def _file(name: str) -> Path | None:
     """The file of a mesh, None if it does not exist here or has another format."""
     with suppress(DescriptionError, OSError, ValueError):
         file = file_in_package(name) if name.startswith("package://") else Path(name.removeprefix("file://"))
-        if file.is_absolute() and file.suffix.lower() in _MESHES and file.is_file():
+        if file.is_absolute() and file.suffix.lower() in _MESHES and file.is_file() and os.access(file, os.R_OK):
             return file
     return None
 
 
-def _numbers(text: str) -> Array:
-    return np.array([float(word) for word in text.split()])
+def _numbers(text: str, count: int) -> Array:
+    """So many finite numbers, shape (count,).
+
+    Raises:
+        ValueError: the text has others.
+    """
+    found = np.array([float(word) for word in text.split()])
+    if found.size != count or not np.isfinite(found).all():
+        raise ValueError(f"{text!r} has not {count} finite numbers")
+    return found

@@ -256,3 +256,32 @@ def test_a_played_file_is_exported_again_without_a_second_tree(played: Path, fol
     assert main(["export", "once.mcap", "--foxglove"]) == 0
     once, twice = decoded(folder / "once.mcap"), decoded(folder / "once_foxglove.mcap")
     assert {topic: len(found) for topic, found in once.items()} == {topic: len(found) for topic, found in twice.items()}
+
+
+def test_a_rollout_without_a_bag_is_played(leave: Any, folder: Path) -> None:
+    leave(folder / "alone", None, 0.1, bag=False)
+    assert main(["export", "alone", "--foxglove"]) == 0
+    messages = decoded(folder / "alone_foxglove.mcap")
+    assert len(messages["/reference"]) == 100
+    assert len(messages["/tf"]) == 20
+
+
+MJCF = """<mujoco><worldbody><body name="boom"><joint name="turn" axis="0 0 1" actuatorfrcrange="-9 9"/>
+<geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.03"/><body name="rod" pos="0.4 0 0">
+<joint name="lift" type="slide" axis="0 0 1" range="-0.3 0.3" actuatorfrcrange="-40 40"/>
+<geom type="capsule" fromto="0 0 0 0 0 0.2" size="0.02"/></body></body></worldbody></mujoco>"""
+
+
+def test_an_mjcf_has_frames_and_markers_and_no_description(
+    leave: Any, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "crane.xml").write_text(MJCF)
+    leave(folder / "run", "crane.xml", 0.1)
+    assert main(["export", "run", "--foxglove"]) == 0
+    assert "viewers cannot read an MJCF" in capsys.readouterr().err
+    messages = decoded(folder / "run_foxglove.mcap")
+    assert {frame.child_frame_id for message in messages["/tf"] for frame in message.transforms} == {
+        prefix + link for prefix in SOURCES for link in ("boom", "rod")
+    }
+    assert not messages["/robot_description"]
+    assert len(messages["/visualization/markers"]) == 20

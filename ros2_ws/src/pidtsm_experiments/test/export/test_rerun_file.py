@@ -92,11 +92,10 @@ def test_rerun_reads_it_with_shapes_and_what_it_shows_at_first(shown: Path) -> N
     assert shapes == {"arm", "reference"}
 
 
-def test_what_happened_is_a_log(folder: Path) -> None:
+def test_what_happened_is_a_log(leave: Any, folder: Path) -> None:
     pytest.importorskip("rerun", reason=OPTIONAL)
-    words = ["--duration", "0.3", "--set", "simulator.push.time=0.1", "--set", "simulator.push.duration=0.05"]
-    pushed = ["rollout", *words, "--set", "simulator.push.effort=[5.0,0.0]", "--out", "pushed"]
-    assert main(pushed) == 0
+    push = ("time=0.1", "duration=0.05", "effort=[5.0,0.0]")
+    leave(folder / "pushed", None, 0.3, tuple(f"simulator.push.{each}" for each in push), bag=False)
     assert main(["export", "pushed", "--rerun"]) == 0
     log = columns(folder / "pushed.rrd")["/events"]
     pushes = [k for k, text in enumerate(log["TextLog:text"]) if "is pushed" in text[0]]

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from pidtsm_experiments.export.shapes import shapes_of
 
@@ -34,6 +35,22 @@ def test_shapes_and_meshes_that_exist_are_found(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["arm"][0].turn, [0.0, 0.0, 0.5**0.5, 0.5**0.5])
     assert found["arm"][3].file == tmp_path / "a.stl"
     assert lacking == 3
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        visual('<box size="1 2"/>'),
+        visual('<sphere radius="big"/>'),
+        visual('<cylinder radius="0.1"/>'),
+        visual('<box size="1 2 3"/>', '<origin xyz="1 2"/>'),
+        visual('<box size="1 2 nan"/>'),
+        visual('<cone radius="1"/>'),
+        "<visual/>",
+    ],
+)
+def test_what_cannot_be_drawn_is_left_out(part: str) -> None:
+    assert shapes_of(f"<robot><link name='arm'>{part}</link></robot>") == ({}, 0)
 
 
 def test_an_mjcf_has_no_shapes() -> None:
