@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 from pidtsm_core.errors import UsageError
 from pidtsm_experiments.bags.errors import RecordingError
-from pidtsm_experiments.commands.arm_options import add_arm_arguments, read_arm
+from pidtsm_experiments.commands.arm_options import add_arm_arguments, given_arm, introduce, read_arm
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar, read
 from pidtsm_experiments.runs.files import writable_file, write_file, written_file
 from pidtsm_experiments.runs.saved import RECORDING, bag_of, read_parameters
@@ -48,6 +48,8 @@ def played_formats(options: argparse.Namespace) -> dict[str, Path]:
     if options.out is not None and len(asked) != 1:
         reason = "name one of them" if asked else "it needs --foxglove or --rerun; --csv and --parquet name their file"
         raise UsageError(f"--out is the file of --foxglove or --rerun: {reason}")
+    if given_arm(options) is not None and not asked:
+        raise UsageError("--robot is for --foxglove and --rerun; a table needs no arm")
     run = Path(options.run.absolute())
     bag = bag_of(run).resolve()
     found = {}
@@ -69,6 +71,7 @@ def write_played(name: str, options: argparse.Namespace, place: Path) -> None:
     """
     given = read_arm(options)
     robot = None if given is None else given.settings()
+    introduce(options)
     text = {"foxglove": _foxglove, "rerun": _rerun}[name](options.run, robot, place)
     CONSOLE.print(f"{place}: {text}", highlight=False, soft_wrap=True)
 
@@ -98,7 +101,7 @@ def _rerun(run: Path, robot: Mapping[str, object] | None, place: Path) -> str:
         shown = rerun_file(recording, arm, simulator, run.absolute().stem)
     write_file(place, shown.content)
     text = f"{recording.time.size} samples, {shown.moments} pictures of the arm and its reference, {shown.marks} events"
-    return f"{text}; {shown.lacking} meshes are not drawn: their files are not here" if shown.lacking else text
+    return f"{text}; meshes that are not drawn, as their files are not here: {shown.lacking}" if shown.lacking else text
 
 
 @contextmanager

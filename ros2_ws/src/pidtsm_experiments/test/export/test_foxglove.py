@@ -207,6 +207,7 @@ def test_any_bag_with_joint_states_is_played_with_a_named_arm(
         (["strange", "--foxglove", "--robot", "panda"], "panda_joint1"),
         (["strange", "--foxglove", "--rerun", "--out", "both"], "name one of them"),
         (["strange", "--csv", "a.csv", "--out", "b.mcap"], "--foxglove or --rerun"),
+        (["strange", "--csv", "a.csv", "--robot", "panda"], "--foxglove and --rerun"),
         (["strange", "--foxglove", "--robot", "two_link", "--out", "strange/strange.db3"], "part of the bag"),
     ],
 )

@@ -92,6 +92,24 @@ def test_rerun_reads_it_with_shapes_and_what_it_shows_at_first(shown: Path) -> N
     assert shapes == {"arm", "reference"}
 
 
+def test_rerun_plays_the_file_for_foxglove(bags: Path, folder: Path) -> None:
+    """Its reader of MCAP files is another one than Foxglove's; it draws the description and moves it by tf."""
+    pytest.importorskip("rerun", reason=OPTIONAL)
+    from rerun.chunk import McapReader
+
+    assert main(["export", str(bags / "panda"), "--foxglove", "--out", "panda.mcap"]) == 0
+    moved: set[str] = set()
+    drawn: set[str] = set()
+    for chunk in McapReader("panda.mcap").stream():
+        rows = chunk.to_record_batch().to_pydict()
+        moved |= {frame for frames in rows.get("Transform3D:child_frame", []) for frame in frames}
+        if "Cylinders3D:lengths" in rows:
+            drawn.add(chunk.entity_path.split("/")[-2])
+    links = {f"panda_link{i}" for i in range(8)}
+    assert drawn == links
+    assert links | {f"reference/{link}" for link in links} <= moved
+
+
 def test_what_happened_is_a_log(leave: Any, folder: Path) -> None:
     pytest.importorskip("rerun", reason=OPTIONAL)
     push = ("time=0.1", "duration=0.05", "effort=[5.0,0.0]")
