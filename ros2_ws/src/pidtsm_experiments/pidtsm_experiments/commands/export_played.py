@@ -86,7 +86,9 @@ def _foxglove(run: Path, robot: Mapping[str, object] | None, place: Path) -> str
         raise UsageError(str(error)) from None
     arms = "the arm and its reference" if played.ghost else "the arm (the bag has no reference)"
     text = f"{played.messages} messages, and {played.moments} transforms of {arms}, from {played.source}"
-    return text if played.described else f"{text}; viewers cannot read an MJCF, so they show frames alone"
+    if not played.described:
+        text = f"{text}; viewers cannot read an MJCF, so they show frames and markers"
+    return f"{text}; the bag was not finished ({'; '.join(played.flaws)})" if played.flaws else text
 
 
 def _rerun(run: Path, robot: Mapping[str, object] | None, place: Path) -> str:

@@ -46,6 +46,7 @@ class Played:
         source: topic of the positions.
         ghost: whether the reference is there, too.
         described: whether there is a description for viewers; an MJCF is none.
+        flaws: signs that the bag was not finished; empty if it was.
     """
 
     messages: int
@@ -53,6 +54,7 @@ class Played:
     source: str
     ghost: bool
     described: bool
+    flaws: Sequence[str]
 
 
 def write_foxglove(
@@ -87,7 +89,7 @@ class _Playable:
 
     def __init__(self, bag: Path, whole: Readable, reader: AnyReader, robot: Mapping[str, object] | None) -> None:
         self._reader, self._messages = reader, BagMessages(reader)
-        self._about = stored_text(bag, whole)
+        self._about, self._flaws = stored_text(bag, whole), whole.flaws
         self._motion = self._source()
         settings = run_metadata(bag, whole).robot if robot is None else robot
         self._arm = drawn_arm(settings or self._recorded_description())
@@ -122,7 +124,7 @@ class _Playable:
                 advance(count, reader.message_count)
         file.finish()
         source = next(topic for topic, wanted in sources.items() if wanted is self._motion)
-        return Played(reader.message_count, self._clock.moments, source, REFERENCE in self._frames, described)
+        return Played(reader.message_count, self._clock.moments, source, REFERENCE in self._frames, described, self._flaws)
 
     def _begin(self, file: McapFile) -> bool:
         """Write what does not change; returns whether viewers have a description."""

@@ -1,5 +1,6 @@
 """MCAP files for Foxglove and RViz, judged by the readers of mcap and rosbags, and by MuJoCo's kinematics."""
 
+import os
 import resource
 import shutil
 from collections import defaultdict
@@ -220,6 +221,17 @@ def test_what_is_wrong_is_named_and_nothing_is_left(
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
 
 
+def test_measured_positions_of_a_namespace_are_taken_where_there_is_no_truth(
+    run: Recording, write_bag: Any, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_bag(folder / "bag", run, namespace="/left", lacking=("simulator/ground_truth",))
+    assert main(["export", "bag", "--foxglove", "--robot", "two_link"]) == 0
+    assert "from /left/joint_states" in capsys.readouterr().err
+    messages = decoded(folder / "bag_foxglove.mcap")
+    assert len(messages["/left/joint_states"]) == run.time.size
+    assert len(messages["/tf"]) == 2 * 200, "100 a second of both arms"
+
+
 def test_a_bag_without_positions_is_refused(
     run: Recording, write_bag: Any, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -240,6 +252,18 @@ def test_a_full_disk_leaves_the_old_file(bags: Path, folder: Path, capsys: pytes
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert "cannot write" in capsys.readouterr().err
     assert [(path.name, path.read_text()) for path in folder.iterdir()] == [("out.mcap", "years of work")]
+
+
+def test_a_bag_that_was_cut_off_is_played_as_far_as_it_goes(
+    bags: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(bags / "panda", folder / "cut")
+    (folder / "cut" / "metadata.yaml").unlink()
+    file = folder / "cut" / "panda_0.mcap"
+    os.truncate(file, file.stat().st_size * 9 // 10)
+    assert main(["export", "cut", "--foxglove"]) == 0
+    assert "the bag was not finished" in capsys.readouterr().err
+    assert 0 < len(decoded(folder / "cut_foxglove.mcap")["/tf"]) < 40
 
 
 def test_an_interrupted_export_leaves_nothing(bags: Path, folder: Path) -> None:
