@@ -124,7 +124,9 @@ class _Playable:
                 advance(count, reader.message_count)
         file.finish()
         source = next(topic for topic, wanted in sources.items() if wanted is self._motion)
-        return Played(reader.message_count, self._clock.moments, source, REFERENCE in self._frames, described, self._flaws)
+        return Played(
+            reader.message_count, self._clock.moments, source, REFERENCE in self._frames, described, self._flaws
+        )
 
     def _begin(self, file: McapFile) -> bool:
         """Write what does not change; returns whether viewers have a description."""
