@@ -22,7 +22,7 @@ setup(
         *((f"share/{NAME}/{folder}", files(folder)) for folder in SHARED),
     ],
     install_requires=["setuptools"],
-    extras_require={"test": ["pytest"], "parquet": ["pyarrow"]},
+    extras_require={"test": ["pytest"], "parquet": ["pyarrow"], "rerun": ["rerun-sdk==0.41.0"]},
     entry_points={
         "console_scripts": [
             "recorder = pidtsm_ros.main:main",

@@ -9,18 +9,24 @@ from visualization_msgs.msg import Marker
 from pidtsm_core.arrays import Array
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.description import Links
-from pidtsm_core.robots.picture import effort_arc, effort_arrow, effort_color, effort_shares
+from pidtsm_core.robots.picture import (
+    ARM_COLOR,
+    BONE_WIDTH,
+    GHOST_COLOR,
+    bones,
+    effort_arc,
+    effort_arrow,
+    effort_color,
+    effort_shares,
+)
+from pidtsm_core.robots.placement import relative_placements
 
 GHOST = "reference"
 """TF prefix and namespace of the second arm, which shows the reference."""
 
 # Lengths as shares of the reach of the arm.
-_BONE_WIDTH = 0.02
 _ARC_WIDTH = 0.01
 _ARROW_WIDTHS = 0.02, 0.04  # shaft, head
-
-_ARM_COLOR = ColorRGBA(r=0.15, g=0.3, b=0.5, a=1.0)
-_GHOST_COLOR = ColorRGBA(r=0.4, g=0.4, b=0.4, a=0.5)
 
 
 def transforms(links: Links, placements: Array, header: Header, prefix: str) -> list[TransformStamped]:
@@ -32,10 +38,9 @@ def transforms(links: Links, placements: Array, header: Header, prefix: str) -> 
         header: provides the stamp.
         prefix: prefix of every frame name; the base of an arm with a prefix coincides with that of the arm without.
     """
-    parents = placements[np.maximum(links.parents, 0)]
-    inverse = parents[:, :, :3].transpose(0, 2, 1)
-    places = (inverse @ (placements - parents)[:, :, 3:])[:, :, 0].tolist()
-    turns = Rotation.from_matrix(inverse @ placements[:, :, :3]).as_quat().tolist()
+    relative = relative_placements(links, placements)
+    places = relative[:, :, 3].tolist()
+    turns = Rotation.from_matrix(relative[:, :, :3]).as_quat().tolist()
     frames = []
     for name, parent, place, turn in zip(links.names, links.parents, places, turns, strict=True):
         if parent < 0 and not prefix:
@@ -59,11 +64,10 @@ def skeleton(links: Links, placements: Array, header: Header, size: float, ghost
         size: reach of the arm, m.
         ghost: whether this is the arm that shows the reference.
     """
-    origins = placements[:, :, 3]
-    ends = np.stack([origins[links.parents[1:]], origins[1:]], axis=1).reshape(-1, 3)
-    marker = _marker(header, links.names[0], GHOST if ghost else "arm", Marker.LINE_LIST, ends)
-    marker.scale.x = _BONE_WIDTH * size
-    marker.color = _GHOST_COLOR if ghost else _ARM_COLOR
+    marker = _marker(header, links.names[0], GHOST if ghost else "arm", Marker.LINE_LIST, bones(links, placements))
+    marker.scale.x = BONE_WIDTH * size
+    red, green, blue, opacity = GHOST_COLOR if ghost else ARM_COLOR
+    marker.color = ColorRGBA(r=red, g=green, b=blue, a=opacity)
     return marker
 
 

@@ -5,12 +5,18 @@ import math
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.robots.description import Description
+from pidtsm_core.robots.description import Description, Links
 from pidtsm_core.robots.placement import link_placements
 
 # Lengths as shares of the reach of the arm.
+BONE_WIDTH = 0.02
+"""Of the lines from link to link."""
 _ARC_RADIUS = 0.1
 _ARROW_LENGTH = 0.25  # for an effort at its limit
+
+ARM_COLOR = 0.15, 0.3, 0.5, 1.0
+GHOST_COLOR = 0.4, 0.4, 0.4, 0.5
+"""Red, green, blue and opacity of the arm, and of the arm that shows the reference."""
 
 _FULL_ARC = 1.5 * math.pi  # rad, for an effort at its limit
 _ARC_POINTS = 24
@@ -23,6 +29,17 @@ def reach(arm: Description) -> float:
     for link, parent in enumerate(links.parents[1:], start=1):
         way[link] = way[parent] + np.linalg.norm(placements[link, :, 3] - placements[parent, :, 3])
     return float(way.max())
+
+
+def bones(links: Links, placements: Array) -> Array:
+    """Lines from link to link, for viewers without meshes: both ends of each, shape (2 (links - 1), 3), m.
+
+    Args:
+        links: the links.
+        placements: as returned by `link_placements`, shape (links, 3, 4).
+    """
+    origins = placements[:, :, 3]
+    return np.stack([origins[links.parents[1:]], origins[1:]], axis=1).reshape(-1, 3)
 
 
 def effort_shares(arm: Description, efforts: Array) -> Array:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.robots.description import Description
+from pidtsm_core.robots.description import Description, Links
 from pidtsm_core.robots.tree import forward_kinematics
 from pidtsm_core.robots.tree.layout import Column, rows
 
@@ -38,6 +38,20 @@ def link_placements(arm: Description, q: Array) -> Array:
     placements = carriers[:, :, :3] @ arm.links.placements
     placements[:, :, 3] += carriers[:, :, 3]
     return placements
+
+
+def relative_placements(links: Links, placements: Array) -> Array:
+    """Placement of each link relative to its parent, shape (links, 3, 4); that of the base is the identity.
+
+    Args:
+        links: the links.
+        placements: as returned by `link_placements`, shape (links, 3, 4).
+    """
+    parents = placements[np.maximum(links.parents, 0)]
+    inverse = parents[:, :, :3].transpose(0, 2, 1)
+    relative = inverse @ placements
+    relative[:, :, 3:] = inverse @ (placements - parents)[:, :, 3:]
+    return np.asarray(relative)
 
 
 def _row_placements(arm: Description, q: Array) -> Array:

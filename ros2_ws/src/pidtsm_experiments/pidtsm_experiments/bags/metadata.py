@@ -48,9 +48,9 @@ def run_metadata(path: Path, bag: Readable) -> RunMetadata:
     Raises:
         RecordingError: the metadata does not have the recorder's form.
     """
-    custom_data = _custom_data(path, bag)
+    text = stored_text(path, bag)
     try:
-        values = json.loads(custom_data.get(METADATA_KEY, "{}"))
+        values = json.loads(text or "{}")
         event_time = values.get("event_time")
         return RunMetadata(
             scenario=values.get("scenario"),
@@ -65,6 +65,11 @@ def run_metadata(path: Path, bag: Readable) -> RunMetadata:
         )
     except (AttributeError, TypeError, ValueError) as error:
         raise RecordingError(f"custom data {METADATA_KEY} does not have the recorder's form: {error}") from None
+
+
+def stored_text(path: Path, bag: Readable) -> str:
+    """The recorder's JSON text in a bag, empty if there is none; arguments as for `run_metadata`."""
+    return _custom_data(path, bag).get(METADATA_KEY, "")
 
 
 def _custom_data(path: Path, bag: Readable) -> Mapping[str, str]:

@@ -2,9 +2,13 @@
 
 import os
 import secrets
+import shutil
 import stat
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import BinaryIO
 
 from pidtsm_core.errors import UsageError
 from pidtsm_experiments.errors import RunError
@@ -54,26 +58,47 @@ def write_file(place: Path, content: str | bytes) -> None:
     Raises:
         RunError: the disk is full or gone, or the folder has been removed.
     """
-    data = content.encode() if isinstance(content, str) else content
+    with written_file(place) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
+
+
+@contextmanager
+def written_file(place: Path) -> Iterator[BinaryIO]:
+    """A stream, the content of which the file has after the block; if the block fails, what was there is left.
+
+    Args:
+        place: what `writable_file` returns, or a new file.
+
+    Raises:
+        RunError: the disk is full or gone, or the folder has been removed.
+    """
     try:
-        if _is_device(place):
-            with os.fdopen(os.open(place, os.O_WRONLY | os.O_APPEND), "wb") as device:
-                device.write(data)
-            return
-        _replace(place, data)
+        with _appended(place) if _is_device(place) else _replaced(place) as file:
+            yield file
     except OSError as error:
         raise RunError(f"cannot write {place}: {error.strerror or error}") from None
 
 
-def _replace(place: Path, data: bytes) -> None:
-    """Write a draft beside the file, and give it the name of the file, with the rights that this has."""
+@contextmanager
+def _appended(device: Path) -> Iterator[BinaryIO]:
+    """A stream that can be searched, the content of which is written to a device after the block."""
+    with TemporaryFile() as draft:
+        yield draft
+        draft.seek(0)
+        with os.fdopen(os.open(device, os.O_WRONLY | os.O_APPEND), "wb") as file:
+            shutil.copyfileobj(draft, file)
+
+
+@contextmanager
+def _replaced(place: Path) -> Iterator[BinaryIO]:
+    """A draft beside the file, which gets the name of the file after the block, with the rights that this has."""
     draft = place.with_name(f".{place.name[:100]}.{secrets.token_hex(4)}")
     descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666)
     try:
         with os.fdopen(descriptor, "wb") as file:
             with suppress(OSError):
                 os.fchmod(descriptor, stat.S_IMODE(place.stat().st_mode))
-            file.write(data)
+            yield file
             file.flush()
             os.fsync(descriptor)
         draft.replace(place)

@@ -1,0 +1,1 @@
+"""Files for viewers: MCAP for Foxglove and RViz, RRD for rerun."""
