@@ -69,14 +69,11 @@ def recorded_motion(joints: tuple[str, ...], time: Array, position: Array, speed
 
 
 def share_of_velocity(motion: RecordedMotion, limits: MotionLimits) -> Array:
-    """Largest velocity of each joint, as a share of the one that a motion may have; more than 1: it is too fast.
+    """Largest velocity of each joint, as a share of what a motion may have, shape (joints,); over 1: it is too fast.
 
     Args:
         motion: the motion, with the joints of the limits.
         limits: of the arm.
-
-    Returns:
-        Shape (joints,).
     """
     return np.asarray(np.abs(motion.velocity).max(axis=0) / limits.planned_velocity)
 

@@ -58,7 +58,8 @@ def contrasts(metrics: _Metrics) -> Contrasts:
     Args:
         metrics: of at least two runs of the same joints.
     """
-    found, equal, joint = [], [], 0
+    found: list[Contrast] = []
+    equal, joint = list[str](), 0
     for metric in METRICS:
         if not all(metric.key in each for each in metrics.values()):
             continue
