@@ -96,7 +96,7 @@ def events(arm: Arm) -> dict[str, Any]:
         "limits.effort_rate": (10.0 * arm.limits).tolist(),
         "limits.tracking_error": 0.1,
         "activation.blend": 0.8,
-        "rehearsal.reset_fault": 1.2,
+        "rehearsal.reset_fault": 1.3,
         "rehearsal.restart": 1.8,
         "rehearsal.freedrive": 1.65,
         "rehearsal.hold": 1.7,

@@ -41,6 +41,7 @@ FILE = "crane.urdf.xacro"
 OPTIONS = ("--joints", "--lock", "--effort", "--payload", "--xacro", "--save")
 NEEDED = {
     "excite": ["--out", "motion.yaml"],
+    "export": ["bag", "--foxglove"],
     "identify": ["bag"],
     "identify-payload": ["bag"],
     "move": ["--to", "0"],
