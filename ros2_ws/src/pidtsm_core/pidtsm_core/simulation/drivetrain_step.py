@@ -179,6 +179,12 @@ def level_of(config: Drivetrain, state: DrivetrainState, j: int, direction: floa
 
 
 @inlined
+def _divided(value: complex, by: complex) -> complex:
+    """A quotient; nan by 0, to which absurd parameters may round, so that the arm counts as diverged."""
+    return value / by if by != 0.0 else complex(math.nan, math.nan)
+
+
+@inlined
 def _eliminate(config: Drivetrain, state: DrivetrainState, j: int, q: float, dq: float, h: float, braked: bool) -> None:
     """Write the equation of link j, from which its motor has been eliminated.
 
@@ -201,8 +207,9 @@ def _eliminate(config: Drivetrain, state: DrivetrainState, j: int, q: float, dq:
         if braked:
             terms[Term.FREE, j], terms[Term.FOLLOWS, j] = stopping * _ONE, 0.0
         else:
-            terms[Term.FREE, j] = (inertia * state.motor_velocity[j] + (torque - dry - held)) * _ONE / whole
-            terms[Term.FOLLOWS, j] = spring / whole
+            pushed = (inertia * state.motor_velocity[j] + (torque - dry - held)) * _ONE
+            terms[Term.FREE, j] = _divided(pushed, whole)
+            terms[Term.FOLLOWS, j] = _divided(spring, whole)
         terms[Term.IMPEDANCE, j] = spring * (1.0 - terms[Term.FOLLOWS, j])
         terms[Term.CARRIED, j] = held * _ONE + spring * terms[Term.FREE, j] - terms[Term.IMPEDANCE, j] * dq * _ONE
     else:
@@ -230,7 +237,7 @@ def _solve(state: DrivetrainState) -> None:
             a[i, k] = entry * a[k, k]
             pivot -= entry * a[i, k]
             x[i] -= a[i, k] * x[k]
-        a[i, i] = 1.0 / pivot
+        a[i, i] = _divided(complex(1.0, 0.0), pivot)
     for i in range(joints - 1, -1, -1):
         x[i] *= a[i, i]
         for k in range(i + 1, joints):

@@ -14,6 +14,7 @@ from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.robots.base import unit_accelerations
 from pidtsm_core.robots.tree.layout import GRAVITY
+from pidtsm_core.rollouts.closed_loop import DivergedError, rollout
 from pidtsm_core.simulation.plant import Plant, plant_schema
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 
@@ -274,3 +275,14 @@ def test_a_joint_that_cannot_be_elastic_is_refused_with_the_cure(arm: Arm, chang
 def test_mujoco_refuses_what_takes_too_many_steps() -> None:
     with pytest.raises(ParameterError, match="rigid_body"):
         plant_of(PENDULUM, engine="mujoco", elasticity__stiffness=1e12)
+
+
+def test_where_absurd_friction_leaves_nothing_to_divide_by_the_arm_has_diverged() -> None:
+    absurd = {
+        "friction.coulomb": 1e12,
+        "friction.cogging": 1e12,
+        "friction.load": 1e-12,
+        "friction.bristle_stiffness": 1e4,
+    }
+    with pytest.raises(DivergedError):
+        rollout(simulator=absurd, duration=0.02)
