@@ -7,9 +7,11 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
 import pytest
 
 from pidtsm_experiments.cli import main
@@ -86,6 +88,7 @@ def run_script(script: str, folder: Path, environment: dict[str, str]) -> None:
         finally:
             remaining = _end_session(process.pid)
             process.wait()
+            remaining |= _end_detached(folder)
         output.seek(0)
         text = output.read()
     assert code == 0, f"exit code {code}:\n{script}\n{text}"
@@ -99,6 +102,17 @@ def _end_session(session: int) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+def _end_detached(folder: Path) -> bool:
+    """Kill the processes that work in a folder, whatever their session; returns whether there were any."""
+    found = False
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            if process.cwd() == str(folder) and process.pid != os.getpid():
+                process.kill()
+                found = True
+    return found
 
 
 def commands(document: Path, *, ros2: bool) -> list[Block]:

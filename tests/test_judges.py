@@ -5,15 +5,19 @@ import re
 import signal
 import subprocess
 import sys
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
+from scipy.spatial.transform import Rotation
 from support import strangersrecorder
 from support.judges import get_message, judged, messages
 from support.strangersplant import StrangersPlant, start
@@ -33,6 +37,7 @@ from pidtsm_experiments.runs import runner
 from pidtsm_experiments.runs.runner import Process, run
 from pidtsm_msgs.msg import ControllerState
 from pidtsm_ros.cdr import serialized_nanoseconds
+from pidtsm_ros.stamps import nanoseconds
 
 LOOP = ("simulator/ground_truth", "controller/state", "joint_commands", "reference", "joint_states")
 CONTACTS = "simulator/contact/"
@@ -104,6 +109,42 @@ def test_three_libraries_read_the_same_numbers_from_every_message(bags: dict[str
     if name != "rollout":
         touched = sum(count for topic, count in counts.items() if topic.startswith(CONTACTS))
         assert (touched > 20) == (RUNS[name].robot == "panda")
+
+
+def test_viewers_see_what_the_nodes_did(bags: dict[str, Path], folder: Path) -> None:
+    """The file for Foxglove and RViz: every message as it was recorded, and frames where MuJoCo has the links."""
+    (source,), file = bags["composed"].glob("*.mcap"), folder / "played.mcap"
+    assert main(["export", str(bags["composed"]), "--foxglove", "--out", str(file)]) == 0
+    found: list[Counter[tuple[str, int, bytes]]] = []
+    for each in (source, file):
+        with each.open("rb") as stream:
+            found.append(Counter((c.topic, m.log_time, m.data) for _, c, m in make_reader(stream).iter_messages()))
+    assert found[0] <= found[1]
+
+    poses: dict[str, tuple[str, Any]] = {}
+    truth: dict[int, Any] = {}
+    with file.open("rb") as stream:
+        for _, channel, _, message in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            if channel.topic in ("/tf", "/tf_static"):
+                frames = {frame.child_frame_id: frame for frame in message.transforms}
+                poses |= {name: (frame.header.frame_id, frame) for name, frame in frames.items()}
+            elif channel.topic == "/robot_description":
+                text = message.data
+            elif channel.topic == "/simulator/ground_truth":
+                truth[nanoseconds(message.header.stamp)] = dict(zip(message.name, message.position, strict=True))
+    plain = '<mujoco><compiler fusestatic="false" discardvisual="true"/></mujoco></robot>'
+    model = mujoco.MjModel.from_xml_string(text.replace("</robot>", plain))
+    data = mujoco.MjData(model)
+    for joint, q in truth[nanoseconds(poses["panda_link7"][1].header.stamp)].items():
+        data.qpos[model.joint(joint).qposadr[0]] = q
+    mujoco.mj_kinematics(model, data)
+    for body in range(1, model.nbody):
+        name, place = model.body(body).name, np.zeros(3)
+        while name in poses:
+            name, frame = poses[name]
+            turn, way = frame.transform.rotation, frame.transform.translation
+            place = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).apply(place) + np.array([way.x, way.y, way.z])
+        np.testing.assert_allclose(place, data.xpos[body], rtol=0.0, atol=1e-9)
 
 
 MEASURED = ("period", "rate", "period_jitter", "state_age", "missed_deadlines", "compute_time")

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from pidtsm_core.written import Scale, number, quantity, readable, scale, signed
+from pidtsm_core.written import Scale, enumeration, number, quantity, readable, scale, signed
 
 
 @pytest.mark.parametrize(
@@ -70,3 +70,8 @@ def test_texts_of_programs_become_readable() -> None:
     text = "-2.9 to -0.1, 14-bit, 2026-11-25, 1.2e-05 rad, 3e+20, law.k1e5"
     expected = "−2.9 to −0.1, 14-bit, 2026-11-25, 1.2 × 10⁻⁵ rad, 3 × 10²⁰, law.k1e5"
     assert readable(text).replace("\u202f", " ") == expected
+
+
+@pytest.mark.parametrize(("names", "text"), [(["a"], "a"), (["a", "b"], "a and b"), (["a", "b", "c"], "a, b and c")])
+def test_names_are_listed_as_in_a_sentence(names: list[str], text: str) -> None:
+    assert enumeration(names) == text

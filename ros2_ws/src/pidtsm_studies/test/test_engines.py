@@ -1,6 +1,7 @@
 """Both engines simulate the same arm: how far they differ, with which integrator and with which friction."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.robots import NAMES
-from pidtsm_studies.engines import EngineComparison, as_json, compare_engines
+from pidtsm_core.written import quantity
+from pidtsm_studies.engines import EngineComparison, as_json, compare_engines, write_engine_page
 
 SMOOTH = {"simulator": {"friction.coulomb": 0.0}, "controller": {"compensation.coulomb": 0.0}}
 """Without dry friction, which MuJoCo holds over a step, and which the controller would compensate."""
@@ -43,6 +45,18 @@ def test_integrator_step_and_friction_matter_little(robot: str, changes: dict[st
     comparison = compared(robot, 3.0, **changes)
     assert 0.0 < comparison.difference.max() < largest
     assert np.abs(comparison.relative("eci")).max() < 0.01
+
+
+def test_the_page_begins_with_how_far_apart_the_engines_are(tmp_path: Path) -> None:
+    comparison = compared("scara", 0.2)
+    write_engine_page(comparison, tmp_path / "page.html", {})
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    sample, joint = np.unravel_index(np.argmax(comparison.difference), comparison.difference.shape)
+    run = next(iter(comparison.runs.values()))
+    far = quantity(float(comparison.difference[sample, joint]), run.units[joint].position)
+    assert f"The runs differ by at most {far}, in the position of {run.joints[joint]}" in text
+    assert "How far apart are they?" in text
+    assert "Which follows best?" not in text
 
 
 def test_the_json_has_every_joint() -> None:

@@ -66,13 +66,13 @@ TIME_AT_RATE_LIMIT = Metric("time_at_rate_limit", "at the rate limit", "time", "
 ADAPTIVE_GAIN = Metric("adaptive_gain", "adaptive gain Υ", "at the end", "adaptive gain", judged=False)
 
 METRICS = (
-    RMSE,
     LARGEST_ERROR,
+    RMSE,
     STEADY_STATE_ERROR,
-    SETTLING_TIME,
-    RECOVERY_TIME,
-    SATURATION,
     MEAN_EFFORT,
+    SATURATION,
+    RECOVERY_TIME,
+    SETTLING_TIME,
     EFFORT_VARIATION,
     EFFORT_VARIATION_RATE,
     EFFORT_JUMPS,
@@ -80,4 +80,4 @@ METRICS = (
     TIME_AT_RATE_LIMIT,
     ADAPTIVE_GAIN,
 )
-"""Every metric, in the order of the pages."""
+"""Every metric, in the order of tables; where not all of them fit, the last ones are left out."""

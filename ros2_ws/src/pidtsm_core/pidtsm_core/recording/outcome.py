@@ -253,6 +253,15 @@ def _outcome(metrics: Mapping[str, Any]) -> str:
     return f"{text}; {overload_text(overloaded)}" if overloaded else text
 
 
+def is_rough(metrics: Mapping[str, Any]) -> bool:
+    """Whether the largest error at the end is beyond `ROUGH`.
+
+    Args:
+        metrics: as in metrics.json.
+    """
+    return max((error or 0.0 for error in metrics["steady_state_error"]), default=0.0) > ROUGH
+
+
 def verdict(metrics: Mapping[str, Any]) -> str:
     """The run in one sentence: whether it followed, how well, or why not.
 
@@ -267,7 +276,7 @@ def verdict(metrics: Mapping[str, Any]) -> str:
     most = max(range(len(saturation)), key=lambda joint: saturation[joint])
     joint = metrics["joints"][most]
     limited = f", but {joint} was at a limit of its effort {100.0 * saturation[most]:.0f} % of the time"
-    roughly = " roughly" if (errors[worst] or 0.0) > ROUGH else ""
+    roughly = " roughly" if is_rough(metrics) else ""
     text = FOLLOWED + roughly + (limited if saturation[most] >= NOTABLE_SATURATION else "")
     within = quantity(errors[worst], units[worst].position)
     return f"{text}; in the end within {within} ({metrics['joints'][worst]})"

@@ -13,12 +13,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.recording.metric import Metric
+from pidtsm_core.recording.metric import METRICS, Metric
 from pidtsm_core.recording.outcome import sources
 from pidtsm_core.units import joint_units
 from pidtsm_core.written import NOTHING
 from pidtsm_experiments.commands.options import CONSOLE, read
-from pidtsm_experiments.commands.table import COLUMNS
 from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_experiments.runs.saved import read_parameters
@@ -109,7 +108,7 @@ def differences(metrics: _Metrics) -> dict[str, dict[str, list[float | None]]]:
     return {
         other: {
             metric.key: [_minus(metrics, other, first, metric.key, j) for j in range(len(metrics[first]["joints"]))]
-            for metric in COLUMNS
+            for metric in METRICS
             if metric.key in metrics[first] and metric.key in metrics[other]
         }
         for other in others
@@ -131,7 +130,7 @@ def _metrics_tables(metrics: _Metrics) -> Iterator[Table]:
         for start in range(0, len(others), step):
             names = [first, *others[start : start + step]]
             table = _table(joint, "metric", "unit", *names)
-            for metric in COLUMNS:
+            for metric in METRICS:
                 runs = [metrics[name] for name in names]
                 if any(metric.key in run and (not metric.only_if_any or run[metric.key][j]) for run in runs):
                     cells = (_cell(metrics, name, first, metric, j) for name in names)

@@ -39,7 +39,7 @@ examples:
   ./pidtsm export my_bag --messages --parquet my_bag.parquet
   python -c "import pandas; print(pandas.read_csv('demo.csv', index_col='time').filter(like='error.').abs().max())"
 """
-_INSTALL = "./pidtsm shell -c 'python -m pip install --no-deps -r requirements/parquet.lock'"
+_INSTALL = "./pidtsm shell -c 'python -m pip install --no-deps --require-hashes -r requirements/parquet.lock'"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -35,7 +35,7 @@ def add_played_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="file of --foxglove or --rerun (default: beside the run, with its name: RUN_foxglove.mcap, RUN.rrd)",
     )
-    add_arm_arguments(parser, of="the recording, if it does not say or if the description has moved")
+    add_arm_arguments(parser, of="the recording, if it does not name one or if the description has moved")
 
 
 def played_formats(options: argparse.Namespace) -> dict[str, Path]:
@@ -63,7 +63,7 @@ def played_formats(options: argparse.Namespace) -> dict[str, Path]:
 
 
 def write_played(name: str, options: argparse.Namespace, place: Path) -> None:
-    """Write one of the files of `played_formats`, and say what it has.
+    """Write one of the files of `played_formats`, and print what it has.
 
     Raises:
         UsageError: the run cannot be read, its arm is not known, or rerun-sdk is not installed.

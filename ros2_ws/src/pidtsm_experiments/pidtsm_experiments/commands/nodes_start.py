@@ -63,7 +63,7 @@ def execute_action(options: argparse.Namespace) -> int:
 
 
 def _detached(work: Callable[[], int], ready: Sequence[str]) -> int:
-    """Do work in a process of its own, which outlives this one, until its log says that it is ready.
+    """Do work in a process of its own, which outlives this one, until its log shows that it is ready.
 
     Returns:
         0, or the exit code of the work if it has ended before.
@@ -141,16 +141,16 @@ def _start(options: argparse.Namespace) -> int:
         nodes = Nodes(start.parameters, folder, surroundings, [*words, "-r", f"__ns:={system.namespace}"])
         stack.enter_context(nodes)
         kind = "a simulated arm" if options.plant else "your arm"
-        _say(f"starting nodes for {kind} {place(namespace)}")
+        _show(f"starting nodes for {kind} {place(namespace)}")
         for node, text in described(start).items():
-            _say(f"{node}: {text}")
-        asyncio.run(Watch(system, nodes, start, _say).run(stop))
-        _say("ending the nodes")
-    _say("ended")
+            _show(f"{node}: {text}")
+        asyncio.run(Watch(system, nodes, start, _show).run(stop))
+        _show("ending the nodes")
+    _show("ended")
     return 0
 
 
-def _say(text: str) -> None:
+def _show(text: str) -> None:
     print(f"{time.strftime('%H:%M:%S')} {text}", flush=True)
     sys.stdout.flush()
 

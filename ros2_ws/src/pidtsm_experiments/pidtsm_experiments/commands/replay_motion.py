@@ -215,9 +215,7 @@ def _replay(motion: RecordedMotion, options: argparse.Namespace) -> int:
         position = dict(zip(state.names, state.position.tolist(), strict=True))
         print(json.dumps({"duration": motion.duration, "position": position, "distance": distance}))
     if distance > _CLOSE:
-        raise RunError(
-            f"the reference is {distance:.3g} from the last posture; the log of the trajectory node says why"
-        )
+        raise RunError(f"the reference is {distance:.3g} from the last posture; see the log of the trajectory node")
     if not options.json:
         print("there: " + ", ".join(f"{name} {q:.4f}" for name, q in zip(state.names, state.position, strict=True)))
     return 0

@@ -8,42 +8,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pidtsm_core.recording.metric import (
-    ADAPTIVE_GAIN,
-    EFFORT_JUMPS,
-    EFFORT_VARIATION,
-    EFFORT_VARIATION_RATE,
-    LARGEST_ERROR,
-    MEAN_EFFORT,
-    RECOVERY_TIME,
-    RMSE,
-    SATURATION,
-    SETTLING_TIME,
-    STEADY_STATE_ERROR,
-    TIME_AT_EFFORT_LIMIT,
-    TIME_AT_RATE_LIMIT,
-    Metric,
-)
-from pidtsm_core.recording.outcome import FOLLOWED, OF_TRACKING, RAN_AWAY, verdict, what_happened
+from pidtsm_core.recording.metric import METRICS, Metric
+from pidtsm_core.recording.outcome import FOLLOWED, OF_TRACKING, RAN_AWAY, is_rough, verdict, what_happened
 from pidtsm_core.units import joint_units
 from pidtsm_studies.reports.labels import value_text
 
-COLUMNS = (
-    LARGEST_ERROR,
-    RMSE,
-    STEADY_STATE_ERROR,
-    MEAN_EFFORT,
-    SATURATION,
-    RECOVERY_TIME,
-    SETTLING_TIME,
-    EFFORT_VARIATION,
-    EFFORT_VARIATION_RATE,
-    EFFORT_JUMPS,
-    TIME_AT_EFFORT_LIMIT,
-    TIME_AT_RATE_LIMIT,
-    ADAPTIVE_GAIN,
-)
-"""Every metric, in the order of columns; those that do not fit are left out from the end."""
 _CELL = 9
 """Largest width of a value, characters; headings wrap."""
 
@@ -67,7 +36,7 @@ def metrics_table(metrics: Mapping[str, Any], width: int = 80) -> Table:
     if mixed:
         table.add_column("units", no_wrap=True)
         taken += 10
-    known = [m for m in COLUMNS if m.key in metrics and (not m.only_if_any or any(metrics[m.key]))]
+    known = [m for m in METRICS if m.key in metrics and (not m.only_if_any or any(metrics[m.key]))]
     columns = known[: max(1, (width - taken - 3) // (_CELL + 2))]
     for metric in columns:
         unit = "" if mixed and "{" in metric.unit else metric.unit_of(units[0])
@@ -106,8 +75,8 @@ def print_metrics(metrics: Mapping[str, Any], console: Console | None = None) ->
     for text in what_happened(metrics):
         if text != judgement:
             console.print(text, style="red", highlight=False, markup=False)
-    style = "bold green" if metrics["outcome"] == FOLLOWED else "bold red"
-    console.print(judgement, style=style, highlight=False, markup=False)
+    color = "red" if metrics["outcome"] != FOLLOWED else "yellow" if is_rough(metrics) else "green"
+    console.print(judgement, style=f"bold {color}", highlight=False, markup=False)
 
 
 def _number(value: float | None, factor: float = 1.0) -> str:

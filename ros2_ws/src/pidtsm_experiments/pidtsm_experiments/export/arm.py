@@ -16,7 +16,7 @@ GHOST = "reference"
 
 @dataclass(frozen=True)
 class DrawnArm:
-    """An arm and what its joints are called in the recording.
+    """An arm, and the names of its joints in the recording.
 
     Attributes:
         description: the arm.
@@ -46,14 +46,14 @@ def drawn_arm(settings: Mapping[str, object]) -> DrawnArm:
         settings: parameters of the simulated arm, as in the metadata of a bag, or of `ArmDefinition.settings`.
 
     Raises:
-        UsageError: there are none, or its description cannot be read; the message says what helps.
+        UsageError: there are none, or its description cannot be read; the message has the cure.
     """
     if not settings:
-        raise UsageError("the recording does not say which arm it is; name it with --robot")
+        raise UsageError("the recording does not name its arm; give it with --robot")
     try:
         arm = find_description(settings)
     except ParameterError as error:
-        raise UsageError(f"{error}; name the arm with --robot") from None
+        raise UsageError(f"{error}; give the arm with --robot") from None
     given = settings.get("joints", arm.joints)
     joints = (given,) if isinstance(given, str) else tuple(str(name) for name in given)  # type: ignore[attr-defined]
     if len(joints) != len(arm.joints):

@@ -23,7 +23,7 @@ RATE = 50.0
 """Pictures of the arm a second."""
 TIMELINE = "time"
 """Name of the time line, since the first stamp of the motion."""
-_INSTALL = "./pidtsm shell -c 'python -m pip install --no-deps -r requirements/rerun.lock'"
+_INSTALL = "./pidtsm shell -c 'python -m pip install --no-deps --require-hashes -r requirements/rerun.lock'"
 _LEVELS = {"fault": "ERROR", "limit": "WARN", "contact": "WARN", "push": "WARN"}
 _ARM, _EVENTS, _SCENE = "arm", "events", "scene"
 

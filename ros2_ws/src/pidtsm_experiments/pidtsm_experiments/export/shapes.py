@@ -93,5 +93,5 @@ def _numbers(text: str, count: int) -> Array:
     """
     found = np.array([float(word) for word in text.split()])
     if found.size != count or not np.isfinite(found).all():
-        raise ValueError(f"{text!r} has not {count} finite numbers")
+        raise ValueError(f"{text!r} is not {count} finite numbers")
     return found

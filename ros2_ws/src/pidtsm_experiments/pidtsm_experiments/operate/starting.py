@@ -28,7 +28,7 @@ Show = Callable[[str], None]
 """Called with each line."""
 
 _STILL = {"reference.name": "minimum_jerk"}
-"""The reference of a real arm, for which no motion is given; its ends are where the arm is."""
+"""The reference if no motion is given; its ends are where the arm is."""
 _PERIOD = 0.05  # s
 _LOOK = 0.5  # s between two looks into the graph
 _WAIT = 2.0

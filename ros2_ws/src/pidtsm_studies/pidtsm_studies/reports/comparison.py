@@ -106,7 +106,8 @@ def write_comparison(
     answers = contrast_answers(found, metrics, len(parameters))
     if apart is not None:
         verdict = sentence(f"The runs differ by at most {apart.text}, {apart.detail}")
-        answers = [apart if answer.question == BEST else answer for answer in answers]
+        followed, *others = answers
+        answers = [followed, apart, *(answer for answer in others if answer.question != BEST)]
     page = Page(title or enumeration(list(runs)), verdict, state, extents(metrics), answers, sections, data)
     write_page(path, page)
 

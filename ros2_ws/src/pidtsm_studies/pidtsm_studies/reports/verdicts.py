@@ -5,7 +5,7 @@ from itertools import groupby
 from typing import Any
 
 from pidtsm_core.recording.metric import RMSE
-from pidtsm_core.recording.outcome import FOLLOWED, RAN_AWAY, ROUGH, STOPPED, verdict, what_happened
+from pidtsm_core.recording.outcome import FOLLOWED, RAN_AWAY, STOPPED, is_rough, verdict, what_happened
 from pidtsm_core.written import number, quantity
 from pidtsm_studies.reports.events import Event
 from pidtsm_studies.reports.matrix import units_of, values_of, worst
@@ -26,7 +26,7 @@ def state_of(metrics: Mapping[str, Any]) -> str:
     """Whether a run followed; `PLAIN`: roughly."""
     if metrics["outcome"] != FOLLOWED:
         return BAD
-    return GOOD if max((error or 0.0 for error in metrics["steady_state_error"]), default=0.0) <= ROUGH else PLAIN
+    return PLAIN if is_rough(metrics) else GOOD
 
 
 def worst_joint(metrics: Mapping[str, Any]) -> int | None:
