@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.robots.base import Robot
+from pidtsm_core.robots.base import Robot, unit_accelerations
 from pidtsm_core.robots.check.result import Doubt, JointFacts, Load
 from pidtsm_core.robots.payload import payload_of
 
@@ -35,7 +35,7 @@ class _Statics:
         self._p = robot.pack_model({name: settings.get(name, value) for name, value in defaults.items()})
         if "payload.mass" in settings:
             self._p = robot.with_payload(self._p, payload_of(settings))
-        self._units = np.vstack([np.zeros(self._joints), np.eye(self._joints)])
+        self._units = unit_accelerations(self._joints)
 
     def at(self, q: Array) -> tuple[Array, Array]:
         """Torque of gravity, shape (joints,), and inertia, shape (joints, joints), at q."""
