@@ -10,9 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from pidtsm_core.control import LAW_NAME
-from pidtsm_core.experiment import DEFAULT_ROBOT
+from pidtsm_core.experiment import DEFAULT_ROBOT, Experiment
 from pidtsm_core.laws import LAWS
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.options import CONSOLE, add_hardware_argument, add_parameter_arguments, progress_bar
 from pidtsm_experiments.runs.origin import MadeOf
@@ -21,7 +20,7 @@ from pidtsm_studies.score.criteria import FULL, QUICK
 from pidtsm_studies.score.measure import Contender, measure
 from pidtsm_studies.score.page import write_score_page
 from pidtsm_studies.score.results import FILE, Entry, as_json
-from pidtsm_studies.score.tasks import Task, find_task
+from pidtsm_studies.score.tasks import find_task
 from pidtsm_studies.score.wording import COLUMNS, cells, failure_text, share_text
 from pidtsm_studies.tuning.definitions import PARAMETERS
 
@@ -47,11 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     task = find_task(read_arm(options) or DEFAULT_ROBOT, options.hardware)
     contender = Contender(options.law, tuple(options.params), tuple(options.set), options.name)
-    name = name_of(task, contender)
+    nominal = task.experiment(contender.law, contender.params, contender.overrides)
+    name = name_of(nominal, contender)
     introduce(options)
     of_arm = SCORES / "-".join(filter(None, [Path(task.robot).stem, options.hardware]))
     out = options.out or of_arm / name.replace("/", "-").replace(" ", "-")
-    with result_folder(out, made_of(task, contender)) as folder:
+    with result_folder(out, MadeOf(parameters=nominal.values)) as folder:
         with progress_bar() as bar:
             bars = bar.add_task("rollouts", total=None)
             extent = QUICK if options.quick else FULL
@@ -74,26 +74,15 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def name_of(task: Task, contender: Contender) -> str:
-    """Name of a controller in tables: as given, or that of its law and its parameter sets.
-
-    Raises:
-        UsageError: the controller is refused, see `Task.experiment`.
-    """
-    law = task.experiment(contender.law, contender.params, contender.overrides).law
-    return contender.name or " ".join([law, *map(_set_name, contender.params)])
+def name_of(nominal: Experiment, contender: Contender) -> str:
+    """Name of a controller in tables: as given, or that of its law, which the nominal run has, and its sets."""
+    return contender.name or " ".join([nominal.law, *map(_set_name, contender.params)])
 
 
 def _set_name(params: str) -> str:
     """Name of a parameter set: that of its file, or of the folder of a tuning."""
     file = Path(params)
     return file.absolute().parent.name if file.name == PARAMETERS else file.stem
-
-
-def made_of(task: Task, contender: Contender) -> MadeOf:
-    """The parameters of the nominal run of a controller; its criteria change some, see score.json."""
-    experiment = task.experiment(contender.law, contender.params, contender.overrides)
-    return MadeOf(parameters=experiment.resolved(SCHEMAS))
 
 
 def _tables(entry: Entry) -> tuple[Table, Table]:

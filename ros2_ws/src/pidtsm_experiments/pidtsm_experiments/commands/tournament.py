@@ -15,7 +15,6 @@ from pidtsm_core.robots.definition import ArmDefinition, find_arm
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.cluster import workers
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar
-from pidtsm_experiments.commands.score import made_of
 from pidtsm_experiments.commands.tune import budget, identity_of, natural, tune
 from pidtsm_experiments.runs.files import write_file
 from pidtsm_experiments.runs.locks import locked
@@ -154,7 +153,8 @@ def _write(file: Path, content: dict[str, Any]) -> None:
 def _score(cell: Cell, out: Path, extent: Extent) -> None:
     params, task = cell.folder(out, "tune") / PARAMETERS, find_task(cell.arm)
     contender = Contender(cell.law, (str(params),), name=cell.law)
-    with result_folder(cell.folder(out, "score"), made_of(task, contender)) as folder, progress_bar() as bar:
+    made_of = MadeOf(parameters=task.experiment(contender.law, contender.params).values)
+    with result_folder(cell.folder(out, "score"), made_of) as folder, progress_bar() as bar:
         bars = bar.add_task("score", total=None)
         entry = measure(
             task,

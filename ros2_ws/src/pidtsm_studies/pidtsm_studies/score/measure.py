@@ -13,7 +13,6 @@ from pidtsm_core.parameters import names
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metrics import JointMetrics
 from pidtsm_core.rollouts.batches import BatchResult, batch
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_studies.score.criteria import CRITERIA, FULL, HARDWARE, ROUGHNESS, Criterion, Extent, Range
 from pidtsm_studies.score.results import Curve, Entry, Failure, Outcome
 from pidtsm_studies.score.tasks import Task, effort_limits
@@ -56,10 +55,10 @@ def measure(
         UsageError: the controller or the arm is refused; see `Task.experiment`.
     """
     nominal = task.experiment(contender.law, contender.params, contender.overrides)
-    resolved = nominal.resolved(SCHEMAS)["simulator"]
+    resolved = nominal.values["simulator"]
     limits = effort_limits(resolved)
     for each in (each for criterion in CRITERIA for each in criterion.ranges):
-        _with(nominal, each.settings(each.last, 0, task, limits)).resolved(SCHEMAS)  # Refused: no failed run.
+        _ = _with(nominal, each.settings(each.last, 0, task, limits)).values  # Refused: no failed run.
     planned = [*_plan(task, limits, extent)]
     settings = [{"scenario": _with(nominal, changes)} for _, changes in planned]
     settings += [{"scenario": _with(nominal, changes)} for changes in _NOMINAL.values()]

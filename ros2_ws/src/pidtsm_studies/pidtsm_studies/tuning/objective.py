@@ -14,7 +14,6 @@ from pidtsm_core.experiment import PRACTICAL, Experiment
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metrics import JointMetrics
 from pidtsm_core.rollouts.batches import batch
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_studies.score.criteria import CRITERIA, ROUGHNESS, Extent
 from pidtsm_studies.score.measure import judge
 from pidtsm_studies.score.tasks import Task, effort_limits
@@ -82,7 +81,7 @@ def make_problem(task: Task, kind: str, hardware: str, objective: str) -> Proble
         UsageError: the rule-based set, which the objective refers to, diverges on this arm.
     """
     nominal = task.experiment(None, (PRACTICAL,))
-    limits = effort_limits(nominal.resolved(SCHEMAS)["simulator"])
+    limits = effort_limits(nominal.values["simulator"])
     found = conditions(kind, hardware, task, limits)
     rule = nominal.settings["controller"]
     blank = Problem(task, found, OBJECTIVES[objective], limits, {})
