@@ -70,11 +70,6 @@ class StateStream:
             return None
         return Batch(stamps_of(same)[alike][finite], values[finite], newest)
 
-    @property
-    def publishers(self) -> int:
-        """Number of publishers of the topic."""
-        return int(self._subscription.get_publisher_count())
-
 
 def _table_like(data: bytes, joints: int) -> NumberTable:
     """Reads the fields of states with the joints of this one, whatever mode and fault they have."""
