@@ -104,9 +104,12 @@ def make_experiment(
     if arm is not None:
         _warn_of_gripper(arm, of_arm)
         merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
-    merge(_of_hardware(hardware, _overridden(settings, chosen)), Path(hardware or ""))
+    if hardware is not None:
+        of_hardware = hardware_settings(hardware, _overridden(settings, chosen)["simulator"])
+        merge({"simulator": of_hardware}, Path(hardware))
     wanted = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
-    for name in _named(params) or _usual(_source(arm, scenario, base), wanted, base, chosen, purpose):
+    named = [params] if isinstance(params, str) else params
+    for name in named or _usual(_source(arm, scenario, base), wanted, base, chosen, purpose):
         before = wanted or settings["controller"].get(LAW_NAME.name)
         merge(*_parameter_set(name, before if before in LAWS.names else None, _overridden(settings, chosen)))
     if law is not None:
@@ -119,16 +122,6 @@ def make_experiment(
     experiment = Experiment(base.scenario, name_of_law, seconds, settings, files, purpose)
     _ = experiment.values
     return experiment
-
-
-def _named(params: str | Sequence[str]) -> Sequence[str]:
-    """The names of parameter sets, however many."""
-    return [params] if isinstance(params, str) else params
-
-
-def _of_hardware(hardware: str | None, settings: Settings) -> Settings:
-    """The parameters of a class of hardware; none without a class. `settings` choose the arm."""
-    return {} if hardware is None else {"simulator": hardware_settings(hardware, settings["simulator"])}
 
 
 def _parameter_set(name: str, law: str | None, settings: Settings) -> tuple[Settings, Path]:

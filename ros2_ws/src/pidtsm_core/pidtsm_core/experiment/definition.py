@@ -8,9 +8,9 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from pidtsm_core.experiment.node_parameters import COMPLETE_SCHEMAS, NODE_ONLY
-from pidtsm_core.experiment.node_settings import for_nodes, resolve_nodes
-from pidtsm_core.parameters import ParameterError, Value
+from pidtsm_core.experiment.node_parameters import COMPLETE_SCHEMAS, NODE_ONLY, check_node
+from pidtsm_core.experiment.node_settings import naming, resolve_nodes
+from pidtsm_core.parameters import ParameterError, Value, names
 from pidtsm_core.parameters.files import NODES
 
 
@@ -63,7 +63,7 @@ class Experiment:
 
     def __reduce__(self) -> tuple[Any, ...]:
         settings = {node: dict(given) for node, given in self.settings.items()}
-        return type(self), (self.scenario, self.law, self.duration, settings, dict(self.files), self.purpose)
+        return Experiment, (self.scenario, self.law, self.duration, settings, self.files, self.purpose)
 
     @property
     def event_time(self) -> float | None:
@@ -98,8 +98,15 @@ class Experiment:
         Raises:
             ParameterError: see `values`, or a value that works in a rollout only.
         """
-        with self._naming_files():
-            return for_nodes(self._complete, self.settings, defaults)
+        found = {}
+        for node, complete in self._complete.items():
+            joints, given = len(names(complete["joints"])), self.settings[node]
+            others = {name: value for name, value in defaults.get(node, {}).items() if name not in given}
+            with self._naming_files(), naming(node):
+                checked = {p.name: p.check(others[p.name], joints) for p in NODE_ONLY[node] if p.name in others}
+                found[node] = {**complete, **checked}
+                check_node(node, found[node])
+        return found
 
     @cached_property
     def _complete(self) -> dict[str, dict[str, Value]]:
