@@ -99,10 +99,10 @@ class Experiment:
         """
         found = {}
         for node, complete in self._complete.items():
-            joints, given = len(names(complete["joints"])), self.settings[node]
-            others = {name: value for name, value in defaults.get(node, {}).items() if name not in given}
+            joints, only = len(names(complete["joints"])), {p.name: p for p in NODE_ONLY[node]}
+            others = {name: value for name, value in defaults.get(node, {}).items() if name not in self.settings[node]}
             with self._naming_files(), naming(node):
-                checked = {p.name: p.check(others[p.name], joints) for p in NODE_ONLY[node] if p.name in others}
+                checked = {name: only[name].check(value, joints) for name, value in others.items()}
                 found[node] = {**complete, **checked}
                 check_node(node, found[node])
         return found
