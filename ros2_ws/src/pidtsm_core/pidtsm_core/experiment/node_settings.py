@@ -59,7 +59,11 @@ def resolve_nodes(
 
 @contextmanager
 def naming(node: str) -> Iterator[None]:
-    """Begin the message about a refused parameter with its node."""
+    """Begin the message about a refused parameter with its node.
+
+    Raises:
+        ParameterError: the block has raised it.
+    """
     try:
         yield
     except ParameterError as error:
