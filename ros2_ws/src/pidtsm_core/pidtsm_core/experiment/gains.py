@@ -8,8 +8,8 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment.law_gains import Gain, Known, gains_of_law, rounded
-from pidtsm_core.parameters import Parameter, Value, joint_array, resolve
-from pidtsm_core.robots import Robot, find_robot, payload_of, payload_schema, robot_joints, robot_schema
+from pidtsm_core.parameters import Parameter, joint_array, resolve
+from pidtsm_core.robots import Robot, find_robot, payload_of, payload_schema, robot_schema
 
 BITS, DELAY, RATE = 14, 0.001, 1000.0
 """Steps of the encoders (2^BITS per revolution, or per metre), s, Hz: hardware that the gains suit by default."""
@@ -53,12 +53,9 @@ def first_gains(
     robot = find_robot(settings)
     span = np.where(robot.slides or [False] * len(robot.joints), 1.0, 2.0 * math.pi)
     steps = span / 2.0**bits if bits else np.zeros_like(span)
-    bandwidth, bounds = _bandwidths(robot, settings, steps, delay + _WAITING / rate)
-    known = Known(
-        bandwidth=bandwidth,
-        steps=steps,
-        inertia=np.abs(np.diag(_inertia(robot, settings))),
-    )
+    inertia, limits = _inertia_and_limits(robot, settings)
+    bandwidth, bounds = _bandwidths(inertia, limits, steps, delay + _WAITING / rate)
+    known = Known(bandwidth=bandwidth, steps=steps, inertia=np.diag(inertia))
     return (
         Gain("law.name", law, "the proposed law" if law == LAW_NAME.default else "the chosen law"),
         Gain("estimator.name", "extended_state_observer", "it differentiates without the noise of differences"),
@@ -76,12 +73,11 @@ def first_gains(
     )
 
 
-def _bandwidths(robot: Robot, settings: Mapping[str, object], steps: Array, delay: float) -> tuple[Array, list[str]]:
+def _bandwidths(inertia: Array, limits: Array, steps: Array, delay: float) -> tuple[Array, list[str]]:
     """Bandwidths of the observers, shape (joints,), rad/s, and what limits each of them."""
-    limits = joint_array(_checked(settings)["limits.effort"], len(robot.joints))
     rough = np.minimum(_ROUGHNESS * limits, _ROUGH)
     with np.errstate(divide="ignore"):
-        of_noise = np.sqrt((rough[:, np.newaxis] / np.abs(_inertia(robot, settings))).min(axis=0) / (_NOISE * steps))
+        of_noise = np.sqrt((rough[:, np.newaxis] / inertia).min(axis=0) / (_NOISE * steps))
     of_delay = np.full_like(of_noise, _PHASE / delay)
     candidates = np.array([of_noise, of_delay, np.full_like(of_noise, _ELASTIC)])
     return candidates.min(axis=0), [_BOUNDS[i] for i in candidates.argmin(axis=0)]
@@ -102,14 +98,10 @@ def _schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     )
 
 
-def _checked(settings: Mapping[str, object]) -> Mapping[str, Value]:
-    """Every parameter of `_schema`."""
-    known = {p.name for p in _schema(settings)}
-    return resolve(_schema, {n: v for n, v in settings.items() if n in known}, robot_joints(settings))
-
-
-def _inertia(robot: Robot, settings: Mapping[str, object]) -> Array:
-    """The inertia matrix with payload in the middle of the range, shape (joints, joints), kg m^2."""
-    values = _checked(settings)
+def _inertia_and_limits(robot: Robot, settings: Mapping[str, object]) -> tuple[Array, Array]:
+    """|H| with payload in the middle of the range, shape (joints, joints), kg m^2, and the effort limits, (joints,)."""
+    known, joints = {p.name for p in _schema(settings)}, len(robot.joints)
+    values = resolve(_schema, {n: v for n, v in settings.items() if n in known}, joints)
     loaded = robot.with_payload(robot.pack_model(values), payload_of(values))
-    return robot.inertia_matrix(loaded, np.array(robot.initial_position))
+    inertia = robot.inertia_matrix(loaded, np.array(robot.initial_position))
+    return np.abs(inertia), joint_array(values["limits.effort"], joints)
