@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.recording import Recording
 from pidtsm_studies.article.claims import Run
+from pidtsm_studies.reports.meshes import solids
 from pidtsm_studies.reports.packed import packed
 from pidtsm_studies.reports.skeleton import Skeleton, find_skeleton
 
@@ -37,8 +39,10 @@ def animation(cases: Mapping[str, Mapping[str, Run]]) -> dict[str, Any]:
         * view: azimuth and elevation of the first view, rad; on the plane of a planar arm, else oblique.
         * runs: under ``CASE LAW``: parents and sliding of the points, see `Skeleton`; places, the recorded joint of
           each point but the tool; reference_of, key of the run that has the same reference; and packed, all numbers
-          of a sample together, points of the arm (reached) and of its reference (empty if another run has it), axes of
-          the joints (unit vectors; empty if there are several runs), and distance of the tool from its reference (m).
+          of a sample together, points of the arm (reached) and of its reference (empty if another run has it), turns
+          of the frames of its joints (quaternions x, y, z, w, to the base; empty but for the first run), and distance
+          of the tool from its reference (m).
+        * meshes: of the first run, see `solids`.
 
     Raises:
         ParameterError: where the joints of an arm are is not known; the message is one line.
@@ -53,6 +57,7 @@ def animation(cases: Mapping[str, Mapping[str, Run]]) -> dict[str, Any]:
         "grid": _rounded_down(0.5 * radius),
         "view": _view(points),
         "runs": _data(scenes),
+        "meshes": solids(next(iter(scenes.values())).recording.robot),
     }
 
 
@@ -66,7 +71,7 @@ def _data(scenes: "Mapping[str, _Scene]") -> dict[str, dict[str, Any]]:
         found[key]["reference"] = packed(scene.reference) if same is None else ""
         found[key]["reference_of"] = same or key
         drawn += [(key, scene)] if same is None else []
-        found[key]["axes"] = packed(scene.axes) if len(scenes) == 1 else ""
+        found[key]["turns"] = "" if len(found) > 1 else packed(scene.turns)
     return found
 
 
@@ -91,7 +96,13 @@ class _Scene:
     places: list[int]
     reached: Array
     reference: Array
-    axes: Array
+    rotations: Array
+
+    @property
+    def turns(self) -> Array:
+        """Quaternions x, y, z, w from the frames of the joints to the base, shape (times, joints, 4)."""
+        count, joints = self.rotations.shape[:2]
+        return Rotation.from_matrix(self.rotations.reshape(-1, 3, 3)).as_quat().reshape(count, joints, 4)
 
     @property
     def every_point(self) -> Array:
@@ -99,7 +110,7 @@ class _Scene:
         return np.concatenate([self.reached, self.reference]).reshape(-1, 3)
 
     def data(self) -> dict[str, Any]:
-        """A run in the result of `animation`, without reference and axes."""
+        """A run in the result of `animation`, without reference and turns."""
         return {
             "parents": self.skeleton.parents,
             "sliding": self.skeleton.sliding,
@@ -115,11 +126,11 @@ def _scene(recording: Recording) -> _Scene:
         raise ParameterError(f"the recorded joints are not those of {recording.robot['robot.description']}")
     order = [recording.joints.index(joint) for joint in skeleton.joints]
     places = [order[place] for place in skeleton.places]
-    (reached, axes), (reference, _) = (
+    (reached, rotations), (reference, _) = (
         skeleton.placed(resampled(recording.time, positions)[:, order])
         for positions in (recording.position, recording.desired)
     )
-    return _Scene(recording, skeleton, places, reached, reference, axes)
+    return _Scene(recording, skeleton, places, reached, reference, rotations)
 
 
 def resampled(time: Array, values: Array) -> Array:

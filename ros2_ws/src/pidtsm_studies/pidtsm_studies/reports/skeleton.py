@@ -59,17 +59,18 @@ class Skeleton:
 
         Returns:
             Origins of the joint frames after their motion, and last the tool, m, shape (samples, joints + 1, 3); and
-            the axes of the joints, unit vectors, shape (samples, joints, 3); in the order of the rows of the tree.
+            the rotations of these frames to the base, whose z axes are those of the joints, shape (samples, joints, 3,
+            3); in the order of the rows of the tree.
         """
         tree, placements = self.tree.copy(), np.empty((len(self.joints), 3, 4))
         points = np.empty((len(positions), len(self.joints) + 1, 3))
-        axes = np.empty((len(positions), len(self.joints), 3))
-        for q, found, axis in zip(np.ascontiguousarray(positions), points, axes, strict=True):
+        rotations = np.empty((len(positions), len(self.joints), 3, 3))
+        for q, found, turned in zip(np.ascontiguousarray(positions), points, rotations, strict=True):
             forward_kinematics(q, tree, placements)
             found[:-1] = placements[:, :, 3]
             found[-1] = placements[self.tool_row] @ (*self.tool, 1.0)
-            axis[:] = placements[:, :, 2]
-        return points, axes
+            turned[:] = placements[:, :, :3]
+        return points, rotations
 
 
 def find_skeleton(parameters: Mapping[str, object]) -> Skeleton:

@@ -215,11 +215,46 @@ function startViewer(viewer) {
     show();
   }
 
+  /** Each mark at its time with its words beside it, where a lane has room, important ones first; else its symbol. */
+  function placeMarks(box, buttons) {
+    const importance = ["fault", "push", "payload", "contact", "limit", "mode", "learnt"];
+    const lanes = [[], [], []]; // taken parts, px
+    const [whole, half] = [box.clientWidth, 0.65 * parseFloat(getComputedStyle(document.documentElement).fontSize)];
+    const placed = buttons.map((button) => ({ button, at: (whole * button.time) / longest(), width: button.offsetWidth + half }));
+    const laneFor = (begin, width) => lanes.findIndex((taken) => taken.every(([from, to]) => begin >= to || begin + width <= from));
+    placed.sort((a, b) => importance.indexOf(a.button.className) - importance.indexOf(b.button.className) || a.at - b.at);
+    for (const { button, at, width } of placed) {
+      const right = at - half + width <= whole + 2 * half ? laneFor(at - half, width) : -1;
+      const left = at + half - width >= -half ? laneFor(at + half - width, width) : -1;
+      const words = right >= 0 || left >= 0;
+      let begin = right >= 0 || !words ? at - half : at + half - width;
+      let lane = right >= 0 ? right : left;
+      while (lane < 0) {
+        lane = laneFor(begin, 2 * half);
+        if (lane < 0) begin += half; // Marks that would cover each other stand beside each other.
+      }
+      button.lastChild.hidden = !words;
+      button.classList.toggle("turned", words && right < 0);
+      button.style.left = `${begin}px`;
+      button.style.bottom = `${1.25 * lane}rem`;
+      lanes[lane].push([begin, begin + (words ? width : 2 * half)]);
+    }
+    const used = Math.max(1, lanes.findLastIndex((taken) => taken.length) + 1);
+    box.parentElement.style.setProperty("--lanes", used);
+  }
+
+  /** The scene is as high as the window has room for, between what is above it and the time line. */
+  function fitScene() {
+    const scene = document.querySelector(".scene");
+    const above = scene.getBoundingClientRect().top + scrollY;
+    scene.style.setProperty("--around", `${Math.round(above + document.querySelector(".transport").offsetHeight + 16)}px`);
+  }
+
   function marks() {
     const together = new Map(); // what happens in several runs at the same time has one mark
     for (const run of shown()) {
       for (const event of run.events) {
-        const key = `${event.kind} ${event.time.toFixed(3)} ${event.text}`;
+        const key = `${event.kind} ${Math.round((50 * event.time) / longest())} ${event.label}`;
         together.set(key, { event, runs: [...(together.get(key)?.runs ?? []), run.label] });
       }
     }
@@ -227,7 +262,8 @@ function startViewer(viewer) {
       const button = document.createElement("button");
       button.type = "button";
       button.className = event.kind;
-      button.textContent = event.symbol;
+      button.innerHTML = "<span></span> <span></span>";
+      [button.firstChild.textContent, button.lastChild.textContent] = [event.symbol, event.label];
       button.time = event.time - start();
       const who = names.length < shown().length ? `${names.join(", ")}: ` : "";
       const text = `${written(event.time)}\u202fs: ${who}${event.text}`;
@@ -240,13 +276,9 @@ function startViewer(viewer) {
       });
       return button;
     });
-    const gap = 1600 / Math.max(element("marks").clientWidth, 1); // Marks that would cover each other stand beside each other.
-    buttons.sort((a, b) => a.time - b.time).reduce((last, button) => {
-      const at = Math.max((100 * button.time) / longest(), last + gap);
-      button.style.left = `${at}%`;
-      return at;
-    }, -gap);
+    buttons.sort((a, b) => a.time - b.time);
     element("marks").replaceChildren(...buttons);
+    placeMarks(element("marks"), buttons);
   }
 
   function redrawAll() {
@@ -254,8 +286,9 @@ function startViewer(viewer) {
     slider.step = 1 / rate;
     state.time = Math.min(state.time, longest());
     for (const box of boxes) box.disabled = !ofCase().some((run) => run.key === box.value);
-    figures.forEach(drawFigure);
     marks();
+    fitScene();
+    figures.forEach(drawFigure);
     show();
   }
 

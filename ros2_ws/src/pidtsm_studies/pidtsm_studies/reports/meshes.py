@@ -1,0 +1,133 @@
+"""The visible shape of an arm, with few triangles, for the pages: its mesh files and primitives."""
+
+from collections import defaultdict
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import cache_folder
+from pidtsm_core.parameters import ParameterError
+from pidtsm_core.robots import DESCRIPTION, TreeRobot, find_robot
+from pidtsm_core.robots.bounds import ASSET
+from pidtsm_studies.reports.packed import packed
+from pidtsm_studies.reports.shapes import Shape, shapes_of
+
+TRIANGLES = 3000
+"""Approximate number of triangles of an arm: a browser without a graphics card draws them in a few milliseconds."""
+_FEWEST = 60
+"""Triangles of a mesh that an arm with many meshes gives each at least."""
+_CELLS = (64, 40, 24, 12)
+"""Corners of a mesh that are closer to each other than its size divided by this become one; the next coarser grid is
+tried while the edges of many small parts do not collapse."""
+_ABOUT = 1.3
+"""Times as many triangles are few enough."""
+_SIDES = 16
+"""Of a cylinder."""
+
+
+def solids(parameters: Mapping[str, object]) -> list[dict[str, Any]]:
+    """What an arm looks like.
+
+    Args:
+        parameters: of the robot, see `pidtsm_core.robots.find_robot`.
+
+    Returns:
+        Plain data for meshes.js, one for each frame that has a shape: ``row`` of the tree, -1 for the base; and packed,
+        ``corners`` in this frame (m, three numbers each) and ``triangles`` (three indices of corners each). Empty if
+        no file of a mesh is known: lines then show more than a few primitives.
+    """
+    try:
+        robot = find_robot(parameters) if parameters else None
+    except ParameterError:
+        return []
+    if not isinstance(robot, TreeRobot):
+        return []
+    arm, source = robot.description, str(parameters.get(DESCRIPTION.name, ""))
+    shapes, _ = shapes_of(arm.urdf, Path(source) if Path(source).suffix else None)
+    files = sum(shape.kind == "mesh" for each in shapes.values() for shape in each)
+    found: dict[int, list[tuple[Array, Array]]] = defaultdict(list)
+    for name, row, placement in zip(arm.links.names, arm.links.rows.tolist(), arm.links.placements, strict=True):
+        for shape in shapes.get(name, ()) if files else ():
+            if (drawn := _drawn(shape, max(_FEWEST, TRIANGLES // files))) is not None:
+                corners, triangles = drawn
+                found[row].append((corners @ placement[:, :3].T + placement[:, 3], triangles))
+    return [{"row": row, **_together(parts)} for row, parts in found.items()]
+
+
+def _drawn(shape: Shape, most: int) -> tuple[Array, Array] | None:
+    """Corners in the frame of the link, and triangles; None if its file cannot be read."""
+    import trimesh
+
+    if shape.file is not None:
+        found = _stored(shape.file, most)
+        if found is None:
+            return None
+        corners, triangles = found[0] * shape.size, found[1]
+    else:
+        creation = trimesh.creation
+        made = {
+            "box": lambda: creation.box(shape.size),
+            "cylinder": lambda: creation.cylinder(*shape.size, sections=_SIDES),
+            "sphere": lambda: creation.icosphere(1, *shape.size),
+        }[shape.kind]()
+        corners, triangles = made.vertices, made.faces
+    return Rotation.from_quat(shape.turn).apply(corners) + shape.translation, np.asarray(triangles)
+
+
+def _together(parts: list[tuple[Array, Array]]) -> dict[str, str]:
+    """Meshes of a frame as one."""
+    begins = np.cumsum([0, *(len(corners) for corners, _ in parts)])
+    triangles = [each + begin for (_, each), begin in zip(parts, begins, strict=False)]
+    return {
+        "corners": packed(np.concatenate([corners for corners, _ in parts])),
+        "triangles": packed(np.concatenate(triangles).astype(np.float64)),
+    }
+
+
+def _stored(file: Path, most: int) -> tuple[Array, Array] | None:
+    """`simplified`, from the cache if the file has not changed; None if it cannot be read, or is not drawable."""
+    from joblib import Memory
+
+    status = file.stat()
+    if status.st_size > ASSET:
+        return None
+    kept = Memory(cache_folder().parent / "meshes", verbose=0).cache(simplified)
+    # What libraries raise at a file that is damaged is not specified; an arm without one of its meshes is no failure.
+    with suppress(Exception):
+        corners, triangles = kept(str(file), status.st_mtime_ns, status.st_size, most)
+        if len(triangles) and np.isfinite(corners).all():
+            return corners, triangles
+    return None
+
+
+def simplified(file: str, changed: int, size: int, most: int) -> tuple[Array, Array]:  # noqa: ARG001  Key of a cache.
+    """The mesh of a file with about so many triangles: by edge collapse, after small parts are merged.
+
+    Args:
+        file: in a format of trimesh.
+        changed: when the file has changed, by which a cache knows it, ns.
+        size: of the file, likewise, bytes.
+        most: number of triangles.
+
+    Returns:
+        Corners, m, shape (corners, 3), and indices of the corners of each triangle, shape (triangles, 3).
+    """
+    import trimesh
+
+    whole = trimesh.load_scene(file).to_mesh()
+    for cells in _CELLS:
+        mesh, cell = whole.copy(), float(whole.extents.max()) / cells
+        mesh.apply_scale(1.0 / cell)
+        mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=0)
+        mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
+        if len(mesh.faces) > most:
+            mesh = mesh.simplify_quadric_decimation(face_count=most)
+        if len(mesh.faces) <= _ABOUT * most:
+            break
+    mesh.remove_unreferenced_vertices()
+    return np.asarray(mesh.vertices * cell), np.asarray(mesh.faces)
