@@ -111,8 +111,11 @@ def _faults(recording: Recording, metrics: Mapping[str, Any], controller: Mappin
 
 
 def _limits(metrics: Mapping[str, Any]) -> Iterator[Event]:
+    faults = metrics["faults"]
     for violation in metrics["violations"]:
         limit, lasts = violation["limit"], quantity(violation["duration"], "s")
+        if any(f["time"] == violation["time"] and f["fault"].startswith(limit.partition("_")[0]) for f in faults):
+            continue  # The mark of the stop is there.
         if limit == _CONTACT:
             yield Event("contact", violation["time"], None, f"touches something ({lasts} in all)", "contact")
         else:

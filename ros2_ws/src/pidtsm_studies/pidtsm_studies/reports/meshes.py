@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import cache_folder
 from pidtsm_core.parameters import ParameterError
-from pidtsm_core.robots import DESCRIPTION, TreeRobot, find_robot
+from pidtsm_core.robots import DESCRIPTION, Description, TreeRobot, find_robot
 from pidtsm_core.robots.bounds import ASSET
 from pidtsm_studies.reports.packed import packed
 from pidtsm_studies.reports.shapes import Shape, shapes_of
@@ -31,24 +31,29 @@ _SIDES = 16
 
 
 def solids(parameters: Mapping[str, object]) -> list[dict[str, Any]]:
+    """What the arm of these parameters looks like, see `solids_of`; empty if it is not known."""
+    try:
+        robot = find_robot(parameters) if parameters else None
+    except ParameterError:
+        return []
+    source = str(parameters.get(DESCRIPTION.name, ""))
+    return solids_of(robot.description, source) if isinstance(robot, TreeRobot) else []
+
+
+def solids_of(arm: Description, source: str) -> list[dict[str, Any]]:
     """What an arm looks like.
 
     Args:
-        parameters: of the robot, see `pidtsm_core.robots.find_robot`.
+        arm: the arm.
+        source: of its description, see `pidtsm_core.robots.source.read_source`.
 
     Returns:
         Plain data for meshes.js, one for each frame that has a shape: ``row`` of the tree, -1 for the base; and packed,
         ``corners`` in this frame (m, three numbers each) and ``triangles`` (three indices of corners each). Empty if
         no file of a mesh is known: lines then show more than a few primitives.
     """
-    try:
-        robot = find_robot(parameters) if parameters else None
-    except ParameterError:
-        return []
-    if not isinstance(robot, TreeRobot):
-        return []
-    arm, source = robot.description, str(parameters.get(DESCRIPTION.name, ""))
-    shapes, _ = shapes_of(arm.urdf, Path(source) if Path(source).suffix else None)
+    is_path = not source.lstrip().startswith("<") and Path(source).suffix != ""
+    shapes, _ = shapes_of(arm.urdf, Path(source) if is_path else None)
     files = sum(shape.kind == "mesh" for each in shapes.values() for shape in each)
     found: dict[int, list[tuple[Array, Array]]] = defaultdict(list)
     for name, row, placement in zip(arm.links.names, arm.links.rows.tolist(), arm.links.placements, strict=True):

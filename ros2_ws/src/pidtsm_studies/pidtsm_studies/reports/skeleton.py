@@ -7,7 +7,7 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import ParameterError, as_float, names, resolve
-from pidtsm_core.robots import TreeRobot, find_robot, robot_schema
+from pidtsm_core.robots import Description, TreeRobot, find_robot, robot_schema
 from pidtsm_core.robots.tree.kinematics import forward_kinematics
 from pidtsm_core.robots.tree.layout import Column, rotation, rows, size
 from pidtsm_core.robots.two_link import TWO_LINK
@@ -86,11 +86,15 @@ def find_skeleton(parameters: Mapping[str, object]) -> Skeleton:
         raise ParameterError("the recording does not contain the parameters of the arm")
     robot = find_robot(parameters)
     if isinstance(robot, TreeRobot):
-        found = robot.description
-        return Skeleton(found.joints, found.tree, found.tool_row, found.tool)
+        return skeleton_of(robot.description)
     if robot is TWO_LINK:
         return _planar(parameters)
     raise ParameterError(f"robot.description: {robot.name} is a closed form, which has no positions of its joints")
+
+
+def skeleton_of(arm: Description) -> Skeleton:
+    """The skeleton of an arm that is described as a tree."""
+    return Skeleton(arm.joints, arm.tree, arm.tool_row, arm.tool)
 
 
 def _planar(parameters: Mapping[str, object]) -> Skeleton:

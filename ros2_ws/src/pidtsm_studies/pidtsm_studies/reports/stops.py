@@ -8,7 +8,9 @@ import numpy as np
 from pidtsm_core.control.report import cause
 from pidtsm_core.recording import Recording
 from pidtsm_core.signals import Fault, Signal
-from pidtsm_core.written import quantity
+from pidtsm_core.written import DIGITS, quantity
+
+_MOST_DIGITS = 7
 
 
 def why(recording: Recording, fault: Mapping[str, Any], controller: Mapping[str, Any]) -> str:
@@ -38,7 +40,8 @@ def _exceeded(recording: Recording, kind: Fault, joint: int, sample: int, contro
     low, high = (_limit(controller, f"limits.{end}_position", joint, recording.joints) for end in ("min", "max"))
     if kind is Fault.POSITION_LIMIT and low is not None and high is not None and not low <= position <= high:
         end = low if position < low else high
-        return f"{name} is at {quantity(position, unit)}, limit {quantity(end, unit)}"
+        value, bound = _apart(position, end, unit)
+        return f"{name} is at {value}, limit {bound}"
     size, limit, text = {
         Fault.VELOCITY_LIMIT: (
             float(recording.signals[sample, Signal.VELOCITY, joint]),
@@ -53,7 +56,17 @@ def _exceeded(recording: Recording, kind: Fault, joint: int, sample: int, contro
     }.get(kind, (0.0, None, ""))
     if not limit or abs(size) <= limit:
         return None
-    return text.format(value=quantity(abs(size), unit), limit=quantity(limit, unit))
+    value, bound = _apart(abs(size), limit, unit)
+    return text.format(value=value, limit=bound)
+
+
+def _apart(value: float, limit: float, unit: str) -> tuple[str, str]:
+    """A value and its limit with so many digits that they differ."""
+    for digits in range(DIGITS, _MOST_DIGITS):
+        texts = quantity(value, unit, digits), quantity(limit, unit, digits)
+        if texts[0] != texts[1]:
+            return texts
+    return quantity(value, unit, _MOST_DIGITS), quantity(limit, unit, _MOST_DIGITS)
 
 
 def _limit(controller: Mapping[str, Any], name: str, joint: int, joints: Sequence[str]) -> float | None:

@@ -58,6 +58,7 @@ function unpackArm(packed, unpackedReference) {
     samples: numbers.distance.length,
     distance: (sample) => numbers.distance[sample],
     reached: (sample) => triples(numbers.reached, points, sample),
+    hasReference: packed.reference_of !== "",
     hasFrames: numbers.turns.length > 0,
     referenceAt: (sample) => triples(numbers.reference.length ? numbers.reference : unpackedReference(packed.reference_of), points, sample),
     frames: (sample) => Array.from({ length: points - 1 }, (_, i) => matrixOf(numbers.turns.subarray(4 * (sample * (points - 1) + i), 4 * (sample * (points - 1) + i + 1)))),
@@ -189,7 +190,7 @@ function armDrawer(svg, { centre, radius, grid, view, meshes }, rate) {
       add("sliding", dots(arm.sliding.map((i) => points[i])));
       add("tool", dots(points.slice(-1)));
       if (joint !== null) add("chosen", dots(points.slice(0, -1).filter((_, i) => arm.places[i] === joint)));
-      if (!ghosts.has(arm.reference_of)) {
+      if (arm.hasReference && !ghosts.has(arm.reference_of)) {
         ghosts.add(arm.reference_of);
         add("reference", bones(arm.referenceAt(sample), arm));
       }

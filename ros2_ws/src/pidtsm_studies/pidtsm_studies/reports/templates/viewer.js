@@ -17,7 +17,7 @@ function startViewer(viewer) {
       error: at(error),
       effort: at(effort),
       share: (joint, sample) => at(effort)(joint, sample) / run.largest[joint],
-      arm: viewer.arm ? unpackArm(viewer.arm.runs[name], (other) => runs.find((each) => each.name === other).arm.numbers.reference) : null,
+      arm: viewer.arm?.runs[name] ? unpackArm(viewer.arm.runs[name], (other) => runs.find((each) => each.name === other).arm.numbers.reference) : null,
     };
   });
   const curves = Object.fromEntries(
@@ -165,15 +165,16 @@ function startViewer(viewer) {
   /** What is shown beside the arm: of one run every joint, of several runs each with the chosen or its worst joint. */
   function readout() {
     const k = sample();
+    const guided = several && runs.every((run) => run.arm?.hasReference);
     const worst = (run) => joints.map((_, j) => j).reduce((a, b) => (Math.abs(run.error(b, k)) > Math.abs(run.error(a, k)) ? b : a));
     const lines = several
       ? shown().map((run) => [run, state.joint ?? worst(run), run.label])
       : shown().flatMap((run) => joints.map((joint, j) => [run, j, joint]));
-    const cells = lines.map(([run, j, name]) => [name, ...(several ? [joints[j]] : []), quantity(run.error(j, k), units[j][0]), quantity(run.effort(j, k), units[j][1]), ...(several && run.arm ? [quantity(run.arm.distance(Math.min(k, run.arm.samples - 1)), "m")] : [])]);
-    const heads = several ? ["run", "joint", ...viewer.heads, ...(viewer.arm ? ["tool from its reference"] : [])] : ["joint", ...viewer.heads];
+    const cells = lines.map(([run, j, name]) => [name, ...(several ? [joints[j]] : []), quantity(run.error(j, k), units[j][0]), quantity(run.effort(j, k), units[j][1]), ...(guided ? [quantity(run.arm.distance(Math.min(k, run.arm.samples - 1)), "m")] : [])]);
+    const heads = several ? ["run", "joint", ...viewer.heads, ...(guided ? ["tool from its reference"] : [])] : ["joint", ...viewer.heads];
     const across = !several && joints.length > 3;
     fill(element("readout"), heads, cells, across);
-    if (!several && shown()[0]?.arm) {
+    if (!several && shown()[0]?.arm?.hasReference) {
       const run = shown()[0];
       element("readout").caption.textContent = `Values at the cursor; the tool is ${quantity(run.arm.distance(Math.min(k, run.arm.samples - 1)), "m")} from its reference`;
     }
@@ -197,11 +198,12 @@ function startViewer(viewer) {
     table.tBodies[0].replaceChildren(...lines.slice(1));
   }
 
-  let drawArm = null;
+  let drawArm = null; // The arm of an identification is drawn whatever torques are shown.
   function show() {
     if (element("arm")) {
       drawArm ??= armDrawer(element("arm"), viewer.arm, rate);
-      drawArm(shown(), state.time, state.joint);
+      const arms = shown().filter((run) => run.arm);
+      drawArm(arms.length ? arms : ofCase().filter((run) => run.arm).slice(0, 1), state.time, state.joint);
     }
     figures.forEach((figure) => moveNow(figure.querySelector(".plot")));
     readout();
