@@ -1,7 +1,7 @@
 """Data for the animated arm of the reports, drawn by arm.js."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ from pidtsm_core.parameters import ParameterError
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import Description
 from pidtsm_studies.article.claims import Run
-from pidtsm_studies.reports.meshes import solids, solids_of
+from pidtsm_studies.reports.meshes import Solid, packed_solid, solids, solids_of
 from pidtsm_studies.reports.packed import packed
 from pidtsm_studies.reports.skeleton import Skeleton, find_skeleton, skeleton_of
 
@@ -43,7 +43,7 @@ def animation(cases: Mapping[str, Mapping[str, Run]]) -> dict[str, Any]:
           packed, all numbers of a sample together, points of the arm (reached) and of its reference (empty if another
           run has it), turns of the frames of its joints (quaternions x, y, z, w, to the base; empty but for the first
           run), and distance of the tool from its reference (m).
-        * meshes: of the first run, see `solids`.
+        * meshes: of the first run, see `packed_solid`.
 
     Raises:
         ParameterError: where the joints of an arm are is not known; the message is one line.
@@ -69,7 +69,7 @@ def motion(key: str, arm: Description, source: str, time: Array, position: Array
     return _drawn({key: scene}, solids_of(arm, source))
 
 
-def _drawn(scenes: "Mapping[str, _Scene]", meshes: list[dict[str, Any]]) -> dict[str, Any]:
+def _drawn(scenes: "Mapping[str, _Scene]", found: Sequence[Solid]) -> dict[str, Any]:
     """The result of `animation`."""
     points = np.concatenate([np.zeros((1, 3)), *(scene.every_point for scene in scenes.values())])
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
@@ -80,7 +80,7 @@ def _drawn(scenes: "Mapping[str, _Scene]", meshes: list[dict[str, Any]]) -> dict
         "grid": _rounded_down(0.5 * radius),
         "view": _view(points),
         "runs": _data(scenes),
-        "meshes": meshes,
+        "meshes": [packed_solid(solid) for solid in found],
     }
 
 

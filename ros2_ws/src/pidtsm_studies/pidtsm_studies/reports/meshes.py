@@ -1,10 +1,10 @@
 """The visible shape of an arm, with few triangles, for the pages: its mesh files and primitives."""
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -30,7 +30,15 @@ _SIDES = 16
 """Of a cylinder."""
 
 
-def solids(parameters: Mapping[str, object]) -> list[dict[str, Any]]:
+class Solid(NamedTuple):
+    """What moves with a joint, or the base, as triangles."""
+
+    row: int  # of the tree; -1: the base
+    corners: Array  # in the frame of the row, shape (corners, 3), m
+    triangles: Array  # indices of their corners, shape (triangles, 3)
+
+
+def solids(parameters: Mapping[str, object]) -> list[Solid]:
     """What the arm of these parameters looks like, see `solids_of`; empty if it is not known."""
     try:
         robot = find_robot(parameters) if parameters else None
@@ -40,17 +48,14 @@ def solids(parameters: Mapping[str, object]) -> list[dict[str, Any]]:
     return solids_of(robot.description, source) if isinstance(robot, TreeRobot) else []
 
 
-def solids_of(arm: Description, source: str) -> list[dict[str, Any]]:
-    """What an arm looks like.
+def solids_of(arm: Description, source: str) -> list[Solid]:
+    """What an arm looks like: one `Solid` for each frame that has a shape.
+
+    Empty if no file of a mesh is known: lines then show more than a few primitives.
 
     Args:
         arm: the arm.
         source: of its description, see `pidtsm_core.robots.source.read_source`.
-
-    Returns:
-        Plain data for meshes.js, one for each frame that has a shape: ``row`` of the tree, -1 for the base; and packed,
-        ``corners`` in this frame (m, three numbers each) and ``triangles`` (three indices of corners each). Empty if
-        no file of a mesh is known: lines then show more than a few primitives.
     """
     is_path = not source.lstrip().startswith("<") and Path(source).suffix != ""
     shapes, _ = shapes_of(arm.urdf, Path(source) if is_path else None)
@@ -61,7 +66,12 @@ def solids_of(arm: Description, source: str) -> list[dict[str, Any]]:
             if (drawn := _drawn(shape, max(_FEWEST, TRIANGLES // files))) is not None:
                 corners, triangles = drawn
                 found[row].append((corners @ placement[:, :3].T + placement[:, 3], triangles))
-    return [{"row": row, **_together(parts)} for row, parts in found.items()]
+    return [_together(row, parts) for row, parts in found.items()]
+
+
+def packed_solid(solid: Solid) -> dict[str, Any]:
+    """Plain data for meshes.js: ``row``; and packed, ``corners`` and ``triangles``."""
+    return {"row": solid.row, "corners": packed(solid.corners), "triangles": packed(solid.triangles)}
 
 
 def _drawn(shape: Shape, most: int) -> tuple[Array, Array] | None:
@@ -84,14 +94,11 @@ def _drawn(shape: Shape, most: int) -> tuple[Array, Array] | None:
     return Rotation.from_quat(shape.turn).apply(corners) + shape.translation, np.asarray(triangles)
 
 
-def _together(parts: list[tuple[Array, Array]]) -> dict[str, str]:
+def _together(row: int, parts: Sequence[tuple[Array, Array]]) -> Solid:
     """Meshes of a frame as one."""
     begins = np.cumsum([0, *(len(corners) for corners, _ in parts)])
     triangles = [each + begin for (_, each), begin in zip(parts, begins, strict=False)]
-    return {
-        "corners": packed(np.concatenate([corners for corners, _ in parts])),
-        "triangles": packed(np.concatenate(triangles).astype(np.float64)),
-    }
+    return Solid(row, np.concatenate([corners for corners, _ in parts]), np.concatenate(triangles))
 
 
 def _stored(file: Path, most: int) -> tuple[Array, Array] | None:

@@ -1,6 +1,5 @@
 """The solid arm of the pages: the meshes of a description, in the frames of its joints, with few triangles."""
 
-import base64
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +9,6 @@ import mujoco
 import numpy as np
 import trimesh
 
-from pidtsm_core.arrays import Array
 from pidtsm_core.robots import find_description
 from pidtsm_core.robots.placement import joint_placements
 from pidtsm_studies.reports.meshes import TRIANGLES, simplified, solids
@@ -18,20 +16,16 @@ from pidtsm_studies.reports.meshes import TRIANGLES, simplified, solids
 Described: TypeAlias = Callable[..., Path]
 
 
-def unpacked(text: str) -> Array:
-    return np.frombuffer(base64.b64decode(text), "<f4").astype(np.float64).reshape(-1, 3)
-
-
 def test_meshes_are_where_mujoco_has_the_links_and_few_triangles_remain(described: Described, tmp_path: Path) -> None:
     urdf = described(tmp_path)
-    found = {each["row"]: each for each in solids({"robot.description": str(urdf)})}
+    found = {each.row: each for each in solids({"robot.description": str(urdf)})}
     assert sorted(found) == [-1, 0]
-    assert sum(unpacked(each["triangles"]).shape[0] for each in found.values()) < 1.3 * TRIANGLES
-    base = unpacked(found[-1]["corners"])
+    assert sum(len(each.triangles) for each in found.values()) < 1.3 * TRIANGLES
+    base = found[-1].corners
     np.testing.assert_allclose(np.linalg.norm(base - [0.0, 0.0, 0.1], axis=1), 0.1, rtol=0.03)
     q = np.array([0.7])
     placement = joint_placements(find_description({"robot.description": str(urdf)}), q)[0]
-    corners = unpacked(found[0]["corners"]) @ placement[:, :3].T + placement[:, 3]
+    corners = found[0].corners @ placement[:, :3].T + placement[:, 3]
     model = mujoco.MjModel.from_xml_string(
         re.sub(r"<visual>.*?</visual>", "", urdf.read_text(encoding="utf-8"), flags=re.DOTALL)
     )
@@ -57,7 +51,7 @@ def test_an_arm_without_files_of_meshes_has_no_solids(described: Described, tmp_
 def test_a_damaged_mesh_is_left_out(described: Described, tmp_path: Path) -> None:
     urdf = described(tmp_path)
     (urdf.parents[1] / "meshes" / "base.stl").write_bytes(b"solid nothing" + bytes(200))
-    assert [each["row"] for each in solids({"robot.description": str(urdf)})] == [0]
+    assert [each.row for each in solids({"robot.description": str(urdf)})] == [0]
 
 
 def test_the_shape_is_kept_with_few_triangles(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """The solid arm in a browser: it is painted where its meshes are."""
 
-import base64
 from collections.abc import Callable
 from pathlib import Path
 
@@ -34,11 +33,7 @@ def test_the_solid_arm_is_painted_where_its_meshes_are(
         """Left, top, right and bottom of the corners, px."""
         (placement,) = joint_placements(arm_of, recording.position[sample])
         frames = {-1: np.eye(3, 4), 0: placement}
-        corners = [
-            np.frombuffer(base64.b64decode(each["corners"]), "<f4").reshape(-1, 3) @ frames[each["row"]][:, :3].T
-            + frames[each["row"]][:, 3]
-            for each in solid
-        ]
+        corners = [each.corners @ frames[each.row][:, :3].T + frames[each.row][:, 3] for each in solid]
         azimuth, elevation = np.degrees(page.evaluate("data.viewer.arm.view"))
         points = seen(page, np.concatenate(corners), azimuth, elevation)
         width, height = page.evaluate("(({clientWidth, clientHeight}) => [clientWidth, clientHeight])(arm)")

@@ -58,6 +58,7 @@ function startViewer(viewer) {
   /** Marks of events: a line at its time with its symbol above, and a shade while it lasts. */
   function drawEvents(plot) {
     const { ctx, bbox } = plot;
+    const ratio = devicePixelRatio * enlarged();
     const events = shown().flatMap((run) => run.events).sort((a, b) => a.time - b.time);
     const place = (time) => plot.valToPos(time, "x", true);
     let free = bbox.left; // from here on there is room for a symbol
@@ -72,15 +73,15 @@ function startViewer(viewer) {
         ctx.fillRect(place(event.time), bbox.top, Math.max(2, place(event.until) - place(event.time)), bbox.height);
         ctx.globalAlpha = 1;
       }
-      ctx.setLineDash([2 * devicePixelRatio, 3 * devicePixelRatio]);
+      ctx.setLineDash([2 * ratio, 3 * ratio]);
       ctx.beginPath();
       ctx.moveTo(place(event.time), bbox.top);
       ctx.lineTo(place(event.time), bbox.top + bbox.height);
       ctx.stroke();
-      ctx.font = `${11 * devicePixelRatio}px system-ui`;
+      ctx.font = `${11 * ratio}px system-ui`;
       if (place(event.time) < free) continue;
-      ctx.fillText(event.symbol, place(event.time) + 3 * devicePixelRatio, bbox.top + 11 * devicePixelRatio);
-      free = place(event.time) + 14 * devicePixelRatio;
+      ctx.fillText(event.symbol, place(event.time) + 3 * ratio, bbox.top + 11 * ratio);
+      free = place(event.time) + 14 * ratio;
     }
     ctx.restore();
   }
