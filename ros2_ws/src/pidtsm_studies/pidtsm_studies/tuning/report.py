@@ -37,7 +37,7 @@ def nominal_runs(tuning: Tuning, problem: Problem) -> dict[str, Run]:
         tuning: the result.
         problem: what it was tuned on.
     """
-    runs = {}
+    runs: dict[str, Run] = {}
     for name, x in (("before", tuning.space.start), ("after", tuning.x)):
         with suppress(DivergedError):
             recording = rollout(
@@ -62,7 +62,7 @@ def write_tuning_page(path: Path, tuning: Tuning, runs: Mapping[str, Run] | None
     data = None
     if runs:
         happened = {(NOMINAL, name): events(*run, {}) for name, run in runs.items()}
-        joint = worst_joint(next(reversed(runs.values()))[1])
+        joint = worst_joint(list(runs.values())[-1][1])
         data = viewer_data({NOMINAL: runs}, run_entries(runs), happened, joint or 0, _FIRST_CURVES)
     sections = (
         *([viewer_section(data, "Gains", "Motion in the nominal condition")] if data else []),

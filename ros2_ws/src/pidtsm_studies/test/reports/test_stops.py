@@ -13,7 +13,7 @@ from pidtsm_studies.reports.events import events
 from pidtsm_studies.reports.stops import why
 from pidtsm_studies.reports.verdicts import run_verdict
 
-LIMITS = {
+LIMITS: dict[str, tuple[dict[str, Any], str, float]] = {
     "velocity_limit": ({"limits.velocity": [0.4, 5.0]}, "moves at {value}/s, limit {limit}/s", 0.4),
     "tracking_limit": ({"limits.tracking_error": 0.3}, "is {value} from its reference, limit {limit}", 0.3),
     "position_limit": (
@@ -26,8 +26,7 @@ LIMITS = {
 
 @pytest.mark.parametrize("fault", LIMITS)
 def test_the_headline_of_a_stop_has_value_and_limit(fault: str) -> None:
-    limits, words, limit = LIMITS[fault]
-    settings: dict[str, Any] = {**limits}
+    settings, words, limit = LIMITS[fault]
     recording = rollout(duration=0.5, controller=settings)
     metrics = recording.metrics()
     (found,) = metrics["faults"]

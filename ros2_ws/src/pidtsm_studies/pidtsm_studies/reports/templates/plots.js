@@ -11,7 +11,7 @@ function axes(xLabel, yLabel) {
   const values = (_, splits) => splits.map((split) => (split === null ? "" : written(split, 6)));
   return [
     { ...common, values, size: 26 * size, label: xLabel, labelSize: xLabel ? 16 * size : 0, space: 50 * size },
-    { ...common, values, size: 52 * size, label: yLabel, labelSize: yLabel ? 18 * size : 0, space: 20 * size },
+    { ...common, values, size: 58 * size, label: yLabel, labelSize: yLabel ? 18 * size : 0, space: 20 * size },
   ];
 }
 

@@ -86,20 +86,25 @@ function startViewer(viewer) {
     ctx.restore();
   }
 
-  function drawFigure(figure) {
+  /** The lines of each plot; plots without lines are hidden before others are drawn, which then have their room. */
+  function drawFigures() {
     const found = curves[caseName()];
-    const plot = found.plots.find((each) => each.id === figure.dataset.plot);
+    const plots = figures.map((figure) => found.plots.find((each) => each.id === figure.dataset.plot));
+    const lines = plots.map((plot) => (plot ? linesOf(found, plot) : []));
+    figures.forEach((figure, i) => { figure.hidden = !lines[i].length; });
+    figures.forEach((figure, i) => { if (lines[i].length) drawFigure(figure, found, lines[i]); });
+  }
+
+  function drawFigure(figure, found, lines) {
     const box = figure.querySelector(".plot");
-    const lines = plot ? linesOf(found, plot) : [];
-    figure.hidden = !lines.length;
-    if (!lines.length) return;
+    const below = [...figure.parentElement.querySelectorAll(".time:not([hidden])")].at(-1) !== figure;
     const log = figure.querySelector("[data-log]")?.checked;
     const values = lines.map((each) => (log ? each.values.map((x) => (x === null || x === 0 ? null : Math.abs(x))) : each.values));
     const drawn = plotInto(
       box,
       {
         scales: { x: { time: false, range: () => state.range || [start(), start() + longest()] }, y: log ? { distr: 3 } : { range: roomy } },
-        axes: axes(figure.nextElementSibling && !figure.closest("details") ? "" : "time in s", ""),
+        axes: axes(below && !figure.closest("details") ? "" : "time in s", ""),
         series: [{}, ...lines.map((each) => line(each.looks, each.faded))],
         cursor: { y: false, points: { size: 5 }, drag: { x: true, y: false, setScale: false } },
         hooks: {
@@ -144,7 +149,7 @@ function startViewer(viewer) {
       plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
     }
     state.range = from === null ? null : [Math.max(start(), from), Math.min(start() + longest(), to)];
-    figures.forEach(drawFigure);
+    drawFigures();
   }
 
   function zoomBy(factor) {
@@ -291,7 +296,7 @@ function startViewer(viewer) {
     for (const box of boxes) box.disabled = !ofCase().some((run) => run.key === box.value);
     marks();
     fitScene();
-    figures.forEach(drawFigure);
+    drawFigures();
     show();
   }
 
@@ -320,7 +325,7 @@ function startViewer(viewer) {
   document.querySelectorAll("#joints button, .matrix thead [data-joint]").forEach((button) =>
     button.addEventListener("click", () => chooseJoint(button.dataset.joint === "" ? null : Number(button.dataset.joint))),
   );
-  document.querySelectorAll("[data-log]").forEach((box) => box.addEventListener("change", () => drawFigure(box.closest("figure"))));
+  document.querySelectorAll("[data-log]").forEach((box) => box.addEventListener("change", drawFigures));
   document.querySelectorAll("[data-time]").forEach((button) => button.addEventListener("click", () => {
     setTime(Number(button.dataset.time) - start());
     element("viewer").scrollIntoView();
