@@ -1,10 +1,10 @@
 """The visible shape of an arm, with few triangles, for the pages: its mesh files and primitives."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,8 +14,12 @@ from pidtsm_core.compiling.decorators import cache_folder
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots import DESCRIPTION, Description, TreeRobot, find_robot
 from pidtsm_core.robots.bounds import ASSET
+from pidtsm_core.robots.compiler import parse
 from pidtsm_studies.reports.packed import packed
 from pidtsm_studies.reports.shapes import Shape, shapes_of
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
 
 TRIANGLES = 3000
 """Approximate number of triangles of an arm: a browser without a graphics card draws them in a few milliseconds."""
@@ -57,16 +61,39 @@ def solids_of(arm: Description, source: str) -> list[Solid]:
         arm: the arm.
         source: of its description, see `pidtsm_core.robots.source.read_source`.
     """
+    found: dict[int, list[tuple[Array, Array]]] = defaultdict(list)
+    for link, corners, triangles in _of_urdf(arm, source) if arm.is_urdf else _of_mjcf(arm):
+        placement = arm.links.placements[link]
+        found[int(arm.links.rows[link])].append((corners @ placement[:, :3].T + placement[:, 3], triangles))
+    return [_together(row, parts) for row, parts in found.items()]
+
+
+def _of_urdf(arm: Description, source: str) -> Iterator[tuple[int, Array, Array]]:
+    """Index of the link, corners in its frame, and triangles of each shape."""
     is_path = not source.lstrip().startswith("<") and Path(source).suffix != ""
     shapes, _ = shapes_of(arm.urdf, Path(source) if is_path else None)
     files = sum(shape.kind == "mesh" for each in shapes.values() for shape in each)
-    found: dict[int, list[tuple[Array, Array]]] = defaultdict(list)
-    for name, row, placement in zip(arm.links.names, arm.links.rows.tolist(), arm.links.placements, strict=True):
+    for link, name in enumerate(arm.links.names):
         for shape in shapes.get(name, ()) if files else ():
             if (drawn := _drawn(shape, max(_FEWEST, TRIANGLES // files))) is not None:
-                corners, triangles = drawn
-                found[row].append((corners @ placement[:, :3].T + placement[:, 3], triangles))
-    return [_together(row, parts) for row, parts in found.items()]
+                yield link, *drawn
+
+
+def _of_mjcf(arm: Description) -> Iterator[tuple[int, Array, Array]]:
+    """As `_of_urdf`: the meshes that only show, or all if others than these do not exist."""
+    kept = _memory().cache(reduced)
+    model = parse(arm.text).spec.compile()
+    meshes = np.flatnonzero((model.geom_dataid >= 0) & (model.geom_rgba[:, 3] > 0.0))
+    only_seen = meshes[(model.geom_contype[meshes] == 0) & (model.geom_conaffinity[meshes] == 0)]
+    chosen = only_seen if only_seen.size else meshes
+    for geom in chosen.tolist():
+        each = int(model.geom_dataid[geom])
+        corner, face = model.mesh_vertadr[each], model.mesh_faceadr[each]
+        vertices = model.mesh_vert[corner : corner + model.mesh_vertnum[each]]
+        faces = model.mesh_face[face : face + model.mesh_facenum[each]]
+        corners, triangles = kept(vertices, faces, max(_FEWEST, TRIANGLES // chosen.size))
+        turn = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
+        yield int(model.geom_bodyid[geom]), turn.apply(corners) + model.geom_pos[geom], triangles
 
 
 def packed_solid(solid: Solid) -> dict[str, Any]:
@@ -101,14 +128,19 @@ def _together(row: int, parts: Sequence[tuple[Array, Array]]) -> Solid:
     return Solid(row, np.concatenate([corners for corners, _ in parts]), np.concatenate(triangles))
 
 
-def _stored(file: Path, most: int) -> tuple[Array, Array] | None:
-    """`simplified`, from the cache if the file has not changed; None if it cannot be read, or is not drawable."""
+def _memory() -> Any:
+    """The cache of meshes, of type ``joblib.Memory``."""
     from joblib import Memory
 
+    return Memory(cache_folder() / "meshes", verbose=0)
+
+
+def _stored(file: Path, most: int) -> tuple[Array, Array] | None:
+    """`simplified`, from the cache if the file has not changed; None if it cannot be read, or is not drawable."""
     status = file.stat()
     if status.st_size > ASSET:
         return None
-    kept = Memory(cache_folder().parent / "meshes", verbose=0).cache(simplified)
+    kept = _memory().cache(simplified)
     # What libraries raise at a file that is damaged is not specified; an arm without one of its meshes is no failure.
     with suppress(Exception):
         corners, triangles = kept(str(file), status.st_mtime_ns, status.st_size, most)
@@ -118,7 +150,7 @@ def _stored(file: Path, most: int) -> tuple[Array, Array] | None:
 
 
 def simplified(file: str, changed: int, size: int, most: int) -> tuple[Array, Array]:  # noqa: ARG001  Key of a cache.
-    """The mesh of a file with about so many triangles: by edge collapse, after small parts are merged.
+    """The mesh of a file with about so many triangles, see `fewer`.
 
     Args:
         file: in a format of trimesh.
@@ -131,7 +163,25 @@ def simplified(file: str, changed: int, size: int, most: int) -> tuple[Array, Ar
     """
     import trimesh
 
-    whole = trimesh.load_scene(file).to_mesh()
+    mesh = fewer(trimesh.load_scene(file).to_mesh(), most)
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+
+def reduced(corners: Array, triangles: Array, most: int) -> tuple[Array, Array]:
+    """A mesh with about so many triangles, see `fewer`; arguments and result like the result of `simplified`."""
+    import trimesh
+
+    mesh = fewer(trimesh.Trimesh(corners, triangles), most)
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+
+def fewer(whole: "Trimesh", most: int) -> "Trimesh":
+    """A mesh with about so many triangles: by edge collapse, after small parts are merged.
+
+    Args:
+        whole: the mesh.
+        most: number of triangles.
+    """
     for cells in _CELLS:
         mesh, cell = whole.copy(), float(whole.extents.max()) / cells
         mesh.apply_scale(1.0 / cell)
@@ -142,4 +192,4 @@ def simplified(file: str, changed: int, size: int, most: int) -> tuple[Array, Ar
         if len(mesh.faces) <= _ABOUT * most:
             break
     mesh.remove_unreferenced_vertices()
-    return np.asarray(mesh.vertices * cell), np.asarray(mesh.faces)
+    return mesh.apply_scale(cell)

@@ -63,3 +63,29 @@ def test_the_shape_is_kept_with_few_triangles(tmp_path: Path) -> None:
     around = np.hypot(corners[:, 0], corners[:, 1]) - 0.2
     np.testing.assert_allclose(np.hypot(around, corners[:, 2]), 0.05, atol=0.006)
     np.testing.assert_allclose(np.ptp(corners, axis=0), torus.extents, atol=0.01)
+
+
+MJCF = """
+<mujoco><asset><mesh name="wedge" vertex="0 0 0  0.3 0 0  0 0.2 0  0 0 0.1"/></asset><worldbody>
+<body name="base" pos="0 0 0.2"><body name="arm" pos="0.1 0 0" euler="0 30 0">
+<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/><joint name="turn" axis="0 1 0" range="-1 1"/>
+<geom type="box" size="1 1 1"/><geom type="mesh" mesh="wedge" pos="0.05 0 0" contype="0" conaffinity="0"/>
+</body></body></worldbody><actuator><motor joint="turn" forcerange="-9 9"/></actuator></mujoco>
+"""
+
+
+def test_meshes_of_an_mjcf_are_where_mujoco_has_them() -> None:
+    (solid,) = solids({"robot.description": MJCF})
+    q = np.array([0.4])
+    placement = joint_placements(find_description({"robot.description": MJCF}), q)[0]
+    model = mujoco.MjModel.from_xml_string(MJCF)
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    wedge = np.array([[0.05, 0.0, 0.0], [0.35, 0.0, 0.0], [0.05, 0.2, 0.0], [0.05, 0.0, 0.1]])
+    body = data.body("arm")
+    expected = wedge @ body.xmat.reshape(3, 3).T + body.xpos
+    found = solid.corners @ placement[:, :3].T + placement[:, 3]
+    assert found.shape == (4, 3)
+    for corner in expected:
+        assert np.linalg.norm(found - corner, axis=1).min() < 0.005
