@@ -21,7 +21,7 @@ from pidtsm_studies.reports.contrast import (
 from pidtsm_studies.reports.labels import run_entries
 from pidtsm_studies.reports.page import Answer, Page, write_page
 from pidtsm_studies.reports.sections import events_of, happened_section, matrix_sections
-from pidtsm_studies.reports.verdicts import extents, sentence
+from pidtsm_studies.reports.verdicts import extents, run_verdict, sentence
 from pidtsm_studies.reports.viewer import more_curves_section, viewer_data, viewer_section
 
 _TOGETHER = "Comparison"
@@ -111,7 +111,9 @@ def write_comparison(
         more_curves_section(data),
     )
     verdict, state = contrast_verdict(found, metrics)
-    answers = contrast_answers(found, metrics, parameters)
+    answers = contrast_answers(
+        found, metrics, parameters, {name: run_verdict(each, happened[case, name]) for name, each in metrics.items()}
+    )
     if apart is not None:
         verdict = sentence(f"The runs differ by at most {apart.text}, {apart.detail}")
         followed, *others = answers

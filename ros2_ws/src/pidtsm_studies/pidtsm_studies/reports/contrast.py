@@ -17,6 +17,8 @@ _RANKED = 4
 """Largest number of runs in the answer to `BEST`."""
 _IN_A_LINE, _SHOWN = 3, 6
 """Largest number of differences in a line, and in the table."""
+_REASONS = 2
+"""Largest number of runs whose reason is in an answer."""
 _LONGEST = 30
 """Characters of a value in an answer."""
 _Metrics = Mapping[str, Mapping[str, Any]]
@@ -101,19 +103,26 @@ def contrast_verdict(found: Contrasts, metrics: _Metrics) -> tuple[str, str]:
     return f"{best} follows most closely: the RMSE of {joint} is {values} of {worst} ({by}){missing}.", PLAIN
 
 
-def contrast_answers(found: Contrasts, metrics: _Metrics, parameters: Mapping[str, Mapping[str, Any]]) -> list[Answer]:
+def contrast_answers(
+    found: Contrasts,
+    metrics: _Metrics,
+    parameters: Mapping[str, Mapping[str, Any]],
+    reasons: Mapping[str, str],
+) -> list[Answer]:
     """The answers of a comparison.
 
     Args:
         found: see `contrasts`.
         metrics: by run.
         parameters: those that differ, with their values by run.
+        reasons: why runs have not followed, by run.
     """
     followed = [name for name, each in metrics.items() if each["outcome"] == FOLLOWED]
     whole = len(followed) == len(metrics)
     joints = next(iter(metrics.values()))["joints"]
-    lost = ", ".join(f"{name}: {each['outcome']}" for name, each in metrics.items() if each["outcome"] != FOLLOWED)
-    answers = [Answer("Did they follow?", f"{len(followed)} of {len(metrics)}", lost, GOOD if whole else BAD)]
+    lost = [f"{name}: {reasons[name]}" for name, each in metrics.items() if each["outcome"] != FOLLOWED]
+    detail = " ".join(lost[:_REASONS]) + (f" And {len(lost) - _REASONS} more." if len(lost) > _REASONS else "")
+    answers = [Answer("Did they follow?", f"{len(followed)} of {len(metrics)}", detail, GOOD if whole else BAD)]
     ranked = _ranked(metrics, found.joint)
     if ranked and found.found:
         unit = units_of(next(iter(metrics.values())))[found.joint].position
