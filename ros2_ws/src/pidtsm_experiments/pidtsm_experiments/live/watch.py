@@ -15,7 +15,7 @@ from pidtsm_core.signals import Signal
 from pidtsm_core.units import JointUnits, either
 from pidtsm_core.written import THIN, Scale, scale, scaled, signed
 from pidtsm_experiments.live.desk import Desk
-from pidtsm_experiments.live.history import SPAN, History, Measurement
+from pidtsm_experiments.live.history import History, Measurement
 from pidtsm_experiments.live.motion import Moving
 from pidtsm_experiments.live.plots import SHOWN, Comparison, Plots, color
 from pidtsm_experiments.live.stream import Batch
@@ -118,11 +118,10 @@ class Watching:
         new = list(takewhile(lambda event: event is not self._seen, self._desk.system.events))
         self._seen = self._desk.system.events[0] if self._desk.system.events else None
         self._marks.extend(Mark(now, text) for _, text in reversed(new))
-        recent = [mark for mark in reversed(self._marks) if now - mark.time < SPAN][:_LISTED]
         lines = "".join(
             f'<div style="overflow:hidden;text-overflow:ellipsis;white-space:nowrap" title="{escape(mark.text)}">'
             f"│ {signed(mark.time - now, 2)}{THIN}s {escape(mark.text)}</div>"
-            for mark in recent
+            for mark in list(self._marks)[-_LISTED:][::-1]
         )
         # From the first event on the height is constant, so that the plots do not move.
         style = f"padding:0 0.75em;font-size:0.8em;line-height:1.3;height:{1.3 * _LISTED}em"

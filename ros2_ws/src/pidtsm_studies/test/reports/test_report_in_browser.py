@@ -270,8 +270,10 @@ def test_case_and_marks_of_the_time_line(opened: Page) -> None:
     assert np.abs(arm(opened) - first).max() > 0.0
 
 
-@pytest.mark.parametrize("width", [1280, 360])
-def test_the_page_is_as_wide_as_the_window(page: Page, report: Path, width: int) -> None:
+@pytest.mark.parametrize("width", [1280, 1024, 360])
+def test_the_page_is_as_wide_as_the_window(page: Page, report: Path, arms: dict[str, Path], width: int) -> None:
+    page.open(arms["panda"], width)
+    assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
     page.open(report, width)
     page.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
     page.wait("Boolean(document.getElementById('plot-sliding').plot)")
