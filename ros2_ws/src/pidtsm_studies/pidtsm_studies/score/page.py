@@ -40,6 +40,8 @@ def write_score_page(path: Path, heading: str, entries: Sequence[Entry]) -> None
     sections = []
     if len(entries) > 1:
         sections.append(Section("filters", "Show", "score/templates/filters.html", _filters(entries)))
+    if len(arms) > 1:
+        sections.append(Section("overview", "Every arm", "score/templates/overview.html", _overview(arms, styles)))
     for number_of_arm, (arm, scored) in enumerate(arms.items()):
         plots = {
             f"{arm}-{criterion.name}-{i}": _chart(scored, criterion, each, styles)
@@ -115,6 +117,25 @@ def _answers(arms: Mapping[str, Sequence[Entry]]) -> list[Answer]:
     place = min(arms, key=lambda arm: arms[arm][0].score)
     where = Answer("Which arm is hardest?", place, f"the best controller reaches {_share(arms[place][0].score)}")
     return [Answer("Who leads?", who, by), *answers, *([where] if len(arms) > 1 else [])]
+
+
+def _overview(arms: Mapping[str, Sequence[Entry]], styles: Mapping[str, int]) -> dict[str, Any]:
+    """A row for each controller, the best mean score first, with its score on every arm."""
+    scores: dict[str, dict[str, Entry]] = {}
+    for arm, scored in arms.items():
+        for entry in scored:
+            scores.setdefault(title(entry), {})[arm] = entry
+    ranked = sorted(scores, key=lambda name: -float(np.mean([entry.score for entry in scores[name].values()])))
+    rows = []
+    for name in ranked:
+        cells = [
+            {"value": found.score, "text": _share(found.score), "best": found is scored[0]} if found else None
+            for arm, scored in arms.items()
+            for found in (scores[name].get(arm),)
+        ]
+        law = next(iter(scores[name].values())).law
+        rows.append({"name": name, "look": looks(styles[name]), "tags": json.dumps({"law": law}), "cells": cells})
+    return {"arms": [{"name": arm, "tags": json.dumps({"arm": arm})} for arm in arms], "rows": rows}
 
 
 def _filters(entries: Sequence[Entry]) -> dict[str, Any]:
