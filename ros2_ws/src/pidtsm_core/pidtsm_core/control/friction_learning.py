@@ -11,7 +11,7 @@ For the same reason everything is high-passed: a payload that is picked up is sl
 regressors pass the three poles of the observer first, as what it finds has passed them.
 
 The fit states how uncertain it is, from what it leaves unexplained. Compensated is what is certain at least: the
-estimate less its deviation, so an arm without friction, or data that do not tell, change nothing. The compensated
+estimate less half its deviation, so an arm without friction, or data that do not tell, change nothing. The compensated
 effort follows the reference's velocity, which is free of noise, and is bounded; so the closed loop sees a bounded and
 slowly changing feedforward. While the arm does not follow, touches something, is held back by a limit, or rests,
 nothing is learnt and nothing forgotten.
@@ -38,8 +38,10 @@ _MEMORY = 4.0
 """s in which evidence fades to a third, while the joint moves."""
 _SLOW = 1.0
 """rad/s; slower changes are not friction."""
-_CORRELATED = 0.1
+_CORRELATED = 0.4
 """s in which what is left unexplained does not change."""
+_CAUTION = 0.5
+"""Standard deviations that are not compensated. With more of them a joint sticks longer, which spoils the estimate."""
 _TAKEN_IN = 0.1
 """s; time constant of the compensated friction."""
 _LARGEST = 0.35
@@ -200,7 +202,7 @@ def _substitute(factor: Array, x: Array) -> None:
 @inlined
 def _certain(estimate: float, deviation: float, least: float) -> float:
     """The part of an estimate that is certain: never more than was found, and not below `least`."""
-    size = min(max(abs(estimate) - deviation, 0.0), _LARGEST)
+    size = min(max(abs(estimate) - _CAUTION * deviation, 0.0), _LARGEST)
     return max(math.copysign(size, estimate), least)
 
 

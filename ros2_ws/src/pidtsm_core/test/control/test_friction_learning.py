@@ -82,7 +82,7 @@ def test_the_found_friction_is_that_of_the_arm() -> None:
     coulomb, deviation, _ = loop.controller.friction
     np.testing.assert_allclose(coulomb, true, rtol=0.15)
     assert (deviation > 0.0).all()
-    assert (deviation < 0.1 * true).all()
+    assert (deviation < 0.2 * true).all()
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_the_fit_is_that_of_scipy() -> None:
     found = state.friction[[Friction.COULOMB, Friction.VISCOUS], 0]
     np.testing.assert_allclose(found, solution[:2], rtol=1e-9)
     evidence = state.friction[Friction.EVIDENCE, 0]
-    deviation = np.sqrt(0.2 * squares / evidence * np.diag(np.linalg.inv(a.T @ a))[:2])
+    deviation = np.sqrt(0.8 * squares / evidence * np.diag(np.linalg.inv(a.T @ a))[:2])
     found = state.friction[[Friction.COULOMB_DEVIATION, Friction.VISCOUS_DEVIATION], 0]
     np.testing.assert_allclose(found, deviation, rtol=1e-6)
 
