@@ -14,7 +14,13 @@ from pidtsm_core.experiment import DEFAULT_ROBOT
 from pidtsm_core.laws import LAWS
 from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
-from pidtsm_experiments.commands.options import CONSOLE, add_hardware_argument, add_parameter_arguments, progress_bar
+from pidtsm_experiments.commands.options import (
+    CONSOLE,
+    add_hardware_argument,
+    add_parameter_arguments,
+    progress_bar,
+    say_gains,
+)
 from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_studies.score.criteria import FULL, QUICK
@@ -49,6 +55,8 @@ def execute(options: argparse.Namespace) -> int:
     contender = Contender(options.law, tuple(options.params), tuple(options.set), options.name)
     name = name_of(task, contender)
     introduce(options)
+    if options.hardware and not options.params:
+        say_gains(options.hardware)
     of_arm = SCORES / "-".join(filter(None, [Path(task.robot).stem, options.hardware]))
     out = options.out or of_arm / name.replace("/", "-").replace(" ", "-")
     with result_folder(out, made_of(task, contender)) as folder:
