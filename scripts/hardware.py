@@ -37,9 +37,9 @@ kind of arm, in `run`, `rollout`, `score`, `tune` and `live`:
 Unless `--params` names another set, the gains are those of the [rule](tuning.md) for the class, which is also what
 `--params practical` means with `--hardware`; `./pidtsm gains --hardware NAME` shows them:
 
-* The observer of each joint is as fast as the loop allows. Eigenvalues of the sampled linear loop with elastic joints, lag
-  and delay of the class tell (`pidtsm_core/experiment/loop_margin.py`): it must stay stable with half as much gain again,
-  and with one more sample of delay. A motor that an encoder measures moves its rotor alone at high frequencies, up to 50
+* The observer of each joint is as fast as the loop allows, by the eigenvalues of the sampled linear loop with elastic
+  joints, lag and delay (`pidtsm_core/experiment/loop_margin.py`): it must stay stable with half as much gain again, and
+  with one more sample of delay. A motor that an encoder measures moves its rotor alone at high frequencies, up to 50
   times easier than the controller believes.
 * Steps of the encoder and delay bound it as for [any arm](own-robot.md).
 * The Coulomb friction of half-warm gears is compensated (`compensation.coulomb`). Load, asymmetry, sticking and

@@ -131,9 +131,9 @@ def make_experiment(
         law: a name in `LAWS`; None: the law of the scenario or parameter files, or else the default law.
         duration: s; replaces the scenario's if given.
         params: path of a ROS parameter file, or several; none: ``practical`` for an arm from a file, or with a class of
-            hardware, for which the rule then takes it into account, unless the scenario has gains. ``article`` is the article's Table 1 for the law (`law` if given, else the one set by
-            the earlier parts), ``practical`` the set for real sensors and drives (`practical_settings`),
-            ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm.
+            hardware, unless the scenario has gains. ``article`` is the article's Table 1 for the law (`law` if given,
+            else the one set by the earlier parts), ``practical`` the set for real sensors and drives
+            (`practical_settings`), ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm.
         overrides: texts ``NODE.PARAMETER=VALUE``, or values by node and name; groups may be nested.
         robot: the arm of simulator and controller: a name, also one under which the user has stored an arm, the path of
             a description, or an `ArmDefinition`; None: that of the scenario.

@@ -1,12 +1,14 @@
-"""The rule of gains takes the class of hardware into account: every arm follows, and nothing changes without a class."""
+"""The rule of gains takes the class of hardware into account, so that every arm follows."""
 
 import numpy as np
 import pytest
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import PRACTICAL, make_experiment
 from pidtsm_core.experiment.gains import first_gains
 from pidtsm_core.experiment.hardware_classes import hardware_names
 from pidtsm_core.experiment.hardware_gains import hardware_gains
+from pidtsm_core.experiment.law_gains import Gain
 from pidtsm_core.robots.source import ARMS
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Status
@@ -39,7 +41,7 @@ def test_stiffer_gears_allow_faster_observers_up_to_those_of_a_rigid_arm() -> No
     arm = {"robot.description": "panda"}
     simulator = make_experiment(None, robot="panda", hardware="geared").settings["simulator"]
     soft, hard, rigid = (
-        np.array(_bandwidth(hardware_gains(arm, {**simulator, "elasticity.stiffness": stiffness})))
+        (_bandwidth(hardware_gains(arm, {**simulator, "elasticity.stiffness": stiffness})))
         for stiffness in (2e3, 2e4, 0.0)
     )
     assert (soft <= hard).all()
@@ -48,5 +50,5 @@ def test_stiffer_gears_allow_faster_observers_up_to_those_of_a_rigid_arm() -> No
     assert rigid == pytest.approx(_bandwidth(first_gains(arm, 17, 0.003, 500.0)))
 
 
-def _bandwidth(gains: tuple) -> tuple[float, ...]:
-    return next(gain.value for gain in gains if gain.name == "estimator.bandwidth")
+def _bandwidth(gains: tuple[Gain, ...]) -> Array:
+    return np.array(next(gain.value for gain in gains if gain.name == "estimator.bandwidth"))

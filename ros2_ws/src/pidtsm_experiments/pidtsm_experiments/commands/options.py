@@ -139,7 +139,8 @@ def say_gains(hardware: str | None) -> None:
     suits = f"{hardware} hardware" if hardware else "14-bit encoders and 1 ms of delay"
     shown = f"./pidtsm gains --hardware {hardware}" if hardware else "./pidtsm gains"
     print(
-        f"pidtsm: gains: by rule from the inertias of the arm, for {suits} ({shown} shows them, --params chooses others)",
+        f"pidtsm: gains: by rule from the inertias of the arm, for {suits} "
+        f"({shown} shows them, --params chooses others)",
         file=sys.stderr,
     )
 
