@@ -61,7 +61,7 @@ def bandwidths(drives: Drives, inertias: list[Array], fastest: Array) -> Array:
         inertias: matrices in several postures, with rotors, shape (joints, joints) each, kg m^2.
         fastest: highest bandwidths allowed, shape (joints,), rad/s.
     """
-    plants = [_plant(drives, inertia) for inertia in inertias]
+    plants = [sampled_plant(drives, inertia) for inertia in inertias]
 
     def keeps(bandwidth: Array) -> bool:
         return all(
@@ -85,7 +85,7 @@ def bandwidths(drives: Drives, inertias: list[Array], fastest: Array) -> Array:
 
 def is_stable(drives: Drives, inertias: list[Array], bandwidth: Array) -> bool:
     """Whether the loop with these bandwidths, shape (joints,), rad/s, is stable without margins; see `bandwidths`."""
-    return _is_stable(drives, [_plant(drives, each) for each in inertias], inertias, bandwidth, 1.0, 0)
+    return _is_stable(drives, [sampled_plant(drives, each) for each in inertias], inertias, bandwidth, 1.0, 0)
 
 
 def _is_stable(
@@ -97,7 +97,7 @@ def _is_stable(
     )
 
 
-def _plant(drives: Drives, inertia: Array) -> Plant:
+def sampled_plant(drives: Drives, inertia: Array) -> Plant:
     """Sampled matrices A, B and C of arm and drives, from commanded torques to measured positions.
 
     The states are links and motors of elastic joints, their velocities, and with a lag the torques.
