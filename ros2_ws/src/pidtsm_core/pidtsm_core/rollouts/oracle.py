@@ -127,9 +127,7 @@ def _recording(
     )
 
 
-def _plan(
-    values: Mapping[str, Value], config: SimulatorConfig, reference: Array, period: float, error: float
-) -> Plan:
+def _plan(values: Mapping[str, Value], config: SimulatorConfig, reference: Array, period: float, error: float) -> Plan:
     """What the motion needs, and the regulator about its middle."""
     joints, plant = reference.shape[2], config.plant
     gears = plant.drivetrain

@@ -23,7 +23,8 @@ from pidtsm_experiments.runs.origin import MadeOf, commit
 from pidtsm_experiments.runs.results import renewed, result_folder, settled
 from pidtsm_studies.score.criteria import FULL, QUICK, Extent
 from pidtsm_studies.score.leaderboard import read_entries, write_leaderboard
-from pidtsm_studies.score.measure import Contender, measure
+from pidtsm_studies.score.measure import measure
+from pidtsm_studies.score.plan import Contender
 from pidtsm_studies.score.results import FILE, as_json
 from pidtsm_studies.score.tasks import find_task
 from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES, PARAMETERS
