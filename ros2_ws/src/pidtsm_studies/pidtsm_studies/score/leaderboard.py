@@ -96,7 +96,9 @@ def _figure(entries: Sequence[Entry], names: Sequence[str]) -> Figure:
     ranges = [(criterion, each) for criterion in criteria_of(entries[0].task.base) for each in criterion.ranges]
     figure = Figure(figsize=(9.0, 2.0 * -(-len(ranges) // 3)), layout="constrained")
     panels = figure.subplots(-(-len(ranges) // 3), 3, sharey=True, squeeze=False).flat
-    for panel, (criterion, each) in zip(panels, ranges, strict=True):
+    for panel in panels[len(ranges) :]:
+        panel.set_visible(False)
+    for panel, (criterion, each) in zip(panels[: len(ranges)], ranges, strict=True):
         for entry in entries:
             style = names.index(title(entry))
             colour, dashes = COLOURS[style % len(COLOURS)], DASHES[(style + style // len(COLOURS)) % len(DASHES)]

@@ -12,7 +12,7 @@ from pidtsm_core.experiment import Experiment
 from pidtsm_core.parameters import names
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metrics import JointMetrics
-from pidtsm_core.rollouts.batches import batch
+from pidtsm_core.rollouts.batches import BatchResult, batch
 from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
 from pidtsm_core.rollouts.oracle import ERRORS, oracle
 from pidtsm_studies.score.criteria import ROUGHNESS, Criterion, Extent, Range, criteria_of, extent_of, levels_of
@@ -98,12 +98,17 @@ def _results(
     measures = partial(judge, after=task.after, limits=limits)
     simulate = oracle if contender.oracle else rollout
     result = batch(settings, task.duration, progress=report, measure=measures, simulate=simulate)
-    found = [
-        None if run in result.failed else {name: table[run].tolist() for name, table in result.metrics.items()}
-        for run in range(len(settings))
-    ]
+    found = metrics_of(result, len(settings))
     count = len(experiments)
     return [max(found[i::count], key=lambda each: _quality(task, each)) for i in range(count)]
+
+
+def metrics_of(result: BatchResult, runs: int) -> list[Metrics | None]:
+    """Metrics of each run of a batch by name, one value per joint; None: it diverged."""
+    return [
+        None if run in result.failed else {name: table[run].tolist() for name, table in result.metrics.items()}
+        for run in range(runs)
+    ]
 
 
 def _quality(task: Task, found: Metrics | None) -> tuple[int, float]:
