@@ -18,8 +18,9 @@ def evaluate(t: float, p: Array, desired: Array) -> None:
         s = min(max(t - legs * half, 0.0) / duration, 1.0)
         way = end - begin
         desired[0, j] = begin + way * s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
-        desired[1, j] = way / duration * 30.0 * s * s * (1.0 - s) * (1.0 - s)
-        desired[2, j] = way / (duration * duration) * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+        # At rest, the sum makes 0 of -0.
+        desired[1, j] = way / duration * 30.0 * s * s * (1.0 - s) * (1.0 - s) + 0.0
+        desired[2, j] = way / (duration * duration) * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) + 0.0
 
 
 PICK_AND_PLACE = Reference(
