@@ -147,7 +147,8 @@ def execute(options: argparse.Namespace) -> int:
             tuned = cell.folder(out, "tune", seed)
             if not (tuned / PARAMETERS).exists():
                 tuned.parent.mkdir(parents=True, exist_ok=True)
-                identity = {**identity_of(cell.arm), "law": cell.law, "hardware": cell.hardware, **common, "seed": seed}
+                identity = {**identity_of(cell.arm), "law": cell.law, "hardware": cell.hardware}
+                identity |= {"objective": options.objective, "seed": seed, "reference": ORACLE}
                 tune(cell.arm, identity, options.budget, tuned)
             if not (cell.folder(out, "score", seed) / FILE).exists():
                 params = tuned / PARAMETERS
