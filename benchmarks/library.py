@@ -54,7 +54,7 @@ def run(quick: bool) -> Iterator[Row]:
     yield Row("rollout in a second process", second.elapsed, "s", "import numba", compiler, ratio)
 
     experiment = make_experiment("case1", None, duration)
-    values = closed_loop.measuring(experiment.without_node_parameters()).resolved(closed_loop.SCHEMAS)
+    values = experiment.values
     ready = [closed_loop._prepared(values, duration) for _ in range(repetitions + 1)]
     call, loop = medians(repetitions, lambda: rollout(experiment), lambda: closed_loop._simulate(*ready.pop()))
     yield Row(

@@ -173,7 +173,7 @@ def test_two_runs_in_lockstep_give_the_same_bytes_whatever_is_in_the_memory(bags
 
 
 def test_rosbags_alone_reads_the_numbers_of_the_rollout(bags: dict[str, Path], folder: Path) -> None:
-    expected = rollout(experiment_of("lockstep", folder).without_node_parameters())
+    expected = rollout(experiment_of("lockstep", folder))
     signals = {signal.name.lower(): expected.signals[:, signal] for signal in Signal}
     of_topic = {
         "simulator/ground_truth": {n: getattr(expected, n) for n in ("position", "velocity", "effort")},

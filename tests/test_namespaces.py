@@ -50,7 +50,7 @@ def test_two_systems_on_one_graph_track_undisturbed(testbed: Testbed) -> None:
         loop, bag = started[name]
         assert loop.process.returncode == 0, loop.tail()
         recording = read_recording(bag)
-        experiment = make_experiment("case1", law, DURATION).without_node_parameters()
+        experiment = make_experiment("case1", law, DURATION)
         alone = rollout(experiment, duration=DURATION)
         np.testing.assert_array_equal(recording.position, alone.position)
         np.testing.assert_array_equal(recording.effort, alone.effort)

@@ -3,8 +3,6 @@
 import json
 import re
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,6 +16,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 from sensor_msgs.msg import JointState
 from support.judges import judged, opened
+from support.nursery import forked_command
 from support.strangersplant import STRANGERS_ORDER, StrangersPlant, in_order
 from support.testbed import Testbed, open_testbed
 
@@ -37,15 +36,7 @@ class Command:
     def __init__(self, testbed: Testbed, *words: str) -> None:
         self.testbed = testbed
         self._log = testbed.folder / f"{'-'.join(words[:2])}.log"
-        with self._log.open("w") as output:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "pidtsm_experiments.cli", *words],
-                cwd=testbed.folder,
-                env=testbed.environment,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-            )
+        self.process = forked_command(words, testbed.folder, testbed.environment, self._log)
 
     @property
     def said(self) -> str:

@@ -294,7 +294,7 @@ def test_nodes_and_rollout_agree(law: str, condition: str, tmp_path: Path) -> No
 )
 def test_nodes_and_rollout_agree_for_other_arms(arm: str, engine: str, hardware: str | None, tmp_path: Path) -> None:
     """With seven joints, or one that slides; the simulator has the joints in the opposite order."""
-    settings = make_experiment(None, robot=arm).settings
+    settings = {node: dict(given) for node, given in make_experiment(None, robot=arm).settings.items()}
     joints = find_robot({"robot.description": arm}).joints
     settings["controller"] |= {
         "law.name": "piddtsm",

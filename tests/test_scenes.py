@@ -34,7 +34,7 @@ def test_contacts_are_recorded_and_the_run_is_that_of_the_rollout(tmp_path: Path
     overrides = ["simulator.engine=mujoco", f"simulator.scene={tmp_path / 'wall.xml'}"]
     experiment = make_experiment(None, duration=1.5, overrides=overrides, robot="panda")
     bag = run(experiment, "lockstep", tmp_path, lambda _time: None)
-    recording, simulated = read_recording(bag), rollout(experiment.without_node_parameters())
+    recording, simulated = read_recording(bag), rollout(experiment)
     assert recording.position.tobytes() == simulated.position.tobytes()
     assert recording.effort.tobytes() == simulated.effort.tobytes()
     with AnyReader([bag], default_typestore=typestore()) as reader:

@@ -5,8 +5,6 @@ import os
 import re
 import signal
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,6 +22,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from pidtsm_core.arrays import Array
 from pidtsm_ros.middleware import on_this_machine
 from support.devtools import Page
+from support.nursery import forked_command
 
 DEADLINE = 180.0
 """s; only a failing test waits that long, or one whose nodes compile on a busy machine."""
@@ -69,8 +68,9 @@ class LiveSystem(NamedTuple):
 
     def kill(self, node: str) -> None:
         """End the process of a node at once; unknown to the page."""
-        children = psutil.Process(self.process).children()
-        next(child for child in children if any(word.endswith(f"/{node}") for word in child.cmdline())).kill()
+        children = psutil.Process(self.process).children(recursive=True)
+        # Forked ones have a name, those of the page itself the path of their executable.
+        next(child for child in children if node in (child.name(), *(Path(w).name for w in child.cmdline()))).kill()
 
 
 def parameter(system: LiveSystem, name: str) -> Any:
@@ -192,14 +192,7 @@ def live_process(folder: Path, *options: str) -> Iterator[LiveSystem]:
     """``./pidtsm live`` in a folder."""
     log = folder / "live.log"
     words = ["live", "--port", str(free_port()), "--set", f"simulator.rate={RATE}", *options]
-    with log.open("w") as output:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "pidtsm_experiments.cli", *words],
-            cwd=folder,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=output,
-        )
+    process = forked_command(words, folder, os.environ, log)
     try:
 
         def address() -> Any:

@@ -32,7 +32,7 @@ _MODULES = {
     "BatchResult": "rollouts.batches",
     "Controller": "control.controller",
     "DivergedError": "rollouts.closed_loop",
-    "Experiment": "experiment",
+    "Experiment": "experiment.definition",
     "Fault": "signals",
     "Limited": "signals",
     "Mode": "signals",

@@ -19,12 +19,12 @@ from support.hostile import Judge, little_memory
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS, SCHEMAS
 from pidtsm_core.parameters import resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.robots import find_robot
 from pidtsm_core.robots.source import read_source
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, DivergedError, rollout
+from pidtsm_core.rollouts.closed_loop import DivergedError, rollout
 
 NUMBERS = (
     math.nan,
@@ -97,7 +97,6 @@ def test_any_value_of_a_parameter_is_used_or_refused(node: str) -> None:
 
             def use(given: dict[str, object]) -> None:
                 experiment = make_experiment("case1", overrides={node: given}, duration=0.005)
-                experiment.resolved(SCHEMAS)
                 if not isinstance(next(iter(given.values())), str):  # Another law would be compiled.
                     json.dumps(rollout(experiment).metrics(), allow_nan=False)
 
@@ -128,7 +127,7 @@ def test_any_value_of_a_parameter_of_any_choice_is_taken_or_refused(node: str) -
         for value in VALUES:
 
             def use(given: dict[str, object]) -> None:
-                make_experiment("case1", overrides={node: given}).resolved(NODE_SCHEMAS)
+                make_experiment("case1", overrides={node: given}).node_values({})
 
             judge.use(f"{name} = {value!r:.50}", partial(use, choice | {name: value}))
             tried += 1

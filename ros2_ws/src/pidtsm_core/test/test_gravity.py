@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.experiment import make_experiment
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_robot, inverse_dynamics, make_model
 from pidtsm_core.rollouts.closed_loop import rollout
@@ -16,12 +15,13 @@ DURATION = 1.0
 
 def motion(robot: str, controller: str = "commanded", simulator: str = "commanded", payload: float = 0.0) -> Recording:
     """The default motion, with who adds gravity, and a payload that the controller knows."""
-    experiment = make_experiment(None, robot=robot)
-    settings = experiment.settings
     wide = {"limits.effort": 1000.0, "payload.mass": payload}
-    settings["controller"] |= {GRAVITY: controller, **wide}
-    settings["simulator"] |= {GRAVITY: simulator, **wide}
-    return rollout(experiment, duration=DURATION)
+    return rollout(
+        robot=robot,
+        duration=DURATION,
+        controller={GRAVITY: controller, **wide},
+        simulator={GRAVITY: simulator, **wide},
+    )
 
 
 def weight(robot: str, q: Array) -> Array:

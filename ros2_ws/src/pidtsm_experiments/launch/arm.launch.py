@@ -7,7 +7,6 @@ import shlex
 import sys
 from argparse import ArgumentTypeError
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -150,8 +149,6 @@ def _actions(context: LaunchContext) -> list[Node]:
     viewed, recorded = given["viewer"] == "rviz", given["record"]
     others = viewed + bool(recorded)
     listening = {"simulator": 2 + others, "controller": 1 + others, "trajectory": 1 + others}
-    settings = {node: {"start.subscribers": listening[node], **given} for node, given in experiment.settings.items()}
-    experiment = replace(experiment, settings=settings)
 
     def node(name: str, parameters: dict[str, Any], kind: type[Node] = Node, **options: Any) -> Node:
         package, executable = EXECUTABLES[name]
@@ -165,7 +162,7 @@ def _actions(context: LaunchContext) -> list[Node]:
             **options,
         )
 
-    parameters = node_parameters(experiment, clock)
+    parameters = node_parameters(experiment, clock, listening)
     actions: list[Node] = []
     if viewed:
         controlled = parameters["controller"]

@@ -69,7 +69,7 @@ def compare_engines(experiment: Experiment) -> EngineComparison:
     return EngineComparison(runs, metrics, np.abs(second.position - first.position))
 
 
-def _with_simulator(experiment: Experiment, simulator: dict[str, Any]) -> Experiment:
+def _with_simulator(experiment: Experiment, simulator: Mapping[str, Any]) -> Experiment:
     return replace(experiment, settings={**experiment.settings, "simulator": simulator})
 
 

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from pidtsm_core.parameters import Value
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots import find_description
 from pidtsm_core.robots.placement import link_placements
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, measuring, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_studies.replay import HEIGHT, RATE, WIDTH, Replay, check_video, check_viewer
 
 SCENE = """<mujoco><worldbody><geom type="plane" size="2 2 0.1"/>
@@ -22,6 +23,7 @@ SCENE = """<mujoco><worldbody><geom type="plane" size="2 2 0.1"/>
 LACKS_OPENGL = 77
 PROGRAM = f"""
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from pidtsm_core.errors import UsageError
 from pidtsm_studies.replay import check_video, write_video
@@ -30,17 +32,17 @@ try:
 except UsageError as error:
     print(error)
     sys.exit({LACKS_OPENGL})
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, measuring, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.experiment import make_experiment
 experiment = make_experiment(None, duration=0.5, robot="panda")
-write_video(rollout(experiment), measuring(experiment).resolved(SCHEMAS)["simulator"], Path(sys.argv[1]))
+write_video(rollout(experiment), experiment.values["simulator"], Path(sys.argv[1]))
 """
 
 
-def ran(robot: str, *overrides: str) -> tuple[Recording, dict[str, Value]]:
+def ran(robot: str, *overrides: str) -> tuple[Recording, Mapping[str, Value]]:
     """A short run, and the parameters of its simulator."""
     experiment = make_experiment(None, duration=0.5, overrides=overrides, robot=robot)
-    return rollout(experiment), measuring(experiment).resolved(SCHEMAS)["simulator"]
+    return rollout(experiment), experiment.values["simulator"]
 
 
 @pytest.mark.parametrize("robot", ["two_link", "panda"])

@@ -12,7 +12,7 @@ from pidtsm_core.control.parameters import REJECTION
 from pidtsm_core.estimators import ESTIMATORS, estimator_address
 from pidtsm_core.laws import LAWS, LawConfig, make_law
 from pidtsm_core.parameters import Value, as_float, joint_array
-from pidtsm_core.robots import GRAVITY, Model, Robot, find_robot, make_model, payload_of
+from pidtsm_core.robots import GRAVITY, Model, Robot, make_model, payload_of
 from pidtsm_core.signals import Violation
 from pidtsm_core.timing import NANOSECONDS
 
@@ -132,16 +132,15 @@ class ControllerConfig(NamedTuple):
 _Group = TypeVar("_Group", bound=tuple[Any, ...])
 
 
-def make_config(values: Mapping[str, Value]) -> ControllerConfig:
+def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
     """The configuration with these parameters; compiles what they choose.
 
     Args:
         values: every parameter of `controller_schema`, as `resolve` returns them.
+        robot: which they choose.
     """
-    robot = find_robot(values)
     joints = len(robot.joints)
     law, estimator = LAWS[str(values["law.name"])], ESTIMATORS[str(values["estimator.name"])]
-    bare = robot.pack_model(values)
     limits = _group(LimitsConfig, values, joints, stops=_stops(values))
     compensation = _group(CompensationConfig, values, joints)
     rehearsal = _group(RehearsalConfig, values, joints)
@@ -156,8 +155,8 @@ def make_config(values: Mapping[str, Value]) -> ControllerConfig:
         activation=_group(ActivationConfig, values, joints),
         compensation=compensation,
         freedrive=_freedrive(values, limits),
-        model=make_model(robot, robot.with_payload(bare.copy(), payload_of(values))),
-        firmware=make_model(robot, bare.copy()),
+        model=loaded_model(values, robot),
+        firmware=make_model(robot, robot.pack_model(values)),
         plausible_velocity=plausible,
         turn=_turn(robot),
         uses_model=law.uses_model,
@@ -176,6 +175,11 @@ def make_config(values: Mapping[str, Value]) -> ControllerConfig:
         turns=any(robot.continuous),
         senses_contact=_any(limits.external_effort),
     )
+
+
+def loaded_model(values: Mapping[str, Value], robot: Robot) -> Model:
+    """The model of the arm with the payload that the controller knows; arguments as those of `make_config`."""
+    return make_model(robot, robot.with_payload(robot.pack_model(values), payload_of(values)))
 
 
 def example_config() -> ControllerConfig:

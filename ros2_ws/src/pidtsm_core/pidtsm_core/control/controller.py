@@ -50,7 +50,6 @@ class Controller:
             signals: likewise.
         """
         self._names = names(values["joints"])
-        self._units = find_robot(values).units
         self.joints = len(self._names)
         self.effort = np.zeros(self.joints) if effort is None else effort
         self.signals = np.zeros((len(Signal), self.joints)) if signals is None else signals
@@ -83,9 +82,11 @@ class Controller:
             expect_handover(self.state)
 
     def _configure(self, values: Mapping[str, Value]) -> None:
-        config = self.config = make_config(values)
-        # Not the configuration's model, which has scratch space. A payload that changes needs another effort.
-        model = find_robot(values).pack_model(values)
+        self._values, robot = values, find_robot(values)
+        self._units = robot.units
+        config = self.config = make_config(values, robot)
+        # A copy, because models have scratch space. A payload that changes needs another effort.
+        model = config.firmware.parameters.copy()
         own = config.law.gains, config.law.integers, config.estimator.parameters
         self._demanding = (model, *own, *config.compensation)
 
@@ -208,7 +209,7 @@ class Controller:
 
     def warnings(self) -> list[str]:
         """Warnings about parameters that are allowed but unsuitable."""
-        return tight_rates(self.config, self._names, self._units)
+        return tight_rates(self._values)
 
     def tick(self, q: Array, desired: Array, dt: float) -> Array:
         """Run only estimator, law and model, with the effort limit but no other safety function; see `tick`.

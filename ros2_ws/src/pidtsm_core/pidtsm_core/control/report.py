@@ -1,17 +1,17 @@
 """Changes of a controller's status as text: for logs, tables and reports."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.configuration import loaded_model
 from pidtsm_core.control.state import Condition, ControllerState, Time
-from pidtsm_core.robots import inverse_dynamics
+from pidtsm_core.parameters import Value, joint_array, names
+from pidtsm_core.robots import find_robot, inverse_dynamics
 from pidtsm_core.signals import Fault, Mode, Request, Status, Stop, Violation
 from pidtsm_core.timing import seconds
-from pidtsm_core.units import JointUnits
 
 _NAMED = {
     Violation.POSITION: "its position limits (limits.*_position)",
@@ -123,27 +123,34 @@ def _stages(before: int, after: int) -> Iterator[Change]:
         yield Change("info", "the stopped arm is held where it is now")
 
 
-def tight_rates(config: ControllerConfig, joints: Sequence[str], units: Sequence[JointUnits]) -> list[str]:
+def tight_rates(values: Mapping[str, Value]) -> list[str]:
     """Warnings about rate limits that are too low: gravity moves the joint far before the effort can hold it.
 
     Far means a radian, or a metre. Computed from rest, in the worst of many random configurations with a constant seed.
+
+    Args:
+        values: every parameter of the controller.
     """
+    joints = names(values["joints"])
+    rates = joint_array(values["limits.effort_rate"], len(joints))
+    if not rates.any():
+        return []
+    robot = find_robot(values)
+    model = loaded_model(values, robot)
     random, still, found = np.random.default_rng(0), np.zeros(len(joints)), []
     accelerations, efforts = np.zeros((2, len(joints))), np.zeros((2, len(joints)))
     needed = np.zeros((3, len(joints)))  # rate, effort, time
-    for _ in range(_CONFIGURATIONS if config.rate_limited else 0):
+    for _ in range(_CONFIGURATIONS):
         q = random.uniform(-math.pi, math.pi, len(joints))
         for j in range(len(joints)):
             accelerations[1] = 0.0
             accelerations[1, j] = 1.0
-            inverse_dynamics(config.model, q, still, accelerations, efforts)
+            inverse_dynamics(model, q, still, accelerations, efforts)
             gravity, inertia = abs(efforts[0, j]), efforts[1, j] - efforts[0, j]
             if gravity > needed[1, j]:
                 fall = math.sqrt(2.0 * _FALL * inertia / gravity)
                 needed[:, j] = gravity / fall, gravity, fall
-    for joint, unit, rate, (least, effort, fall) in zip(
-        joints, units, config.limits.effort_rate, needed.T, strict=True
-    ):
+    for joint, unit, rate, (least, effort, fall) in zip(joints, robot.units, rates, needed.T, strict=True):
         if 0.0 < rate < least:
             found.append(
                 f"limits.effort_rate of {joint} is {rate:g} {unit.effort}/s: the effort that carries it, up to "

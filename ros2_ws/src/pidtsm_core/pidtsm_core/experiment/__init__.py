@@ -1,11 +1,9 @@
 """Definition of a run: a scenario, a law, and the resulting parameters of every node."""
 
 import functools
-import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +12,20 @@ import yaml
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment.default_motion import DURATION, default_motion
+from pidtsm_core.experiment.definition import MEASUREMENT, Experiment, Purpose
 from pidtsm_core.experiment.gains import first_gains
 from pidtsm_core.experiment.hardware_classes import hardware_settings
 from pidtsm_core.experiment.hardware_gains import hardware_gains
 from pidtsm_core.experiment.law_gains import RULED
-from pidtsm_core.experiment.node_parameters import NODE_ONLY
-from pidtsm_core.experiment.node_settings import resolve_nodes
 from pidtsm_core.laws import LAWS
-from pidtsm_core.parameters import ParameterError, Schema, Value, as_float
+from pidtsm_core.parameters import ParameterError, as_float
 from pidtsm_core.parameters.files import NODES, Settings, flatten, load_mapping, load_ros_parameters, read_yaml
 from pidtsm_core.robots import DESCRIPTION, NAMES, OF_ARM, ROBOTS, TreeRobot, find_robot
 from pidtsm_core.robots.definition import ArmDefinition, GripperLockedWarning, find_arm, joints_sentence
 from pidtsm_core.simulation.plant_parameters import RATE
 from pidtsm_core.timing import LONGEST_RUN
+
+__all__ = ["Experiment", "make_experiment", "scenario_names"]
 
 ARTICLE = "article"
 """Name of the parameter set of the article's Table 1."""
@@ -44,69 +43,6 @@ _CHOICES = {"estimator.name", "law.surface", "law.manifold", "law.reaching"}
 _SCENARIO_KEYS = ("description", "duration", *NODES)
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """Definition of a run.
-
-    Attributes:
-        scenario: name or file name of the scenario.
-        law: name of the control law.
-        duration: s.
-        settings: parameters that differ from the defaults, by node.
-        files: source file of each setting, by ``NODE.PARAMETER``, for error messages.
-    """
-
-    scenario: str
-    law: str
-    duration: float
-    settings: Settings
-    files: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def event_time(self) -> float | None:
-        """Time at which the plant changes during the run (s), for the metrics; None if it does not."""
-        simulator = self.settings["simulator"]
-        if not simulator.get("payload.mass", 0.0):
-            return None
-        time = float(simulator.get("payload.time", 0.0))
-        return time if 0.0 < time < self.duration else None
-
-    def without_node_parameters(self) -> "Experiment":
-        """The same experiment for a rollout, without parameters that exist in nodes only (clock, autostart ...)."""
-        settings = {}
-        for node, given in self.settings.items():
-            only = {p.name for p in NODE_ONLY.get(node, ())}
-            settings[node] = {name: value for name, value in given.items() if name not in only}
-        return replace(self, settings=settings)
-
-    def resolved(self, schemas: Mapping[str, Schema]) -> dict[str, dict[str, Value]]:
-        """Every parameter of every node, checked.
-
-        Raises:
-            ParameterError: an unknown parameter or an invalid value; the message contains file, node and parameter.
-        """
-        try:
-            for node, given in self.settings.items():
-                _check_integers(node, given)
-            return resolve_nodes(schemas, self.settings)
-        except ParameterError as error:
-            if file := self.files.get(error.parameter):
-                raise ParameterError(f"{file}: {error}", error.parameter) from None
-            raise
-
-
-def _check_integers(node: str, given: Mapping[str, Any]) -> None:
-    """Check that integers are in the range of numbers: those of a file may have any number of digits.
-
-    Raises:
-        ParameterError: one is not.
-    """
-    for name, value in given.items():
-        for each in value if isinstance(value, (list, tuple)) else (value,):
-            if isinstance(each, int) and abs(each) > sys.float_info.max:
-                raise ParameterError(f"{node}.{name}: an integer is too large for a number", f"{node}.{name}")
-
-
 def scenario_names() -> list[str]:
     """Names of the scenarios included in the package."""
     return sorted(file.stem for file in _SCENARIOS.glob("*.yaml"))
@@ -120,8 +56,9 @@ def make_experiment(
     overrides: Sequence[str] | Mapping[str, Mapping[str, Any]] = (),
     robot: str | ArmDefinition | None = None,
     hardware: str | None = None,
+    purpose: Purpose = MEASUREMENT,
 ) -> Experiment:
-    """Combine the parts of an experiment.
+    """Combine the parts of an experiment, and check its parameters.
 
     Later ones override earlier ones: scenario, robot, hardware, parameter files, law, overrides.
 
@@ -138,17 +75,26 @@ def make_experiment(
         robot: the arm of simulator and controller: a name, also one under which the user has stored an arm, the path of
             a description, or an `ArmDefinition`; None: that of the scenario.
         hardware: a class of hardware from `hardware_names`; None: that of the scenario.
+        purpose: what it is made for.
 
     Raises:
-        UsageError: anything unknown or malformed; the message contains the file, the key and what is allowed.
+        UsageError: anything unknown, malformed or refused; the message contains the file, the key and what is allowed.
     """
     if law is not None and law not in LAWS.names:
         raise UsageError(f"unknown law {law}; known: {', '.join(LAWS.names)}")
     chosen = list(_overrides(overrides))
+    varies = law or params or chosen or robot or hardware
+    if (
+        isinstance(scenario, Experiment)
+        and not varies
+        and duration in (None, scenario.duration)
+        and purpose == scenario.purpose
+    ):
+        return scenario
     arm = None if robot is None else find_arm(robot)
     of_arm = {} if arm is None else arm.settings()
     base = scenario if isinstance(scenario, Experiment) else _scenario(scenario, _arm(of_arm, chosen), duration)
-    settings: Settings = {node: {} for node in NODES} | {node: dict(given) for node, given in base.settings.items()}
+    settings: Settings = {node: dict(given) for node, given in base.settings.items()}
     files = dict(base.files)
 
     def merge(more: Settings, source: Path) -> None:
@@ -161,7 +107,7 @@ def make_experiment(
         merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
     merge(_of_hardware(hardware, _overridden(settings, chosen)), Path(hardware or ""))
     wanted = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
-    for name in _named(params) or _usual(_source(arm, scenario, base), wanted, base, chosen, hardware):
+    for name in _named(params) or _usual(_source(arm, scenario, base), wanted, base, chosen, purpose, hardware):
         before = wanted or settings["controller"].get(LAW_NAME.name)
         merge(*_parameter_set(name, before if before in LAWS.names else None, _overridden(settings, chosen), hardware))
     if law is not None:
@@ -171,7 +117,9 @@ def make_experiment(
         files.pop(f"{node}.{name}", None)
     name_of_law = str(settings["controller"].get("law.name", LAW_NAME.default))
     seconds = base.duration if duration is None else _positive(duration, "duration")
-    return Experiment(base.scenario, name_of_law, seconds, settings, files)
+    experiment = Experiment(base.scenario, name_of_law, seconds, settings, files, purpose)
+    _ = experiment.values
+    return experiment
 
 
 def _named(params: str | Sequence[str]) -> Sequence[str]:
@@ -212,6 +160,7 @@ def _usual(
     law: str | None,
     base: Experiment,
     overrides: Iterable[tuple[str, str, Any]],
+    purpose: Purpose,
     hardware: str | None,
 ) -> list[str]:
     """Parameter sets if none is named: `PRACTICAL` for an arm from a file, or with a class of hardware.
@@ -223,12 +172,15 @@ def _usual(
         law: name of the law that is given beside the scenario; None: none is.
         base: the scenario.
         overrides: node, name and value of each.
+        purpose: may have a set that is usual.
         hardware: class of hardware; None: none.
     """
-    given = base.settings.get("controller", {})
+    given = base.settings["controller"]
     choices = {name for node, name, _ in overrides if node == "controller"} & _CHOICES
     chosen = choices or any(name.startswith(("law.", "estimator.")) and name != "law.name" for name in given)
     name = law or given.get("law.name", LAW_NAME.default)
+    if purpose.usual and name == LAW_NAME.default:
+        return [purpose.usual]
     of_file = source is not None and source not in (*NAMES, *ROBOTS.names)
     return [PRACTICAL] if (of_file or hardware) and not chosen and name in RULED else []
 
@@ -287,7 +239,7 @@ def article_parameters(law: str | None) -> Path:
     return file
 
 
-def tuned_parameters(name: str, law: str | None, settings: Settings) -> Path:
+def tuned_parameters(name: str, law: str | None, settings: Mapping[str, Mapping[str, Any]]) -> Path:
     """ROS parameter file of a tuned set.
 
     Args:
@@ -308,7 +260,9 @@ def tuned_parameters(name: str, law: str | None, settings: Settings) -> Path:
     return known[f"{robot}-{hardware}"]
 
 
-def practical_settings(law: str | None, settings: Settings, hardware: str | None = None) -> Settings:
+def practical_settings(
+    law: str | None, settings: Mapping[str, Mapping[str, Any]], hardware: str | None = None
+) -> Settings:
     """Parameters for real sensors and drives: the `first_gains` of the law.
 
     Of the proposed law on an arm in closed form, they are those of ``practical.yaml``. With a class of hardware, they
@@ -333,7 +287,7 @@ def practical_settings(law: str | None, settings: Settings, hardware: str | None
     return {"controller": {gain.name: gain.value for gain in first_gains(controller, rate=rate, law=name)}}
 
 
-def _robot(settings: Settings) -> str:
+def _robot(settings: Mapping[str, Mapping[str, Any]]) -> str:
     """The arm of the controller."""
     return str(settings["controller"].get(DESCRIPTION.name, DEFAULT_ROBOT))
 

@@ -110,7 +110,11 @@ def _grouped(joints: Sequence[str], bounds: Sequence[str]) -> str:
 
 def _schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """The parameters of the robot, and of the payload that the controller knows."""
-    return (*robot_schema(settings), *payload_schema(settings, "mass of the payload that the controller knows"))
+    robot = find_robot(settings)
+    return (
+        *robot_schema(settings, robot),
+        *payload_schema(settings, "mass of the payload that the controller knows", robot),
+    )
 
 
 def _checked(settings: Mapping[str, object]) -> Mapping[str, Value]:

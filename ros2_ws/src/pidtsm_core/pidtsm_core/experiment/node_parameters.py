@@ -5,6 +5,7 @@ This module needs no ROS, so that programs that start nodes can check and comple
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 from pidtsm_core.control import ESTIMATOR_NAME, controller_schema
 from pidtsm_core.estimators import ESTIMATORS
@@ -252,17 +253,28 @@ _TRAJECTORY = (
 )
 
 
-def simulator_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Every parameter of the simulator node."""
-    return (*simulator_schema(settings), *_SIMULATOR)
+SCHEMAS: dict[str, Schema] = {
+    "simulator": simulator_schema,
+    "controller": controller_schema,
+    "trajectory": reference_schema,
+}
+"""The parameters that affect a torque, by node: all that a rollout has."""
+
+NODE_ONLY = {"simulator": _SIMULATOR, "controller": _CONTROLLER, "trajectory": _TRAJECTORY}
+"""Parameters that affect no torque, and therefore do not exist in a rollout, by node."""
 
 
-def controller_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Every parameter of the controller node.
+def check_node(node: str, settings: Mapping[str, object]) -> None:
+    """Check that a node can have parameters that a rollout may have.
 
     Raises:
-        ParameterError: the estimator works only in a rollout, or the payload of a closed form is to be observed.
+        ParameterError: the estimator works only in a rollout, or the payload of a closed form is to be observed, or see
+            `limits.limits_schema`.
     """
+    if node == "trajectory":
+        limits.limits_schema(settings)
+    if node != "controller":
+        return
     estimator = ESTIMATORS[chosen(settings, ESTIMATOR_NAME)]
     if estimator.needs_truth:
         raise ParameterError(
@@ -273,25 +285,44 @@ def controller_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, .
         raise ParameterError(
             f"{PAYLOAD_OBSERVED.name}: {robot.name} is a closed form; name the URDF of the arm", PAYLOAD_OBSERVED.name
         )
-    return (*controller_schema(settings), *_CONTROLLER)
+
+
+def _complete(node: str, settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    return (*SCHEMAS[node](settings), *NODE_ONLY[node])
+
+
+COMPLETE_SCHEMAS: dict[str, Schema] = {node: partial(_complete, node) for node in SCHEMAS}
+"""Every parameter, by node."""
+
+
+def simulator_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    """Every parameter of the simulator node."""
+    return _complete("simulator", settings)
+
+
+def controller_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    """Every parameter of the controller node.
+
+    Raises:
+        ParameterError: see `check_node`.
+    """
+    check_node("controller", settings)
+    return _complete("controller", settings)
 
 
 def trajectory_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Every parameter of the trajectory node.
 
     Raises:
-        ParameterError: see `limits.limits_schema`.
+        ParameterError: see `check_node`.
     """
-    limits.limits_schema(settings)
-    return (*reference_schema(settings), *_TRAJECTORY)
+    check_node("trajectory", settings)
+    return _complete("trajectory", settings)
 
-
-NODE_ONLY = {"simulator": _SIMULATOR, "controller": _CONTROLLER, "trajectory": _TRAJECTORY}
-"""Parameters that affect no torque, and therefore do not exist in a rollout, by node."""
 
 NODE_SCHEMAS: dict[str, Schema] = {
     "simulator": simulator_node_schema,
     "controller": controller_node_schema,
     "trajectory": trajectory_node_schema,
 }
-"""Complete schemas, by node."""
+"""What the nodes declare: `COMPLETE_SCHEMAS`, with `check_node`."""

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from pidtsm_core.experiment.node_parameters import NODE_ONLY, check_node
 from pidtsm_core.parameters import ParameterError, Schema, Value, names, resolve
 from pidtsm_core.references import reference_joints
 from pidtsm_core.robots import DESCRIPTION, LOCKED, ROBOTS, XACRO, robot_joints
@@ -56,6 +57,34 @@ def resolve_nodes(
             raise ParameterError(f"{node}: {error}", f"{node}.{error.parameter}") from None
     _check_joints(values)
     return values
+
+
+def for_nodes(
+    values: Mapping[str, Mapping[str, Value]],
+    settings: Mapping[str, Mapping[str, Any]],
+    defaults: Mapping[str, Mapping[str, Value]],
+) -> dict[str, dict[str, Value]]:
+    """The same values with other defaults of parameters that only nodes have.
+
+    Args:
+        values: by node, every parameter, checked.
+        settings: parameters that are given, by node: their defaults do not matter.
+        defaults: by node.
+
+    Raises:
+        ParameterError: a default is refused, or a value works in a rollout only; the message begins with the node.
+    """
+    found = {}
+    for node, complete in values.items():
+        joints = len(names(complete["joints"]))
+        others = {name: value for name, value in defaults.get(node, {}).items() if name not in settings[node]}
+        try:
+            checked = {p.name: p.check(others[p.name], joints) for p in NODE_ONLY[node] if p.name in others}
+            found[node] = {**complete, **checked}
+            check_node(node, found[node])
+        except ParameterError as error:
+            raise ParameterError(f"{node}: {error}", f"{node}.{error.parameter}") from None
+    return found
 
 
 def _of_the_controller(controller: Mapping[str, Value], schema: Schema, given: Mapping[str, Any]) -> dict[str, Any]:

@@ -192,20 +192,27 @@ def description_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     Raises:
         ParameterError: see `find_robot`.
     """
-    robot = find_robot(settings)
+    return _description_of(find_robot(settings))
+
+
+def _description_of(robot: Robot) -> tuple[Parameter, ...]:
     joints = Parameter(
         "joints", robot.joints, "names of the joints, in the order of the robot model", per_joint=True, read_only=True
     )
     return joints, DESCRIPTION, *((LOCKED, XACRO) if isinstance(robot, TreeRobot) else ())
 
 
-def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+def robot_schema(settings: Mapping[str, object], robot: Robot | None = None) -> tuple[Parameter, ...]:
     """Parameters of the group ``robot``, and those that depend on the robot: ``joints`` and ``limits.effort``.
+
+    Args:
+        settings: choose the robot.
+        robot: which they choose, if it is known.
 
     Raises:
         ParameterError: see `find_robot`, or the description has no effort limit and `settings` have none either.
     """
-    robot = find_robot(settings)
+    robot = robot or find_robot(settings)
     unlimited = [joint for joint, limit in zip(robot.joints, robot.effort_limit, strict=True) if limit == float("inf")]
     if unlimited and "limits.effort" not in settings:
         raise ParameterError(
@@ -214,7 +221,7 @@ def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
             "limits.effort",
         )
     return (
-        *description_schema(settings),
+        *_description_of(robot),
         *prefixed("robot", robot.parameters),
         Parameter(
             "limits.effort",
@@ -228,14 +235,14 @@ def robot_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     )
 
 
-def payload_schema(settings: Mapping[str, object], description: str) -> tuple[Parameter, ...]:
+def payload_schema(settings: Mapping[str, object], description: str, robot: Robot) -> tuple[Parameter, ...]:
     """Parameters of the group ``payload``; they depend on the robot. `description` is that of ``payload.mass``.
 
     Raises:
-        ParameterError: see `find_robot`, or no body has the payload's inertia.
+        ParameterError: no body has the payload's inertia.
     """
     check_payload(settings)
-    return payload_parameters(description, isinstance(find_robot(settings), TreeRobot))
+    return payload_parameters(description, isinstance(robot, TreeRobot))
 
 
 _inverse = dispatch(kind.inverse_dynamics for kind in _CLOSED_FORMS)

@@ -3,7 +3,6 @@
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,9 +12,10 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import lend
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.compiling.events import first_compilation
-from pidtsm_core.control import Controller, ControllerConfig, ControllerState, controller_schema, step
+from pidtsm_core.control import Controller, ControllerConfig, ControllerState, step
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.experiment import Experiment, make_experiment
+from pidtsm_core.experiment.definition import MEASUREMENT
 from pidtsm_core.parameters import ParameterError, Value, as_float, names
 from pidtsm_core.parameters.joints import JointOrder
 from pidtsm_core.recording import Recording
@@ -24,25 +24,13 @@ from pidtsm_core.references import (
     ReferenceMotion,
     drops_out,
     evaluate_motion,
-    reference_schema,
 )
 from pidtsm_core.robots import find_robot, robot_parameters
 from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_core.signals import Signal, Status
-from pidtsm_core.simulation.simulator import SimulatedRobot, act, sense, simulator_schema
+from pidtsm_core.simulation.simulator import SimulatedRobot, act, sense
 from pidtsm_core.simulation.simulator_state import SimulatorConfig, SimulatorState
 from pidtsm_core.timing import LONGEST_RUN, period_nanoseconds, seconds
-
-SCHEMAS = {"controller": controller_schema, "simulator": simulator_schema, "trajectory": reference_schema}
-"""Schemas of a rollout, by node: the parameters that affect a torque."""
-
-EXPERIMENT: Mapping[str, Mapping[str, Value]] = {
-    "simulator": {"command.timeout": 1.0},
-    "controller": {"activation.blend": 0.0, "watchdog.state_stop": 1.0},
-    "trajectory": {},
-}
-"""Defaults of an experiment (a run or a rollout) that differ from those of the nodes: an experiment measures the law
-from its first sample on, and no watchdog should end it."""
 
 Places = NDArray[np.int64]
 
@@ -209,7 +197,7 @@ def rollout(
             scenario.
         duration: s; None: that of the scenario.
         controller: parameters that override all others, by name, such as ``{"law.k1": 3.0}``; a joint's parameter is
-            one number for all joints, or one for each. Parameters that only a node has are ignored.
+            one number for all joints, or one for each. Parameters that only a node has change nothing.
         simulator: likewise.
         trajectory: likewise.
 
@@ -223,14 +211,14 @@ def rollout(
         DivergedError: a value of the loop is no longer finite.
     """
     given = {"controller": controller or {}, "simulator": simulator or {}, "trajectory": trajectory or {}}
-    experiment = make_experiment(scenario, law, duration, params, given, robot).without_node_parameters()
-    values = measuring(experiment).resolved(SCHEMAS)
+    experiment = make_experiment(scenario, law, duration, params, given, robot)
+    values = experiment.values
     with first_compilation():
         loop, draws, samples = _prepared(values, experiment.duration)
         done = _simulate(loop, draws, samples)
     if done < samples.time.size:
         raise DivergedError(f"the loop is not finite any more after {seconds(done * loop.period):g} s")
-    _reorder(samples, {node: names(values[node]["joints"]) for node in SCHEMAS})
+    _reorder(samples, {node: names(values[node]["joints"]) for node in values})
     arm = find_robot(values["simulator"])
     return Recording(
         joints=names(values["simulator"]["joints"]),
@@ -270,17 +258,10 @@ def make_controller(
         UsageError: see `rollout`.
     """
     given = {"controller": controller or {}, "simulator": {"rate": rate}}
-    experiment = measuring(make_experiment(scenario, law, None, params, given, robot).without_node_parameters())
-    alone = replace(experiment, settings={"controller": experiment.settings["controller"]})
-    built = Controller(alone.resolved({"controller": controller_schema})["controller"])
+    alone = MEASUREMENT._replace(nodes=("controller",))
+    built = Controller(make_experiment(scenario, law, None, params, given, robot, purpose=alone).values["controller"])
     built.compile()
     return built
-
-
-def measuring(experiment: Experiment) -> Experiment:
-    """The same experiment with the defaults of `EXPERIMENT`."""
-    settings = {node: {**EXPERIMENT.get(node, {}), **given} for node, given in experiment.settings.items()}
-    return replace(experiment, settings=settings)
 
 
 def _prepared(values: Mapping[str, Mapping[str, Value]], duration: float) -> tuple[_Loop, Array, _Samples]:

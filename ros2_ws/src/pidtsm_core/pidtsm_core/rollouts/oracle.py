@@ -25,7 +25,7 @@ from pidtsm_core.parameters.joints import JointOrder
 from pidtsm_core.recording import Recording
 from pidtsm_core.references import MotionConfig, ReferenceMotion, evaluate_motion
 from pidtsm_core.robots import Model, find_robot, inverse_dynamics, robot_parameters
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, DivergedError, measuring
+from pidtsm_core.rollouts.closed_loop import DivergedError
 from pidtsm_core.signals import Signal, Status
 from pidtsm_core.simulation.simulator import SimulatedRobot, act, sense
 from pidtsm_core.simulation.simulator_state import SimulatorConfig, SimulatorState
@@ -78,8 +78,7 @@ def oracle(scenario: Experiment, *, error: float = ERRORS[0], duration: float | 
         UsageError: see `rollout`.
         DivergedError: a value is no longer finite.
     """
-    experiment = measuring(scenario.without_node_parameters())
-    values = experiment.resolved(SCHEMAS)
+    experiment, values = scenario, scenario.values
     simulator, joints = values["simulator"], names(values["simulator"]["joints"])
     places = np.array(JointOrder(joints).match(names(values["trajectory"]["joints"])))
     robot, motion = SimulatedRobot(simulator, accelerations=False), ReferenceMotion(values["trajectory"])

@@ -77,7 +77,9 @@ class MujocoModels(NamedTuple):
     dropped: int  # index of the body that falls when the payload is dropped; 0: it just vanishes
 
 
-def engine_schema(settings: Mapping[str, object], of_robot: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
+def engine_schema(
+    settings: Mapping[str, object], robot: Robot, of_robot: tuple[Parameter, ...]
+) -> tuple[Parameter, ...]:
     """The parameters of the simulated arm, `of_robot`, with the choice of the engine and what depends on it.
 
     Raises:
@@ -85,7 +87,7 @@ def engine_schema(settings: Mapping[str, object], of_robot: tuple[Parameter, ...
     """
     if ENGINE.check(settings.get(ENGINE.name, ENGINE.default), 1) != MUJOCO:
         return (*of_robot, ENGINE)
-    rigid = {f"robot.{name}": value for name, value in find_robot(settings).rigid.items()}
+    rigid = {f"robot.{name}": value for name, value in robot.rigid.items()}
     chosen = (replace(p, default=rigid[p.name], choices=(rigid[p.name],)) if p.name in rigid else p for p in of_robot)
     return (*chosen, ENGINE, *_PARAMETERS)
 

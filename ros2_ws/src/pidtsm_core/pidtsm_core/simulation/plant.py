@@ -59,7 +59,7 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the simulated arm; they depend on the robot."""
     robot = find_robot(settings)
     return (
-        *engine_schema(settings, robot_schema(settings)),
+        *engine_schema(settings, robot, robot_schema(settings, robot)),
         RATE,
         Parameter("initial_position", robot.initial_position, "joint positions at the start", "rad", per_joint=True),
         Parameter(
@@ -69,7 +69,7 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
             choices=DISTURBANCES.names,
             read_only=True,
         ),
-        *payload_schema(settings, PAYLOAD),
+        *payload_schema(settings, PAYLOAD, robot),
         *LOADS,
         *joint_friction.parameters(robot),
         *gear_friction.PARAMETERS,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pidtsm_core.control import Controller, controller_schema
-from pidtsm_core.experiment import make_experiment
+from pidtsm_core.experiment import Experiment
 from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.robots import find_robot
 from pidtsm_core.rollouts.closed_loop import rollout
@@ -42,18 +42,25 @@ def test_a_joint_beyond_either_end_is_noticed(joint: int, beyond: float, action:
 @pytest.mark.parametrize("end", ["upper", "lower"])
 @pytest.mark.parametrize("robot", ["panda", "scara"])
 def test_a_motion_may_end_at_a_limit_whatever_the_encoder_measures_there(robot: str, end: str) -> None:
-    experiment = make_experiment(None, robot=robot, params=["practical"])
     arm = find_robot({"robot.description": robot})
     ranges = np.array(arm.position_limits)
     finite = np.isfinite(ranges).all(axis=1)
     start = np.where(finite, ranges[:, 1 if end == "upper" else 0], arm.initial_position)
-    experiment.settings["simulator"] |= {"initial_position": start.tolist(), "encoder.bits": 12, "noise.std": 1e-4}
-    experiment.settings["trajectory"] = {
-        "reference.name": "minimum_jerk",
-        "reference.from": start.tolist(),
-        "reference.to": start.tolist(),
+    settings = {
+        "simulator": {
+            "robot.description": robot,
+            "initial_position": start.tolist(),
+            "encoder.bits": 12,
+            "noise.std": 1e-4,
+        },
+        "controller": {"robot.description": robot},
+        "trajectory": {
+            "reference.name": "minimum_jerk",
+            "reference.from": start.tolist(),
+            "reference.to": start.tolist(),
+        },
     }
-    run = rollout(experiment, duration=3.0)
+    run = rollout(Experiment("limit", "", 3.0, settings), params="practical")
     measured = run.signals[:, Signal.POSITION]
     assert (np.abs(measured - start)[:, finite] > 0.0).any()
     assert not run.status[:, Status.FAULT].any()
@@ -62,12 +69,13 @@ def test_a_motion_may_end_at_a_limit_whatever_the_encoder_measures_there(robot: 
 
 @pytest.mark.parametrize("rate", [0.0, 1000.0])
 def test_the_way_to_the_reference_keeps_within_the_velocity_limits(rate: float) -> None:
-    experiment = make_experiment(None, robot="panda")
-    settings = experiment.settings
     start = np.array(find_robot(PANDA).initial_position)
-    settings["simulator"]["initial_position"] = (start + np.resize([0.6, -0.3], 7)).tolist()
-    settings["controller"] |= {"activation.blend": 0.8, "limits.effort_rate": rate, "activation.distance": 1.0}
-    run = rollout(experiment, duration=4.0)
+    run = rollout(
+        robot="panda",
+        duration=4.0,
+        controller={"activation.blend": 0.8, "limits.effort_rate": rate, "activation.distance": 1.0},
+        simulator={"initial_position": (start + np.resize([0.6, -0.3], 7)).tolist()},
+    )
     assert not run.status[-1, Status.FAULT]
     assert np.abs(run.signals[-1, Signal.POSITION_ERROR]).max() < 2e-3
 

@@ -1,6 +1,8 @@
 """Scenarios, parameter files and options become the parameters of the nodes."""
 
+import pickle
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +11,9 @@ import pytest
 import pidtsm_core
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment, scenario_names
-from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS, SCHEMAS
 from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.parameters.files import load_ros_parameters
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 
 
 @pytest.mark.parametrize(("text", "value"), [("1e-3", 0.001), ("-2E+1", -20.0), ("1.5e-3", 0.0015), ("5", 5)])
@@ -26,7 +27,7 @@ def test_numbers_may_have_exponents(tmp_path: Path, text: str, value: float) -> 
 
 @pytest.mark.parametrize("name", scenario_names())
 def test_every_scenario_is_accepted(name: str) -> None:
-    assert make_experiment(name).resolved(SCHEMAS)
+    assert make_experiment(name).values
 
 
 def test_an_arm_chosen_by_parameters_has_its_motion_as_one_chosen_by_name() -> None:
@@ -38,9 +39,8 @@ def test_an_arm_chosen_by_parameters_has_its_motion_as_one_chosen_by_name() -> N
 
 @pytest.mark.parametrize("node", ["simulator", "controller"])
 def test_arms_that_differ_between_nodes_are_refused(node: str) -> None:
-    experiment = make_experiment(None, overrides={node: {"robot.description": "panda"}})
     with pytest.raises(ParameterError, match="joints"):
-        experiment.resolved(SCHEMAS)
+        make_experiment(None, overrides={node: {"robot.description": "panda"}})
 
 
 def write_layers(folder: Path) -> tuple[str, str]:
@@ -66,17 +66,32 @@ def test_later_settings_win_scenario_parameter_file_law_option(tmp_path: Path) -
     by_law = make_experiment(scenario, "piddtsm", params=[params])
     assert by_law.law == "piddtsm"
     by_option = make_experiment(
-        scenario, "piddtsm", params=[params], overrides=["controller.law.name=pid", "controller.law.k1=3.0"]
+        scenario, "piddtsm", params=[params], overrides=["controller.law.name=dtsm", "controller.law.k1=3.0"]
     )
-    assert by_option.law == "pid"
+    assert by_option.law == "dtsm"
     assert by_option.settings["controller"]["law.k1"] == 3.0
+
+
+def test_an_experiment_is_checked_when_it_is_made_and_stays_what_it_was() -> None:
+    with pytest.raises(ParameterError, match=r"controller: law\.k1"):
+        make_experiment("case1", overrides=["controller.law.k1=-3.0"])
+    experiment = make_experiment("case1", overrides=["controller.law.k1=3.5"])
+    for table in (experiment.settings, experiment.values):
+        with pytest.raises(TypeError):
+            table["controller"]["law.k1"] = 4.0  # type: ignore[index]
+    assert experiment.values is experiment.values
+    assert make_experiment(experiment) is experiment
+    again = pickle.loads(pickle.dumps(experiment))
+    assert again == experiment
+    assert again.values == experiment.values
+    assert replace(experiment, settings={}).values["controller"]["law.k1"] != 3.5
 
 
 def test_the_error_of_a_refused_value_names_the_file_that_set_it(tmp_path: Path) -> None:
     scenario, params = write_layers(tmp_path)
     Path(params).write_text("controller: {ros__parameters: {activation.blend: -1.0}}\n")
     with pytest.raises(UsageError, match=r"params.yaml: controller: activation.blend"):
-        make_experiment(scenario, params=[params]).resolved(SCHEMAS)
+        make_experiment(scenario, params=[params])
 
 
 def test_a_named_set_is_that_of_the_law_of_the_scenario(tmp_path: Path) -> None:
@@ -121,25 +136,25 @@ def test_the_trajectory_has_the_arm_and_the_limits_of_the_controller(backward: b
     own = {"joints": order} if backward else {}
     values = make_experiment(
         None, robot="panda", overrides={"controller": {"limits.velocity": velocity}, "trajectory": own}
-    ).resolved(NODE_SCHEMAS)["trajectory"]
+    ).node_values({})["trajectory"]
     assert values["robot.description"] == "panda"
     assert values["joints"] == tuple(order)
     assert values["limits.velocity"] == tuple(velocity[::-1] if backward else velocity)
     assert values["limits.effort"] == (*[12.0] * 3, *[87.0] * 4)[:: 1 if backward else -1]
     other = make_experiment(None, robot="panda", overrides={"trajectory": {"robot.description": "", **own}})
-    assert other.resolved(NODE_SCHEMAS)["trajectory"]["robot.description"] == ""
+    assert other.node_values({})["trajectory"]["robot.description"] == ""
 
 
 @pytest.mark.parametrize("joints", [[[True], "joint2"], ["joint1", 2], {"joint1": 1}, None])
 def test_joints_of_the_trajectory_that_are_no_names_are_refused(joints: Any) -> None:
     with pytest.raises(ParameterError, match="joints"):
-        make_experiment(None, overrides={"trajectory": {"joints": joints}}).resolved(NODE_SCHEMAS)
+        make_experiment(None, overrides={"trajectory": {"joints": joints}}).node_values({})
 
 
 def test_a_closed_form_is_shared_only_in_the_order_of_its_joints() -> None:
     swapped = make_experiment(None, overrides={"trajectory": {"joints": ["joint2", "joint1"]}})
     for experiment, description in ((make_experiment(None), "two_link"), (swapped, "")):
-        assert experiment.resolved(NODE_SCHEMAS)["trajectory"]["robot.description"] == description
+        assert experiment.node_values({})["trajectory"]["robot.description"] == description
 
 
 TUNED = sorted((Path(pidtsm_core.__file__).parent / "experiment" / "params" / "tuned").glob("*.yaml"))
@@ -149,7 +164,7 @@ TUNED = sorted((Path(pidtsm_core.__file__).parent / "experiment" / "params" / "t
 def test_every_tuned_set_is_chosen_by_its_hardware_and_accepted(file: Path) -> None:
     robot, _, hardware = file.stem.rpartition("-")
     experiment = make_experiment(None, robot=robot, params=[f"tuned_{hardware}"])
-    assert experiment.resolved(SCHEMAS)
+    assert experiment.values
     first, _, unseen = file.read_text().splitlines()[:3]
     assert first.startswith(f"# ./pidtsm tune --robot {robot} --law piddtsm --hardware {hardware} --objective ")
     before, after = re.findall(r"(\S+) (?:before|after)", unseen)

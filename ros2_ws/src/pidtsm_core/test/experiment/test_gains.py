@@ -34,10 +34,7 @@ def value(robot: str, name: str, **sensors: Any) -> Array:
 @pytest.mark.parametrize("error", [-0.2, 0.2])
 def test_they_suit_the_sensors_whatever_the_load(arm: str, bits: int, delay: int, error: float) -> None:
     gains = {gain.name: gain.value for gain in first_gains({"robot.description": arm}, bits, delay * 1e-3)}
-    experiment = make_experiment(None, robot=arm)
-    settings = experiment.settings
-    settings["controller"] |= gains
-    settings["simulator"] |= {
+    simulator = {
         "encoder.bits": bits,
         "delay.samples": delay,
         "model_error.mass": error,
@@ -45,7 +42,7 @@ def test_they_suit_the_sensors_whatever_the_load(arm: str, bits: int, delay: int
         "payload.mass": 0.4 * rated_payload(arm),
         "payload.time": 2.0,
     }
-    run = rollout(experiment, duration=5.0)
+    run = rollout(robot=arm, duration=5.0, controller=gains, simulator=simulator)
     assert not run.status[:, Status.FAULT].any()
     assert np.abs(run.position - run.reference[:, 0])[4000:].max() < 6e-3
     assert np.abs(np.diff(run.effort[4000:], axis=0)).mean(axis=0).max() < 0.3
@@ -125,6 +122,7 @@ def test_an_arm_from_a_file_has_them_by_default(file: str, law: str) -> None:
 
 def test_it_has_them_in_a_scenario(tmp_path: Path, file: str) -> None:
     nodes = {node: {"robot.description": file} for node in ("simulator", "controller")}
+    nodes["trajectory"] = {"reference.name": "minimum_jerk"}
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text(yaml.safe_dump({"description": "an arm", "duration": 1.0, **nodes}))
     found, expected = make_experiment(str(scenario)), make_experiment(None, params=PRACTICAL, robot=file)

@@ -8,13 +8,13 @@ from pidtsm_core.experiment import make_experiment
 from pidtsm_core.experiment.hardware_classes import hardware_content, hardware_names, hardware_settings
 from pidtsm_core.robots import find_robot
 from pidtsm_core.robots.source import ARMS
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 
 
 @pytest.mark.parametrize("name", hardware_names())
 @pytest.mark.parametrize("arm", [None, *ARMS])
 def test_every_arm_can_have_every_class(arm: str | None, name: str) -> None:
-    values = make_experiment(None, robot=arm, hardware=name).without_node_parameters().resolved(SCHEMAS)["simulator"]
+    values = make_experiment(None, robot=arm, hardware=name).values["simulator"]
     content, limits = hardware_content(name), np.array(find_robot(values).effort_limit)
     for parameter, value in content["simulator"].items():
         assert values[parameter] == value

@@ -7,7 +7,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.experiment.loop_margin import Drives, bandwidths, is_stable
 from pidtsm_core.robots import find_robot
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 
 STIFFNESS, DAMPING, LAG, RATE = 5000.0, 2.0, 0.001, 500
 """Of all joints: softer, and less damped, than those of any class."""
@@ -15,7 +15,7 @@ STIFFNESS, DAMPING, LAG, RATE = 5000.0, 2.0, 0.001, 500
 
 def drives() -> tuple[Drives, Array]:
     """Of the arm, and its inertia in the middle of the range."""
-    values = make_experiment(None, robot="panda").without_node_parameters().resolved(SCHEMAS)["simulator"]
+    values = make_experiment(None, robot="panda").values["simulator"]
     robot = find_robot(values)
     model = robot.pack_model(values)
     joints = len(robot.joints)
@@ -50,8 +50,8 @@ def growth(bandwidth: float) -> float:
         },
     )
     middle = experiment.settings["trajectory"]["reference.offset"]
-    experiment.settings["simulator"]["initial_position"] = [q + 1e-4 for q in middle]
-    speed = np.abs(rollout(experiment, duration=4.0).velocity)
+    begin = {"initial_position": [q + 1e-4 for q in middle]}
+    speed = np.abs(rollout(experiment, duration=4.0, simulator=begin).velocity)
     return float(speed[1500:].max() / speed[500:1000].max())
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
+from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS, SCHEMAS
 from pidtsm_core.parameters import (
     Parameter,
     ParameterError,
@@ -21,7 +21,6 @@ from pidtsm_core.parameters import (
 )
 from pidtsm_core.references import reference_joints
 from pidtsm_core.robots import robot_joints
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 
 PROPERTY = settings(deadline=None, max_examples=100)
 

@@ -22,7 +22,7 @@ from pidtsm_core.robots.definition import (
 )
 from pidtsm_core.robots.source import read_source
 from pidtsm_core.robots.stored import arms_folder, stored_file, stored_names
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 
 NAME = "panda"
 JOINTS = ("panda_joint4", "panda_joint2", "panda_joint6")
@@ -66,7 +66,7 @@ def store(name: str, text: str) -> None:
 
 
 def test_everything_reaches_the_parameters_of_both_nodes() -> None:
-    settings = make_experiment(None, robot=ARM).resolved(SCHEMAS)
+    settings = make_experiment(None, robot=ARM).values
     for node in ("simulator", "controller"):
         values = settings[node]
         assert values["joints"] == JOINTS
@@ -101,7 +101,7 @@ def test_xacro_arguments_reach_the_model() -> None:
     masses = {}
     for mass in ("2", "3"):
         arm = ArmDefinition("arm.urdf.xacro", xacro={"mass": mass})
-        values = make_experiment(None, robot=arm).resolved(SCHEMAS)["simulator"]
+        values = make_experiment(None, robot=arm).values["simulator"]
         masses[mass] = find_robot(values).pack_model(values)
     assert not np.array_equal(masses["2"], masses["3"])
     assert 'mass value="2"' in read_source("arm.urdf.xacro", (("mass", "2"),))[1]
@@ -184,7 +184,7 @@ def test_overrides_alone_choose_the_joints() -> None:
     arm = '<robot name="two"><link name="base"/>' + "".join(rod.format(n) + joint.format(n) for n in "ab") + "</robot>"
     chosen: dict[str, Any] = {node: {"joints": ["jb"]} for node in ("simulator", "controller")}
     experiment = make_experiment(None, robot=arm, overrides=chosen)
-    assert experiment.resolved(SCHEMAS)["trajectory"]["joints"] == ("jb",)
+    assert experiment.values["trajectory"]["joints"] == ("jb",)
     with pytest.raises(UsageError, match="--joints ja or --joints jb"):
         make_experiment(None, robot=arm)
 

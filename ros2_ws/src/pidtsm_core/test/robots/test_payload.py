@@ -62,8 +62,8 @@ def test_the_load_of_a_closed_form_is_a_point() -> None:
 @pytest.mark.parametrize("known", [False, True])
 def test_a_load_is_picked_up_changed_and_dropped_while_the_arm_moves(known: bool) -> None:
     settings = make_experiment(None, law="computed_torque", robot="panda").settings
-    controller, simulator = settings["controller"], settings["simulator"]
-    controller["estimator.name"] = "extended_state_observer"
+    controller = {**settings["controller"], "estimator.name": "extended_state_observer"}
+    simulator = settings["simulator"]
     names = list(find_robot(controller).joints)
     control = Controller(resolve(controller_schema, controller, 7))
     robot = SimulatedRobot(resolve(simulator_schema, simulator, 7))

@@ -9,12 +9,13 @@ from support.testarms import TWO_LINK, Arm
 
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.experiment import Experiment
+from pidtsm_core.experiment.definition import MEASUREMENT
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metrics import metrics
 from pidtsm_core.references import ReferenceMotion, reference_schema
-from pidtsm_core.rollouts.closed_loop import EXPERIMENT, DivergedError, rollout
+from pidtsm_core.rollouts.closed_loop import DivergedError, rollout
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 from pidtsm_core.simulation.plant import Plant, plant_schema
 from pidtsm_core.timing import period_nanoseconds, seconds
@@ -116,7 +117,9 @@ def events(arm: Arm) -> dict[str, Any]:
 def stepped_as_the_nodes_do(arm: Arm, settings: dict[str, dict[str, Any]], samples: int, rate: int = 1000) -> Recording:
     """A rollout of the same parts, each called as in its node."""
     period, n = period_nanoseconds(rate), arm.joints
-    controller = Controller(arm.values(controller_schema, {**EXPERIMENT["controller"], **settings["controller"]}))
+    controller = Controller(
+        arm.values(controller_schema, {**MEASUREMENT.defaults["controller"], **settings["controller"]})
+    )
     plant = Plant(arm.values(plant_schema, settings["simulator"]))
     motion = ReferenceMotion(resolve(reference_schema, {"joints": arm.names, **settings["trajectory"]}, n))
     made = Recording(

@@ -56,8 +56,8 @@ def test_what_it_commands_moves_a_joint_as_the_equation_of_motion_says() -> None
     changes = {"simulator": {"actuator.lag": 0.02}, "trajectory": {"reference.amplitude": [0.2, 0.0, 0.0, 0.0]}}
     made = make_experiment(None, robot="scara", overrides=changes)
     offset = np.array(made.settings["trajectory"]["reference.offset"])
-    made.settings["simulator"]["initial_position"] = (offset - [0.2, 0.0, 0.0, 0.0]).tolist()
-    found = oracle(made, duration=2.0)
+    begin = {"simulator": {"initial_position": (offset - [0.2, 0.0, 0.0, 0.0]).tolist()}}
+    found = oracle(make_experiment(made, overrides=begin), duration=2.0)
     assert np.abs(found.error[:, 0]).max() < 1e-4
     # The drives need a torque that leads that of the motion by the lag.
     torque = solve_ivp(

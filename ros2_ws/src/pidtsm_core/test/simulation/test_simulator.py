@@ -8,10 +8,11 @@ from support.testarms import Arm, dotted
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema
+from pidtsm_core.experiment.definition import MEASUREMENT
 from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.recording import Recording
 from pidtsm_core.references import ReferenceMotion, reference_schema
-from pidtsm_core.rollouts.closed_loop import EXPERIMENT, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Signal
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 from pidtsm_core.timing import seconds
@@ -78,7 +79,7 @@ def robot_of(arm: Arm, **changes: object) -> SimulatedRobot:
 def test_stepping_the_robot_as_the_node_does_gives_the_bits_of_the_rollout(arm: Arm, simulator: dict[str, Any]) -> None:
     whole, settings = run(arm, simulator), arm.motion()
     robot = SimulatedRobot(arm.values(simulator_schema, {**settings["simulator"], **of(arm, simulator)}))
-    controller = Controller(arm.values(controller_schema, {**EXPERIMENT["controller"], **CALM}))
+    controller = Controller(arm.values(controller_schema, {**MEASUREMENT.defaults["controller"], **CALM}))
     motion = ReferenceMotion(resolve(reference_schema, {"joints": arm.names, **settings["trajectory"]}, arm.joints))
     begun, moving = -1, robot.state.arm
     for k in range(len(whole.time)):

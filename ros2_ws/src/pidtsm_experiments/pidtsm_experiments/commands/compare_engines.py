@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, DivergedError
+from pidtsm_core.rollouts.closed_loop import DivergedError
 from pidtsm_experiments.commands.options import CONSOLE, add_experiment_arguments, experiment_of
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.origin import MadeOf
@@ -34,8 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    experiment = experiment_of(options).without_node_parameters()
-    with result_folder(options.out, MadeOf(parameters=experiment.resolved(SCHEMAS))) as folder:
+    experiment = experiment_of(options)
+    with result_folder(options.out, MadeOf(parameters=experiment.values)) as folder:
         try:
             comparison = compare_engines(experiment)
         except DivergedError as error:

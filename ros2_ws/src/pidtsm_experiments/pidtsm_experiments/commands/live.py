@@ -11,7 +11,7 @@ import rclpy
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment import PRACTICAL
 from pidtsm_experiments.commands.options import CONSOLE, add_experiment_arguments, experiment_of
-from pidtsm_experiments.live.nodes import Nodes, live_parameters
+from pidtsm_experiments.live.nodes import OPERATION, Nodes, live_parameters
 from pidtsm_experiments.live.options import add_page_arguments
 from pidtsm_experiments.runs.domain import own_domain
 from pidtsm_experiments.runs.runner import environment
@@ -30,8 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    # Whoever watches also pushes, and adds noise.
-    experiment = experiment_of(options, usual=PRACTICAL)
+    experiment = experiment_of(options, OPERATION)
     stop = Stop()
     stop.defer()
     with ExitStack() as stack:

@@ -113,10 +113,11 @@ def _be_detached(work: Callable[[], int], log: Path) -> NoReturn:
 
 
 def _start(options: argparse.Namespace) -> int:
-    from pidtsm_experiments.live.nodes import Nodes
+    from pidtsm_experiments.live.nodes import OPERATION, Nodes
     from pidtsm_experiments.operate.attached import joined, place
     from pidtsm_experiments.operate.claim import claimed
     from pidtsm_experiments.operate.starting import (
+        REAL_ARM,
         Watch,
         described,
         refuse_simulator,
@@ -127,8 +128,7 @@ def _start(options: argparse.Namespace) -> int:
 
     if not options.plant:
         refuse_simulator(options.set, options.engine)
-    experiment = experiment_of(options, PRACTICAL, still_scenario())
-    start = start_of(experiment, options.plant)
+    start = start_of(experiment_of(options, OPERATION if options.plant else REAL_ARM, still_scenario()))
     warn(start.parameters["controller"])
     words = [word for remap in _remaps(options.remap) for word in ("-r", remap)]
     namespace = options.namespace.strip("/")

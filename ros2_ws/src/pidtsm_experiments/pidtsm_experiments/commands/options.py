@@ -5,7 +5,7 @@ import json
 import math
 import sys
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,15 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from pidtsm_core.control import LAW_NAME, Controller
+from pidtsm_core.control import LAW_NAME
+from pidtsm_core.control.report import tight_rates
 from pidtsm_core.experiment import DEFAULT_SCENARIO, PRACTICAL, Experiment, make_experiment, scenario_names
+from pidtsm_core.experiment.definition import MEASUREMENT, Purpose
 from pidtsm_core.experiment.hardware_classes import hardware_description, hardware_names
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Value
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.outcome import why_not_followed
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_core.simulation.mujoco_model import ENGINE
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.table import print_metrics
@@ -107,29 +108,30 @@ def engine_overrides(engine: str | None) -> list[str]:
     return [f"simulator.{ENGINE.name}={engine}"] if engine else []
 
 
-def experiment_of(options: argparse.Namespace, usual: str = "", otherwise: Experiment | None = None) -> Experiment:
+def experiment_of(
+    options: argparse.Namespace, purpose: Purpose = MEASUREMENT, otherwise: Experiment | None = None
+) -> Experiment:
     """The experiment that the options define; an arm that is new to the user is introduced.
 
     Args:
         options: of `add_experiment_arguments`.
-        usual: parameter set of the default law if no other is given.
+        purpose: what it is made for.
         otherwise: what is varied if no scenario is given; None: see `make_experiment`.
     """
-    scenario = options.scenario or otherwise
-    overrides, arm = [*engine_overrides(options.engine), *options.set], read_arm(options)
-
-    def made(params: Sequence[str]) -> Experiment:
-        return make_experiment(
-            scenario, options.law, options.duration, params, overrides, robot=arm, hardware=options.hardware
-        )
-
-    experiment = made(options.params)
-    if usual and not options.params and experiment.law == LAW_NAME.default:
-        experiment = made([usual])
+    arm = read_arm(options)
+    experiment = make_experiment(
+        options.scenario or otherwise,
+        options.law,
+        options.duration,
+        options.params,
+        [*engine_overrides(options.engine), *options.set],
+        robot=arm,
+        hardware=options.hardware,
+        purpose=purpose,
+    )
     if arm is not None:
-        experiment.without_node_parameters().resolved(SCHEMAS)
         introduce(options)
-    if not options.params and not usual and PRACTICAL in experiment.files.values():
+    if not options.params and not purpose.usual and PRACTICAL in experiment.files.values():
         say_gains(options.hardware)
     return experiment
 
@@ -193,7 +195,7 @@ def warn(controller: Mapping[str, Value]) -> None:
     Args:
         controller: every parameter of the controller.
     """
-    for text in Controller(controller).warnings():
+    for text in tight_rates(controller):
         print(f"pidtsm: warning: {text}", file=sys.stderr)
 
 

@@ -1,15 +1,13 @@
 """``./pidtsm rollout``: the closed loop without ROS."""
 
 import argparse
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import Experiment
-from pidtsm_core.parameters import Value
 from pidtsm_core.recording import Recording
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, DivergedError, measuring, rollout
+from pidtsm_core.rollouts.closed_loop import DivergedError, rollout
 from pidtsm_experiments.commands.options import (
     CONSOLE,
     add_experiment_arguments,
@@ -30,13 +28,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    experiment = experiment_of(options).without_node_parameters()
-    parameters = measuring(experiment).resolved(SCHEMAS)
-    warn(parameters["controller"])
+    experiment = experiment_of(options)
+    warn(experiment.values["controller"])
     out: Path | None = options.out
     if options.bag and not out:
         raise UsageError("--bag needs --out, the folder of the bag")
-    metrics = _kept(experiment, parameters, out, options.bag) if out else _recording(experiment).metrics()
+    metrics = _kept(experiment, out, options.bag) if out else _recording(experiment).metrics()
     show_metrics(metrics, options.json)
     if out:
         CONSOLE.print(
@@ -60,9 +57,7 @@ def _recording(experiment: Experiment) -> Recording:
         raise RunError(str(error)) from None
 
 
-def _kept(
-    experiment: Experiment, parameters: Mapping[str, Mapping[str, Value]], out: Path, bag: bool
-) -> dict[str, Any]:
+def _kept(experiment: Experiment, out: Path, bag: bool) -> dict[str, Any]:
     """Simulate an experiment and leave its results in a folder, with a bag or a smaller file; returns the metrics.
 
     Raises:
@@ -75,10 +70,10 @@ def _kept(
     from pidtsm_experiments.runs.saved import RECORDING, save_recording, write_parameters
 
     with result_folder(out) as folder:
-        write_parameters(parameters, folder)
+        write_parameters(experiment.values, folder)
         recording = _recording(experiment)
         if bag:
-            write_rollout_bag(recording, parameters["trajectory"], folder / "bag")
+            write_rollout_bag(recording, experiment.values["trajectory"], folder / "bag")
         else:
             save_recording(recording, folder / RECORDING)
         return write_outputs(recording, folder)

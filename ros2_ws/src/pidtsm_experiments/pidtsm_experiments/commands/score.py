@@ -12,9 +12,8 @@ from rich.table import Table
 
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.errors import UsageError
-from pidtsm_core.experiment import DEFAULT_ROBOT
+from pidtsm_core.experiment import DEFAULT_ROBOT, Experiment
 from pidtsm_core.laws import LAWS
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.options import (
     CONSOLE,
@@ -80,14 +79,15 @@ def execute(options: argparse.Namespace) -> int:
         raise UsageError("--base ideal has no class of hardware; omit --hardware, or choose --base hardware")
     task = find_task(read_arm(options) or DEFAULT_ROBOT, options.hardware, base)
     contender = _contender(options, task)
-    name = name_of(task, contender)
+    nominal = task.experiment(contender.law, contender.params, contender.overrides)
+    name = name_of(nominal, contender)
     introduce(options)
     if task.hardware and not options.params and not contender.oracle:
         say_gains(task.hardware)
     place = SCORES / "-".join(filter(None, [Path(task.robot).stem, task.hardware]))
     out = options.out or place / name.replace("/", "-").replace(" ", "-")
     extent = extent_of(base, options.quick)
-    with result_folder(out, made_of(task, contender)) as folder:
+    with result_folder(out, MadeOf(parameters=nominal.values)) as folder:
         entry = scored(task, replace(contender, name=name), extent)
         rows = [entry]
         if base == ON_HARDWARE and not contender.oracle:
@@ -135,14 +135,9 @@ def _ceiling(task: Task, extent: Extent, file: Path) -> Entry:
     return scored(task, Contender(None, name=ORACLE, oracle=True), extent)
 
 
-def name_of(task: Task, contender: Contender) -> str:
-    """Name of a controller in tables: as given, or that of its law and its parameter sets.
-
-    Raises:
-        UsageError: the controller is refused, see `Task.experiment`.
-    """
-    law = task.experiment(contender.law, contender.params, contender.overrides).law
-    return contender.name or " ".join([law, *map(_set_name, contender.params)])
+def name_of(nominal: Experiment, contender: Contender) -> str:
+    """Name of a controller in tables: as given, or that of its law, which the nominal run has, and its sets."""
+    return contender.name or " ".join([nominal.law, *map(_set_name, contender.params)])
 
 
 def _set_name(params: str) -> str:
@@ -154,7 +149,7 @@ def _set_name(params: str) -> str:
 def made_of(task: Task, contender: Contender) -> MadeOf:
     """The parameters of the nominal run of a controller; its criteria change some, see score.json."""
     experiment = task.experiment(contender.law, contender.params, contender.overrides)
-    return MadeOf(parameters=experiment.resolved(SCHEMAS))
+    return MadeOf(parameters=experiment.values)
 
 
 def _tables(entry: Entry, oracle: Entry | None) -> tuple[Table, Table]:

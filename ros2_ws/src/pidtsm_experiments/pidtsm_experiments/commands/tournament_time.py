@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 
 from pidtsm_core.robots.definition import ArmDefinition
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.commands.options import CONSOLE
 from pidtsm_studies.score.criteria import Extent, criteria_of
 from pidtsm_studies.score.plan import repeats_of
@@ -44,7 +44,7 @@ def say_time(searches: Sequence[tuple[ArmDefinition, str, str, Task]], limit: Bu
 
 def rollouts(law: str, hardware: str, task: Task, limit: Budget, extent: Extent) -> tuple[int, int]:
     """Number of rollouts of a search (with its sensitivities), and of its score."""
-    limits = effort_limits(task.experiment(law).resolved(SCHEMAS)["simulator"])
+    limits = effort_limits(task.experiment(law).values["simulator"])
     each = len(conditions("training", hardware, task, limits))
     candidates = limit.evaluations + 2 * len(make_space(task, law).variables)
     criteria = criteria_of(task.base)

@@ -17,7 +17,6 @@ from pidtsm_core.experiment import DEFAULT_ROBOT
 from pidtsm_core.experiment.hardware_classes import hardware_names
 from pidtsm_core.laws import LAWS
 from pidtsm_core.robots.definition import ArmDefinition, find_arm
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.cluster import workers
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar
@@ -117,7 +116,7 @@ def tune(arm: ArmDefinition, identity: dict[str, Any], limit: Budget, out: Path)
         make_problem(task, kind, identity["hardware"], identity["objective"], identity.get("reference", RULE))
         for kind in ("training", "validation")
     )
-    first = MadeOf(parameters=task.experiment(identity["law"]).resolved(SCHEMAS), seed=identity["seed"])
+    first = MadeOf(parameters=task.experiment(identity["law"]).values, seed=identity["seed"])
     with renewed(out, PARAMETERS, "tuning.json", "tuning.html", beside=(HISTORY,), made_of=first) as folder:
         with progress_bar() as bar:
             bars = bar.add_task("controllers", total=1.0)

@@ -3,11 +3,11 @@
 import asyncio
 import signal
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from pidtsm_core.experiment import Experiment
+from pidtsm_core.experiment import PRACTICAL, Experiment
+from pidtsm_core.experiment.definition import MEASUREMENT, Purpose
 from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
 from pidtsm_core.experiment.node_settings import resolve_nodes
 from pidtsm_core.parameters import ParameterError, Value
@@ -17,8 +17,12 @@ from pidtsm_experiments.runs.runner import Processes, check_security, how_ended,
 
 _LISTENING = {"simulator": 2, "controller": 1, "trajectory": 1}
 """Number of subscribers that each node waits for at the start; a page need not be one of them."""
-_BLEND = 0.8
-"""As of a node that is not measured: a controller that is started again approaches its reference, s."""
+OPERATION = Purpose(
+    {**MEASUREMENT.defaults, "controller": {**MEASUREMENT.defaults["controller"], "activation.blend": 0.8}},
+    usual=PRACTICAL,
+)
+"""A simulated system that somebody operates: a controller that is started again approaches its reference, and whoever
+watches also pushes, and adds noise."""
 _CHOICES = {"controller": ("law", "estimator"), "trajectory": ("reference",)}
 """By node, the groups whose parameters depend on the choice of ``GROUP.name``."""
 
@@ -27,14 +31,12 @@ Surroundings: TypeAlias = Callable[[str], dict[str, str]]
 
 
 def live_parameters(experiment: Experiment) -> dict[str, dict[str, Value]]:
-    """Every parameter of every node of a simulated system that somebody operates; it has no end.
+    """Every parameter of every node of a system for `OPERATION`; it has no end.
 
     Raises:
-        UsageError: a parameter is invalid.
+        UsageError: a parameter works in a rollout only.
     """
-    settings = {node: {"start.subscribers": _LISTENING[node], **given} for node, given in experiment.settings.items()}
-    settings["controller"] = {"activation.blend": _BLEND, **settings["controller"]}
-    return node_parameters(replace(experiment, settings=settings, duration=0.0), "realtime")
+    return node_parameters(experiment, "realtime", _LISTENING, duration=0.0)
 
 
 class Nodes:

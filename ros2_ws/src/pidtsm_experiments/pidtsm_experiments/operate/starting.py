@@ -5,14 +5,13 @@ import os
 import re
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.experiment import Experiment
-from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
+from pidtsm_core.experiment import PRACTICAL, Experiment
+from pidtsm_core.experiment.definition import Purpose
 from pidtsm_core.parameters import Value, names
 from pidtsm_core.signals import Mode
 from pidtsm_experiments.errors import RunError
@@ -27,6 +26,8 @@ from pidtsm_ros.stop import Stop
 Show = Callable[[str], None]
 """Called with each line."""
 
+REAL_ARM = Purpose({}, usual=PRACTICAL, nodes=("controller", "trajectory"))
+"""Nodes for an arm of the user's."""
 _STILL = {"reference.name": "minimum_jerk"}
 """The reference if no motion is given; its ends are where the arm is."""
 _PERIOD = 0.05  # s
@@ -58,23 +59,15 @@ def still_scenario() -> Experiment:
     return Experiment("still", "", 1.0, {"simulator": {}, "controller": {}, "trajectory": dict(_STILL)})
 
 
-def start_of(experiment: Experiment, plant: bool) -> Start:
-    """The nodes of an experiment.
-
-    Args:
-        experiment: that defines them; for a real arm its simulator does not matter.
-        plant: whether the simulator is one of them.
+def start_of(experiment: Experiment) -> Start:
+    """The nodes of an experiment for `REAL_ARM` or `OPERATION`.
 
     Raises:
-        UsageError: a parameter is invalid.
+        UsageError: a parameter works in a rollout only.
     """
     motion = {name: value for name, value in experiment.settings["trajectory"].items() if name.startswith("reference.")}
-    still = motion == _STILL
-    if plant:
-        return Start(live_parameters(experiment), still)
-    wanted = ("controller", "trajectory")
-    real = replace(experiment, settings={node: dict(experiment.settings[node]) for node in wanted})
-    return Start(real.resolved({node: NODE_SCHEMAS[node] for node in wanted}), still)
+    parameters = experiment.node_values({}) if experiment.purpose == REAL_ARM else live_parameters(experiment)
+    return Start(parameters, motion == _STILL)
 
 
 def surroundings(_node: str) -> dict[str, str]:

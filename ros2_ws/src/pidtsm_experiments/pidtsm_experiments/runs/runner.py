@@ -10,7 +10,6 @@ import subprocess
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from functools import partial
 from itertools import compress
 from pathlib import Path
@@ -21,11 +20,9 @@ from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import Experiment
-from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import Value, as_float, names
-from pidtsm_core.parameters.files import Settings, ros_parameters
+from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_core.robots import find_robot, robot_parameters
-from pidtsm_core.rollouts.closed_loop import EXPERIMENT
 from pidtsm_experiments.errors import RunError
 from pidtsm_experiments.runs.domain import own_domain
 from pidtsm_ros.middleware import on_this_machine
@@ -285,22 +282,31 @@ def robot_metadata(values: Mapping[str, Value]) -> dict[str, Any]:
     }
 
 
-def node_parameters(experiment: Experiment, clock: str) -> dict[str, dict[str, Value]]:
+def node_parameters(
+    experiment: Experiment,
+    clock: str,
+    subscribers: Mapping[str, int] = _SUBSCRIBERS,
+    duration: float | None = None,
+) -> dict[str, dict[str, Value]]:
     """Every parameter of every node, by node, for a run with this clock.
 
+    Args:
+        experiment: definition of the run.
+        clock: ``lockstep`` or ``realtime``.
+        subscribers: number of subscribers that each node waits for, by node.
+        duration: s, 0 for a run without an end; None: that of the experiment.
+
     Raises:
-        UsageError: a parameter is invalid.
+        UsageError: a parameter works in a rollout only.
     """
-    of_the_run: Settings = {
-        "simulator": {"clock": clock, "duration": experiment.duration},
+    of_the_run: dict[str, dict[str, Value]] = {
+        "simulator": {"clock": clock, "duration": experiment.duration if duration is None else duration},
         "controller": {"reference.match": "stamp" if clock == "lockstep" else "latest"},
         "trajectory": {"clock": clock},
     }
-    settings = {
-        node: {**EXPERIMENT[node], **of_the_run[node], "start.subscribers": _SUBSCRIBERS[node], **given}
-        for node, given in experiment.settings.items()
-    }
-    return replace(experiment, settings=settings).resolved(NODE_SCHEMAS)
+    return experiment.node_values(
+        {node: {**given, "start.subscribers": subscribers[node]} for node, given in of_the_run.items()}
+    )
 
 
 _RECORDED: dict[str, dict[str, Value]] = {

@@ -16,8 +16,9 @@ from rosbags.rosbag2 import StoragePlugin
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
+from pidtsm_core.experiment.node_parameters import SCHEMAS
 from pidtsm_core.parameters.files import NODES
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.bags.analysis import analyze
 from pidtsm_experiments.bags.errors import RecordingError, UnfinishedBag
 
@@ -143,7 +144,6 @@ def test_any_file_is_an_experiment_or_refused_by_name(kind: str) -> None:
             file.write_bytes(content if isinstance(content, bytes) else content.encode(errors="replace"))
             try:
                 experiment = load(str(file))
-                experiment.resolved(SCHEMAS)
             except UsageError as error:
                 message = str(error)
                 assert str(file) in message
@@ -175,7 +175,7 @@ def test_any_command_line_is_an_experiment_or_refused(
     scenario: str, law: str | None, overrides: list[str], params: list[str]
 ) -> None:
     with suppress(UsageError):
-        make_experiment(scenario, law, overrides=overrides, params=params).resolved(SCHEMAS)
+        make_experiment(scenario, law, overrides=overrides, params=params)
 
 
 @pytest.fixture(scope="module", params=StoragePlugin)

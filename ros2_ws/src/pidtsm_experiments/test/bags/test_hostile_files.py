@@ -17,7 +17,7 @@ from support.hostile import Judge, little_memory
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.bags.analysis import analyze
 from pidtsm_experiments.bags.errors import RecordingError
 
@@ -112,7 +112,6 @@ def test_hostile_scenarios_and_parameters_are_read_right_or_refused_by_name(tmp_
         experiment = (
             make_experiment("file.yaml") if kind == "scenario" else make_experiment("case1", params=["file.yaml"])
         )
-        experiment.resolved(SCHEMAS)
         assert experiment.duration > 0.0
 
     for name, (content, reason) in FILES.items():

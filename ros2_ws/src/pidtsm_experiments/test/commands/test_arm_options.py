@@ -10,7 +10,7 @@ import pytest
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.robots.definition import find_arm
 from pidtsm_core.robots.stored import stored_file, stored_names
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.cli import _COMMANDS, _parser, main
 from pidtsm_experiments.commands.arm_options import read_arm
 
@@ -194,7 +194,7 @@ def test_a_motion_of_excitation_is_one_of_this_arm(call: Call) -> None:
     words = ["--joints", "elbow,wrist", "--lock", "shoulder=0.3", "--payload", "0.5", "--xacro", "mass:=3"]
     code, _, err = call("excite", "--robot", FILE, *words, "--duration", "2", "--out", "motion.yaml")
     assert code == 0, err
-    for values in make_experiment("motion.yaml").resolved(SCHEMAS).values():
+    for values in make_experiment("motion.yaml").values.values():
         assert values["joints"] == ("elbow", "wrist")
         assert values.get("robot.locked", "shoulder=0.3") == "shoulder=0.3"
         assert values.get("payload.mass", 0.5) == 0.5

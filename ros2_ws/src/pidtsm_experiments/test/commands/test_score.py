@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from pidtsm_core.experiment import make_experiment
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.commands.score import name_of
 from pidtsm_experiments.runs.origin import ORIGIN, origin_of
 from pidtsm_experiments.runs.ownership import MARKER
 from pidtsm_studies.score.plan import Contender
-from pidtsm_studies.score.tasks import find_task
 
 DEADLINE = 120.0
 ALWAYS = (MARKER, ORIGIN)
@@ -59,7 +59,7 @@ def test_a_parameter_file_is_called_as_what_distinguishes_it(tmp_path: Path, fil
     path = tmp_path / file
     path.parent.mkdir(exist_ok=True)
     path.write_text("controller:\n  ros__parameters:\n    law.k1: 2.0\n")
-    assert name_of(find_task("two_link"), Contender(None, (str(path),))) == name
+    assert name_of(make_experiment("case1"), Contender(None, (str(path),))) == name
 
 
 def test_an_interrupt_ends_it_cleanly(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import pytest
 
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.bags.rollout_bag import write_rollout_bag
 from pidtsm_experiments.runs.saved import RECORDING, save_recording, write_parameters
 
@@ -31,7 +31,7 @@ def leave() -> Leave:
             bag: whether it is a bag.
         """
         experiment = make_experiment(None, duration=duration, overrides=overrides, robot=robot)
-        parameters = experiment.resolved(SCHEMAS)
+        parameters = experiment.values
         if bag:
             write_rollout_bag(rollout(experiment), parameters["trajectory"], place)
         else:

@@ -8,7 +8,6 @@ from pidtsm_core.experiment.node_parameters import NODE_ONLY, NODE_SCHEMAS
 from pidtsm_core.parameters import resolve
 from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_core.robots import find_robot
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_experiments.runs.runner import bag_metadata, node_parameters
 
 
@@ -17,10 +16,9 @@ def test_a_rollout_gets_all_that_changes_a_torque(tmp_path: Path) -> None:
     everything = node_parameters(make_experiment("case1"), "lockstep")
     params = tmp_path / "all.yaml"
     params.write_text("".join(ros_parameters(node, values) for node, values in everything.items()))
-    left = make_experiment("case1", params=[str(params)]).without_node_parameters()
+    left = make_experiment("case1", params=[str(params)]).values
     for node, values in everything.items():
-        assert set(values) - set(left.settings[node]) == {p.name for p in NODE_ONLY[node]}
-    left.resolved(SCHEMAS)
+        assert set(values) - set(left[node]) == {p.name for p in NODE_ONLY[node]}
 
 
 def test_the_metadata_contains_the_parameters_of_the_trajectory() -> None:

@@ -21,7 +21,6 @@ from pidtsm_core.parameters import Value, as_float, joint_array
 from pidtsm_core.references import ReferenceMotion
 from pidtsm_core.robots import DESCRIPTION
 from pidtsm_core.robots.two_link import TWO_LINK
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 
 _HORIZON, _INTERVALS = 2.0, 400
 """s, and number of intervals of constant torque. The arm meets its reference in less than 1.5 s."""
@@ -54,7 +53,7 @@ def find_limit(experiment: Experiment) -> Limit:
         RuntimeError: the optimisation does not converge.
     """
     casadi = _casadi()
-    values = experiment.without_node_parameters().resolved(SCHEMAS)
+    values = experiment.values
     arm = values["simulator"]
     if arm[DESCRIPTION.name] != TWO_LINK.name or as_float(arm["payload.mass"]):
         raise UsageError("the limit is known for the two-link arm without a payload only")

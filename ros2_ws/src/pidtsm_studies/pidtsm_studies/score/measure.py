@@ -13,7 +13,7 @@ from pidtsm_core.parameters import names
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metrics import JointMetrics
 from pidtsm_core.rollouts.batches import BatchResult, batch
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.rollouts.oracle import ERRORS, oracle
 from pidtsm_studies.score.criteria import ROUGHNESS, Criterion, Extent, Range, criteria_of, extent_of, levels_of
 from pidtsm_studies.score.plan import Contender, make_plan, repeats_of
@@ -61,7 +61,7 @@ def measure(
     plan = make_plan(task, contender, extent)
     runs = [*plan.varied, *plan.nominal.values()]
     found = _results(task, contender, [each.experiment for each in runs], plan.limits, progress)
-    joints = names(plan.experiment.resolved(SCHEMAS)["simulator"]["joints"])
+    joints = names(plan.experiment.values["simulator"]["joints"])
     judged = [_judged(task, joints, each) for each in found]
     by_range: dict[tuple[str, str], list[Judged]] = {}
     for run, verdict in zip(plan.varied, judged, strict=False):

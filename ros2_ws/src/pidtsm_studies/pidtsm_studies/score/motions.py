@@ -13,7 +13,6 @@ from pidtsm_core.experiment.default_motion import default_motion
 from pidtsm_core.parameters import Value, names, resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.robots import Robot, find_robot
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_studies.score.tasks import effort_limits
 
 _SLOW, _SLOW_FREQUENCY = math.radians(3.0), 0.125
@@ -66,7 +65,7 @@ def motions(experiment: Experiment) -> tuple[Motion, ...]:
     Args:
         experiment: of the arm; only its robot and its limits matter.
     """
-    values = experiment.resolved(SCHEMAS)["simulator"]
+    values = experiment.values["simulator"]
     robot, joints = find_robot(values), names(values["joints"])
     usual = default_motion(robot)["trajectory"]
     middle, amplitude = (np.array(usual[f"reference.{name}"]) for name in ("offset", "amplitude"))

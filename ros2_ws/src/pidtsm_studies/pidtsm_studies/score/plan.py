@@ -8,7 +8,6 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.experiment import PRACTICAL, Experiment
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_studies.score.criteria import HARDWARE, Criterion, Extent, criteria_of
 from pidtsm_studies.score.motions import Motion, motions
 from pidtsm_studies.score.tasks import IDEAL, Task, effort_limits
@@ -79,12 +78,12 @@ def make_plan(task: Task, contender: Contender, extent: Extent) -> Plan:
         UsageError: the controller or the arm is refused; see `Task.experiment`.
     """
     experiment = task.experiment(contender.law, contender.params, contender.overrides)
-    limits = effort_limits(experiment.resolved(SCHEMAS)["simulator"])
+    limits = effort_limits(experiment.values["simulator"])
     make = _ideal_runs if task.base == IDEAL else _hardware_runs
     varied, nominal = make(task, experiment, limits, extent)
     last = {run.key: run for run in varied}
     for run in last.values():
-        run.experiment.resolved(SCHEMAS)  # Refused: no failed run.
+        _ = run.experiment.values  # Refused: no failed run.
     return Plan(experiment, limits, varied, nominal)
 
 
@@ -112,7 +111,7 @@ def _ideal_runs(
 def _hardware_runs(
     task: Task, experiment: Experiment, limits: Array, extent: Extent
 ) -> tuple[tuple[Run, ...], dict[str, Run]]:
-    known, simulator = motions(experiment), experiment.resolved(SCHEMAS)["simulator"]
+    known, simulator = motions(experiment), experiment.values["simulator"]
 
     def varied() -> Iterator[Run]:
         for criterion in criteria_of(task.base):

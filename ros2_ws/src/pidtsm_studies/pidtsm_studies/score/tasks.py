@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ from pidtsm_core.parameters import Value, joint_array
 from pidtsm_core.robots import Robot, find_robot, payload_of
 from pidtsm_core.robots.definition import ArmDefinition, find_arm
 from pidtsm_core.robots.source import ARMS, rated_payload
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 
 _FILE = Path(__file__).with_name("arms.yaml")
 IDEAL, ON_HARDWARE = "ideal", "hardware"
@@ -62,10 +61,7 @@ class Task:
             UsageError: something unknown or malformed, or (`ParameterError`) a refused value.
         """
         robot = self.arm or self.robot
-        found = make_experiment(self.scenario, law, self.duration, params, overrides, robot, self.hardware)
-        experiment = replace(found.without_node_parameters(), duration=self.duration)
-        experiment.resolved(SCHEMAS)
-        return experiment
+        return make_experiment(self.scenario, law, self.duration, params, overrides, robot, self.hardware)
 
 
 def find_task(robot: str | ArmDefinition = DEFAULT_ROBOT, hardware: str | None = None, base: str = IDEAL) -> Task:
@@ -100,7 +96,7 @@ def effort_limits(values: Mapping[str, Value]) -> Array:
 
 def _largest_payload(definition: ArmDefinition) -> float:
     """The mass (kg, two digits) that the joints can just hold in their middle."""
-    values = make_experiment(None, robot=definition).without_node_parameters().resolved(SCHEMAS)["simulator"]
+    values = make_experiment(None, robot=definition).values["simulator"]
     arm, limits = find_robot(values), effort_limits(values)
     model, q = arm.pack_model(values), np.array(arm.initial_position)
     kilogram = payload_of({**values, "payload.mass": 1.0})

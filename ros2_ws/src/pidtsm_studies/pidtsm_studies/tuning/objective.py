@@ -15,7 +15,6 @@ from pidtsm_core.experiment import PRACTICAL, Experiment
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metrics import JointMetrics
 from pidtsm_core.rollouts.batches import batch
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_core.rollouts.oracle import ERRORS, oracle
 from pidtsm_studies.score.criteria import CRITERIA, ROUGHNESS, Extent
 from pidtsm_studies.score.measure import ORACLE, judge, metrics_of
@@ -96,7 +95,7 @@ def make_problem(task: Task, kind: str, hardware: str, objective: str, reference
         UsageError: the reference diverges on this arm.
     """
     nominal = task.experiment(None, (PRACTICAL,))
-    limits = effort_limits(nominal.resolved(SCHEMAS)["simulator"])
+    limits = effort_limits(nominal.values["simulator"])
     found = conditions(kind, hardware, task, limits)
     rule = nominal.settings["controller"]
     blank = Problem(task, found, OBJECTIVES[objective], limits, {})

@@ -9,7 +9,7 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.robots import forward_dynamics, make_model
 from pidtsm_core.robots.two_link import TWO_LINK
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.simulation.disturbances.article import ARTICLE
 from pidtsm_studies.limit.optimal import acceleration, find_limit
 
@@ -35,7 +35,7 @@ def test_it_is_that_of_an_independent_program_and_the_torque_reaches_it() -> Non
 def test_its_arm_is_that_of_the_rollouts(coriolis: str) -> None:
     casadi = pytest.importorskip("casadi", reason="CasADi is optional (requirements/limit.lock)")
     overrides = [f"{node}.robot.coriolis={coriolis}" for node in ("simulator", "controller")]
-    values = make_experiment("case1", overrides=overrides).resolved(SCHEMAS)["simulator"]
+    values = make_experiment("case1", overrides=overrides).values["simulator"]
     model = make_model(TWO_LINK, TWO_LINK.pack_model(values))
     for q, dq, effort in np.random.default_rng(1).normal(0.0, 1.0, (5, 3, 2)):
         found = acceleration(casadi, values, casadi.DM(q), casadi.DM(dq), casadi.DM(effort))

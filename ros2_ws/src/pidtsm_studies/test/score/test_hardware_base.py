@@ -9,7 +9,7 @@ import pytest
 
 from pidtsm_core.experiment.hardware_classes import hardware_content
 from pidtsm_core.robots import NAMES
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_studies.score.criteria import CRITERIA_ON_HARDWARE, FULL_ON_HARDWARE, LEVELS, ROUGHNESS, Extent
 from pidtsm_studies.score.groups import behind_the_best, by_arm, ceiling
 from pidtsm_studies.score.leaderboard import document, write_leaderboard
@@ -97,8 +97,7 @@ def test_every_arm_has_a_class_and_motions_within_its_limits(robot: str) -> None
     known = motions(experiment)
     assert [each.name for each in known] == ["sines", "pick_and_place", "reversals", "fast"]
     for motion in known:
-        made = motion.of(experiment)
-        made.resolved(SCHEMAS)
+        assert motion.of(experiment).values
         assert motion.fastest > 0.0
     slow = known[2].trajectory
     peak = 2.0 * np.pi * slow["reference.frequency"] * np.array(slow["reference.amplitude"])
@@ -107,7 +106,7 @@ def test_every_arm_has_a_class_and_motions_within_its_limits(robot: str) -> None
 
 def test_every_range_changes_the_class_within_what_the_simulator_accepts(task: Task) -> None:
     experiment = task.experiment(None)
-    simulator = experiment.resolved(SCHEMAS)["simulator"]
+    simulator = experiment.values["simulator"]
     limits = effort_limits(simulator)
     assert len({c.name for c in CRITERIA_ON_HARDWARE}) == len(CRITERIA_ON_HARDWARE) == 14
     for each in (each for criterion in CRITERIA_ON_HARDWARE for each in criterion.ranges):

@@ -8,7 +8,7 @@ import pytest
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots import NAMES
 from pidtsm_core.robots.source import rated_payload
-from pidtsm_core.rollouts.closed_loop import SCHEMAS, rollout
+from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_studies.score.tasks import effort_limits, find_task
 
 ARM = """<robot name="pendulum"><link name="base"/><link name="bob"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
@@ -33,7 +33,7 @@ def test_an_arm_from_a_file_is_loaded_with_what_its_joints_can_hold(tmp_path: Pa
     # 30 N m hold 2 kg at 0.5 m and the payload at 1 m.
     assert task.payload == pytest.approx(30.0 / 9.81 - 1.0, rel=0.05)
     experiment = task.experiment(None, ("practical",))
-    np.testing.assert_array_equal(effort_limits(experiment.resolved(SCHEMAS)["simulator"]), [30.0])
+    np.testing.assert_array_equal(effort_limits(experiment.values["simulator"]), [30.0])
     assert rollout(experiment, duration=0.1).time.size == 100
 
 

@@ -6,7 +6,6 @@ import pytest
 from pidtsm_core.experiment import practical_settings
 from pidtsm_core.laws import LAWS
 from pidtsm_core.robots import NAMES
-from pidtsm_core.rollouts.closed_loop import SCHEMAS
 from pidtsm_studies.score.tasks import find_task
 from pidtsm_studies.tuning.space import Space, make_space
 
@@ -21,7 +20,7 @@ def test_start_and_bounds_are_allowed(robot: str, law: str) -> None:
     for x in (np.zeros_like(space.start), space.start, np.ones_like(space.start)):
         settings = {**nominal.settings, "controller": space.controller(x)}
         overrides = [f"controller.{name}={value}" for name, value in settings["controller"].items()]
-        task.experiment(None, (), overrides).resolved(SCHEMAS)
+        task.experiment(None, (), overrides)
 
 
 @pytest.mark.parametrize("robot", ["two_link", "panda"])
