@@ -134,5 +134,6 @@ def _inertias(robot: Robot, settings: Mapping[str, object]) -> list[Array]:
     """Inertia matrices in the middle of the range, and in postures spread over it."""
     middle = np.array(robot.initial_position)
     limits = robot.position_limits or [(q - math.pi, q + math.pi) for q in middle]
-    spread = np.random.default_rng(0).uniform(*np.array(limits).T, (_POSTURES, middle.size))
+    lower, upper = np.array(limits).T
+    spread = np.random.default_rng(0).uniform(lower, upper, size=(_POSTURES, middle.size))
     return [_inertia(robot, settings, q) for q in (middle, *spread)]

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, solve_discrete_are
 
 from pidtsm_core.arrays import Array
@@ -89,8 +90,9 @@ def oracle(scenario: Experiment, *, error: float = ERRORS[0], duration: float | 
         _evaluate(motion.config, seconds(period), reference)
         reference = np.ascontiguousarray(reference[:, :, places])
         plan = _plan(simulator, robot.config, reference, seconds(period), error)
-        blank = (np.empty((count, len(joints))) for _ in range(4))
-        run = _Run(*blank, plan.torque[0].copy(), plan.torque[0].copy(), np.zeros(plan.state.shape[1]))
+        position, velocity, effort, command = (np.empty((count, len(joints))) for _ in range(4))
+        torque, lagging, state = plan.torque[0].copy(), plan.torque[0].copy(), np.zeros(plan.state.shape[1])
+        run = _Run(position, velocity, effort, command, torque, lagging, state)
         done = _simulate(robot.config, robot.state, robot.randomness.draw(count), plan, period, run)
     if done < count:
         raise DivergedError(f"the oracle's loop is not finite any more after {seconds(done * period):g} s")
@@ -107,7 +109,7 @@ def _recording(
     stamps = np.arange(count) * period
     return Recording(
         joints=names(values["simulator"]["joints"]),
-        time=stamps * 1e-9,
+        time=np.asarray(stamps * 1e-9, dtype=np.float64),
         position=run.position,
         velocity=run.velocity,
         effort=run.effort,
@@ -138,13 +140,13 @@ def _plan(values: Mapping[str, Value], config: SimulatorConfig, reference: Array
     lag += float(np.divide(2.0 * damping, frequency, out=np.zeros(joints), where=frequency > 0.0).max())
     rotor = np.where(stiffness > 0.0, gears.rotor, 0.0)
     link = np.empty((reference.shape[0], joints))
-    time = np.arange(reference.shape[0]) * period
+    time: Array = np.asarray(np.arange(reference.shape[0]) * period, dtype=np.float64)
     carries = (time >= plant.payload_begin) & (time < plant.payload_end)
     _needed(plant.model, plant.loaded_model, carries, reference, link)
     link -= rotor * reference[:, 2]
     twist = np.divide(link, stiffness, out=np.zeros_like(link), where=stiffness > 0.0)
     twisted, accelerated = (_derived(twist, period, order) for order in (1, 2))
-    speed = reference[:, 1] + twisted
+    speed: Array = np.asarray(reference[:, 1] + twisted, dtype=np.float64)
     torque = link + rotor * (reference[:, 2] + accelerated) + _friction(values, joints, speed, link, time)
     states = [reference[:, 0], (reference[:, 0] + twist)[:, elastic], reference[:, 1], speed[:, elastic]]
     needed = torque
@@ -218,7 +220,7 @@ def _evaluate(motion: MotionConfig, period: float, reference: Array) -> None:
 
 
 @njit
-def _needed(empty: Model, loaded: Model, carries: Array, reference: Array, effort: Array) -> None:
+def _needed(empty: Model, loaded: Model, carries: NDArray[np.bool_], reference: Array, effort: Array) -> None:
     """Write the effort of the motion without friction, shape (samples, joints), N m."""
     for k in range(effort.shape[0]):
         desired = reference[k]

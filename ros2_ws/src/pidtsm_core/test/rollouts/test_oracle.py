@@ -53,7 +53,10 @@ def test_a_smooth_one_is_smoother_and_follows_less_well() -> None:
 
 def test_what_it_commands_moves_a_joint_as_the_equation_of_motion_says() -> None:
     """SciPy, with the closed form of one joint: a rotor that a lagging drive turns."""
-    changes = {"simulator": {"actuator.lag": 0.02}, "trajectory": {"reference.amplitude": [0.2, 0.0, 0.0, 0.0]}}
+    changes: dict[str, dict[str, Any]] = {
+        "simulator": {"actuator.lag": 0.02},
+        "trajectory": {"reference.amplitude": [0.2, 0.0, 0.0, 0.0]},
+    }
     made = make_experiment(None, robot="scara", overrides=changes)
     offset = np.array(made.settings["trajectory"]["reference.offset"])
     begin = {"simulator": {"initial_position": (offset - [0.2, 0.0, 0.0, 0.0]).tolist()}}

@@ -90,7 +90,7 @@ def _gains(options: argparse.Namespace, arm: Mapping[str, Any]) -> tuple[Gain, .
         raise UsageError(f"--delay {delay:g}: must be from 0 to 1000 ms")
     if not 1.0 <= rate <= 100_000.0:
         raise UsageError(f"--rate {rate:g}: must be from 1 to 100000 Hz")
-    return first_gains(arm, bits, 1e-3 * delay, rate, options.law)
+    return first_gains(arm, int(bits), 1e-3 * delay, rate, options.law)
 
 
 def _parameter_file(gains: tuple[Gain, ...]) -> str:

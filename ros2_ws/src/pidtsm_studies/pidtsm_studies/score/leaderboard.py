@@ -79,10 +79,10 @@ def document(entries: Sequence[Entry]) -> str:
 
 def _arm(arm: str, entries: Sequence[Entry]) -> str:
     if entries[0].task.base == ON_HARDWARE:
-        columns, oracle = COLUMNS_ON_HARDWARE, ceiling(entries)
+        columns, oracle = [*COLUMNS_ON_HARDWARE], ceiling(entries)
         rows = [cells_on_hardware(entry, oracle, behind_the_best(entry, entries)) for entry in entries]
     else:
-        columns, rows = COLUMNS, [cells(entry) for entry in entries]
+        columns, rows = [*COLUMNS], [cells(entry) for entry in entries]
     lines = [_row(columns), _row(["---"] * len(columns)), *map(_row, rows)]
     return "\n".join([f"## {arm}", "", *lines, "", f"![Success over every range](images/leaderboard-{arm}.png)", ""])
 

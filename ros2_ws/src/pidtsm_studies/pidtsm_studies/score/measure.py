@@ -97,7 +97,7 @@ def _results(
     measures = partial(judge, after=task.after, limits=limits)
     speeds: list[dict[str, Any]] = [{"error": error} for error in _SPEEDS] if contender.oracle else [{}]
     found: list[Metrics | None] = [None] * len(experiments)
-    left = range(len(experiments))
+    left = [*range(len(experiments))]
     for speed in speeds:
         settings = [{"scenario": experiments[i], **speed} for i in left]
         report = partial(_report, progress, len(settings)) if progress else None

@@ -181,7 +181,7 @@ def total(results: Sequence[Result]) -> float:
     return float(np.mean([each.cost for each in results]))
 
 
-def _run(problem: Problem, controllers: Sequence[Mapping[str, Any]]) -> list[list[dict[str, list[float]] | None]]:
+def _run(problem: Problem, controllers: Sequence[Mapping[str, Any]]) -> list[list[Mapping[str, list[float]] | None]]:
     """Metrics by controller and condition; None if the run diverged."""
     nominal = problem.task.experiment(None)
     settings = [
