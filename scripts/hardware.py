@@ -30,8 +30,20 @@ kind of arm, in `run`, `rollout`, `score`, `tune` and `live`:
 ./pidtsm rollout --robot panda --params practical --hardware collaborative --set simulator.friction.static=0.0
 ```
 
-`--params` and `--set` override single parameters. The controller knows nothing of it: its model of the arm stays
-rigid, and it compensates the friction of the description only.
+`--set` overrides single parameters. The controller's model of the arm stays rigid.
+
+## Gains
+
+Unless `--params` names another set, the gains are those of the [rule](tuning.md) for the class, which is also what
+`--params practical` means with `--hardware`; `./pidtsm gains --hardware NAME` shows them:
+
+* The observer of each joint is as fast as the loop allows, by the eigenvalues of the sampled linear loop with elastic
+  joints, lag and delay (`pidtsm_core/experiment/loop_margin.py`): it must stay stable with half as much gain again, and
+  with one more sample of delay. A motor that an encoder measures moves its rotor alone at high frequencies, up to 50
+  times easier than the controller believes.
+* Steps of the encoder and delay bound it as for [any arm](own-robot.md).
+* The Coulomb friction of half-warm gears is compensated (`compensation.coulomb`). Load, asymmetry, sticking and
+  temperature are unknown to the controller. Law `pid` compensates nothing.
 
 ## How an arm moves on such hardware
 
@@ -50,8 +62,6 @@ rigid, and it compensates the friction of the description only.
   measured at motor or link.
 
 Both [engines](engines.md) have all of it. On MuJoCo a motor is a body of its own, which a tendon couples to its link.
-A motor that an encoder measures follows the torque up to higher frequencies than the rigid arm that the controller
-knows: gains that are right for a rigid arm can make an elastic one vibrate until the controller stops.
 
 """
 _CLASSES = """## Classes

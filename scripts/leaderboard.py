@@ -10,7 +10,7 @@ from pathlib import Path
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 DATA = DOCS / "tournament"
 _TABLES = ("leaderboard.md", "tournament.md", "images/leaderboard-*.png")
-_KEPT = ("tournament.json", "score/*/*/score.json", "tune/*/*/params.yaml", "tune/*/*/tuning.json")
+_KEPT = ("tournament.json", "score/**/score.json", "tune/**/params.yaml", "tune/**/tuning.json")
 
 
 def main(tournament: Path) -> None:

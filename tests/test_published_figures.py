@@ -9,7 +9,8 @@ import pytest
 from pidtsm_core.robots import NAMES
 from pidtsm_studies.score.criteria import FULL, Extent
 from pidtsm_studies.score.leaderboard import document, read_entries
-from pidtsm_studies.score.measure import Contender, measure
+from pidtsm_studies.score.measure import measure
+from pidtsm_studies.score.plan import Contender
 from pidtsm_studies.score.results import FILE, read_entry
 from pidtsm_studies.score.tasks import find_task
 from pidtsm_studies.tuning.objective import evaluate, make_problem, total

@@ -15,6 +15,7 @@ from pidtsm_core.experiment.default_motion import DURATION, default_motion
 from pidtsm_core.experiment.definition import MEASUREMENT, Experiment, Purpose
 from pidtsm_core.experiment.gains import first_gains
 from pidtsm_core.experiment.hardware_classes import hardware_settings
+from pidtsm_core.experiment.hardware_gains import hardware_gains
 from pidtsm_core.experiment.law_gains import RULED
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import ParameterError, as_float
@@ -66,10 +67,10 @@ def make_experiment(
             for another robot, also one among the overrides, its `default_motion`.
         law: a name in `LAWS`; None: the law of the scenario or parameter files, or else the default law.
         duration: s; replaces the scenario's if given.
-        params: path of a ROS parameter file, or several; none: ``practical`` for an arm from a file, unless the
-            scenario has gains. ``article`` is the article's Table 1 for the law (`law` if given, else the one set by
-            the earlier parts), ``practical`` the set for real sensors and drives (`practical_settings`),
-            ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm.
+        params: path of a ROS parameter file, or several; none: ``practical`` for an arm from a file, or with a class of
+            hardware, unless the scenario has gains. ``article`` is the article's Table 1 for the law (`law` if given,
+            else the one set by the earlier parts), ``practical`` the set for real sensors and drives
+            (`practical_settings`), ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm.
         overrides: texts ``NODE.PARAMETER=VALUE``, or values by node and name; groups may be nested.
         robot: the arm of simulator and controller: a name, also one under which the user has stored an arm, the path of
             a description, or an `ArmDefinition`; None: that of the scenario.
@@ -125,9 +126,9 @@ def _combined(
         of_hardware = hardware_settings(hardware, _overridden(settings, chosen)["simulator"])
         merge({"simulator": of_hardware}, Path(hardware))
     wanted = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
-    for name in params or _usual(_source(arm, scenario, base), wanted, base, chosen, purpose):
+    for name in params or _usual(_source(arm, scenario, base), wanted, base, chosen, purpose, hardware):
         before = wanted or settings["controller"].get(LAW_NAME.name)
-        merge(*_parameter_set(name, before if before in LAWS.names else None, _overridden(settings, chosen)))
+        merge(*_parameter_set(name, before if before in LAWS.names else None, _overridden(settings, chosen), hardware))
     if law is not None:
         settings["controller"]["law.name"] = law
     for node, name, value in chosen:
@@ -138,16 +139,17 @@ def _combined(
     return Experiment(base.scenario, name_of_law, seconds, settings, files, purpose)
 
 
-def _parameter_set(name: str, law: str | None, settings: Settings) -> tuple[Settings, Path]:
+def _parameter_set(name: str, law: str | None, settings: Settings, hardware: str | None) -> tuple[Settings, Path]:
     """The parameters of a named set or of a file, and where they come from; see `make_experiment`.
 
     Args:
         name: of the set, or path of the file.
         law: name of the law; None: the default law.
         settings: of the experiment without this set.
+        hardware: class of hardware; None: none.
     """
     if name == PRACTICAL:
-        return practical_settings(law, settings), Path(name)
+        return practical_settings(law, settings, hardware), Path(name)
     source = article_parameters(law) if name == ARTICLE else Path(name)
     if name.startswith(TUNED):
         source = tuned_parameters(name, law, settings)
@@ -161,9 +163,16 @@ def _source(arm: ArmDefinition | None, scenario: str | Experiment | None, base: 
 
 
 def _usual(
-    source: str | None, law: str | None, base: Experiment, overrides: Iterable[tuple[str, str, Any]], purpose: Purpose
+    source: str | None,
+    law: str | None,
+    base: Experiment,
+    overrides: Iterable[tuple[str, str, Any]],
+    purpose: Purpose,
+    hardware: str | None,
 ) -> list[str]:
-    """Parameter sets if none is named: `PRACTICAL` for an arm from a file; the article's are those of another arm.
+    """Parameter sets if none is named: `PRACTICAL` for an arm from a file, or with a class of hardware.
+
+    The article's gains are those of another arm, with ideal sensors and drives.
 
     Args:
         source: see `_source`.
@@ -171,6 +180,7 @@ def _usual(
         base: the scenario.
         overrides: node, name and value of each.
         purpose: may have a set that is usual.
+        hardware: class of hardware; None: none.
     """
     given = base.settings["controller"]
     choices = {name for node, name, _ in overrides if node == "controller"} & _CHOICES
@@ -179,7 +189,7 @@ def _usual(
     if purpose.usual and name == LAW_NAME.default:
         return [purpose.usual]
     of_file = source is not None and source not in (*NAMES, *ROBOTS.names)
-    return [PRACTICAL] if of_file and not chosen and name in RULED else []
+    return [PRACTICAL] if (of_file or hardware) and not chosen and name in RULED else []
 
 
 def _overrides(given: Sequence[str] | Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, str, Any]]:
@@ -257,20 +267,27 @@ def tuned_parameters(name: str, law: str | None, settings: Mapping[str, Mapping[
     return known[f"{robot}-{hardware}"]
 
 
-def practical_settings(law: str | None, settings: Mapping[str, Mapping[str, Any]]) -> Settings:
+def practical_settings(
+    law: str | None, settings: Mapping[str, Mapping[str, Any]], hardware: str | None = None
+) -> Settings:
     """Parameters for real sensors and drives: the `first_gains` of the law.
 
-    Of the proposed law on an arm in closed form, they are those of ``practical.yaml``.
+    Of the proposed law on an arm in closed form, they are those of ``practical.yaml``. With a class of hardware, they
+    are the `hardware_gains` for the sensors, drives and gears in `settings`.
 
     Args:
         law: name of the law; None: the default law.
-        settings: of the experiment without this set; the arm and the rate matter.
+        settings: of the experiment without this set; the arm and the rate matter, and with a class the simulator.
+        hardware: the class; None: none.
 
     Raises:
         UsageError: there is no rule for the law, or the arm cannot be used.
     """
     controller = settings["controller"]
     name = law or str(LAW_NAME.default)
+    if hardware is not None:
+        gains = hardware_gains(controller, settings["simulator"], name)
+        return {"controller": {gain.name: gain.value for gain in gains}}
     if _robot(settings) in ROBOTS.names and name == LAW_NAME.default:
         return load_ros_parameters(PRACTICAL_FILE)
     rate = as_float(RATE.check(settings["simulator"].get("rate", RATE.default), 1))

@@ -8,21 +8,24 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment.law_gains import Gain, Known, gains_of_law, rounded
-from pidtsm_core.parameters import Parameter, joint_array, resolve
-from pidtsm_core.robots import Robot, find_robot, payload_of, payload_schema, robot_schema
+from pidtsm_core.experiment.loop_margin import Drives, bandwidths
+from pidtsm_core.parameters import Parameter, Value, joint_array, resolve
+from pidtsm_core.robots import Robot, find_robot, payload_of, payload_schema, robot_joints, robot_schema
 
 BITS, DELAY, RATE = 14, 0.001, 1000.0
 """Steps of the encoders (2^BITS per revolution, or per metre), s, Hz: hardware that the gains suit by default."""
 
 _NOISE = 0.06
 """Mean change of the torque from sample to sample, relative to H w^2 step: measured with all arms of the project."""
-_BOUNDS = ("the noise of the torque", "the delay", "the elasticity of arms")
+_BOUNDS = ("the noise of the torque", "the delay", "the elasticity of arms", "the margins of the loop")
 _ROUGHNESS, _ROUGH = 0.002, 0.2
 """Tolerated change, as a share of the effort limit, and at most; N m (or N)."""
 _PHASE = 0.6
 """Largest product of bandwidth and delay, rad; with all arms, and a model 20 % off, the loop oscillates from 0.9 on."""
 _ELASTIC = 60.0
 """Largest bandwidth, rad/s: about 10 Hz, where the gears and links of many arms begin to resonate."""
+_POSTURES = 2
+"""Beside the middle of the range, in which the margins of a loop are judged."""
 _WAITING = 1.5
 """Periods that pass between a measurement and the mean effect of its command."""
 
@@ -33,6 +36,7 @@ def first_gains(
     delay: float = DELAY,
     rate: float = RATE,
     law: str = str(LAW_NAME.default),
+    drives: Drives | None = None,
 ) -> tuple[Gain, ...]:
     """Gains of a law with the extended state observer, for an arm with these sensors.
 
@@ -46,6 +50,7 @@ def first_gains(
         delay: from a position to its joint state, plus from a command to its torque, s.
         rate: joint states per second.
         law: name of the law.
+        drives: with them, the loop also keeps its margins in spite of the elasticity of the joints, see `loop_margin`.
 
     Raises:
         UsageError: there is no rule for the law, or (`ParameterError`) the arm cannot be used, see `find_robot`.
@@ -53,8 +58,14 @@ def first_gains(
     robot = find_robot(settings)
     span = np.where(robot.slides or [False] * len(robot.joints), 1.0, 2.0 * math.pi)
     steps = span / 2.0**bits if bits else np.zeros_like(span)
-    inertia, limits = _inertia_and_limits(robot, settings)
+    values = _checked(settings)
+    inertia = np.abs(_inertia(robot, values))
+    limits = joint_array(values["limits.effort"], len(robot.joints))
     bandwidth, bounds = _bandwidths(inertia, limits, steps, delay + _WAITING / rate)
+    if drives is not None:
+        kept = bandwidths(drives, _inertias(robot, values), bandwidth)
+        bounds = [_BOUNDS[-1] if low < high else its for low, high, its in zip(kept, bandwidth, bounds, strict=True)]
+        bandwidth = kept
     known = Known(bandwidth=bandwidth, steps=steps, inertia=np.diag(inertia))
     return (
         Gain("law.name", law, "the proposed law" if law == LAW_NAME.default else "the chosen law"),
@@ -71,6 +82,12 @@ def first_gains(
             "integrals and adaptation pause at the limits of the torque, and in contact",
         ),
     )
+
+
+def rotors(settings: Mapping[str, object]) -> Array:
+    """Inertias of the rotors that the controller knows, as the joints see them, shape (joints,), kg m^2; 0: none."""
+    robot = find_robot(settings)
+    return robot.rotors(robot.pack_model(_checked(settings)))
 
 
 def _bandwidths(inertia: Array, limits: Array, steps: Array, delay: float) -> tuple[Array, list[str]]:
@@ -98,10 +115,22 @@ def _schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     )
 
 
-def _inertia_and_limits(robot: Robot, settings: Mapping[str, object]) -> tuple[Array, Array]:
-    """|H| with payload in the middle of the range, shape (joints, joints), kg m^2, and the effort limits, (joints,)."""
-    known, joints = {p.name for p in _schema(settings)}, len(robot.joints)
-    values = resolve(_schema, {n: v for n, v in settings.items() if n in known}, joints)
+def _checked(settings: Mapping[str, object]) -> Mapping[str, Value]:
+    """Every parameter of `_schema`."""
+    known = {p.name for p in _schema(settings)}
+    return resolve(_schema, {n: v for n, v in settings.items() if n in known}, robot_joints(settings))
+
+
+def _inertia(robot: Robot, values: Mapping[str, Value], q: Array | None = None) -> Array:
+    """The inertia matrix with payload at q (None: in the middle of the range), shape (joints, joints), kg m^2."""
     loaded = robot.with_payload(robot.pack_model(values), payload_of(values))
-    inertia = robot.inertia_matrix(loaded, np.array(robot.initial_position))
-    return np.abs(inertia), joint_array(values["limits.effort"], joints)
+    return robot.inertia_matrix(loaded, np.array(robot.initial_position) if q is None else q)
+
+
+def _inertias(robot: Robot, values: Mapping[str, Value]) -> list[Array]:
+    """Inertia matrices in the middle of the range, and in postures spread over it."""
+    middle = np.array(robot.initial_position)
+    limits = robot.position_limits or [(q - math.pi, q + math.pi) for q in middle]
+    lower, upper = np.array(limits).T
+    spread = np.random.default_rng(0).uniform(lower, upper, size=(_POSTURES, middle.size))
+    return [_inertia(robot, values, q) for q in (middle, *spread)]

@@ -13,6 +13,7 @@ from pidtsm_core.references.base import Reference
 from pidtsm_core.references.chirp import CHIRP
 from pidtsm_core.references.csv import CSV
 from pidtsm_core.references.minimum_jerk import MINIMUM_JERK
+from pidtsm_core.references.pick_and_place import PICK_AND_PLACE
 from pidtsm_core.references.sines import SINES
 from pidtsm_core.timing import sum_of_times
 

@@ -22,6 +22,8 @@ from pidtsm_core.rollouts.closed_loop import DivergedError, rollout
 Settings: TypeAlias = Mapping[str, Any]
 """Arguments of `rollout` by name, without the duration."""
 Measure: TypeAlias = Callable[[Recording], JointMetrics]
+Simulate: TypeAlias = Callable[..., Recording]
+"""What runs one of the settings: `rollout`, or a function with the same results."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,7 @@ def batch(
     progress: Callable[[int], None] | None = None,
     keep_every: int = 0,
     measure: Measure | None = None,
+    simulate: Simulate = rollout,
 ) -> BatchResult:
     """Run one rollout for each of the settings; a failed run is reported and does not affect the others.
 
@@ -76,6 +79,7 @@ def batch(
         progress: called repeatedly with the number of finished runs, such as ``print``.
         keep_every: also return every n-th sample of each run; 0 returns none.
         measure: function that returns additional metrics of a run, under names of their own.
+        simulate: function that makes a run, whose arguments the settings then are.
 
     Raises:
         ValueError: `keep_every` is negative.
@@ -84,7 +88,7 @@ def batch(
         raise ValueError(f"keep_every: {keep_every} must be 0 or positive")
     outcomes: list[_Outcome] = []
     with Parallel(n_jobs=workers, prefer="threads", return_as="generator") as parallel:
-        for outcome in parallel(delayed(_run)(each, duration, keep_every, measure) for each in settings):
+        for outcome in parallel(delayed(_run)(each, duration, keep_every, measure, simulate) for each in settings):
             outcomes.append(outcome)
             if progress is not None:
                 progress(len(outcomes))
@@ -104,9 +108,9 @@ class _Outcome:
     failure: str = ""
 
 
-def _run(settings: Settings, duration: float, keep_every: int, measure: Measure | None) -> _Outcome:
+def _run(settings: Settings, duration: float, keep_every: int, measure: Measure | None, simulate: Simulate) -> _Outcome:
     try:
-        run = rollout(**settings, duration=duration)
+        run = simulate(**settings, duration=duration)
     except (UsageError, DivergedError) as reason:
         return _Outcome(failure=str(reason))
     error = run.error

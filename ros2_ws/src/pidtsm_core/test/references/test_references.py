@@ -26,6 +26,7 @@ TIMES = st.floats(0.0, 60.0)
 
 
 CORNERS: dict[str, Iterable[float]] = {"chirp": (20.0,), "minimum_jerk": (0.0, 2.0), "csv": np.arange(0.0, 6.1, 0.2)}
+CORNERS["pick_and_place"] = np.ravel([(k, k + 2.0) for k in range(0, 64, 3)])
 """Times at which the acceleration, or its derivative, jumps."""
 FILE = "time,q_joint2,q_joint1\n" + "".join(
     f"{t:.1f},{math.sin(t)!r},{math.cos(t)!r}\n" for t in np.arange(0.0, 6.1, 0.2)
@@ -127,6 +128,14 @@ def test_chirp_has_its_frequencies_at_both_ends_and_then_the_last() -> None:
     for t, frequency in ((0.0, 0.5), (4.0, 1.0), (5.0, 1.0)):
         expected = [0.0, 0.1 * 2.0 * math.pi * frequency]
         np.testing.assert_allclose(at(motion, t)[:2], np.transpose([expected, expected]), atol=1e-14)
+
+
+def test_pick_and_place_goes_forth_and_back_with_rests() -> None:
+    motion = motion_of(REFERENCES["pick_and_place"], **{"from": 1.0, "to": [2.0, -1.0], "duration": 2.0, "rest": 0.5})
+    for t, place in ((0.0, [1.0, 1.0]), (1.0, [1.5, 0.0]), (2.2, [2.0, -1.0]), (3.5, [1.5, 0.0]), (4.7, [1.0, 1.0])):
+        np.testing.assert_allclose(at(motion, t)[0], place, atol=1e-14)
+    forth, back = at(motion, 0.5), at(motion, 3.0)
+    np.testing.assert_allclose(forth[1], -back[1], atol=1e-14)
 
 
 def test_minimum_jerk_goes_from_point_to_point_and_holds() -> None:

@@ -2,12 +2,16 @@
 
 import argparse
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from textwrap import fill
+from typing import Any
 
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment.gains import BITS, DELAY, RATE, first_gains
+from pidtsm_core.experiment.hardware_classes import hardware_names, hardware_settings
+from pidtsm_core.experiment.hardware_gains import hardware_gains
 from pidtsm_core.experiment.law_gains import Gain
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Value
@@ -32,34 +36,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--encoder-bits",
         type=int,
-        default=BITS,
         metavar="N",
-        help="resolution of the encoders, 2^N steps per revolution, or per metre; 0: ideal (default: %(default)s)",
+        help=f"resolution of the encoders, 2^N steps per revolution, or per metre; 0: ideal (default: {BITS})",
     )
     parser.add_argument(
         "--delay",
         type=float,
-        default=1e3 * DELAY,
         metavar="MS",
-        help="from a position to its joint state plus from a command to its torque, ms (default: %(default)g)",
+        help=f"from a position to its joint state plus from a command to its torque, ms (default: {1e3 * DELAY:g})",
     )
+    parser.add_argument("--rate", type=float, metavar="HZ", help=f"joint states per second (default: {RATE:g})")
     parser.add_argument(
-        "--rate", type=float, default=RATE, metavar="HZ", help="joint states per second (default: %(default)g)"
+        "--hardware",
+        choices=hardware_names(),
+        help="gains for a class of hardware: its sensors, delays, elasticity and friction",
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="write a parameter file for --params and for the node")
     parser.add_argument("--json", action="store_true", help="print one JSON object: by parameter, value and reason")
 
 
 def execute(options: argparse.Namespace) -> int:
-    if not 0 <= options.encoder_bits <= 40:
-        raise UsageError(f"--encoder-bits {options.encoder_bits}: must be from 0 to 40")
-    if not 0.0 <= options.delay <= 1000.0:
-        raise UsageError(f"--delay {options.delay:g}: must be from 0 to 1000 ms")
-    if not 1.0 <= options.rate <= 100_000.0:
-        raise UsageError(f"--rate {options.rate:g}: must be from 1 to 100000 Hz")
-    place = None if options.out is None else writable_file(options.out)
     arm = settings_of(read_arm(options))
-    gains = first_gains(arm, options.encoder_bits, 1e-3 * options.delay, options.rate, options.law)
+    place = None if options.out is None else writable_file(options.out)
+    gains = _gains(options, arm)
     introduce(options)
     text = comment() + _parameter_file(gains)
     if options.json:
@@ -69,6 +68,29 @@ def execute(options: argparse.Namespace) -> int:
     if place is not None:
         write_file(place, text)
     return 0
+
+
+def _gains(options: argparse.Namespace, arm: Mapping[str, Any]) -> tuple[Gain, ...]:
+    """The gains for what the options say of the hardware.
+
+    Raises:
+        UsageError: they say something impossible, or see `first_gains`.
+    """
+    bits, delay, rate = options.encoder_bits, options.delay, options.rate
+    if options.hardware is not None:
+        if (bits, delay, rate) != (None, None, None):
+            raise UsageError("--hardware has its own resolution, delay and rate; omit it, or what contradicts it")
+        return hardware_gains(arm, {**arm, **hardware_settings(options.hardware, arm)}, options.law)
+    bits, delay, rate = (
+        default if given is None else given for given, default in ((bits, BITS), (delay, 1e3 * DELAY), (rate, RATE))
+    )
+    if not 0 <= bits <= 40:
+        raise UsageError(f"--encoder-bits {bits}: must be from 0 to 40")
+    if not 0.0 <= delay <= 1000.0:
+        raise UsageError(f"--delay {delay:g}: must be from 0 to 1000 ms")
+    if not 1.0 <= rate <= 100_000.0:
+        raise UsageError(f"--rate {rate:g}: must be from 1 to 100000 Hz")
+    return first_gains(arm, int(bits), 1e-3 * delay, rate, options.law)
 
 
 def _parameter_file(gains: tuple[Gain, ...]) -> str:

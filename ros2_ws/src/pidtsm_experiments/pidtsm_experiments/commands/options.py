@@ -132,12 +132,19 @@ def experiment_of(
     if arm is not None:
         introduce(options)
     if not options.params and not purpose.usual and PRACTICAL in experiment.files.values():
-        print(
-            "pidtsm: gains: by rule from the inertias of the arm, for 14-bit encoders and 1 ms of delay "
-            "(./pidtsm gains shows them, --params chooses others)",
-            file=sys.stderr,
-        )
+        say_gains(options.hardware)
     return experiment
+
+
+def say_gains(hardware: str | None) -> None:
+    """Print on standard error that the gains are those of the rule; `hardware` is the class that they suit."""
+    suits = f"{hardware} hardware" if hardware else "14-bit encoders and 1 ms of delay"
+    shown = f"./pidtsm gains --hardware {hardware}" if hardware else "./pidtsm gains"
+    print(
+        f"pidtsm: gains: by rule from the inertias of the arm, for {suits} "
+        f"({shown} shows them, --params chooses others)",
+        file=sys.stderr,
+    )
 
 
 def read(path: Path) -> Recording:

@@ -1,4 +1,4 @@
-"""``./pidtsm tournament``: every law tuned with the same budget on every arm, then scored."""
+"""``./pidtsm tournament``: every law tuned with the same budget on every arm, by several searches, then scored."""
 
 import argparse
 import json
@@ -8,66 +8,103 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment.hardware_classes import hardware_names
 from pidtsm_core.laws import LAWS
 from pidtsm_core.robots import NAMES
 from pidtsm_core.robots.definition import ArmDefinition, find_arm
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.cluster import workers
-from pidtsm_experiments.commands.options import CONSOLE, progress_bar
+from pidtsm_experiments.commands.options import CONSOLE
+from pidtsm_experiments.commands.score import made_of, scored
+from pidtsm_experiments.commands.tournament_time import say_time
 from pidtsm_experiments.commands.tune import budget, identity_of, natural, tune
 from pidtsm_experiments.runs.files import write_file
 from pidtsm_experiments.runs.locks import locked
 from pidtsm_experiments.runs.origin import MadeOf, commit
 from pidtsm_experiments.runs.results import renewed, result_folder, settled
-from pidtsm_studies.score.criteria import FULL, QUICK, Extent
-from pidtsm_studies.score.leaderboard import read_entries, write_leaderboard
-from pidtsm_studies.score.measure import Contender, measure
-from pidtsm_studies.score.results import FILE, as_json
-from pidtsm_studies.score.tasks import find_task
-from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES, PARAMETERS
+from pidtsm_studies.score.criteria import Extent, extent_of
+from pidtsm_studies.score.leaderboard import write_leaderboard
+from pidtsm_studies.score.measure import ORACLE
+from pidtsm_studies.score.plan import CONTROL, Contender, bad_gains
+from pidtsm_studies.score.results import FILE, Entry, as_json, read_entry
+from pidtsm_studies.score.tasks import ON_HARDWARE, Task, find_task
+from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES, PARAMETERS, class_of, task_for
 from pidtsm_studies.tuning.search import Budget
 
+OWN = "own"
+"""The hardware that each arm has by itself."""
 _HEAD = """# Tournament
 
-Every law was tuned with the same budget, objective and conditions, and judged on conditions that were not tuned on. A
-smaller objective is better; 1 and a little is that of the rule-based set of `piddtsm`. The
-[Leaderboard](leaderboard.md) has the scores. `sliding_mode` has its default parts: a linear surface and
-a boundary layer.
+Every law was tuned by searches with the same budget, objective and conditions ({seeds} of {budget} each), from the
+start that its own rule gives, and judged on conditions that were not tuned on (*unseen*). Errors are relative to those
+of the oracle, which favours no law; a smaller objective is better. The search with the best objective in training gives
+the row of a law in the [Leaderboard](leaderboard.md). *all* has mean and standard deviation over the searches.
 
-Made by `./pidtsm tournament {options}` {made}. The seed of every search is {seed}.
+Made by `./pidtsm tournament {options}` {made}.
 
-| arm | law | objective before | after | before, unseen | after, unseen |
-| --- | --- | --- | --- | --- | --- |
+| arm | law | objective before | after, best | after, all | unseen, best | unseen, all | score, best | score, all |
+| --- | --- | --- | --- | --- | --- | --- | --- | --- |
 """
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A law on an arm; its results are in ``tune/ROBOT/LAW`` and ``score/ROBOT/LAW``."""
+    """A law on an arm with some hardware; results are in ``tune/ARM/LAW/SEED`` and ``score/ARM/LAW/SEED``."""
 
     arm: ArmDefinition
     law: str
+    hardware: str
 
     @property
     def robot(self) -> str:
         """Name of the arm in results."""
         return self.arm.label
 
-    def folder(self, out: Path, kind: str) -> Path:
-        """The folder of its results of a kind, ``tune`` or ``score``."""
-        return out / kind / Path(self.robot).stem / self.law
+    @property
+    def task(self) -> Task:
+        """What its result is scored on: on a class of hardware, if it was tuned for one."""
+        return scoring_task(self.arm, self.hardware)
+
+    def folder(self, out: Path, kind: str, seed: int) -> Path:
+        """The folder of the results of a search, of a kind, ``tune`` or ``score``."""
+        return out / kind / Path(self.robot).stem / self.law / f"seed-{seed}"
+
+    def objectives(self, out: Path, seed: int) -> dict[str, dict[str, float]]:
+        """Objectives of a search in training and validation, before and after."""
+        content = json.loads((self.folder(out, "tune", seed) / "tuning.json").read_text(encoding="utf-8"))
+        cost: dict[str, dict[str, float]] = content["cost"]
+        return cost
+
+    def best(self, out: Path, seeds: int) -> int:
+        """The search with the best objective in training; the first one of several."""
+        return min(range(seeds), key=lambda seed: self.objectives(out, seed)["training"]["after"])
+
+
+def scoring_task(arm: ArmDefinition, hardware: str) -> Task:
+    """What an arm with this hardware of the tuner is scored on."""
+    return task_for(arm, hardware) if class_of(hardware) else find_task(arm)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_arm_arguments(parser, several=True, of="the tournament (default: all that have a name here)")
     parser.add_argument("--law", action="append", default=[], metavar="NAME", help="only this law; can be repeated")
-    parser.add_argument("--hardware", choices=HARDWARE, default="14bit", help="default: %(default)s")
     parser.add_argument(
-        "--budget", type=budget, default="600", metavar="N|TIME", help="of each tuning, see tune (default: %(default)s)"
+        "--hardware",
+        choices=(OWN, *hardware_names(), *HARDWARE),
+        default=OWN,
+        help="that gains are tuned for: a class of hardware, on which they are then scored too; the arm's own one "
+        "(default); or an encoder on otherwise ideal hardware, scored around ideal hardware",
+    )
+    parser.add_argument(
+        "--budget", type=budget, default="600", metavar="N|TIME", help="of each search, see tune (default: %(default)s)"
     )
     parser.add_argument("--objective", choices=OBJECTIVES, default="balanced", help="default: %(default)s")
-    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="of every search (default: %(default)s)")
+    parser.add_argument(
+        "--seeds", type=_several, default=3, metavar="N", help="searches for each law and arm (default: %(default)s)"
+    )
     parser.add_argument("--quick", action="store_true", help="quick scores, only to check that everything runs")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers simulate")
     parser.add_argument(
@@ -79,36 +116,77 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _several(text: str) -> int:
+    """Parse ``--seeds``."""
+    if not (count := natural(text)):
+        raise argparse.ArgumentTypeError("at least one search is needed")
+    return count
+
+
 def execute(options: argparse.Namespace) -> int:
-    out = settled(options.out)
-    common = {"hardware": options.hardware, "objective": options.objective, "seed": options.seed}
+    out, seeds = settled(options.out), options.seeds
     chosen = read_arm(options)
     arms = [find_arm(robot) for robot in options.robot or NAMES] if chosen is None else [chosen]
-    cells = [Cell(arm, law) for arm in arms for law in options.law or LAWS.names]
+    cells = [Cell(arm, law, _hardware(options, arm)) for arm in arms for law in options.law or LAWS.names]
     for cell in cells:
-        find_task(cell.arm).experiment(cell.law)
+        cell.task.experiment(cell.law)
     introduce(options)
-    extent = QUICK if options.quick else FULL
-    rules = {**common, "budget": asdict(options.budget), "extent": asdict(extent)}
+    common = {"objective": options.objective, "reference": ORACLE}
+    extent = extent_of(cells[0].task.base, options.quick)
+    rules = {**common, "hardware": options.hardware, "seeds": seeds}
+    rules |= {"budget": asdict(options.budget), "extent": asdict(extent)}
+    searches = [(cell, seed) for cell in cells for seed in range(seeds)]
     with workers(options.scheduler):
         _begin(out, rules)
-        if not all((cell.folder(out, "score") / FILE).exists() for cell in cells):
+        left = [each for each in searches if not (each[0].folder(out, "score", each[1]) / FILE).exists()]
+        if left:
             _sign(out)
-        for number, cell in enumerate(cells, start=1):
-            CONSOLE.print(f"{number} of {len(cells)}: {cell.law} on {cell.robot}", highlight=False)
-            tuned = cell.folder(out, "tune")
+            say_time([(cell.arm, cell.law, cell.hardware, cell.task) for cell, _ in left], options.budget, extent)
+        for number, (cell, seed) in enumerate(searches, start=1):
+            CONSOLE.print(f"{number} of {len(searches)}: {cell.law} on {cell.robot}, seed {seed}", highlight=False)
+            tuned = cell.folder(out, "tune", seed)
             if not (tuned / PARAMETERS).exists():
                 tuned.parent.mkdir(parents=True, exist_ok=True)
-                tune(cell.arm, {**identity_of(cell.arm), "law": cell.law, **common}, options.budget, tuned)
-            if not (cell.folder(out, "score") / FILE).exists():
-                _score(cell, out, extent)
-    entries = read_entries(out / "score")
+                identity = {**identity_of(cell.arm), "law": cell.law, "hardware": cell.hardware}
+                identity |= {"objective": options.objective, "seed": seed, "reference": ORACLE}
+                tune(cell.arm, identity, options.budget, tuned)
+            if not (cell.folder(out, "score", seed) / FILE).exists():
+                params = tuned / PARAMETERS
+                _score(
+                    cell.task,
+                    Contender(cell.law, (str(params),), name=cell.law),
+                    cell.folder(out, "score", seed),
+                    out,
+                    extent,
+                )
+        entries = [*_references(out, cells, extent), *(_best_entry(cell, out, seeds) for cell in cells)]
     made = ("leaderboard.html", "leaderboard.md", "images", "tournament.md")
-    with renewed(out, *made, made_of=MadeOf(seed=options.seed)) as folder:
+    with renewed(out, *made, made_of=MadeOf(seed=0)) as folder:
         write_leaderboard(folder, entries)
-        (folder / "tournament.md").write_text(_head(out, options) + "".join(_rows(out, cells)), encoding="utf-8")
+        rows = _head(out, options) + "".join(_rows(out, cells, seeds))
+        (folder / "tournament.md").write_text(rows, encoding="utf-8")
     CONSOLE.print(f"{out}: leaderboard.html leaderboard.md tournament.md tune/ score/", highlight=False)
     return 0
+
+
+def _hardware(options: argparse.Namespace, arm: ArmDefinition) -> str:
+    """The hardware of an arm of the tournament."""
+    return str(find_task(arm, None, ON_HARDWARE).hardware) if options.hardware == OWN else options.hardware
+
+
+def _best_entry(cell: Cell, out: Path, seeds: int) -> Entry:
+    return read_entry(cell.folder(out, "score", cell.best(out, seeds)) / FILE)
+
+
+def _references(out: Path, cells: list[Cell], extent: Extent) -> Iterator[Entry]:
+    """The oracle and the control row of each arm, on a class of hardware."""
+    for cell in {cell.robot: cell for cell in cells if cell.task.base == ON_HARDWARE}.values():
+        folder = out / "score" / Path(cell.robot).stem
+        oracle = Contender(None, name=ORACLE, oracle=True)
+        for contender, name in ((oracle, ORACLE), (bad_gains(cell.task), CONTROL.replace(" ", "_"))):
+            if not (folder / name / FILE).exists():
+                _score(cell.task, contender, folder / name, out, extent)
+            yield read_entry(folder / name / FILE)
 
 
 def _begin(out: Path, rules: dict[str, Any]) -> None:
@@ -150,19 +228,15 @@ def _write(file: Path, content: dict[str, Any]) -> None:
     write_file(file, json.dumps(content, indent=2) + "\n")
 
 
-def _score(cell: Cell, out: Path, extent: Extent) -> None:
-    params, task = cell.folder(out, "tune") / PARAMETERS, find_task(cell.arm)
-    contender = Contender(cell.law, (str(params),), name=cell.law)
-    made_of = MadeOf(parameters=task.experiment(contender.law, contender.params).values)
-    with result_folder(cell.folder(out, "score"), made_of) as folder, progress_bar() as bar:
-        bars = bar.add_task("score", total=None)
-        entry = measure(
-            task,
-            contender,
-            extent,
-            lambda done, total: bar.update(bars, completed=done, total=total),
+def _score(task: Task, contender: Contender, target: Path, out: Path, extent: Extent) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with result_folder(target, made_of(task, contender)) as folder:
+        entry = scored(task, contender, extent)
+        # Wherever the tournament is kept.
+        within = (
+            Path(each).relative_to(out).as_posix() if Path(each).is_relative_to(out) else each for each in entry.params
         )
-        entry = replace(entry, params=(params.relative_to(out).as_posix(),))  # Wherever the tournament is kept.
+        entry = replace(entry, params=tuple(within))
         (folder / FILE).write_text(json.dumps(as_json(entry), allow_nan=False) + "\n", encoding="utf-8")
 
 
@@ -172,17 +246,30 @@ def _head(out: Path, options: argparse.Namespace) -> str:
     budget = limit.evaluations or f"{limit.seconds:g}s"
     chosen = [("robot", robot) for robot in options.robot] + [("law", law) for law in options.law]
     chosen += [("hardware", options.hardware), ("objective", options.objective), ("budget", budget)]
+    chosen += [("seeds", options.seeds)]
     return _HEAD.format(
-        options=" ".join(f"--{name} {value}" for name, value in (*chosen, ("seed", options.seed))),
+        options=" ".join(f"--{name} {value}" for name, value in chosen),
         made=" and ".join(
             f"on {each['date']}" + (f", commit {each['commit'][:12]}" if each["commit"] else "") for each in made
         ),
-        seed=options.seed,
+        seeds=options.seeds,
+        budget=budget,
     )
 
 
-def _rows(out: Path, cells: list[Cell]) -> Iterator[str]:
+def _rows(out: Path, cells: list[Cell], seeds: int) -> Iterator[str]:
     for cell in cells:
-        content = json.loads((cell.folder(out, "tune") / "tuning.json").read_text(encoding="utf-8"))
-        values = [content["cost"][kind][when] for kind in ("training", "validation") for when in ("before", "after")]
-        yield f"| {Path(cell.robot).stem} | {cell.law} | {' | '.join(f'{value:.4g}' for value in values)} |\n"
+        best, costs = cell.best(out, seeds), [cell.objectives(out, seed) for seed in range(seeds)]
+        scores = [read_entry(cell.folder(out, "score", seed) / FILE).score for seed in range(seeds)]
+        values = [f"{costs[best]['training']['before']:.4g}"]
+        for kind in ("training", "validation"):
+            after = [each[kind]["after"] for each in costs]
+            values += [f"{after[best]:.4g}", _spread(after)]
+        values += [f"{100.0 * scores[best]:.1f} %", _spread([100.0 * score for score in scores])]
+        yield f"| {Path(cell.robot).stem} | {cell.law} | {' | '.join(values)} |\n"
+
+
+def _spread(values: list[float]) -> str:
+    """Mean and standard deviation over the searches."""
+    deviation = f" ± {np.std(values, ddof=1):.2g}" if len(values) > 1 else ""
+    return f"{np.mean(values):.4g}{deviation}"

@@ -22,9 +22,9 @@ from pidtsm_experiments.commands.cluster import workers
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar
 from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import renewed
-from pidtsm_studies.score.tasks import find_task
-from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES, PARAMETERS, class_of
-from pidtsm_studies.tuning.objective import make_problem
+from pidtsm_studies.score.measure import ORACLE
+from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES, PARAMETERS, task_for
+from pidtsm_studies.tuning.objective import RULE, make_problem
 from pidtsm_studies.tuning.outcome import Tuning, as_json, conclude, parameter_file
 from pidtsm_studies.tuning.report import nominal_runs, write_tuning_page
 from pidtsm_studies.tuning.search import Budget, Generation, search
@@ -52,6 +52,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(default: %(default)s)",
     )
     parser.add_argument("--objective", choices=OBJECTIVES, default="balanced", help="default: %(default)s")
+    parser.add_argument(
+        "--reference",
+        choices=(RULE, ORACLE),
+        default=RULE,
+        help="what errors are relative to: the rule-based set of the proposed law, or the oracle, which favours no law "
+        "(default: %(default)s)",
+    )
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="of the search (default: %(default)s)")
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers simulate, such as tcp://10.0.0.1:8786"
@@ -64,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     arm, law = find_arm(read_arm(options) or DEFAULT_ROBOT), options.law or str(LAW_NAME.default)
-    find_task(arm, class_of(options.hardware)).experiment(law)
+    task_for(arm, options.hardware).experiment(law)
     introduce(options)
     out: Path = options.out or TUNED / Path(arm.label).stem / f"{law}-{options.hardware}"
     identity = {
@@ -73,6 +80,7 @@ def execute(options: argparse.Namespace) -> int:
         "hardware": options.hardware,
         "objective": options.objective,
         "seed": options.seed,
+        **({} if options.reference == RULE else {"reference": options.reference}),
     }
     with workers(options.scheduler):
         tuning = tune(arm, identity, options.budget, out)
@@ -102,10 +110,11 @@ def tune(arm: ArmDefinition, identity: dict[str, Any], limit: Budget, out: Path)
     Raises:
         UsageError: something unknown, or `out` contains another search or cannot be written.
     """
-    task = find_task(arm, class_of(identity["hardware"]))
+    task = task_for(arm, identity["hardware"])
     space = make_space(task, identity["law"])
     training, validation = (
-        make_problem(task, kind, identity["hardware"], identity["objective"]) for kind in ("training", "validation")
+        make_problem(task, kind, identity["hardware"], identity["objective"], identity.get("reference", RULE))
+        for kind in ("training", "validation")
     )
     first = MadeOf(parameters=task.experiment(identity["law"]).values, seed=identity["seed"])
     with renewed(out, PARAMETERS, "tuning.json", "tuning.html", beside=(HISTORY,), made_of=first) as folder:

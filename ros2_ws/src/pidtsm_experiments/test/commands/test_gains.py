@@ -35,9 +35,17 @@ def test_a_program_reads_values_and_reasons(capsys: pytest.CaptureFixture[str]) 
     assert {name: entry["reason"] for name, entry in read.items()} == {g.name: g.reason for g in first_gains(SCARA)}
 
 
+def test_those_for_a_class_of_hardware_are_those_of_an_experiment_with_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["gains", "--robot", "scara", "--hardware", "geared", "--json"]) == 0
+    shown = {name: entry["value"] for name, entry in json.loads(capsys.readouterr().out).items()}
+    used = make_experiment(None, robot="scara", hardware="geared").settings["controller"]
+    assert {name: list(value) if isinstance(value := used[name], tuple) else value for name in shown} == shown
+
+
 @pytest.mark.parametrize(
     ("words", "cause"),
     [
+        (["--hardware", "geared", "--rate", "100"], "has its own resolution, delay and rate"),
         (["--encoder-bits", "41"], "must be from 0 to 40"),
         (["--delay", "-1"], "must be from 0 to 1000 ms"),
         (["--delay", "nan"], "must be from 0 to 1000 ms"),

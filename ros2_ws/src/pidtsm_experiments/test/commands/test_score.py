@@ -14,7 +14,7 @@ from pidtsm_experiments.cli import main
 from pidtsm_experiments.commands.score import name_of
 from pidtsm_experiments.runs.origin import ORIGIN, origin_of
 from pidtsm_experiments.runs.ownership import MARKER
-from pidtsm_studies.score.measure import Contender
+from pidtsm_studies.score.plan import Contender
 
 DEADLINE = 120.0
 ALWAYS = (MARKER, ORIGIN)

@@ -1,4 +1,4 @@
-"""What the score varies (``criteria.yaml``): ranges of one parameter each, everything else ideal."""
+"""What the score varies: ranges of one parameter each, around ideal hardware or the arm's own (two editions)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,13 +9,16 @@ import numpy as np
 import yaml
 
 from pidtsm_core.arrays import Array
-from pidtsm_studies.score.tasks import Task
+from pidtsm_studies.score.tasks import ON_HARDWARE, Task
 
 _CONTENT: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("criteria.yaml").read_text(encoding="utf-8"))
 ROUGHNESS: float = _CONTENT["roughness"]
 """Largest mean change of the commanded effort from sample to sample, as a share of its limit."""
 HARDWARE: Mapping[str, float] = _CONTENT["hardware"]
 """Simulator parameters of the second nominal run."""
+_SECOND: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("hardware_base.yaml").read_text(encoding="utf-8"))
+LEVELS: tuple[float, ...] = tuple(_SECOND["levels"])
+"""Bounds of the error that a run of the second edition may meet, rad or m."""
 _PUSH = 0.1
 """Duration of a push, s."""
 
@@ -34,6 +37,7 @@ class Extent:
 
 
 FULL, QUICK = Extent(), Extent(values=3, repeats=1)
+FULL_ON_HARDWARE, QUICK_ON_HARDWARE = Extent(_SECOND["values"], _SECOND["repeats"]), Extent(values=3, repeats=1)
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,8 @@ class Range:
         parameters: which have the same value.
         first, last: ends of the range; the order of the values.
         relative_to: what a value is a share of: ``effort`` (the limit of each joint), ``push`` (that of the joint
-            which is pushed), ``payload`` (the largest of the arm); empty: it is absolute.
+            which is pushed), ``payload`` (the largest of the arm); empty: it is absolute. `variations` has those of the
+            second edition.
         spacing: ``linear`` or ``logarithmic``.
     """
 
@@ -117,3 +122,22 @@ def _criterion(name: str, content: Mapping[str, Any]) -> Criterion:
 
 CRITERIA = tuple(_criterion(name, content) for name, content in _CONTENT["criteria"].items())
 """In the order of tables."""
+CRITERIA_ON_HARDWARE = tuple(_criterion(name, content) for name, content in _SECOND["criteria"].items())
+"""Likewise, of the second edition."""
+
+
+def criteria_of(base: str) -> tuple[Criterion, ...]:
+    """The criteria of the edition with this base, one of `BASES`."""
+    return CRITERIA_ON_HARDWARE if base == ON_HARDWARE else CRITERIA
+
+
+def levels_of(task: Task) -> tuple[float, ...]:
+    """Bounds of the error that a run may meet, rad or m."""
+    return LEVELS if task.base == ON_HARDWARE else (task.error,)
+
+
+def extent_of(base: str, quick: bool) -> Extent:
+    """The number of runs of an edition; `quick`: only a few."""
+    if base == ON_HARDWARE:
+        return QUICK_ON_HARDWARE if quick else FULL_ON_HARDWARE
+    return QUICK if quick else FULL

@@ -9,10 +9,12 @@ from matplotlib.figure import Figure
 
 from pidtsm_core.errors import UsageError
 from pidtsm_studies.reports.figures import COLOURS, DASHES, STYLE, save_figures
-from pidtsm_studies.score.criteria import CRITERIA, FULL
-from pidtsm_studies.score.page import axis_text, by_arm, curve_of, success, write_score_page
+from pidtsm_studies.score.criteria import criteria_of, extent_of
+from pidtsm_studies.score.groups import behind_the_best, by_arm, ceiling, table_of
+from pidtsm_studies.score.page import axis_text, curve_of, success, write_score_page
 from pidtsm_studies.score.results import FILE, Entry, read_entry
-from pidtsm_studies.score.wording import COLUMNS, cells, title
+from pidtsm_studies.score.tasks import ON_HARDWARE
+from pidtsm_studies.score.wording import COLUMNS, COLUMNS_ON_HARDWARE, cells, cells_on_hardware, title
 
 _WIDTH = 32
 """Characters of a line below a panel; longer ones run into the next panel."""
@@ -37,11 +39,13 @@ def read_entries(folder: Path) -> list[Entry]:
     if not files:
         raise UsageError(f"{folder}: no {FILE} below this folder; ./pidtsm score makes them")
     entries = [read_entry(file) for file in files]
-    known: dict[tuple[str, str], Path] = {}
+    known: dict[tuple[str, str, str], Path] = {}
     for file, entry in zip(files, entries, strict=True):
-        if entry.extent != entries[0].extent:
-            raise UsageError(f"{file} has another number of runs than {files[0]}: a quick score cannot be compared")
-        other = known.setdefault((entry.task.robot, title(entry)), file)
+        alike = next(each for each in entries if each.task.base == entry.task.base)
+        if entry.extent != alike.extent:
+            other = files[entries.index(alike)]
+            raise UsageError(f"{file} has another number of runs than {other}: a quick score cannot be compared")
+        other = known.setdefault((entry.task.robot, table_of(entry), title(entry)), file)
         if other != file:
             raise UsageError(f"{file} and {other} are both {title(entry)} on {entry.task.robot}; remove one")
     return entries
@@ -65,12 +69,21 @@ def write_leaderboard(folder: Path, entries: Sequence[Entry]) -> None:
 def document(entries: Sequence[Entry]) -> str:
     """Content of ``leaderboard.md``."""
     extent = entries[0].extent
-    quick = [] if extent == FULL else [_QUICK.format(values=extent.values, repeats=extent.repeats)]
+    quick = (
+        []
+        if extent == extent_of(entries[0].task.base, quick=False)
+        else [_QUICK.format(values=extent.values, repeats=extent.repeats)]
+    )
     return "\n".join([_INTRODUCTION, *quick, *(_arm(arm, scored) for arm, scored in by_arm(entries).items())])
 
 
 def _arm(arm: str, entries: Sequence[Entry]) -> str:
-    lines = [_row(COLUMNS), _row(["---"] * len(COLUMNS)), *(_row(cells(entry)) for entry in entries)]
+    if entries[0].task.base == ON_HARDWARE:
+        columns, oracle = [*COLUMNS_ON_HARDWARE], ceiling(entries)
+        rows = [cells_on_hardware(entry, oracle, behind_the_best(entry, entries)) for entry in entries]
+    else:
+        columns, rows = [*COLUMNS], [cells(entry) for entry in entries]
+    lines = [_row(columns), _row(["---"] * len(columns)), *map(_row, rows)]
     return "\n".join([f"## {arm}", "", *lines, "", f"![Success over every range](images/leaderboard-{arm}.png)", ""])
 
 
@@ -80,10 +93,12 @@ def _row(cells: Sequence[str]) -> str:
 
 def _figure(entries: Sequence[Entry], names: Sequence[str]) -> Figure:
     """One panel per range, one line per controller."""
-    ranges = [(criterion, each) for criterion in CRITERIA for each in criterion.ranges]
+    ranges = [(criterion, each) for criterion in criteria_of(entries[0].task.base) for each in criterion.ranges]
     figure = Figure(figsize=(9.0, 2.0 * -(-len(ranges) // 3)), layout="constrained")
     panels = figure.subplots(-(-len(ranges) // 3), 3, sharey=True, squeeze=False).flat
-    for panel, (criterion, each) in zip(panels, ranges, strict=True):
+    for panel in panels[len(ranges) :]:
+        panel.set_visible(False)
+    for panel, (criterion, each) in zip(panels[: len(ranges)], ranges, strict=True):
         for entry in entries:
             style = names.index(title(entry))
             colour, dashes = COLOURS[style % len(COLOURS)], DASHES[(style + style // len(COLOURS)) % len(DASHES)]

@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.recording.metric import EFFORT_VARIATION, MEAN_EFFORT, RMSE
+from pidtsm_core.recording.metric import EFFORT_VARIATION, MEAN_EFFORT, RMSE, Metric
 from pidtsm_core.units import TURNS
 from pidtsm_core.written import THIN, number, scale
 from pidtsm_studies.limit.known import above_limit
@@ -16,14 +17,21 @@ from pidtsm_studies.reports.charts import Axis, Line, chart
 from pidtsm_studies.reports.labels import label
 from pidtsm_studies.reports.page import PLAIN, Answer, Page, Section, write_page
 from pidtsm_studies.reports.styles import looks
-from pidtsm_studies.score.criteria import CRITERIA, HARDWARE, ROUGHNESS, Criterion, Range
-from pidtsm_studies.score.results import CONFIDENCE, Curve, Entry
+from pidtsm_studies.score.criteria import HARDWARE, ROUGHNESS, Criterion, Range, criteria_of, levels_of
+from pidtsm_studies.score.groups import by_arm, ceiling
+from pidtsm_studies.score.intervals import CONFIDENCE
+from pidtsm_studies.score.results import Curve, Entry
+from pidtsm_studies.score.tasks import ON_HARDWARE, Task
 from pidtsm_studies.score.wording import arm_of, combined, title
 
 _RUNS = {"ideal": "ideal", "hardware": "14 bit and 1 ms"}
-"""The nominal runs and their names."""
+"""The nominal runs and their names, with ideal hardware."""
 _METRICS = (RMSE, MEAN_EFFORT, EFFORT_VARIATION)
 """The columns of a nominal run."""
+_STEADY = replace(RMSE, key="steady_rmse", name="RMSE, steady")
+_TRANSIENT = replace(RMSE, key="transient_rmse", name="RMSE, transient")
+_METRICS_ON_HARDWARE = (_STEADY, _TRANSIENT, MEAN_EFFORT, EFFORT_VARIATION)
+"""Likewise, on hardware."""
 
 
 def write_score_page(path: Path, heading: str, entries: Sequence[Entry]) -> None:
@@ -45,7 +53,7 @@ def write_score_page(path: Path, heading: str, entries: Sequence[Entry]) -> None
     for number_of_arm, (arm, scored) in enumerate(arms.items()):
         plots = {
             f"{arm}-{criterion.name}-{i}": _chart(scored, criterion, each, styles)
-            for criterion in CRITERIA
+            for criterion in criteria_of(scored[0].task.base)
             for i, each in enumerate(criterion.ranges, start=1)
         }
         charts |= plots
@@ -58,17 +66,9 @@ def write_score_page(path: Path, heading: str, entries: Sequence[Entry]) -> None
     write_page(path, Page(heading, _verdict(arms), PLAIN, summary, _answers(arms), sections, None, charts))
 
 
-def by_arm(entries: Sequence[Entry]) -> dict[str, list[Entry]]:
-    """Entries by arm, the best score first."""
-    arms: dict[str, list[Entry]] = {}
-    for entry in sorted(entries, key=lambda entry: -entry.score):
-        arms.setdefault(arm_of(entry), []).append(entry)
-    return dict(sorted(arms.items()))
-
-
 def curve_of(entry: Entry, criterion: Criterion, each: Range) -> Curve:
     """The curve of an entry over a range."""
-    outcome = entry.outcomes[CRITERIA.index(criterion)]
+    outcome = next(found for found in entry.outcomes if found.criterion == criterion)
     return outcome.curves[criterion.ranges.index(each)]
 
 
@@ -80,6 +80,17 @@ def success(curve: Curve) -> tuple[Array, Array]:
 def axis_text(each: Range) -> str:
     """Label of the axis of a range."""
     return f"{each.label} ({each.unit})"
+
+
+def _runs_of(entries: Sequence[Entry]) -> dict[str, str]:
+    """The nominal runs of entries, and their names."""
+    runs = dict.fromkeys(name for entry in entries for name in entry.nominal)
+    return {name: _RUNS.get(name, name.replace("_", " ")) for name in runs}
+
+
+def _metrics_of(entries: Sequence[Entry]) -> tuple[Metric, ...]:
+    """The columns of the nominal runs of a table."""
+    return _METRICS_ON_HARDWARE if entries[0].task.base == ON_HARDWARE else _METRICS
 
 
 def _verdict(arms: Mapping[str, Sequence[Entry]]) -> str:
@@ -99,7 +110,8 @@ def _verdict(arms: Mapping[str, Sequence[Entry]]) -> str:
 
 def _answers(arms: Mapping[str, Sequence[Entry]]) -> list[Answer]:
     every = [entry for scored in arms.values() for entry in scored]
-    shares = {c.name: float(np.mean([entry.outcomes[i].share for entry in every])) for i, c in enumerate(CRITERIA)}
+    names = dict.fromkeys(outcome.criterion.name for entry in every for outcome in entry.outcomes)
+    shares = {name: _mean_share(every, name) for name in names}
     hardest, easiest = min(shares, key=lambda c: shares[c]), max(shares, key=lambda c: shares[c])
     answers = [
         Answer("What is hardest?", hardest.replace("_", " "), f"{_share(shares[hardest])} of its runs succeed"),
@@ -138,6 +150,11 @@ def _overview(arms: Mapping[str, Sequence[Entry]], styles: Mapping[str, int]) ->
     return {"arms": [{"name": arm, "tags": json.dumps({"arm": arm})} for arm in arms], "rows": rows}
 
 
+def _mean_share(entries: Sequence[Entry], criterion: str) -> float:
+    """The mean share of a criterion over the entries that have it."""
+    return float(np.mean([o.share for entry in entries for o in entry.outcomes if o.criterion.name == criterion]))
+
+
 def _filters(entries: Sequence[Entry]) -> dict[str, Any]:
     laws: dict[str, list[str]] = {}
     for entry in entries:
@@ -146,7 +163,7 @@ def _filters(entries: Sequence[Entry]) -> dict[str, Any]:
     return {
         "arms": sorted({arm_of(entry) for entry in entries}),
         "laws": [{"law": law, "label": label(law), "series": json.dumps(names)} for law, names in sorted(laws.items())],
-        "hardware": _RUNS,
+        "hardware": _runs_of(entries),
     }
 
 
@@ -156,39 +173,48 @@ def _arm(arm: str, entries: Sequence[Entry], plots: Sequence[str], styles: Mappi
         "arm": arm,
         "tags": json.dumps({"arm": arm}),
         "task": {
-            "motion": f"scenario {task.scenario}" if task.scenario else "every joint swings about its middle",
+            "motion": _motion_text(task),
             "after": number(task.after),
             "duration": number(task.duration),
             "error": number(task.error),
             "payload": number(task.payload),
             "event": number(task.event),
         },
-        "heads": [metric.name for metric in _METRICS],
+        "heads": [metric.name for metric in _metrics_of(entries)],
         "units": _units(entries),
-        "hardware": _RUNS,
-        "rows": [_row(entry, styles, _scales(entries)) for entry in entries],
-        "criteria": [each.name.replace("_", " ") for each in CRITERIA],
+        "hardware": _runs_of(entries),
+        "rows": [_row(entry, styles, _scales(entries), ceiling(entries)) for entry in entries],
+        "criteria": [each.name.replace("_", " ") for each in criteria_of(task.base)],
         "plots": [
             {"id": name, "title": criterion.name.replace("_", " "), "about": axis_text(each)}
-            for name, (criterion, each) in zip(plots, [(c, r) for c in CRITERIA for r in c.ranges], strict=True)
+            for name, (criterion, each) in zip(
+                plots, [(c, r) for c in criteria_of(task.base) for r in c.ranges], strict=True
+            )
         ],
     }
+
+
+def _motion_text(task: Task) -> str:
+    if task.base == ON_HARDWARE:
+        return "sines, pick and place with rests, reversals at 3 degrees/s, and fast moves"
+    return f"scenario {task.scenario}" if task.scenario else "every joint swings about its middle"
 
 
 def _scales(entries: Sequence[Entry]) -> dict[str, Any]:
     """A common unit for each metric of all entries."""
     runs = [found for entry in entries for found in entry.nominal.values() if found is not None]
-    return {m.key: scale([combined(m.key, run[m.key]) for run in runs], m.unit_of(TURNS)) for m in _METRICS}
+    metrics = _metrics_of(entries)
+    return {m.key: scale([combined(m.key, run[m.key]) for run in runs], m.unit_of(TURNS)) for m in metrics}
 
 
 def _units(entries: Sequence[Entry]) -> list[str]:
     return [each.unit for each in _scales(entries).values()]
 
 
-def _row(entry: Entry, styles: Mapping[str, int], scales: Mapping[str, Any]) -> dict[str, Any]:
+def _row(entry: Entry, styles: Mapping[str, int], scales: Mapping[str, Any], oracle: Entry | None) -> dict[str, Any]:
     low, high = entry.interval
     hardest = min(range(len(entry.outcomes)), key=lambda i: entry.outcomes[i].share)
-    ideal = entry.nominal["ideal"]
+    ideal = entry.nominal.get("ideal")
     return {
         "name": title(entry),
         "look": looks(styles[title(entry)]),
@@ -196,6 +222,7 @@ def _row(entry: Entry, styles: Mapping[str, int], scales: Mapping[str, Any]) -> 
         "score": entry.score,
         "text": _share(entry.score),
         "interval": f"{_share(low)} to {_share(high)}",
+        "possible": _share(entry.score / oracle.score) if oracle and oracle.score else "",
         "low": low,
         "high": high,
         "above": above_limit(entry.task.robot, ideal["rmse"]) if ideal else "",
@@ -203,7 +230,7 @@ def _row(entry: Entry, styles: Mapping[str, int], scales: Mapping[str, Any]) -> 
             {"value": outcome.share, "text": _share(outcome.share), "worst": i == hardest}
             for i, outcome in enumerate(entry.outcomes)
         ],
-        "nominal": {run: _nominal(entry, run, scales) for run in _RUNS},
+        "nominal": {run: _nominal(entry, run, scales) for run in entry.nominal},
     }
 
 
@@ -211,7 +238,7 @@ def _nominal(entry: Entry, run: str, scales: Mapping[str, Any]) -> dict[str, Any
     found = entry.nominal[run]
     cells = None
     if found is not None:
-        values = {metric.key: combined(metric.key, found[metric.key]) for metric in _METRICS}
+        values = {key: combined(key, found[key]) for key in scales}
         cells = [{"value": value, "text": number(scales[key].factor * value)} for key, value in values.items()]
     return {"cells": cells, "failed": not entry.succeeds[run]}
 
@@ -226,7 +253,11 @@ def _worst(entry: Entry) -> str:
 
 def _method(entry: Entry) -> dict[str, Any]:
     return {
-        "criteria": [{"name": each.name.replace("_", " "), "label": each.label} for each in CRITERIA],
+        "criteria": [
+            {"name": each.name.replace("_", " "), "label": each.label} for each in criteria_of(entry.task.base)
+        ],
+        "around": f"hardware of the class {entry.task.hardware}" if entry.task.base == ON_HARDWARE else "",
+        "levels": ", ".join(number(1e3 * level) for level in levels_of(entry.task)),
         "values": entry.extent.values,
         "repeats": entry.extent.repeats,
         "roughness": number(100.0 * ROUGHNESS),

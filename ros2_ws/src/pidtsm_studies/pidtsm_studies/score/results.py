@@ -7,14 +7,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from scipy.stats import binomtest
 
 from pidtsm_core.errors import UsageError
-from pidtsm_studies.score.criteria import CRITERIA, Criterion, Extent, Range
-from pidtsm_studies.score.tasks import Task
+from pidtsm_studies.score.criteria import Criterion, Extent, Range, criteria_of
+from pidtsm_studies.score.intervals import CONFIDENCE, of_repeats
+from pidtsm_studies.score.tasks import IDEAL, Task
 
-CONFIDENCE = 0.95
-"""Confidence of all intervals."""
 FILE = "score.json"
 
 
@@ -39,9 +39,11 @@ class Curve:
     Attributes:
         range: what was varied.
         values: shape (values,).
-        successes: number of successful runs per value, shape (values,).
-        runs: number of runs per value.
+        successes: number of successful runs per value, shape (values,); on hardware of levels that runs meet.
+        runs: number of runs per value; on hardware of runs times levels.
         failure: the first one; None: no run failed, or the file of the score lacks it.
+        met: on hardware, the number of levels that each run meets, shape (values, runs); () otherwise.
+        levels: that a run can meet.
     """
 
     range: Range
@@ -49,6 +51,8 @@ class Curve:
     successes: tuple[int, ...]
     runs: int
     failure: Failure | None = None
+    met: tuple[tuple[int, ...], ...] = ()
+    levels: int = 1
 
     @property
     def share(self) -> float:
@@ -70,7 +74,12 @@ class Outcome:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson's interval of the share; of no width where nothing is random, as all possible runs were made."""
+        """Interval of the share for other seeds; on hardware also for other motions, see `of_repeats`.
+
+        On ideal hardware it is Wilson's; of no width where nothing is random, as all possible runs were made.
+        """
+        if all(curve.met for curve in self.curves):
+            return of_repeats([np.array(curve.met) / curve.levels for curve in self.curves])
         if not self.criterion.random:
             return self.share, self.share
         runs = sum(curve.runs * len(curve.values) for curve in self.curves)
@@ -89,9 +98,10 @@ class Entry:
         name: of the controller in tables.
         params, overrides: what the user has chosen, as for `make_experiment`.
         extent: number of runs.
-        outcomes: in the order of `CRITERIA`.
+        outcomes: in the order of `criteria_of`.
         nominal: rmse, eci and torque_variation (see `pidtsm_core.recording.metrics.metrics`), one value per joint, of
-            the runs ``ideal`` and ``hardware`` (``hardware`` of criteria.yaml); None if the run diverged.
+            the runs ``ideal`` and ``hardware`` (``hardware`` of criteria.yaml); on hardware, of each motion, with
+            transient_rmse and steady_rmse (see `judge`) instead of rmse; None if the run diverged.
         succeeds: whether these runs succeeded.
         diverged: number of runs that diverged; they have failed.
         runs: number of all runs.
@@ -157,6 +167,7 @@ def as_json(entry: Entry) -> dict[str, Any]:
                         "values": list(curve.values),
                         "successes": list(curve.successes),
                         "first_failure": None if curve.failure is None else curve.failure._asdict(),
+                        **({"met": [list(each) for each in curve.met], "levels": curve.levels} if curve.met else {}),
                     }
                     for curve in each.curves
                 },
@@ -186,7 +197,10 @@ def read_entry(file: Path) -> Entry:
             params=tuple(content["params"]),
             overrides=tuple(content["set"]),
             extent=Extent(**content["extent"]),
-            outcomes=tuple(_outcome(each, content["criteria"][each.name]) for each in CRITERIA),
+            outcomes=tuple(
+                _outcome(each, content["criteria"][each.name])
+                for each in criteria_of(content["task"].get("base", IDEAL))
+            ),
             nominal=content["nominal"],
             succeeds=content["succeeds"],
             diverged=content["diverged"],
@@ -208,5 +222,11 @@ def _curve(each: Range, content: Mapping[str, Any]) -> Curve:
     # Older files lack it.
     failure = of_range.get("first_failure")
     return Curve(
-        each, tuple(of_range["values"]), tuple(of_range["successes"]), runs, Failure(**failure) if failure else None
+        each,
+        tuple(of_range["values"]),
+        tuple(of_range["successes"]),
+        runs,
+        Failure(**failure) if failure else None,
+        tuple(tuple(met) for met in of_range.get("met", ())),
+        of_range.get("levels", 1),
     )

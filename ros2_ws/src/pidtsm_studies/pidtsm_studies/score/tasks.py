@@ -17,6 +17,11 @@ from pidtsm_core.robots.definition import ArmDefinition, find_arm
 from pidtsm_core.robots.source import ARMS, rated_payload
 
 _FILE = Path(__file__).with_name("arms.yaml")
+IDEAL, ON_HARDWARE = "ideal", "hardware"
+BASES = (IDEAL, ON_HARDWARE)
+"""What the ranges of the score are varied around: ideal hardware, or a class of hardware (second edition)."""
+_COARSEST = 0.05
+"""Largest error of a run that counts at all on hardware, rad or m: the last of the levels."""
 _DEFAULT_PAYLOAD = 1.0
 """kg, for an arm whose middle posture needs no effort to hold a payload."""
 
@@ -35,6 +40,7 @@ class Task:
         scenario: name of its scenario; None: the default motion of the arm.
         arm: the arm, if more than `robot` is specified.
         hardware: its class of hardware; None: what is not varied is ideal.
+        base: one of `BASES`.
     """
 
     robot: str
@@ -46,6 +52,7 @@ class Task:
     scenario: str | None = None
     arm: ArmDefinition | None = None
     hardware: str | None = None
+    base: str = IDEAL
 
     def experiment(self, law: str | None, params: Sequence[str] = (), overrides: Sequence[str] = ()) -> Experiment:
         """The nominal run of a controller; see `make_experiment`.
@@ -57,12 +64,13 @@ class Task:
         return make_experiment(self.scenario, law, self.duration, params, overrides, robot, self.hardware)
 
 
-def find_task(robot: str | ArmDefinition = DEFAULT_ROBOT, hardware: str | None = None) -> Task:
+def find_task(robot: str | ArmDefinition = DEFAULT_ROBOT, hardware: str | None = None, base: str = IDEAL) -> Task:
     """The task of an arm.
 
     Args:
         robot: a name, the path of a URDF, xacro or MJCF file, or a definition.
-        hardware: see `Task`.
+        hardware: see `Task`; None with the base ``hardware``: the class of the arm.
+        base: see `Task`; on hardware, all arms make the `motions`, and no scenario.
 
     Raises:
         UsageError: the arm cannot be used.
@@ -73,7 +81,12 @@ def find_task(robot: str | ArmDefinition = DEFAULT_ROBOT, hardware: str | None =
     row = tasks.get(arm.description if known else "", tasks["other"])
     if "payload" not in row:
         row["payload"] = rated_payload(arm.description) if known and arm.description in ARMS else _largest_payload(arm)
-    return Task(arm.label, **row, arm=None if known else arm, hardware=hardware)
+    own = row.pop("hardware")
+    if base == ON_HARDWARE:
+        common = {name: tasks["other"][name] for name in ("duration", "event", "after")}
+        row = {**row, **common, "error": _COARSEST, "scenario": None}
+        hardware = hardware or own
+    return Task(arm.label, **row, arm=None if known else arm, hardware=hardware, base=base)
 
 
 def effort_limits(values: Mapping[str, Value]) -> Array:

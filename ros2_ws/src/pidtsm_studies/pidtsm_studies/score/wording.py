@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pidtsm_studies.limit.known import above_limit
 from pidtsm_studies.reports.labels import label
+from pidtsm_studies.score.intervals import Difference
 from pidtsm_studies.score.results import Curve, Entry, Outcome
 
 COLUMNS = (
@@ -18,6 +19,19 @@ COLUMNS = (
     "worst criterion",
 )
 """Columns of the table of an arm, in the order of `cells`."""
+
+
+COLUMNS_ON_HARDWARE = (
+    "controller",
+    "score",
+    "of what is possible",
+    "behind the best",
+    "RMSE, steady",
+    "RMSE, transient",
+    "effort variation",
+    "worst criterion",
+)
+"""Likewise of a table on hardware, see `cells_on_hardware`."""
 
 
 def title(entry: Entry) -> str:
@@ -66,9 +80,36 @@ def cells(entry: Entry) -> list[str]:
     ]
 
 
+def cells_on_hardware(entry: Entry, oracle: Entry | None, behind: Difference | None) -> list[str]:
+    """A row of the table of an arm on hardware, see `COLUMNS_ON_HARDWARE`.
+
+    Args:
+        entry: of the row; RMSE and effort variation are means over the motions.
+        oracle: of the table; None: there is none.
+        behind: what the best controller of the table has more; None: nothing is compared.
+    """
+    points = (
+        "" if behind is None else f"{100.0 * behind.mean:.1f} ({100.0 * behind.low:.1f} to {100.0 * behind.high:.1f}"
+    )
+    return [
+        title(entry),
+        score_text(entry),
+        f"{100.0 * entry.score / oracle.score:.0f} %" if oracle and oracle.score else "",
+        f"{points}), p = {behind.p:.2g}" if behind is not None else "",
+        *(_mean(entry, name) for name in ("steady_rmse", "transient_rmse", "torque_variation")),
+        f"{entry.worst.criterion.name.replace('_', ' ')} ({share_text(entry.worst)})",
+    ]
+
+
+def _mean(entry: Entry, metric: str) -> str:
+    """Mean of a metric over the nominal runs that did not diverge."""
+    found = [combined(metric, run[metric]) for run in entry.nominal.values() if run is not None]
+    return f"{math.fsum(found) / len(found):.3g}" if found else "diverged"
+
+
 def combined(metric: str, values: Sequence[float]) -> float:
     """One number for all joints: the root of the sum of squares of RMSE, the sum of ECI and effort variation."""
-    return math.hypot(*values) if metric == "rmse" else math.fsum(values)
+    return math.hypot(*values) if metric.endswith("rmse") else math.fsum(values)
 
 
 def _number(entry: Entry, run: str, metric: str) -> str:

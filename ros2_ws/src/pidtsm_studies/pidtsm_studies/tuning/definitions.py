@@ -7,7 +7,8 @@ from typing import Any
 import yaml
 
 from pidtsm_core.arrays import Array
-from pidtsm_studies.score.tasks import Task
+from pidtsm_core.robots.definition import ArmDefinition
+from pidtsm_studies.score.tasks import IDEAL, ON_HARDWARE, Task, find_task
 
 _CONTENT: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("tuning.yaml").read_text(encoding="utf-8"))
 HARDWARE: Mapping[str, Mapping[str, float]] = _CONTENT["hardware"]
@@ -30,6 +31,12 @@ NOMINAL = "nominal"
 def class_of(hardware: str) -> str | None:
     """The class of hardware that a task has for the tuner's hardware of this name; None: it is one of `HARDWARE`."""
     return None if hardware in HARDWARE else hardware
+
+
+def task_for(robot: str | ArmDefinition, hardware: str) -> Task:
+    """The task of an arm on hardware of the tuner, one of `HARDWARE`, or of a class."""
+    of_class = class_of(hardware)
+    return find_task(robot, of_class, IDEAL if of_class is None else ON_HARDWARE)
 
 
 def conditions(kind: str, hardware: str, task: Task, limits: Array) -> dict[str, dict[str, Any]]:

@@ -9,16 +9,22 @@ from typing import Any
 import numpy as np
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.control import LAW_NAME
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import PRACTICAL, Experiment
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metrics import JointMetrics
 from pidtsm_core.rollouts.batches import batch
+from pidtsm_core.rollouts.oracle import ERRORS, oracle
 from pidtsm_studies.score.criteria import CRITERIA, ROUGHNESS, Extent
-from pidtsm_studies.score.measure import judge
+from pidtsm_studies.score.measure import ORACLE, judge, metrics_of
 from pidtsm_studies.score.tasks import Task, effort_limits
 from pidtsm_studies.tuning.definitions import MARGINS, OBJECTIVES, conditions
 
+RULE = "rule"
+"""The rule-based set of the proposed law, as the reference of an objective."""
+_LEAST = 0.05
+"""Smallest RMSE of the oracle that counts, relative to the error of a successful run: far below, nothing is gained."""
 _SMOOTH, _SMOOTH_EFFORT = 0.002, 0.2
 """Mean change of the effort from sample to sample that costs as much as the reference's RMSE: a share of the effort
 limit, and at most N m or N, as in `pidtsm_core.experiment.gains`."""
@@ -74,11 +80,19 @@ class Result:
     metrics: Mapping[str, list[float]]
 
 
-def make_problem(task: Task, kind: str, hardware: str, objective: str) -> Problem:
+def make_problem(task: Task, kind: str, hardware: str, objective: str, reference: str = RULE) -> Problem:
     """The problem of tuning (``training``) or of its validation (``validation``).
 
+    Args:
+        task: of the arm.
+        kind: see above.
+        hardware: see `conditions`.
+        objective: one of `OBJECTIVES`.
+        reference: to what errors and effort are relative, `RULE` (the rule-based set of the proposed law) or `ORACLE`,
+            which favours no law.
+
     Raises:
-        UsageError: the rule-based set, which the objective refers to, diverges on this arm.
+        UsageError: the reference diverges on this arm.
     """
     nominal = task.experiment(None, (PRACTICAL,))
     limits = effort_limits(nominal.values["simulator"])
@@ -88,15 +102,37 @@ def make_problem(task: Task, kind: str, hardware: str, objective: str) -> Proble
     if blank.weights["margins"] and kind == "training":
         endured, beyond = _margins(blank, rule)
         blank = replace(blank, conditions=found | endured | beyond, endured={*endured}, beyond={*beyond})
-    runs = _run(blank, [rule])[0]
+    runs = _run(blank, [rule])[0] if reference == RULE else _of_oracle(blank)
     if any(run is None for run in runs):
-        raise UsageError(f"{task.robot}: the set of ./pidtsm gains diverges, so the objective has no reference")
-    reference = {
-        name: np.array([run["rmse"], run["eci"]])
+        what = "the set of ./pidtsm gains" if reference == RULE else "the oracle"
+        raise UsageError(f"{task.robot}: {what} diverges, so the objective has no reference")
+    least = _LEAST * task.error if reference == ORACLE else 0.0
+    found_reference = {
+        name: np.array([np.maximum(run["rmse"], least), run["eci"]])
         for name, run in zip(blank.conditions, runs, strict=True)
         if run is not None
     }
-    return replace(blank, reference=reference)
+    return replace(blank, reference=found_reference)
+
+
+def _of_oracle(blank: Problem) -> list[Mapping[str, list[float]] | None]:
+    """Metrics of the oracle by condition: of its speed with the smallest error that is not rough."""
+    nominal = blank.task.experiment(None)
+    settings = [
+        {"scenario": _experiment(nominal, nominal.settings["controller"], simulator), "error": error}
+        for error in ERRORS
+        for simulator in blank.conditions.values()
+    ]
+    measure = partial(_measure, after=blank.task.after, limits=blank.limits)
+    result = batch(settings, blank.task.duration, measure=measure, simulate=oracle)
+    runs = metrics_of(result, len(settings))
+    count = len(blank.conditions)
+
+    def worst(run: Mapping[str, list[float]] | None) -> tuple[bool, float]:
+        late, rough = _judged(blank.task, run)
+        return rough > 1.0, late
+
+    return [min(runs[i::count], key=worst) for i in range(count)]
 
 
 def _margins(blank: Problem, rule: Mapping[str, Any]) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
@@ -145,7 +181,7 @@ def total(results: Sequence[Result]) -> float:
     return float(np.mean([each.cost for each in results]))
 
 
-def _run(problem: Problem, controllers: Sequence[Mapping[str, Any]]) -> list[list[dict[str, list[float]] | None]]:
+def _run(problem: Problem, controllers: Sequence[Mapping[str, Any]]) -> list[list[Mapping[str, list[float]] | None]]:
     """Metrics by controller and condition; None if the run diverged."""
     nominal = problem.task.experiment(None)
     settings = [
@@ -155,10 +191,7 @@ def _run(problem: Problem, controllers: Sequence[Mapping[str, Any]]) -> list[lis
     ]
     measure = partial(_measure, after=problem.task.after, limits=problem.limits)
     result = batch(settings, problem.task.duration, measure=measure)
-    runs = [
-        None if run in result.failed else {name: table[run].tolist() for name, table in result.metrics.items()}
-        for run in range(len(settings))
-    ]
+    runs = metrics_of(result, len(settings))
     count = len(problem.conditions)
     return [runs[i * count : (i + 1) * count] for i in range(len(controllers))]
 
@@ -169,7 +202,7 @@ def _experiment(nominal: Experiment, controller: Mapping[str, Any], simulator: M
         "controller": dict(controller),
         "simulator": {**nominal.settings["simulator"], **simulator},
     }
-    return replace(nominal, law=str(controller["law.name"]), settings=settings)
+    return replace(nominal, law=str(controller.get("law.name", LAW_NAME.default)), settings=settings)
 
 
 def _measure(run: Recording, after: float, limits: Array) -> JointMetrics:

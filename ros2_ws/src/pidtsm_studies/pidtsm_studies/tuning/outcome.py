@@ -14,7 +14,7 @@ from pidtsm_studies.tuning.space import Space
 
 SHIFT = 1.25
 """Factor by which the sensitivity changes a gain, down and up."""
-_GROUPS = ("law.", "estimator.")
+_GROUPS = ("law.", "estimator.", "compensation.")
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Tuning:
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """Gains of law and estimator."""
+        """Gains of law and estimator, and what is compensated."""
         return {n: v for n, v in self.space.controller(self.x).items() if n.startswith(_GROUPS)}
 
     @property

@@ -25,7 +25,7 @@ class Budget:
     """When a search ends: after the generation that reaches one of the limits.
 
     Attributes:
-        evaluations: number of controllers; 0: no limit.
+        evaluations: number of controllers, of which the last generation tries no more; 0: no limit.
         seconds: time spent on simulating; 0: no limit.
     """
 
@@ -40,6 +40,10 @@ class Budget:
         if self.seconds:
             spent.append(sum(each.seconds for each in known) / self.seconds)
         return max(spent, default=0.0)
+
+    def left(self, known: "Sequence[Generation]") -> int | None:
+        """How many controllers may still be tried; None: any number."""
+        return self.evaluations - sum(len(each.costs) for each in known) if self.evaluations else None
 
 
 @dataclass(frozen=True)
@@ -88,14 +92,16 @@ def search(
     generations: list[Generation] = []
     with history.open("a", encoding="utf-8") as file:
         while budget.share(generations) < 1.0:
-            x = np.array(strategy.ask())
+            asked = np.array(strategy.ask())
+            x = asked[: budget.left(generations)]
             line = next(known, None)
             if line is None:
                 line = _simulated(space, problem, x)
                 file.write(json.dumps(line) + "\n")
                 file.flush()
             generations.append(Generation(x, **{name: _values(value) for name, value in line.items()}))
-            strategy.tell(list(x), list(generations[-1].costs))
+            if len(x) == len(asked):
+                strategy.tell(list(x), list(generations[-1].costs))
             progress(generations)
     return generations
 

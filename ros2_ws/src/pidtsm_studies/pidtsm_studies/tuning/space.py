@@ -10,6 +10,7 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import controller_schema
 from pidtsm_core.experiment import practical_settings
+from pidtsm_core.experiment.law_gains import RULED
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Parameter, joint_array
 from pidtsm_core.robots import find_robot
@@ -21,6 +22,9 @@ _FACTOR = 100.0
 _SEPARATE = 2
 """Largest number of joints whose gains are tuned separately; more have one factor for each gain."""
 _GROUPS = ("law.", "estimator.")
+_CHOICES = ("law.surface", "law.reaching", "law.manifold", "law.disturbance_rejection")
+"""What a rule chooses beside numbers."""
+_NO_GAINS = ("controller.law.name=piddtsm",)
 
 
 @dataclass(frozen=True)
@@ -97,18 +101,23 @@ class Space:
 
 
 def make_space(task: Task, law: str) -> Space:
-    """What is tuned of a law on an arm; the start is the rule-based set, as far as the law knows its gains.
+    """What is tuned of a law on an arm; the start is its rule-based set.
+
+    A law without a rule starts with its defaults, and with what of the rule for the proposed law it has.
 
     Raises:
         UsageError: the law or the arm is not known.
     """
     nominal = task.experiment(law).settings["controller"]
-    rule = practical_settings(None, task.experiment(None).settings)["controller"]
-    estimator = {name: value for name, value in rule.items() if name.startswith("estimator.")}
+    own = law if law in RULED else None
+    rule = practical_settings(own, task.experiment(None, (), _NO_GAINS).settings, task.hardware)["controller"]
+    estimator = {name: value for name, value in rule.items() if name.startswith(("estimator.", "compensation."))}
+    if own is not None:
+        estimator |= {name: value for name, value in rule.items() if name in _CHOICES}
     chosen = {**nominal, **estimator, "law.name": law}
     if LAWS[law].uses_model and find_robot(nominal).disturbance == "none":
         chosen["law.disturbance_rejection"] = True
-    same = {(p.name, p.description) for p in controller_schema({**nominal, "law.name": "piddtsm"})}
+    same = {(p.name, p.description) for p in controller_schema({**nominal, **estimator, "law.name": own or "piddtsm"})}
     schema = controller_schema(chosen)
     values = {**{p.name: p.default for p in schema}, **nominal, **estimator}
     values |= {p.name: rule[p.name] for p in schema if p.name in rule and (p.name, p.description) in same}
@@ -116,7 +125,7 @@ def make_space(task: Task, law: str) -> Space:
     tuned = [p for p in schema if _is_tuned(p)]
     joints = len(find_robot(nominal).joints)
     limits = effort_limits({**nominal, **{p.name: values[p.name] for p in schema}})
-    torque = np.ones(joints) if LAWS[law].uses_model else limits / limits.max()
+    torque = np.ones(joints) if LAWS[law].uses_model or own else limits / limits.max()
     variables = [each for p in tuned for each in _variables(p, values[p.name], torque)]
     fixed = {n: v for n, v in chosen.items() if n not in {p.name for p in tuned}}
     return Space(fixed, tuple(variables))

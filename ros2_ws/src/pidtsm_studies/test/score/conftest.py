@@ -6,7 +6,8 @@ import pytest
 
 from pidtsm_core.experiment import PRACTICAL
 from pidtsm_studies.score.criteria import QUICK
-from pidtsm_studies.score.measure import Contender, measure
+from pidtsm_studies.score.measure import measure
+from pidtsm_studies.score.plan import Contender
 from pidtsm_studies.score.results import Entry
 from pidtsm_studies.score.tasks import Task, find_task
 

@@ -11,7 +11,8 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Signal
 from pidtsm_studies.score.criteria import CRITERIA, HARDWARE, QUICK, ROUGHNESS
-from pidtsm_studies.score.measure import Contender, measure
+from pidtsm_studies.score.measure import measure
+from pidtsm_studies.score.plan import Contender
 from pidtsm_studies.score.results import Curve, Entry, Outcome, as_json, read_entry
 from pidtsm_studies.score.tasks import Task
 

@@ -1,0 +1,82 @@
+"""The gains of `first_gains` for the hardware that a simulated arm has, not for one that is assumed."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.control import LAW_NAME
+from pidtsm_core.experiment.gains import first_gains, rotors
+from pidtsm_core.experiment.law_gains import Gain
+from pidtsm_core.experiment.loop_margin import Drives
+from pidtsm_core.laws import LAWS
+from pidtsm_core.parameters import Value, as_float, joint_array
+from pidtsm_core.robots import find_robot
+from pidtsm_core.simulation.drivetrain import ENCODER, MOTOR, STIFFNESS
+from pidtsm_core.simulation.simulator import simulator_schema
+
+_USED = (
+    "rate",
+    "encoder.bits",
+    "delay.samples",
+    "delay.command_samples",
+    "actuator.lag",
+    "actuator.frequency",
+    "actuator.damping",
+    "elasticity.damping",
+    "friction.coulomb",
+    "friction.cold",
+    STIFFNESS.name,
+    ENCODER.name,
+)
+
+
+_LONGEST = 20
+"""Samples; behind a longer delay the bandwidth is so low that no joint resonates."""
+
+
+def hardware_gains(
+    controller: Mapping[str, object], simulator: Mapping[str, object], law: str = str(LAW_NAME.default)
+) -> tuple[Gain, ...]:
+    """Gains of a law for an arm and for the sensors, drives and gears that its simulator has.
+
+    Rate, resolution, delay, lag and elasticity bound the bandwidth, and the Coulomb friction of half-warm gears is
+    compensated. What else the friction does (load, temperature, sticking, the difference of the directions) is unknown
+    to the controller.
+
+    Args:
+        controller: parameters that differ from their defaults; those of robot and payload matter.
+        simulator: likewise.
+        law: its name.
+
+    Raises:
+        UsageError: see `first_gains`; also (`ParameterError`) a refused parameter of the simulator.
+    """
+    robot = find_robot(simulator)
+    joints = len(robot.joints)
+    schema = {p.name: p for p in simulator_schema(simulator)}
+    used = {name: schema[name].check(simulator.get(name, schema[name].default), joints) for name in _USED}
+    rate, delay = as_float(used["rate"]), int(as_float(used["delay.samples"]) + as_float(used["delay.command_samples"]))
+    rotor = rotors(controller)
+    drives = Drives(
+        period=1.0 / rate,
+        delay=min(delay, _LONGEST),
+        lag=float((joint_array(used["actuator.lag"], joints) + _current_lag(used, joints)).max()),
+        rotor=rotor,
+        stiffness=np.where(rotor > 0.0, joint_array(used[STIFFNESS.name], joints), 0.0),
+        damping=joint_array(used["elasticity.damping"], joints),
+        on_motor=used[ENCODER.name] == MOTOR,
+    )
+    bits = int(as_float(used["encoder.bits"]))
+    gains = first_gains(controller, bits, delay / rate + drives.lag, rate, law, drives)
+    friction = joint_array(used["friction.coulomb"], joints) * (1.0 + 0.5 * as_float(used["friction.cold"]))
+    if not LAWS[law].uses_model or not friction.any():
+        return gains
+    known = Gain("compensation.coulomb", tuple(friction.tolist()), "the Coulomb friction of half-warm gears is known")
+    return (*gains, known)
+
+
+def _current_lag(used: Mapping[str, Value], joints: int) -> Array:
+    """The delay of second-order current loops at low frequencies, shape (joints,), s."""
+    frequency, damping = (joint_array(used[f"actuator.{name}"], joints) for name in ("frequency", "damping"))
+    return np.divide(2.0 * damping, frequency, out=np.zeros(joints), where=frequency > 0.0)
