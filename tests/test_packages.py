@@ -26,8 +26,19 @@ ROSDEP_KEYS = {
     "yaml": "python3-yaml",
 }
 """Of Python packages, as in rosdep/python.yaml of rosdistro; ROS packages are declared by their names."""
-WITHOUT_KEY = {"axe_core_python", "cma", "llvmlite", "mcap", "mcap_ros2", "mujoco", "ruckig", "threadpoolctl", "viser"}
-"""llvmlite comes with numba. The ROS package ruckig has no Python module."""
+WITHOUT_KEY = {
+    "axe_core_python",
+    "cma",
+    "llvmlite",
+    "mcap",
+    "mcap_ros2",
+    "mujoco",
+    "ruckig",
+    "threadpoolctl",
+    "trimesh",
+    "viser",
+}
+"""llvmlite comes with numba. The ROS package ruckig has no Python module. The key of trimesh is one of pip."""
 OPTIONAL = {"OpenGL", "av", "casadi", "dask", "distributed", "glfw", "pinocchio", "pyarrow", "rerun"}
 """Imported only where they are installed."""
 HELPERS = {"support"}

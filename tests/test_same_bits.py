@@ -244,6 +244,14 @@ CONDITIONS: dict[str, Any] = {
         **PERMUTED,
         "controller": {**PERMUTED["controller"], "limits.tracking_error": 0.2},
     },
+    "friction that is learnt": {
+        "controller": {
+            "estimator.name": "extended_state_observer",
+            "adaptation.friction": "learn",
+            "compensation.viscous": [1.0, 0.5],
+        },
+        "simulator": {"friction.coulomb": [8.0, 4.0], "encoder.bits": 14},
+    },
     "measurements that cannot be": {"simulator": {"noise.std": 0.015}},
     "elastic joints, encoders on the motors": {
         "simulator": {"elasticity.stiffness": [3e4, 1e4], "elasticity.damping": 20.0, "encoder.bits": 17},
@@ -274,8 +282,9 @@ def test_nodes_and_rollout_agree(law: str, condition: str, tmp_path: Path) -> No
     """Each condition with the default law and with two others, whose turn it is."""
     settings = {node: dict(CONDITIONS[condition].get(node, {})) for node in ("simulator", "controller", "trajectory")}
     settings["controller"]["law.name"] = law
-    if not LAWS[law].uses_model:  # Such a law does not recognise contact.
-        settings["controller"].pop("limits.external_effort", None)
+    if not LAWS[law].uses_model:  # Such a law recognises neither contact nor friction.
+        for name in ("limits.external_effort", "adaptation.friction"):
+            settings["controller"].pop(name, None)
     simulated = rollout(Experiment("test", "", SAMPLES * 1e-3, settings))
     heard = over_nodes(settings, tmp_path)
     assert list(heard["simulator/ground_truth"]) == list(range(SAMPLES))

@@ -175,15 +175,20 @@ class LivePage:
         return str(self.page.evaluate(script))
 
     def curve(self, title: str) -> Array:
-        """The curves of a plot: time and one row per joint, shape (1 + joints, points)."""
+        """The curves of a plot: time, one row per joint, and the line of the events, shape (2 + joints, points)."""
         script = f"""Object.values(window.__viserTestpoints?.uplots ?? {{}}).map(plot => plot.chart)
             .filter(chart => chart.root.textContent.includes({title!r}))
             .map(chart => chart.data.map(row => [...row]))[0]"""
         return np.array(until(lambda: self.page.evaluate(script), title))
 
+    def spikes(self) -> list[float]:
+        """When something happened, as the plot of the error shows it, s before now."""
+        time, *errors, events = self.curve("error e")
+        return [float(t) for t in time[events > np.max(errors)]]
+
     def worst_error(self, seconds: float) -> float:
         """Largest error of any joint in the last seconds, as the plot shows it, mrad."""
-        time, *errors = self.curve("error e")
+        time, *errors, _ = self.curve("error e")
         return float(np.abs(np.array(errors)[:, time >= -seconds]).max())
 
 

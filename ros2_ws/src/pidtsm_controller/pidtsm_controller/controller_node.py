@@ -9,6 +9,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray
 
 from pidtsm_controller.activity_watch import ActivityWatch
+from pidtsm_controller.friction_watch import FrictionWatch
 from pidtsm_controller.payload_watch import PayloadWatch
 from pidtsm_controller.watchdog import CHECK, Watchdog
 from pidtsm_core.control import Condition, Controller, Count
@@ -17,7 +18,7 @@ from pidtsm_core.messages.arrivals import Arrivals, Stamp
 from pidtsm_core.messages.gaps import Continuation, continuation
 from pidtsm_core.parameters import as_float, names
 from pidtsm_core.parameters.joints import MessageError
-from pidtsm_core.robots import robot_joints
+from pidtsm_core.robots import find_robot, robot_joints
 from pidtsm_core.signals import Fault, Mode, Request, Signal, Status
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.cdr import serialized_nanoseconds
@@ -97,6 +98,7 @@ class ControllerNode(ManagedNode):
         self._states = self.advertise(ControllerState, "~/state")
         self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
         self._payload = PayloadWatch(self, self._controller) if self.values[PAYLOAD_OBSERVED.name] else None
+        self._friction = FrictionWatch(self._controller, joints, find_robot(self.values).units)
         self._activity = ActivityWatch(self, topic.name) if topic.message_type is Float64MultiArray else None
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset_fault", self._reset_fault)
@@ -342,6 +344,10 @@ class ControllerNode(ManagedNode):
             idle, level = "stopped by a fault; call ~/reset_fault to continue", DiagnosticStatus.ERROR
         elif self._status is not None:
             idle = self._idle(Mode(self._status[Status.MODE]))
+        if self._controller.config.adaptation.learns_friction:
+            readings += self._friction.readings()
+            for line in self._friction.news():
+                self.get_logger().info(line)
         self._diagnostics.publish(readings, idle, level, self._statistics.scale)
 
     def _idle(self, mode: Mode) -> str:

@@ -7,7 +7,7 @@ import math
 import struct
 from array import array
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,6 +104,76 @@ def places_of_numbers(
 def _marks(count: int) -> Array:
     """Numbers that occur nowhere else in a message."""
     return np.arange(1, count + 1, dtype=np.float64) * np.float64(-math.pi * 1e-200)
+
+
+class Layout(NamedTuple):
+    """Where the numbers are in messages that are alike: they differ only in their stamp and their numbers.
+
+    Attributes:
+        shared: whether a byte is the same in all of them, shape (bytes,).
+        places: offset of the first byte of each float64 field; none for empty arrays.
+    """
+
+    shared: NDArray[np.bool_]
+    places: dict[str, int]
+
+
+def layout_of(
+    data: bytes, message: Any, names: Sequence[str], serialize: Callable[[Any], bytes | memoryview]
+) -> Layout:
+    """The layout of the messages that are like this one.
+
+    What is behind the message is not part of it: `serialize_message` of rclpy appends arbitrary bytes.
+
+    Args:
+        data: the serialized message, which begins with a std_msgs/Header.
+        message: the same, deserialized; its numbers are overwritten.
+        names: names of its float64 and float64[] fields.
+        serialize: returns a message as CDR.
+
+    Raises:
+        ValueError: the message was serialized in another way.
+    """
+    sizes = {name: np.size(getattr(message, name)) for name in names}
+    marked, places = places_of_numbers(message, names, serialize)
+    if len(marked) > len(data) or marked[:ENCODING] != data[:ENCODING]:
+        raise ValueError("the message was serialized in another way")
+    shared = np.ones(len(data), np.bool_)
+    shared[ENCODING:STAMP_END] = shared[len(marked) :] = False
+    for name, place in places.items():
+        shared[place : place + DOUBLE * sizes[name]] = False
+    return Layout(shared, places)
+
+
+class NumberTable:
+    """Reads numbers from many messages at once, if they are like one that is known."""
+
+    def __init__(self, data: bytes, shared: NDArray[np.bool_], places: Sequence[int]) -> None:
+        """Prepare the table.
+
+        Args:
+            data: the message that is known.
+            shared: see `Layout`.
+            places: offsets of the numbers to read.
+        """
+        self.length = len(data)
+        self._shared = np.flatnonzero(shared)
+        self._known = np.frombuffer(data, np.uint8)[self._shared]
+        self._bytes = np.add.outer(np.asarray(places, np.intp), np.arange(DOUBLE)).ravel()
+
+    def read(self, messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], Array]:
+        """Read messages of the same length.
+
+        Returns:
+            Whether each is like the known one, shape (messages,), and the numbers of those that are, shape
+            (messages, places).
+        """
+        table = np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), self.length)
+        alike = (table[:, self._shared] == self._known).all(axis=1)
+        rows = table if alike.all() else table[alike]
+        if not self._bytes.size:
+            return alike, np.empty((len(rows), 0))
+        return alike, rows.take(self._bytes, axis=1).view("<f8")
 
 
 def end_of_empty(data: bytes, sequences: int) -> int:

@@ -22,7 +22,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.parameters.joints import ABSURD, JointOrder, MessageError
 from pidtsm_core.timing import NANOSECONDS
-from pidtsm_ros.cdr import DOUBLE, ENCODING, LEAD, STAMP, STAMP_BEGIN, STAMP_END, aligned, places_of_numbers
+from pidtsm_ros.cdr import DOUBLE, LEAD, STAMP, STAMP_BEGIN, aligned, layout_of, places_of_numbers
 from pidtsm_ros.serialization import serialize, serialize_checked
 
 _STAMPED = ("std_msgs/Header", "builtin_interfaces/Time")
@@ -214,19 +214,16 @@ class IncomingMessages:
     def _learn(self, data: bytes, message: Any) -> None:
         """Store where the numbers of such a message are, so that `_take` can read the next ones."""
         names = [name for name, kind in message.get_fields_and_field_types().items() if kind == "sequence<double>"]
-        marked, places = places_of_numbers(message, names, serialize)
-        if len(marked) > len(data) or marked[:ENCODING] != data[:ENCODING]:
+        try:
+            shared, places = layout_of(data, message, names, serialize)
+        except ValueError:
             return  # Serialized differently than here: rclpy deserializes every such message.
-        buffer, changing = aligned(len(data)), aligned(len(data))
-        # What is behind the message is not part of it: `serialize_message` of rclpy appends arbitrary bytes.
-        changing[LEAD + len(marked) :] = 255
+        buffer, mask = aligned(len(data)), aligned(len(data))
         buffer[LEAD : LEAD + len(data)] = np.frombuffer(data, np.uint8)
-        changing[LEAD + ENCODING : LEAD + STAMP_END] = 255
-        for name, place in places.items():
-            changing[LEAD + place : LEAD + place + DOUBLE * len(getattr(message, name))] = 255
+        mask[LEAD : LEAD + len(data)][shared] = 255
         order = self._order.match(message.name)
         self._words, self._numbers = buffer.view(np.int64), buffer.view(np.float64)
-        self._layout = np.array([self._words, ~changing.view(np.int64)])
+        self._layout = np.array([self._words, mask.view(np.int64)])
         none = np.full(order.size, -1)
         wanted = [(LEAD + places[name]) // DOUBLE + order if name in places else none for name in self._fields]
         self._wanted = np.array(wanted, dtype=np.int64)

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 from pidtsm_core.parameters.joints import MessageError
-from pidtsm_ros.cdr import LEAD, aligned, end_of_empty, places_of_numbers, serialized_nanoseconds, stamps_of
+from pidtsm_ros.cdr import (
+    LEAD,
+    NumberTable,
+    aligned,
+    end_of_empty,
+    layout_of,
+    places_of_numbers,
+    serialized_nanoseconds,
+    stamps_of,
+)
 
 
 def stamped(byte_order: str, sec: int, nanosec: int) -> bytes:
@@ -68,6 +77,25 @@ def test_numbers_that_are_not_in_the_message_are_named() -> None:
     message = SimpleNamespace(first=array("d", [1.0]), number=0.5, second=array("d"), other=1.0)
     with pytest.raises(ValueError, match="marks of other"):
         places_of_numbers(message, ["number", "other"], serialize)
+
+
+def test_numbers_of_messages_that_are_alike_are_read_at_once() -> None:
+    def message(first: list[float], number: float, second: list[float]) -> Any:
+        return SimpleNamespace(first=array("d", first), number=number, second=array("d", second))
+
+    known, *others = [serialize(message([k, k + 1.0], 0.5 * k, [3.0])) for k in range(3)]
+    other = serialize(message([1.0], 0.5, [2.0, 3.0]))
+    names = ["first", "number", "second"]
+    shared, places = layout_of(known + b"rest", message([0.0, 1.0], 0.0, [3.0]), names, serialize)
+    table = NumberTable(known, shared[: len(known)], [places["number"], places["first"] + 8])
+    assert len(other) == len(known)
+    alike, numbers = table.read([known, other, *others])
+    assert alike.tolist() == [True, False, True, True]
+    assert numbers.tolist() == [[0.0, 1.0], [0.5, 2.0], [1.0, 3.0]]
+    assert NumberTable(known, shared[: len(known)], []).read(others)[1].shape == (2, 0)
+    for differs in (known[:-1], b"\0\0" + known[2:]):
+        with pytest.raises(ValueError, match="in another way"):
+            layout_of(differs, message([0.0, 1.0], 0.0, [3.0]), names, serialize)
 
 
 @pytest.mark.parametrize("frame", [b"\0", b"world\0", b""])

@@ -110,7 +110,8 @@ def write_engine_page(comparison: EngineComparison, path: Path, simulator: Mappi
     chosen = {f"simulator.{ENGINE.name}": {engine: engine for engine in runs}}
     first = next(iter(comparison.runs.values()))
     title = f"{first.scenario}, {first.law}: the equations of the model and MuJoCo"
-    write_comparison(path, runs, chosen, dict.fromkeys(runs, simulator), title, _apart(first, comparison.difference))
+    nodes = {engine: {"simulator": simulator} for engine in runs}
+    write_comparison(path, runs, chosen, nodes, title, _apart(first, comparison.difference))
 
 
 def _apart(run: Recording, difference: Array) -> Answer:

@@ -18,7 +18,7 @@ SMOOTH = {"simulator": {"friction.coulomb": 0.0}, "controller": {"compensation.c
 
 def compared(robot: str, duration: float, **simulator: Any) -> EngineComparison:
     dry = simulator.pop("dry", False)
-    overrides = {} if dry else {node: dict(each) for node, each in SMOOTH.items()}
+    overrides: dict[str, dict[str, Any]] = {} if dry else {node: dict(each) for node, each in SMOOTH.items()}
     overrides.setdefault("simulator", {}).update({"engine": "mujoco", **simulator})
     return compare_engines(make_experiment(None, None, duration, robot=robot, overrides=overrides))
 

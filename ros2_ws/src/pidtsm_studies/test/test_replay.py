@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,6 @@ SCENE = """<mujoco><worldbody><geom type="plane" size="2 2 0.1"/>
 LACKS_OPENGL = 77
 PROGRAM = f"""
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from pidtsm_core.errors import UsageError
 from pidtsm_studies.replay import check_video, write_video
@@ -39,7 +37,7 @@ write_video(rollout(experiment), experiment.values["simulator"], Path(sys.argv[1
 """
 
 
-def ran(robot: str, *overrides: str) -> tuple[Recording, Mapping[str, Value]]:
+def ran(robot: str, *overrides: str) -> tuple[Recording, dict[str, Value]]:
     """A short run, and the parameters of its simulator."""
     experiment = make_experiment(None, duration=0.5, overrides=overrides, robot=robot)
     return rollout(experiment), experiment.values["simulator"]

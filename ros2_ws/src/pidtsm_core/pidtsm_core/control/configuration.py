@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.control.parameters import REJECTION
+from pidtsm_core.control.parameters import LEARNT_FRICTION, REJECTION
 from pidtsm_core.estimators import ESTIMATORS, estimator_address
 from pidtsm_core.laws import LAWS, LawConfig, make_law
 from pidtsm_core.parameters import Value, as_float, joint_array
@@ -84,6 +84,14 @@ class CompensationConfig(NamedTuple):
     offset: Array  # shape (joints,), N m
 
 
+class AdaptationConfig(NamedTuple):
+    """What the controller finds out about its arm."""
+
+    learns_friction: bool
+    compensates_friction: bool  # what it has learnt
+    bandwidth: Array  # of the observer that it learns from, shape (joints,), rad/s
+
+
 class FreedriveConfig(NamedTuple):
     """The arm in the hands of a person."""
 
@@ -109,6 +117,7 @@ class ControllerConfig(NamedTuple):
     rehearsal: RehearsalConfig
     activation: ActivationConfig
     compensation: CompensationConfig
+    adaptation: AdaptationConfig
     freedrive: FreedriveConfig
     model: Model  # its parameters have shape (model parameters,)
     firmware: Model  # the model by which the robot's firmware adds gravity: that of the arm without a payload
@@ -154,6 +163,7 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
         rehearsal=rehearsal,
         activation=_group(ActivationConfig, values, joints),
         compensation=compensation,
+        adaptation=_adaptation(values, joints),
         freedrive=_freedrive(values, limits),
         model=loaded_model(values, robot),
         firmware=make_model(robot, robot.pack_model(values)),
@@ -196,6 +206,7 @@ def example_config() -> ControllerConfig:
         RehearsalConfig,
         ActivationConfig,
         CompensationConfig,
+        AdaptationConfig,
         FreedriveConfig,
         ControllerConfig,
     )
@@ -254,6 +265,15 @@ def _freedrive(values: Mapping[str, Value], limits: LimitsConfig) -> FreedriveCo
     return FreedriveConfig(
         velocity=np.minimum(found.velocity, _SHARE_OF_VELOCITY * fastest),
         resistance=found.resistance * limits.effort,
+    )
+
+
+def _adaptation(values: Mapping[str, Value], joints: int) -> AdaptationConfig:
+    friction = values.get(LEARNT_FRICTION.name, "off")
+    return AdaptationConfig(
+        learns_friction=friction != "off",
+        compensates_friction=friction == "learn",
+        bandwidth=np.zeros(joints) if friction == "off" else joint_array(values["estimator.bandwidth"], joints),
     )
 
 

@@ -12,7 +12,7 @@ from pidtsm_core.control.freedrive import refusal as cannot_be_free
 from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.modes import begin_afresh, request, reset_fault, set_clock
 from pidtsm_core.control.report import Change, changes, tight_rates
-from pidtsm_core.control.state import LAYOUT, Condition, ControllerMemory, Time, new_state, part
+from pidtsm_core.control.state import LAYOUT, Condition, ControllerMemory, Friction, Time, new_state, part
 from pidtsm_core.control.step import leave_now, respond, stop_after, stop_now, tick_now
 from pidtsm_core.control.turns import distance
 from pidtsm_core.parameters import Value, names
@@ -88,7 +88,8 @@ class Controller:
         # A copy, because models have scratch space. A payload that changes needs another effort.
         model = config.firmware.parameters.copy()
         own = config.law.gains, config.law.integers, config.estimator.parameters
-        self._demanding = (model, *own, *config.compensation)
+        compensated = (*config.compensation, np.array([config.adaptation.compensates_friction]))
+        self._demanding = (model, *own, *compensated)
 
     def reset(self) -> None:
         """Return to the initial state; measurements and reference are kept."""
@@ -197,6 +198,20 @@ class Controller:
     def fault(self) -> int:
         """The latched fault, see `Fault`."""
         return int(self.state.status[Status.FAULT])
+
+    @property
+    def friction(self) -> Array:
+        """What was found of the friction beyond ``compensation``, see friction_learning.py.
+
+        Returns:
+            Coulomb friction, its standard deviation (both N m) and viscous friction (N m s/rad), shape (3, joints); all
+            zero for a joint of which nothing is known yet.
+        """
+        rows = [Friction.COULOMB, Friction.COULOMB_DEVIATION, Friction.VISCOUS]
+        found: Array = self.state.friction[rows]
+        known = self.state.friction[Friction.EVIDENCE] > 0.0
+        found[:, known] *= self.config.limits.effort[known]
+        return found
 
     @property
     def commanded(self) -> bool:

@@ -10,7 +10,7 @@ from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Limited, Signal
 from pidtsm_core.timing import seconds
 
-_REVERSAL = 0.01
+REVERSAL = 0.01
 """rad/s; below this velocity, the compensated Coulomb friction goes to zero."""
 # As floats, like the signals.
 _AT_LIMIT, _AT_RATE = float(Limited.EFFORT), float(Limited.RATE)
@@ -75,7 +75,7 @@ def write_net_effort(state: ControllerState, effort: Array) -> None:
 def friction(config: ControllerConfig, velocity: float, joint: int) -> float:
     """Friction that ``compensation`` describes, of a joint with this velocity (rad/s), N m."""
     return (
-        config.compensation.coulomb[joint] * math.tanh(velocity / _REVERSAL)
+        config.compensation.coulomb[joint] * math.tanh(velocity / REVERSAL)
         + config.compensation.viscous[joint] * velocity
     )
 

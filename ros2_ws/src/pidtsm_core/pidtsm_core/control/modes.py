@@ -58,7 +58,7 @@ def begin_afresh(state: ControllerState) -> None:
         for j in range(y.shape[1]):
             if i != Signal.EFFORT:
                 y[i, j] = 0.0
-    for table in (state.estimator, state.law):
+    for table in (state.estimator, state.law, state.friction_inputs):
         for j in range(table.shape[0]):
             for slot in range(table.shape[1]):
                 table[j, slot] = 0.0

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pidtsm_core.estimators import ESTIMATORS
+from pidtsm_core.estimators import ESTIMATORS, Estimator
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Parameter, ParameterError, chosen, prefixed
 from pidtsm_core.robots import GRAVITY, Robot, find_robot, payload_schema, robot_schema
@@ -218,6 +218,13 @@ REJECTION = Parameter(
     "estimator.name: extended_state_observer",
     read_only=True,
 )
+LEARNT_FRICTION = Parameter(
+    "adaptation.friction",
+    "off",
+    "Coulomb and viscous friction beyond compensation.*, found while the arm moves; needs estimator.name: "
+    "extended_state_observer. learn: what is certain is compensated, too; warn: it is only reported",
+    choices=("off", "warn", "learn"),
+)
 _TOUCH = 0.25
 """Share of the effort limit of a joint that only contact exerts, not a payload or an error of the model."""
 FRICTION = (
@@ -282,6 +289,19 @@ def _check_range(settings: Mapping[str, object], robot: Robot) -> None:
         raise ParameterError(f"{low.name}: {least.tolist()} exceeds {high.name}, {most.tolist()}", low.name)
 
 
+def _check_observer(settings: Mapping[str, object], estimator: Estimator) -> None:
+    """Check that the estimator finds the disturbance that other parameters use."""
+    uses = {
+        REJECTION: settings.get(REJECTION.name) is True,
+        LEARNT_FRICTION: settings.get(LEARNT_FRICTION.name, "off") != "off",
+    }
+    for parameter, used in uses.items():
+        if used and not estimator.finds_disturbance:
+            capable = ", ".join(e.name for e in ESTIMATORS.members if e.finds_disturbance)
+            reason = f"{parameter.name}: estimator.name must be {capable}, not {estimator.name}"
+            raise ParameterError(reason, parameter.name)
+
+
 def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the controller; they depend on ``law.name``, ``estimator.name`` and the robot.
 
@@ -293,14 +313,11 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     _check_range(settings, robot)
     law = LAWS[chosen(settings, LAW_NAME)]
     estimator = ESTIMATORS[chosen(settings, ESTIMATOR_NAME)]
-    if settings.get(REJECTION.name) is True and not estimator.finds_disturbance:
-        capable = ", ".join(e.name for e in ESTIMATORS.members if e.finds_disturbance)
-        reason = f"{REJECTION.name}: estimator.name must be {capable}, not {estimator.name}"
-        raise ParameterError(reason, REJECTION.name)
+    _check_observer(settings, estimator)
     return (
         LAW_NAME,
         *prefixed("law", law.parameters(settings)),
-        *((REJECTION,) if law.uses_model else ()),
+        *((REJECTION, LEARNT_FRICTION) if law.uses_model else ()),
         ESTIMATOR_NAME,
         *prefixed("estimator", estimator.parameters),
         *robot_schema(settings, robot),

@@ -125,6 +125,27 @@ class External(IntEnum):
     CHANGE = 3  # since then
 
 
+class Friction(IntEnum):
+    """Rows of what is known of the friction beyond ``compensation``, per joint; see friction_learning.py.
+
+    Coefficients are shares of the effort limit, viscous ones per rad/s.
+    """
+
+    COULOMB = 0
+    VISCOUS = 1
+    COULOMB_DEVIATION = 2  # standard deviation
+    VISCOUS_DEVIATION = 3
+    USED_COULOMB = 4  # what is compensated
+    USED_VISCOUS = 5
+    EFFORT = 6  # that compensates it at this sample, N m
+    EVIDENCE = 7  # for how long it was observed, s
+    SQUARES = 8  # integral of the square of the effort that the model lacks, s
+
+
+FITTED = 5
+"""Number of coefficients that friction is fitted with."""
+
+
 class ControllerState(NamedTuple):
     """What a step changes; initially all zero."""
 
@@ -168,6 +189,10 @@ class ControllerState(NamedTuple):
     history_efforts: Array  # commanded before these measurements, likewise, N m
     handover: Array  # what is left of the difference that a change of the controller made, shape (joints,), N m
     external: Array  # effort that acts on the arm from outside, see `External`, shape (len(External), joints)
+    friction: Array  # what is known of it, see `Friction`, shape (len(Friction), joints)
+    friction_inputs: Array  # filtered regressors, a row for each filter, see friction_learning.py
+    friction_evidence: Array  # normal equations: FITTED rows for each joint, shape (FITTED joints, FITTED + 1)
+    friction_solution: Array  # scratch: their factor and solutions, shape (FITTED + 3, FITTED)
     rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of a simulation, shape (joints,), N m
@@ -235,6 +260,10 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         history_efforts=np.zeros((HISTORY, joints)),
         handover=np.zeros(joints),
         external=np.zeros((len(External), joints)),
+        friction=np.zeros((len(Friction), joints)),
+        friction_inputs=np.zeros((5, (FITTED + 1) * joints)),
+        friction_evidence=np.zeros((FITTED * joints, FITTED + 1)),
+        friction_solution=np.zeros((FITTED + 3, FITTED)),
         rejected=np.zeros(joints),
         truth=np.zeros((2, joints)),
         torque=np.zeros(joints),

@@ -5,7 +5,8 @@ from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact, sense_contact
 from pidtsm_core.control.effort import feed_offset, friction, limit_effort, write_net_effort
-from pidtsm_core.control.state import Condition, ControllerState, Handover, Time, part
+from pidtsm_core.control.friction_learning import learn_friction
+from pidtsm_core.control.state import Condition, ControllerState, Friction, Handover, Time, part
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
 from pidtsm_core.robots import inverse_dynamics
@@ -84,6 +85,8 @@ def _add(config: ControllerConfig, state: ControllerState, desired: Array) -> No
         state.added[j] = state.feedforward_effort[j]
         if config.compensates:
             state.added[j] += friction(config, desired[1, j], j)
+        if config.adaptation.compensates_friction:
+            state.added[j] += state.friction[Friction.EFFORT, j]
     feed_offset(config, state)
 
 
@@ -150,6 +153,8 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     write_net_effort(state, state.applied if config.feeds_back else y[Signal.EFFORT])
     sample = Sample(state.measured, state.truth, dt, state.net, config.model)
     estimate(config.estimator.address, sample, config.estimator.parameters, state.estimator, y[: Signal.POSITION_ERROR])
+    if config.adaptation.learns_friction:
+        learn_friction(config, state, dt)
     if config.rejects:
         _reject(config, state)
     _command(config, state, desired, dt)

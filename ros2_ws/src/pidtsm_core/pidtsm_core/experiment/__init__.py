@@ -92,6 +92,23 @@ def make_experiment(
     ):
         return scenario
     arm = None if robot is None else find_arm(robot)
+    named = [params] if isinstance(params, str) else params
+    experiment = _combined(scenario, law, duration, named, chosen, arm, hardware, purpose)
+    _ = experiment.values
+    return experiment
+
+
+def _combined(
+    scenario: str | Experiment | None,
+    law: str | None,
+    duration: float | None,
+    params: Sequence[str],
+    chosen: Sequence[tuple[str, str, Any]],
+    arm: ArmDefinition | None,
+    hardware: str | None,
+    purpose: Purpose,
+) -> Experiment:
+    """The experiment, not checked yet; see `make_experiment`. `chosen`: node, name and value of each override."""
     of_arm = {} if arm is None else arm.settings()
     base = scenario if isinstance(scenario, Experiment) else _scenario(scenario, _arm(of_arm, chosen), duration)
     settings: Settings = {node: dict(given) for node, given in base.settings.items()}
@@ -105,9 +122,11 @@ def make_experiment(
     if arm is not None:
         _warn_of_gripper(arm, of_arm)
         merge(dict.fromkeys(("simulator", "controller"), of_arm), Path(arm.label))
-    merge(_of_hardware(hardware, _overridden(settings, chosen)), Path(hardware or ""))
+    if hardware is not None:
+        of_hardware = hardware_settings(hardware, _overridden(settings, chosen)["simulator"])
+        merge({"simulator": of_hardware}, Path(hardware))
     wanted = law or next((value for node, name, value in chosen if (node, name) == ("controller", LAW_NAME.name)), None)
-    for name in _named(params) or _usual(_source(arm, scenario, base), wanted, base, chosen, purpose, hardware):
+    for name in params or _usual(_source(arm, scenario, base), wanted, base, chosen, purpose, hardware):
         before = wanted or settings["controller"].get(LAW_NAME.name)
         merge(*_parameter_set(name, before if before in LAWS.names else None, _overridden(settings, chosen), hardware))
     if law is not None:
@@ -117,19 +136,7 @@ def make_experiment(
         files.pop(f"{node}.{name}", None)
     name_of_law = str(settings["controller"].get("law.name", LAW_NAME.default))
     seconds = base.duration if duration is None else _positive(duration, "duration")
-    experiment = Experiment(base.scenario, name_of_law, seconds, settings, files, purpose)
-    _ = experiment.values
-    return experiment
-
-
-def _named(params: str | Sequence[str]) -> Sequence[str]:
-    """The names of parameter sets, however many."""
-    return [params] if isinstance(params, str) else params
-
-
-def _of_hardware(hardware: str | None, settings: Settings) -> Settings:
-    """The parameters of a class of hardware; none without a class. `settings` choose the arm."""
-    return {} if hardware is None else {"simulator": hardware_settings(hardware, settings["simulator"])}
+    return Experiment(base.scenario, name_of_law, seconds, settings, files, purpose)
 
 
 def _parameter_set(name: str, law: str | None, settings: Settings, hardware: str | None) -> tuple[Settings, Path]:
@@ -206,7 +213,7 @@ def _warn_of_gripper(arm: ArmDefinition, of_arm: Mapping[str, Any]) -> None:
         robot = find_robot({name: value for name, value in of_arm.items() if name in OF_ARM})
         if isinstance(robot, TreeRobot) and robot.description.grippers:
             sentence = joints_sentence(robot.description, "ArmDefinition(joints=..., locked=...)")
-            warnings.warn(f"{robot.name}: {sentence}", GripperLockedWarning, stacklevel=3)
+            warnings.warn(f"{robot.name}: {sentence}", GripperLockedWarning, stacklevel=4)
 
 
 def _arm(of_arm: Mapping[str, Any], overrides: Iterable[tuple[str, str, Any]]) -> dict[str, Any]:

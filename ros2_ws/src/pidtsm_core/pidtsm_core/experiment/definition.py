@@ -8,9 +8,9 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from pidtsm_core.experiment.node_parameters import COMPLETE_SCHEMAS, NODE_ONLY
-from pidtsm_core.experiment.node_settings import for_nodes, resolve_nodes
-from pidtsm_core.parameters import ParameterError, Value
+from pidtsm_core.experiment.node_parameters import COMPLETE_SCHEMAS, NODE_ONLY, check_node
+from pidtsm_core.experiment.node_settings import naming, resolve_nodes
+from pidtsm_core.parameters import ParameterError, Value, names
 from pidtsm_core.parameters.files import NODES
 
 
@@ -58,12 +58,13 @@ class Experiment:
     purpose: Purpose = MEASUREMENT
 
     def __post_init__(self) -> None:
-        blank: dict[str, Mapping[str, Any]] = {node: {} for node in NODES}
-        object.__setattr__(self, "settings", _unchangeable({**blank, **self.settings}))
+        settings = {**{node: {} for node in NODES}, **self.settings}
+        unchangeable = MappingProxyType({node: MappingProxyType(dict(given)) for node, given in settings.items()})
+        object.__setattr__(self, "settings", unchangeable)  # Changes would not be checked.
 
     def __reduce__(self) -> tuple[Any, ...]:
         settings = {node: dict(given) for node, given in self.settings.items()}
-        return type(self), (self.scenario, self.law, self.duration, settings, dict(self.files), self.purpose)
+        return Experiment, (self.scenario, self.law, self.duration, settings, self.files, self.purpose)
 
     @property
     def event_time(self) -> float | None:
@@ -74,20 +75,18 @@ class Experiment:
         time = float(simulator.get("payload.time", 0.0))
         return time if 0.0 < time < self.duration else None
 
-    @cached_property
-    def values(self) -> Mapping[str, Mapping[str, Value]]:
-        """Every parameter that affects a torque, by node, checked.
+    @property
+    def values(self) -> dict[str, dict[str, Value]]:
+        """A copy of every parameter that affects a torque, by node, checked.
 
         Raises:
             ParameterError: an unknown parameter or an invalid value; the message contains file, node and parameter.
         """
         only = {node: {p.name for p in parameters} for node, parameters in NODE_ONLY.items()}
-        return _unchangeable(
-            {
-                node: {name: value for name, value in values.items() if name not in only[node]}
-                for node, values in self._complete.items()
-            }
-        )
+        return {
+            node: {name: value for name, value in values.items() if name not in only[node]}
+            for node, values in self._complete.items()
+        }
 
     def node_values(self, defaults: Mapping[str, Mapping[str, Value]]) -> dict[str, dict[str, Value]]:
         """Every parameter of every node, checked.
@@ -98,8 +97,15 @@ class Experiment:
         Raises:
             ParameterError: see `values`, or a value that works in a rollout only.
         """
-        with self._naming_files():
-            return for_nodes(self._complete, self.settings, defaults)
+        found = {}
+        for node, complete in self._complete.items():
+            joints, only = len(names(complete["joints"])), {p.name: p for p in NODE_ONLY[node]}
+            others = {name: value for name, value in defaults.get(node, {}).items() if name not in self.settings[node]}
+            with self._naming_files(), naming(node):
+                checked = {name: only[name].check(value, joints) for name, value in others.items()}
+                found[node] = {**complete, **checked}
+                check_node(node, found[node])
+        return found
 
     @cached_property
     def _complete(self) -> dict[str, dict[str, Value]]:
@@ -124,11 +130,6 @@ class Experiment:
             if file := self.files.get(error.parameter):
                 raise ParameterError(f"{file}: {error}", error.parameter) from None
             raise
-
-
-def _unchangeable(table: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Mapping[str, Any]]:
-    """A table by node that refuses changes, which would not be checked."""
-    return MappingProxyType({node: MappingProxyType(dict(given)) for node, given in table.items()})
 
 
 def _check_integers(node: str, given: Mapping[str, Any]) -> None:

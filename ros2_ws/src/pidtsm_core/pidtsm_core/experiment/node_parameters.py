@@ -291,38 +291,13 @@ def _complete(node: str, settings: Mapping[str, object]) -> tuple[Parameter, ...
     return (*SCHEMAS[node](settings), *NODE_ONLY[node])
 
 
+def _of_node(node: str, settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    check_node(node, settings)
+    return _complete(node, settings)
+
+
 COMPLETE_SCHEMAS: dict[str, Schema] = {node: partial(_complete, node) for node in SCHEMAS}
 """Every parameter, by node."""
-
-
-def simulator_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Every parameter of the simulator node."""
-    return _complete("simulator", settings)
-
-
-def controller_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Every parameter of the controller node.
-
-    Raises:
-        ParameterError: see `check_node`.
-    """
-    check_node("controller", settings)
-    return _complete("controller", settings)
-
-
-def trajectory_node_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Every parameter of the trajectory node.
-
-    Raises:
-        ParameterError: see `check_node`.
-    """
-    check_node("trajectory", settings)
-    return _complete("trajectory", settings)
-
-
-NODE_SCHEMAS: dict[str, Schema] = {
-    "simulator": simulator_node_schema,
-    "controller": controller_node_schema,
-    "trajectory": trajectory_node_schema,
-}
-"""What the nodes declare: `COMPLETE_SCHEMAS`, with `check_node`."""
+NODE_SCHEMAS: dict[str, Schema] = {node: partial(_of_node, node) for node in SCHEMAS}
+"""The same, with `check_node`: what the nodes declare."""
+simulator_node_schema, controller_node_schema, trajectory_node_schema = NODE_SCHEMAS.values()

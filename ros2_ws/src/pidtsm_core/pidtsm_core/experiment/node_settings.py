@@ -1,9 +1,9 @@
 """Checks the parameters of all nodes together: each against its schema, and their joints against each other."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
-from pidtsm_core.experiment.node_parameters import NODE_ONLY, check_node
 from pidtsm_core.parameters import ParameterError, Schema, Value, names, resolve
 from pidtsm_core.references import reference_joints
 from pidtsm_core.robots import DESCRIPTION, LOCKED, ROBOTS, XACRO, robot_joints
@@ -42,7 +42,7 @@ def resolve_nodes(
     values: dict[str, dict[str, Value]] = {}
     for node, schema in schemas.items():
         given = dict(settings.get(node, {}))
-        try:
+        with naming(node):
             if node == "trajectory":
                 given = {**_of_the_controller(values["controller"], schema, given), **given}
             count = _JOINTS[node](given)
@@ -53,38 +53,21 @@ def resolve_nodes(
                     "reference.name",
                 )
             values[node] = resolve(schema, given, count)
-        except ParameterError as error:
-            raise ParameterError(f"{node}: {error}", f"{node}.{error.parameter}") from None
     _check_joints(values)
     return values
 
 
-def for_nodes(
-    values: Mapping[str, Mapping[str, Value]],
-    settings: Mapping[str, Mapping[str, Any]],
-    defaults: Mapping[str, Mapping[str, Value]],
-) -> dict[str, dict[str, Value]]:
-    """The same values with other defaults of parameters that only nodes have.
-
-    Args:
-        values: by node, every parameter, checked.
-        settings: parameters that are given, by node: their defaults do not matter.
-        defaults: by node.
+@contextmanager
+def naming(node: str) -> Iterator[None]:
+    """Begin the message about a refused parameter with its node.
 
     Raises:
-        ParameterError: a default is refused, or a value works in a rollout only; the message begins with the node.
+        ParameterError: the block has raised it.
     """
-    found = {}
-    for node, complete in values.items():
-        joints = len(names(complete["joints"]))
-        others = {name: value for name, value in defaults.get(node, {}).items() if name not in settings[node]}
-        try:
-            checked = {p.name: p.check(others[p.name], joints) for p in NODE_ONLY[node] if p.name in others}
-            found[node] = {**complete, **checked}
-            check_node(node, found[node])
-        except ParameterError as error:
-            raise ParameterError(f"{node}: {error}", f"{node}.{error.parameter}") from None
-    return found
+    try:
+        yield
+    except ParameterError as error:
+        raise ParameterError(f"{node}: {error}", f"{node}.{error.parameter}") from None
 
 
 def _of_the_controller(controller: Mapping[str, Value], schema: Schema, given: Mapping[str, Any]) -> dict[str, Any]:

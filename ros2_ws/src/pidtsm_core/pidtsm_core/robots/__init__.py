@@ -205,9 +205,7 @@ def _description_of(robot: Robot) -> tuple[Parameter, ...]:
 def robot_schema(settings: Mapping[str, object], robot: Robot | None = None) -> tuple[Parameter, ...]:
     """Parameters of the group ``robot``, and those that depend on the robot: ``joints`` and ``limits.effort``.
 
-    Args:
-        settings: choose the robot.
-        robot: which they choose, if it is known.
+    `robot` is that of the settings, if it has been found.
 
     Raises:
         ParameterError: see `find_robot`, or the description has no effort limit and `settings` have none either.

@@ -324,11 +324,6 @@ class SimulatedRobot:
         arm, drives = self.state.arm, self.state.arm.drivetrain
         return not math.isfinite(arm.position @ arm.derivatives[0] + drives.motor @ drives.motor_velocity)
 
-    @property
-    def has_tool(self) -> bool:
-        """Whether it is known where the tool is, so that it can be pushed."""
-        return self.config.plant.tool.row >= 0
-
     def push(self, wrench: Array) -> None:
         """From the next sample on, act on the tool with force (N) and torque (N m) in the axes of the base.
 

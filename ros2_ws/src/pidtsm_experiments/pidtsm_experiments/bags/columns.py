@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from pidtsm_core.signals import Status
 from pidtsm_experiments.bags.errors import RecordingError, damaged
 from pidtsm_experiments.bags.rejections import rejections
 from pidtsm_experiments.bags.topics import DIAGNOSTICS, MEASURED, REFERENCE, STATE, TRUTH, WantedTopic
-from pidtsm_ros.cdr import DOUBLE, ENCODING, STAMP_BEGIN, STAMP_END, end_of_empty, places_of_numbers, stamps_of
+from pidtsm_ros.cdr import DOUBLE, ENCODING, STAMP_END, Layout, NumberTable, end_of_empty, layout_of, stamps_of
 
 _FLOAT64 = ((Nodetype.BASE, ("float64", 0)), (Nodetype.SEQUENCE, ((Nodetype.BASE, ("float64", 0)), 0)))
 """Field types float64 and float64[] in the notation of rosbags."""
@@ -124,12 +124,12 @@ class BagMessages:
                     return self._reader.deserialize(data[:-surplus], topic.msgtype)
             raise damaged(f"a message of {topic.name} cannot be read", error) from error
 
-    def places(self, message: Any, data: bytes, topic: WantedTopic) -> tuple[int, dict[str, slice]]:
-        """Length of a message, and offsets of the numbers of each float64 field in it; none for empty arrays.
+    def layout(self, data: bytes, message: Any, topic: WantedTopic) -> Layout:
+        """Where the numbers of a message are.
 
         Args:
-            message: the deserialized message; its numbers are overwritten.
             data: the serialized message.
+            message: the same, deserialized; its numbers are overwritten.
             topic: topic of the message.
 
         Raises:
@@ -137,13 +137,12 @@ class BagMessages:
         """
         store = self._reader.typestore
         names = [name for name, kind in store.get_msgdef(topic.msgtype).fields if kind in _FLOAT64]
-        sizes = {name: np.size(getattr(message, name)) for name in names}
-        marked, places = places_of_numbers(
-            message, names, lambda marked: store.serialize_cdr(marked, topic.msgtype, little_endian=True)
-        )
-        if marked[:ENCODING] != data[:ENCODING]:
-            raise RecordingError(f"{topic.name} is not little-endian CDR")
-        return len(marked), {name: slice(place, place + DOUBLE * sizes[name]) for name, place in places.items()}
+        try:
+            return layout_of(
+                data, message, names, lambda marked: store.serialize_cdr(marked, topic.msgtype, little_endian=True)
+            )
+        except ValueError:
+            raise RecordingError(f"{topic.name} is not little-endian CDR") from None
 
 
 def read_columns(
@@ -262,31 +261,28 @@ class _Decoder:
         pending = np.arange(len(block))
         while pending.size:
             first = block[pending[0]]
-            layout = self._layout(first)
+            kind = self._kind(first)
             rows = pending[lengths[pending] == len(first)]
-            table = np.frombuffer(b"".join([block[row] for row in rows]), np.uint8).reshape(rows.size, len(first))
-            alike = (table[:, layout.fixed] == table[0, layout.fixed]).all(axis=1)
+            alike, numbers = kind.table.read([block[row] for row in rows])
             rows = rows[alike]
             pending = np.setdiff1d(pending, rows, assume_unique=True)
-            columns.codes[rows] = layout.codes
-            columns.filled[rows] = layout.places.size > 0
-            if not layout.places.size:
+            columns.codes[rows] = kind.codes
+            columns.filled[rows] = numbers.size > 0
+            if not numbers.size:
                 continue
-            numbers = table[alike].take(layout.places, axis=1).view("<f8")
-            values = numbers[:, : len(layout.fields) * joints].reshape(rows.size, len(layout.fields), joints)
+            values = numbers[:, : len(kind.fields) * joints].reshape(rows.size, len(kind.fields), joints)
             for i in columns.kept:
-                columns.values[i, rows] = values[:, layout.fields.index(i)] if i in layout.fields else np.nan
+                columns.values[i, rows] = values[:, kind.fields.index(i)] if i in kind.fields else np.nan
             if self._topic.scalar:
                 columns.scalars[rows] = numbers[:, -1]
         _check_finite(columns)
 
-    def _layout(self, data: bytes) -> "_Layout":
+    def _kind(self, data: bytes) -> "_Kind":
         topic, joints = self._topic, self._joints
-        fixed = np.ones(len(data), dtype=np.bool_)
-        fixed[STAMP_BEGIN:STAMP_END] = False
         if topic.may_be_empty and (end := end_of_empty(data, 1 + len(topic.fields))):
-            fixed[end:] = False
-            return _Layout(fixed, (), np.empty(0, dtype=np.intp), ())
+            shared = np.arange(len(data)) < end
+            shared[ENCODING:STAMP_END] = False
+            return _Kind(NumberTable(data, shared, ()), (), ())
         message = self._messages.parse(data, topic)
         names = list(message.name)
         missing = [joint for joint in joints if joint not in names]
@@ -297,36 +293,28 @@ class _Decoder:
         for name in (topic.fields[i] for i in given):
             if sizes[name] != len(names):
                 raise RecordingError(f"{topic.name} has {sizes[name]} values of {name} for {len(names)} joints")
-        end, places = self._messages.places(message, data, topic)
-        fixed[end:] = False
-        for place in places.values():
-            fixed[place] = False
-        starts = [places[topic.fields[i]].start + DOUBLE * names.index(joint) for i in given for joint in joints]
+        shared, places = self._messages.layout(data, message, topic)
+        wanted = [places[topic.fields[i]] + DOUBLE * names.index(joint) for i in given for joint in joints]
         if topic.scalar:
             if topic.scalar not in places:
                 raise RecordingError(
                     f"{topic.name} has no {topic.scalar}: recorded with another version of pidtsm_msgs"
                 )
-            starts.append(places[topic.scalar].start)
-        bytes_of = np.add.outer(starts, np.arange(DOUBLE)).ravel()
-        return _Layout(fixed, given, bytes_of, _codes(message, topic, names, joints))
+            wanted.append(places[topic.scalar])
+        return _Kind(NumberTable(data, shared, wanted), given, _codes(message, topic, names, joints))
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """Layout of messages that differ only in stamp and numbers.
+class _Kind(NamedTuple):
+    """Messages that are alike.
 
     Attributes:
-        fixed: mask of the bytes they share, shape (length,).
+        table: of their numbers, in the order fields x joints, scalar; without columns for messages without values.
         fields: indices of the topic's fields that have values.
-        places: offsets of the bytes of the numbers to read, in the order fields x joints, scalar; empty for messages
-            without values.
         codes: codes of the messages, in the order of the topic's codes.
     """
 
-    fixed: NDArray[np.bool_]
+    table: NumberTable
     fields: Sequence[int]
-    places: NDArray[np.intp]
     codes: Sequence[int]
 
 

@@ -66,8 +66,7 @@ def execute(options: argparse.Namespace) -> int:
     ):
         (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
         runs = {name: (recordings[name], metrics[name]) for name in paths}
-        simulators = {name: nodes.get("simulator", {}) for name, nodes in known.items()}
-        write_comparison(folder / "report.html", runs, parameters, simulators)
+        write_comparison(folder / "report.html", runs, parameters, known)
     if options.json:
         print(text)
         return 0

@@ -75,7 +75,8 @@ def execute(options: argparse.Namespace) -> int:
         found = _read_back(found, folder, file)
         result = as_json(found)
         (folder / "identification.json").write_text(json.dumps(result, allow_nan=False) + "\n", encoding="utf-8")
-        write_identification_report(folder / "identification.html", found, _short(definition.label))
+        page = folder / "identification.html"
+        write_identification_report(page, found, _short(definition.label), definition.description)
     if options.json:
         print(json.dumps(result, allow_nan=False))
     else:

@@ -26,7 +26,7 @@ from pidtsm_studies.score.measure import ORACLE
 from pidtsm_studies.tuning.definitions import HARDWARE, OBJECTIVES, PARAMETERS, task_for
 from pidtsm_studies.tuning.objective import RULE, make_problem
 from pidtsm_studies.tuning.outcome import Tuning, as_json, conclude, parameter_file
-from pidtsm_studies.tuning.report import write_tuning_page
+from pidtsm_studies.tuning.report import nominal_runs, write_tuning_page
 from pidtsm_studies.tuning.search import Budget, Generation, search
 from pidtsm_studies.tuning.space import make_space
 
@@ -133,7 +133,7 @@ def tune(arm: ArmDefinition, identity: dict[str, Any], limit: Budget, out: Path)
         (folder / PARAMETERS).write_text(parameter_file(tuning, command), encoding="utf-8")
         text = json.dumps(as_json(tuning), allow_nan=False)
         (folder / "tuning.json").write_text(text + "\n", encoding="utf-8")
-        write_tuning_page(folder / "tuning.html", tuning)
+        write_tuning_page(folder / "tuning.html", tuning, nominal_runs(tuning, training))
     return tuning
 
 

@@ -15,8 +15,8 @@ from pidtsm_core.recording import Recording
 from pidtsm_core.robots.picture import BONE_WIDTH, bones, reach
 from pidtsm_core.robots.placement import link_placements
 from pidtsm_experiments.export.arm import GHOST, DrawnArm
-from pidtsm_experiments.export.shapes import Shape, shapes_of
 from pidtsm_studies.reports.events import events
+from pidtsm_studies.reports.shapes import Shape, shapes_of
 from pidtsm_studies.reports.styles import SERIES
 
 RATE = 50.0

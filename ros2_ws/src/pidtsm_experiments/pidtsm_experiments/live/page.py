@@ -10,7 +10,7 @@ from viser import GuiTabGroupHandle
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import ParameterError
-from pidtsm_core.robots import Description, description_schema, find_description, find_robot
+from pidtsm_core.robots import DESCRIPTION, Description, description_schema, find_description, find_robot
 from pidtsm_core.signals import Signal
 from pidtsm_core.units import joint_units
 from pidtsm_experiments.live.desk import Desk
@@ -29,6 +29,7 @@ from pidtsm_experiments.live.undo import Undo
 from pidtsm_experiments.live.watch import Status, Watching
 from pidtsm_experiments.live.words import OLD
 from pidtsm_ros.stop import Stop
+from pidtsm_studies.reports.meshes import solids_of
 
 _PERIOD = 0.05
 """Time between two pictures of the arm, s."""
@@ -36,7 +37,8 @@ _LOOK = 1.0
 """Time between two looks for a trajectory node, s."""
 _DRAW_EVERY, _TELL_EVERY = 4, 10
 """Pictures between two updates of the curves, and of the texts."""
-_CONTROLS = 380  # pixels
+_CONTROLS = 340
+"""Width of the controls, px; see `watch`."""
 _Answer = TypeVar("_Answer")
 
 
@@ -90,7 +92,7 @@ class Page:
         described = await _until_answered(lambda: desk.system.described("controller"))
         values = {each.name: each.value for each in described}
         self._joints = list(values["joints"])
-        self._add_arm(values)
+        await self._add_arm(values)
         tabs = gui.add_tab_group()
         watch, control = tabs.add_tab("Watch"), tabs.add_tab("Controller")
         self._watching = Watching(desk, self._joints, self._units, watch)
@@ -132,7 +134,7 @@ class Page:
         self._forms["trajectory"] = NodeForms(self._desk, "trajectory", motion)
         await _until_answered(self._forms["trajectory"].build)
 
-    def _add_arm(self, values: Mapping[str, Any]) -> None:
+    async def _add_arm(self, values: Mapping[str, Any]) -> None:
         known = {parameter.name: values[parameter.name] for parameter in description_schema(values)}
         robot = find_robot(known)
         self._name = robot.name
@@ -142,7 +144,9 @@ class Page:
         except ParameterError as error:
             self._desk.system.note(str(error))
             return
-        self._scene = ArmScene(self._desk.server.scene, arm)
+        source = str(known.get(DESCRIPTION.name, ""))
+        found = await asyncio.to_thread(solids_of, arm, source)  # It reads files.
+        self._scene = ArmScene(self._desk.server.scene, arm, found)
         camera = self._desk.server.initial_camera
         camera.position, camera.look_at = self._scene.camera
         camera.up = (0.0, 0.0, 1.0)

@@ -28,7 +28,17 @@ _NOTHING = np.array([-SPAN, 0.0])
 _WINDOWS = ("2 s", "5 s", "10 s", f"{SPAN:g} s")
 """Lengths of the time axes."""
 _ALL = "all joints"
-_AXES: tuple[uplot.Axis, ...] = ({"size": 24}, {"size": 52})
+_AXES: tuple[uplot.Axis, ...] = (
+    {"size": 24},
+    {"size": 52},
+    # An empty axis above: otherwise the highest label of the vertical axis is cut off.
+    {"scale": "x", "side": 0, "size": 8, "stroke": "transparent", "ticks": {"show": False}, "grid": {"show": False}},
+)
+EVENTS = "events"
+"""Label of the line of the events: a spike through the whole plot at each."""
+_MARK = "#7048e8"
+_BEYOND = 10.0
+"""How far the line of the events lies beyond the curves, as a multiple of their range."""
 
 
 def color(joint: int) -> str:
@@ -57,12 +67,12 @@ class Plots:
         self._window.on_update(lambda _: self._choose())
 
     def _add(self, gui: GuiApi, signal: Signal, units: dict[str, str], height: int) -> GuiUplotHandle:
-        return _plot(gui, len(self._joints), self._series(), SHOWN[signal].format(**units), (-SPAN, 0.0), height)
+        return _plot(gui, len(self._joints) + 1, self._series(), SHOWN[signal].format(**units), (-SPAN, 0.0), height)
 
     def _series(self) -> list[uplot.Series]:
         chosen = self._joint.value
         curves = [_curve(joint, i, shown=chosen in (_ALL, joint)) for i, joint in enumerate(self._joints)]
-        return [uplot.Series(label="s"), *curves]
+        return [uplot.Series(label="s"), *curves, uplot.Series(label=EVENTS, stroke=_MARK, width=1.0, auto=False)]
 
     def _choose(self) -> None:
         """Draw the chosen joint over the chosen time."""
@@ -72,17 +82,31 @@ class Plots:
             plot.series = tuple(self._series())
             plot.scales = _scales((-length, 0.0))
 
-    def show(self, curves: Curves, silence: float = 0.0) -> None:
+    def show(self, curves: Curves, silence: float = 0.0, events: Sequence[float] = ()) -> None:
         """Draw the curves; their signals are those of `SHOWN`. They go on to the left when nothing follows.
 
-        `silence`: time since the last point, s.
+        Args:
+            curves: of every joint.
+            silence: time since the last point, s.
+            events: when something happened, on the time of the curves, s.
         """
         if not curves.time.size:
             return
         time = curves.time - curves.time[-1] - silence
         for i, signal in enumerate(SHOWN):
             scale = _MILLI if signal in _SCALED else 1.0
-            self._plots[signal].data = (time, *np.ascontiguousarray(scale * curves.values[:, i].T))
+            values = np.ascontiguousarray(scale * curves.values[:, i].T)
+            self._plots[signal].data = (time, *values, _spikes(curves.time, events, values))
+
+
+def _spikes(time: Array, events: Sequence[float], values: Array) -> Array:
+    """A line that crosses the whole plot at each event and is outside it elsewhere, shape (points,)."""
+    low, high = float(values.min()), float(values.max())
+    far = _BEYOND * (high - low or 1.0)
+    line = np.full(time.size, low - far)
+    inside = [event for event in events if time[0] <= event <= time[-1]]
+    line[np.searchsorted(time, inside)] = high + far
+    return line
 
 
 class Comparison:

@@ -1,6 +1,6 @@
 """The arm in 3-D: its links, the reference as a ghost, and an arc or arrow for each effort."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from pidtsm_core.robots import Description
 from pidtsm_core.robots.picture import effort_arc, effort_arrow, effort_color, effort_shares, reach
 from pidtsm_core.robots.placement import joint_placements
 from pidtsm_core.robots.tree.layout import Column, rows
+from pidtsm_studies.reports.meshes import Solid
 
 # Lengths as shares of the reach of the arm.
 _BONE_RADIUS = 0.018
@@ -19,7 +20,7 @@ _HUB_RADIUS, _HUB_LENGTH = 0.03, 0.08
 _EFFORT_WIDTH = 0.012
 _SHORTEST_BONE = 1e-3
 
-_BONE, _HUB, _GHOST = (70, 105, 150), (238, 145, 40), (120, 120, 120)
+_BONE, _HUB, _GHOST, _SOLID = (70, 105, 150), (238, 145, 40), (120, 120, 120), (228, 232, 238)
 _GHOST_OPACITY = 0.3
 _CAMERA = np.array([0.4, -1.6, 0.5])
 """Place of the camera from the middle of the arm, in reaches."""
@@ -30,8 +31,14 @@ _POINTS = 23
 class ArmScene:
     """The arm and its ghost: one frame for the base and one for each joint, with meshes that do not change."""
 
-    def __init__(self, scene: SceneApi, arm: Description) -> None:
-        """Add everything to the scene; the arm stands at zero until `show`."""
+    def __init__(self, scene: SceneApi, arm: Description, solids: Sequence[Solid] = ()) -> None:
+        """Add everything to the scene; the arm stands at zero until `show`.
+
+        Args:
+            scene: of the page.
+            arm: the arm.
+            solids: its meshes; without them it has rods from link to link.
+        """
         self._scene, self._arm, self._size = scene, arm, reach(arm)
         scene.set_up_direction("+z")
         size = self._size
@@ -42,6 +49,15 @@ class ArmScene:
             scene.add_frame(f"/{name}", show_axes=False)
             self._frames[name] = [scene.add_frame(f"/{name}/{j}", show_axes=False) for j in range(len(arm.joints))]
             looks: dict[str, Any] = {"opacity": _GHOST_OPACITY, "cast_shadow": False} if ghost else {}
+            for solid in solids:
+                place = int(rows(arm.tree)[solid.row, Column.PLACE]) if solid.row >= 0 else "base"
+                color = _GHOST if ghost else _SOLID
+                mesh = np.asarray(solid.corners, dtype=np.float32), np.asarray(solid.triangles, dtype=np.uint32)
+                scene.add_mesh_simple(
+                    f"/{name}/{place}/solid", *mesh, color=color, flat_shading=True, side="double", **looks
+                )
+            if solids:
+                continue
             for joint in range(len(arm.joints)):
                 color = _GHOST if ghost else _HUB
                 scene.add_cylinder(f"/{name}/{joint}/hub", _HUB_RADIUS * size, _HUB_LENGTH * size, color, **looks)

@@ -13,7 +13,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.parameters.joints import MessageError
 from pidtsm_core.signals import Signal
 from pidtsm_msgs.msg import ControllerState
-from pidtsm_ros.cdr import DOUBLE, STAMP_END, places_of_numbers, stamps_of
+from pidtsm_ros.cdr import DOUBLE, NumberTable, layout_of, stamps_of
 from pidtsm_ros.qos import READER
 from pidtsm_ros.wire import deserialize
 
@@ -41,8 +41,7 @@ class StateStream:
         qos = copy(READER)
         qos.depth = _DEPTH
         self._subscription = node.create_subscription(ControllerState, "controller/state", _never_called, qos, raw=True)
-        self._head = b""
-        self._places: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
+        self._table: NumberTable | None = None
 
     def take(self) -> Batch | None:
         """All messages that have arrived, and are like the last one; None if there is none."""
@@ -58,33 +57,26 @@ class StateStream:
         joints = len(newest.name)
         if any(len(getattr(newest, field)) != joints for field in _FIELDS) or not joints:
             return None
-        self._learn(messages[-1], newest)
-        alike = [data for data in messages if len(data) == len(messages[-1]) and self._begins_alike(data)]
-        table = np.frombuffer(b"".join(alike), np.uint8).reshape(len(alike), -1)
-        values = table.take(self._places, axis=1).view("<f8").reshape(len(alike), len(_FIELDS), joints)
+        same = [data for data in messages if len(data) == len(messages[-1])]
+        if self._table is None or self._table.length != len(same[-1]):
+            self._table = _table_like(same[-1], joints)
+        alike, numbers = self._table.read(same)
+        if not alike[-1]:  # Other joints.
+            self._table = _table_like(same[-1], joints)
+            alike, numbers = self._table.read(same)
+        values = numbers.reshape(-1, len(_FIELDS), joints)
         finite = np.isfinite(values).all(axis=(1, 2))
         if not finite.any():
             return None
-        return Batch(stamps_of(alike)[finite], values[finite], newest)
+        return Batch(stamps_of(same)[alike][finite], values[finite], newest)
 
-    def _begins_alike(self, data: bytes) -> bool:
-        return data[STAMP_END : STAMP_END + len(self._head)] == self._head
 
-    def _learn(self, data: bytes, message: ControllerState) -> None:
-        """Find out where the numbers are, if the joints are not those of the last message."""
-        if self._head and self._begins_alike(data):
-            return
-        # A copy, since it is overwritten.
-        copied = deserialize(data, ControllerState)
-        _, places = places_of_numbers(copied, _FIELDS, serialize_message)
-        starts = [places[field] + DOUBLE * j for field in _FIELDS for j in range(len(message.name))]
-        self._places = np.add.outer(starts, np.arange(DOUBLE)).ravel()
-        self._head = data[STAMP_END : min(starts)]
-
-    @property
-    def publishers(self) -> int:
-        """Number of publishers of the topic."""
-        return int(self._subscription.get_publisher_count())
+def _table_like(data: bytes, joints: int) -> NumberTable:
+    """Reads the fields of states with the joints of this one, whatever mode and fault they have."""
+    shared, places = layout_of(data, deserialize(data, ControllerState), _FIELDS, serialize_message)
+    wanted = [places[field] + DOUBLE * j for field in _FIELDS for j in range(joints)]
+    shared[max(wanted) :] = False
+    return NumberTable(data, shared, wanted)
 
 
 def _never_called(message: bytes) -> None:

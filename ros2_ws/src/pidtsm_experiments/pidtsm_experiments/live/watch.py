@@ -1,7 +1,10 @@
 """What a page shows of the controller: state, loop, metrics, curves and the last events."""
 
+from collections import deque
 from collections.abc import Sequence
 from html import escape
+from itertools import takewhile
+from typing import NamedTuple
 
 import numpy as np
 from viser import GuiTabHandle
@@ -10,7 +13,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.recording.metric import MEAN_EFFORT, RMSE, Metric
 from pidtsm_core.signals import Signal
 from pidtsm_core.units import JointUnits, either
-from pidtsm_core.written import Scale, scale, scaled
+from pidtsm_core.written import THIN, Scale, scale, scaled, signed
 from pidtsm_experiments.live.desk import Desk
 from pidtsm_experiments.live.history import History, Measurement
 from pidtsm_experiments.live.motion import Moving
@@ -19,7 +22,12 @@ from pidtsm_experiments.live.stream import Batch
 from pidtsm_experiments.live.words import AMBER, GREEN, OLD, badge, loop, mode
 from pidtsm_msgs.msg import ControllerState
 
-_PANEL = 430  # pixels
+_PANEL = 380
+"""Width of the curves, px: on a tablet of 1024 px there is room for the arm beside them."""
+_LISTED = 3
+"""Events of the curves that are listed above them."""
+_MARKS = 100
+"""Largest number of events on the curves."""
 
 
 class Status:
@@ -44,6 +52,13 @@ class Status:
         )
 
 
+class Mark(NamedTuple):
+    """An event on the curves."""
+
+    time: float  # on the axis of the curves, s
+    text: str
+
+
 class Watching:
     """Curves and metrics; the curves are in a panel of their own."""
 
@@ -51,6 +66,8 @@ class Watching:
         """Add the controls to a tab, and the panel."""
         self._desk, self._joints, self._units, gui = desk, list(joints), list(units), desk.server.gui
         self._history, self._measured, self._kept = History(), Measurement(), Measurement()
+        self._marks: deque[Mark] = deque(maxlen=_MARKS)
+        self._seen: tuple[str, str] | None = None
         self.moving: Moving | None = None
         named = {
             "position": either(f"m{unit.position}" for unit in units),
@@ -60,6 +77,7 @@ class Watching:
         with panel.add_tab("Curves"):
             gui.add_html(_legend(joints))
             self._paused = gui.add_checkbox("pause", False, hint="stop drawing; the system goes on")
+            self._listed = gui.add_html("")
             self._plots = Plots(gui, joints, named)
         with panel.add_tab("A / B"):
             gui.add_markdown("Keep a curve as A, change a setting, and compare.")
@@ -85,11 +103,29 @@ class Watching:
     def draw(self) -> None:
         """Draw the curves."""
         if not self._paused.value:
-            silence = self._desk.system.silence
-            self._plots.show(self._history.curves(), silence if silence > OLD else 0.0)
+            silence, curves = self._desk.system.silence, self._history.curves()
+            if curves.time.size:
+                self._mark_events(float(curves.time[-1]))
+            self._plots.show(curves, silence if silence > OLD else 0.0, [mark.time for mark in self._marks])
             if self._joint.value in self._joints:
                 joint = self._joints.index(self._joint.value)
                 self._comparison.show(self._kept.error(), self._measured.error(), joint)
+
+    def _mark_events(self, now: float) -> None:
+        """Give each new event its place on the curves, and list the last ones; `now`: time of the curves, s."""
+        if self._marks and self._marks[-1].time > now:  # The clock was set, and the curves began anew.
+            self._marks.clear()
+        new = list(takewhile(lambda event: event is not self._seen, self._desk.system.events))
+        self._seen = self._desk.system.events[0] if self._desk.system.events else None
+        self._marks.extend(Mark(now, text) for _, text in reversed(new))
+        lines = "".join(
+            f'<div style="overflow:hidden;text-overflow:ellipsis;white-space:nowrap" title="{escape(mark.text)}">'
+            f"│ {signed(mark.time - now, 2)}{THIN}s {escape(mark.text)}</div>"
+            for mark in list(self._marks)[-_LISTED:][::-1]
+        )
+        # From the first event on the height is constant, so that the plots do not move.
+        style = f"padding:0 0.75em;font-size:0.8em;line-height:1.3;height:{1.3 * _LISTED}em"
+        self._listed.content = f'<div id="marks" style="{style}">{lines}</div>' if self._marks else ""
 
     def show(self) -> None:
         """Show metrics and events."""

@@ -84,7 +84,6 @@ class Watch:
         self._joints = names(start.parameters["controller"]["joints"])
         self._newest: ControllerState | None = None
         self._shown: dict[str, str] = {}
-        self._noted = 0
         self._arm_seen = False
         self._began = time.monotonic()
 

@@ -61,9 +61,7 @@ def write_origin(folder: Path, made_of: MadeOf = NOTHING, before: Path | None = 
     """
     runs = {str(path): origin_of(path) for path in made_of.runs}
     only = next(iter(runs.values())) if len(runs) == 1 else None
-    parameters: Mapping[str, Any] = (
-        _plain(made_of.parameters) or _parameters(folder) or (only or {}).get("parameters") or {}
-    )
+    parameters: Mapping[str, Any] = made_of.parameters or _parameters(folder) or (only or {}).get("parameters") or {}
     seed = parameters.get("simulator", {}).get("seed") if made_of.seed is None else made_of.seed
     origin = making() | {"seed": seed, "parameters": parameters or None} | ({"runs": runs} if runs else {})
     if before is not None:
@@ -109,11 +107,6 @@ def _added(earlier: dict[str, Any] | None, now: dict[str, Any], parameters: Mapp
     if any({key: each.get(key) for key in _MAKING} == how for each in [earlier, *known]):
         return earlier
     return earlier | {"renewed": [*known, how]}
-
-
-def _plain(parameters: Mapping[str, Mapping[str, Value]] | None) -> dict[str, Any]:
-    """Parameters by node as JSON knows them."""
-    return {node: dict(values) for node, values in (parameters or {}).items()}
 
 
 def _parameters(folder: Path) -> dict[str, Any]:

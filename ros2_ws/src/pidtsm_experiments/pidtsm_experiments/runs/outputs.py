@@ -24,7 +24,5 @@ def write_outputs(recording: Recording, folder: Path, run: Path | None = None) -
     metrics = recording.metrics()
     write_metrics(metrics, folder / "metrics.json")
     write_figures(recording, folder / "figures")
-    write_report(
-        folder / "report.html", (recording, metrics), simulator=read_parameters(run or folder).get("simulator", {})
-    )
+    write_report(folder / "report.html", (recording, metrics), parameters=read_parameters(run or folder))
     return metrics

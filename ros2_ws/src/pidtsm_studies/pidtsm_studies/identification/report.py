@@ -12,7 +12,7 @@ from pidtsm_core.identification.identification import Identification
 from pidtsm_core.units import JointUnits, either, joint_units
 from pidtsm_core.written import DIGITS, THIN, number, quantity, scale
 from pidtsm_studies.identification.results import as_json
-from pidtsm_studies.reports.animation import resampled
+from pidtsm_studies.reports.animation import motion, resampled
 from pidtsm_studies.reports.curves import Quantity, curves
 from pidtsm_studies.reports.labels import Entry
 from pidtsm_studies.reports.matrix import difference, worst
@@ -50,20 +50,21 @@ class Predicted:
     residual: Array
 
 
-def write_identification_report(path: Path, found: Identification, robot: str) -> None:
+def write_identification_report(path: Path, found: Identification, robot: str, source: str = "") -> None:
     """Write the page; the same result gives the same file.
 
     Args:
         path: the HTML file; an existing one is replaced.
         found: the result.
         robot: name of the arm, for the title.
+        source: of the description, where the meshes of the arm are looked for.
     """
     result = as_json(found)
     errors = result["torque_error"]
     joint = worst(errors["after"], found.units) or 0
-    data = _viewer(found, joint)
+    data = _viewer(found, joint, source)
     sections = (
-        viewer_section(data, "Torque", "Torque over time"),
+        viewer_section(data, "Torque", "Motion and torque", "the largest one"),
         Section(
             "errors",
             "Torque error",
@@ -139,7 +140,7 @@ def _answers(found: Identification, result: dict[str, Any], joint: int) -> list[
     ]
 
 
-def _viewer(found: Identification, joint: int) -> dict[str, Any]:
+def _viewer(found: Identification, joint: int, source: str) -> dict[str, Any]:
     check, joints = found.check, tuple(found.arm.joints)
     units = joint_units([bool(slides) for slides in found.arm.slides], len(joints))
     torques = {"measured": check.measured, "description": check.before, "identified": check.after}
@@ -161,7 +162,8 @@ def _viewer(found: Identification, joint: int) -> dict[str, Any]:
     drawn = {_CASE: curves(every, _QUANTITIES)}
     shown = [[unit.effort, unit.effort] for unit in units]
     heads = {"heads": ["measured minus predicted", "torque"]}
-    return assembled(joints, shown, drawn, runs, joint) | heads
+    arm = motion(f"{_CASE} measured", found.arm, source, check.time - check.time[0], check.motion.position)
+    return assembled(joints, shown, drawn, runs, joint) | heads | {"arm": arm}
 
 
 def _errors(found: Identification, result: dict[str, Any]) -> dict[str, Any]:

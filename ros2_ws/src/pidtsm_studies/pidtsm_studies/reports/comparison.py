@@ -10,11 +10,18 @@ from pidtsm_core.parameters.files import NODES, Settings
 from pidtsm_core.recording import Recording
 from pidtsm_core.written import NOTHING, enumeration
 from pidtsm_studies.article.claims import Run
-from pidtsm_studies.reports.contrast import BEST, contrast_answers, contrast_section, contrast_verdict, contrasts
+from pidtsm_studies.reports.contrast import (
+    BEST,
+    apart_section,
+    contrast_answers,
+    contrast_section,
+    contrast_verdict,
+    contrasts,
+)
 from pidtsm_studies.reports.labels import run_entries
 from pidtsm_studies.reports.page import Answer, Page, write_page
 from pidtsm_studies.reports.sections import events_of, happened_section, matrix_sections
-from pidtsm_studies.reports.verdicts import extents, sentence
+from pidtsm_studies.reports.verdicts import extents, run_verdict, sentence
 from pidtsm_studies.reports.viewer import more_curves_section, viewer_data, viewer_section
 
 _TOGETHER = "Comparison"
@@ -71,7 +78,7 @@ def write_comparison(
     path: Path,
     runs: Mapping[str, Run],
     parameters: Mapping[str, Mapping[str, Any]],
-    simulators: Mapping[str, Mapping[str, Any]] | None = None,
+    nodes: Mapping[str, Mapping[str, Mapping[str, Any]]] | None = None,
     title: str = "",
     apart: Answer | None = None,
 ) -> None:
@@ -81,7 +88,7 @@ def write_comparison(
         path: the HTML file.
         runs: at least two runs by name, with the same joints; differences are those to the first.
         parameters: see `differing_parameters`.
-        simulators: parameters of the simulated arm, by run, with the times of pushes and loads.
+        nodes: parameters of every node by run, with the times of pushes and loads and with the limits.
         title: of the page; empty: the names of the runs.
         apart: how far the runs are apart, if this is the question, instead of which one follows best.
     """
@@ -91,11 +98,12 @@ def write_comparison(
     case = scenario or _TOGETHER
     cases, metrics = {case: runs}, {name: metrics for name, (_, metrics) in runs.items()}
     found = contrasts(metrics)
-    happened = events_of(cases, {(case, name): values for name, values in (simulators or {}).items()})
+    happened = events_of(cases, {(case, name): values for name, values in (nodes or {}).items()})
     data = viewer_data(cases, entries, happened, found.joint)
     sections = (
-        contrast_section(found, metrics, _parameters(list(runs), parameters)),
+        apart_section(found, metrics),
         viewer_section(data, "Runs"),
+        contrast_section(found, metrics, _parameters(list(runs), parameters)),
         *matrix_sections(cases, entries, []),
         happened_section(
             {(case, name): name for name in runs}, {(case, name): each for name, each in metrics.items()}, happened
@@ -103,7 +111,9 @@ def write_comparison(
         more_curves_section(data),
     )
     verdict, state = contrast_verdict(found, metrics)
-    answers = contrast_answers(found, metrics, len(parameters))
+    answers = contrast_answers(
+        found, metrics, parameters, {name: run_verdict(each, happened[case, name]) for name, each in metrics.items()}
+    )
     if apart is not None:
         verdict = sentence(f"The runs differ by at most {apart.text}, {apart.detail}")
         followed, *others = answers

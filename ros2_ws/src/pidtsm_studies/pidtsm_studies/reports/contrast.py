@@ -1,12 +1,12 @@
 """What differs between runs, the largest first, and what is equal."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from pidtsm_core.recording.metric import METRICS, RMSE, Metric
 from pidtsm_core.recording.outcome import FOLLOWED
-from pidtsm_core.written import THIN, Scale, scale, scaled
+from pidtsm_core.written import THIN, Scale, number, scale, scaled
 from pidtsm_studies.reports.matrix import cell, difference, units_of, values_of
 from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer, Section
 
@@ -15,8 +15,12 @@ _THE_SAME = 1e-9
 """Relative difference of two ratios that are the same but for rounding."""
 _RANKED = 4
 """Largest number of runs in the answer to `BEST`."""
-_SHOWN = 6
-"""Largest number of differences shown first."""
+_IN_A_LINE, _SHOWN = 3, 6
+"""Largest number of differences in a line, and in the table."""
+_REASONS = 2
+"""Largest number of runs whose reason is in an answer."""
+_LONGEST = 30
+"""Characters of a value in an answer."""
 _Metrics = Mapping[str, Mapping[str, Any]]
 """Metrics by name of the run."""
 
@@ -99,19 +103,26 @@ def contrast_verdict(found: Contrasts, metrics: _Metrics) -> tuple[str, str]:
     return f"{best} follows most closely: the RMSE of {joint} is {values} of {worst} ({by}){missing}.", PLAIN
 
 
-def contrast_answers(found: Contrasts, metrics: _Metrics, parameters: int) -> list[Answer]:
+def contrast_answers(
+    found: Contrasts,
+    metrics: _Metrics,
+    parameters: Mapping[str, Mapping[str, Any]],
+    reasons: Mapping[str, str],
+) -> list[Answer]:
     """The answers of a comparison.
 
     Args:
         found: see `contrasts`.
         metrics: by run.
-        parameters: how many differ.
+        parameters: those that differ, with their values by run.
+        reasons: why runs have not followed, by run.
     """
     followed = [name for name, each in metrics.items() if each["outcome"] == FOLLOWED]
     whole = len(followed) == len(metrics)
     joints = next(iter(metrics.values()))["joints"]
-    lost = ", ".join(f"{name}: {each['outcome']}" for name, each in metrics.items() if each["outcome"] != FOLLOWED)
-    answers = [Answer("Did they follow?", f"{len(followed)} of {len(metrics)}", lost, GOOD if whole else BAD)]
+    lost = [f"{name}: {reasons[name]}" for name, each in metrics.items() if each["outcome"] != FOLLOWED]
+    detail = " ".join(lost[:_REASONS]) + (f" And {len(lost) - _REASONS} more." if len(lost) > _REASONS else "")
+    answers = [Answer("Did they follow?", f"{len(followed)} of {len(metrics)}", detail, GOOD if whole else BAD)]
     ranked = _ranked(metrics, found.joint)
     if ranked and found.found:
         unit = units_of(next(iter(metrics.values())))[found.joint].position
@@ -119,22 +130,65 @@ def contrast_answers(found: Contrasts, metrics: _Metrics, parameters: int) -> li
         text = ", ".join(f"{name} {scaled(value, shown)}" for value, name in ranked[:_RANKED])
         more = ", …" if len(ranked) > _RANKED else ""
         answers.append(Answer(BEST, ranked[0][1], f"RMSE of {joints[found.joint]} in {shown.unit}: {text}{more}"))
-    given = f"{parameters} parameter{'s' if parameters != 1 else ''}" if parameters else "No parameter that is known"
-    answers.append(Answer("What was changed?", given, "see Parameters that differ" if parameters else ""))
+    answers.append(_changed(parameters))
     if found.found:
         answers.append(Answer("Which joint differs most?", joints[found.joint], "by its RMSE; its curves are shown"))
     return answers
 
 
-def contrast_section(found: Contrasts, metrics: _Metrics, parameters: Mapping[str, Any]) -> Section:
-    """What differs first: metrics with signed differences, and parameters; equal things are one line."""
+def _changed(parameters: Mapping[str, Mapping[str, Any]]) -> Answer:
+    """Which parameters differ: one with its values, more by their number and names."""
+    question = "What was changed?"
+    if not parameters:
+        return Answer(question, "No parameter that is known")
+    (name, values), *others = parameters.items()
+    if others:
+        names = ", ".join(each.partition(".")[2] for each in list(parameters)[:_RANKED])
+        return Answer(question, f"{len(parameters)} parameters", names + (", …" if len(parameters) > _RANKED else ""))
+    shown = [_short(value) for value in values.values()]
+    some = shown if len(shown) <= _RANKED else [shown[0], "…", shown[-1]]
+    return Answer(question, name.partition(".")[2], " → ".join(some) if len(shown) == 2 else ", ".join(some))
+
+
+def _short(value: Any) -> str:
+    """A value of a parameter in a few characters."""
+    if isinstance(value, float):
+        return number(value)
+    text = str(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+def apart_section(found: Contrasts, metrics: _Metrics) -> Section:
+    """Where the runs differ most, and what is equal, in a line: of two runs the difference, of more the range."""
     first = next(iter(metrics.values()))
-    units = units_of(first)
+    shown = []
+    for each in found.found[:_IN_A_LINE]:
+        values = [values_of(of_run, each.metric)[each.joint] for of_run in metrics.values()]
+        known = [value for value in values if value is not None]
+        of = scale_of(each, first, values)
+        ends = f"{scaled(min(known), of)} to {scaled(max(known), of)}{THIN}{of.unit}".rstrip(THIN)
+        text = difference(values[0], values[1], of) if len(values) == 2 else ends
+        unit = f"{THIN}{of.unit}" if values[0] == 0.0 and len(values) == 2 else ""
+        shown.append(
+            {"head": f"{each.metric.name} of {first['joints'][each.joint]}", "text": f"{text}{unit}", "title": ends}
+        )
+    content = {"found": shown, "more": max(0, len(found.found) - len(shown)), "equal": ", ".join(found.equal)}
+    return Section("apart", "What differs:", "reports/templates/apart.html", content if shown else None)
+
+
+def scale_of(each: Contrast, metrics: Mapping[str, Any], values: Sequence[float | None]) -> Scale:
+    """A common scale for the values of a metric of a joint."""
+    unit = each.metric.unit_of(units_of(metrics)[each.joint])
+    return scale(values, unit) if each.metric.factor == 1.0 else Scale(unit, each.metric.factor)
+
+
+def contrast_section(found: Contrasts, metrics: _Metrics, parameters: Mapping[str, Any]) -> Section:
+    """What differs: metrics with signed differences, and parameters; equal things are one line."""
+    first = next(iter(metrics.values()))
     rows = []
     for each in found.found[:_SHOWN]:
-        unit = each.metric.unit_of(units[each.joint])
         values = [values_of(of_run, each.metric)[each.joint] for of_run in metrics.values()]
-        shown = scale(values, unit) if each.metric.factor == 1.0 else Scale(unit, each.metric.factor)
+        shown = scale_of(each, first, values)
         cells = [cell(of_run, each.metric, each.joint, shown, False) for of_run in metrics.values()]
         for other, value in zip(cells[1:], values[1:], strict=True):
             other["difference"] = difference(values[0], value, shown)
@@ -147,7 +201,7 @@ def contrast_section(found: Contrasts, metrics: _Metrics, parameters: Mapping[st
         "rows": rows,
     }
     content = {"table": table if rows else None, "equal": ", ".join(found.equal), "parameters": parameters}
-    return Section("differs", "What differs", "reports/templates/differs.html", content)
+    return Section("differs", "Differences in numbers", "reports/templates/differs.html", content)
 
 
 def _ranked(metrics: _Metrics, joint: int) -> list[tuple[float, str]]:

@@ -6,15 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.control.report import cause
 from pidtsm_core.recording import Recording
-from pidtsm_core.signals import Fault, Mode, Status
-from pidtsm_core.written import number, quantity
+from pidtsm_core.signals import Mode, Status
+from pidtsm_core.written import MINUS, number, quantity
+from pidtsm_studies.reports.stops import why
 
 SYMBOLS = {"payload": "▼", "push": "◆", "contact": "●", "limit": "■", "mode": "▬", "fault": "✕", "learnt": "▲"}
 """Mark of each kind of event."""
 _MODES = {Mode.HOLDING: "holds its position", Mode.FREEDRIVE: "is in freedrive", Mode.STOPPED: "is stopped"}
+STOPS = "stops: "
+"""How the text of a fault begins."""
 _CONTACT = "external_effort"
+_ON_JOINTS = " on the joints"
+_OWN = " its position"
 _LEARNT = 0.9
 """A gain counts as learnt when it has reached this share of its last value."""
 _SHORTEST_MODE = 0.01
@@ -30,6 +34,7 @@ class Event:
         time: s, on the axis of the recording.
         until: when it ended, s; None: it has no duration.
         text: a short sentence without its time.
+        label: a few words, for a mark.
         joint: index of the joint concerned; None: no single one.
     """
 
@@ -37,6 +42,7 @@ class Event:
     time: float
     until: float | None
     text: str
+    label: str
     joint: int | None = None
 
     def data(self) -> dict[str, Any]:
@@ -44,17 +50,23 @@ class Event:
         return {**asdict(self), "symbol": SYMBOLS[self.kind]}
 
 
-def events(recording: Recording, metrics: Mapping[str, Any], simulator: Mapping[str, Any]) -> list[Event]:
+def events(
+    recording: Recording,
+    metrics: Mapping[str, Any],
+    simulator: Mapping[str, Any],
+    controller: Mapping[str, Any] | None = None,
+) -> list[Event]:
     """Everything that happened, by time.
 
     Args:
         recording: the run.
         metrics: see `Recording.metrics`.
         simulator: parameters of the simulated arm, with the times of pushes and loads; empty if not known.
+        controller: parameters of the controller, with its limits; None if they are not known.
     """
     found = [
         *_disturbances(recording, simulator),
-        *_faults(recording, metrics),
+        *_faults(recording, metrics, controller or {}),
         *_limits(metrics),
         *_modes(recording),
         *_learnt(recording),
@@ -66,44 +78,49 @@ def _disturbances(recording: Recording, simulator: Mapping[str, Any]) -> Iterato
     last = float(recording.time[-1])
     time, mass = float(simulator.get("payload.time", 0.0)), float(simulator.get("payload.mass", 0.0))
     if mass and 0.0 < time < last:
-        yield Event("payload", time, None, f"picks up {quantity(mass, 'kg')}")
+        yield Event("payload", time, None, f"picks up {quantity(mass, 'kg')}", f"+{quantity(mass, 'kg')}")
     elif recording.event_time is not None:
-        yield Event("payload", recording.event_time, None, "the load of the arm changes")
+        yield Event("payload", recording.event_time, None, "the load of the arm changes", "load changes")
     carried = float(simulator.get("payload.duration", 0.0))
     if mass and carried and time + carried < last:
-        yield Event("payload", time + carried, None, f"drops {quantity(mass, 'kg')}")
+        yield Event("payload", time + carried, None, f"drops {quantity(mass, 'kg')}", f"{MINUS}{quantity(mass, 'kg')}")
     time, lasts = float(simulator.get("push.time", 0.0)), float(simulator.get("push.duration", 0.0))
     if lasts and time < last and (strength := _strength(simulator)):
-        yield Event("push", time, time + lasts, f"is pushed with {strength} for {quantity(lasts, 's')}")
+        text = f"is pushed with {strength} for {quantity(lasts, 's')}"
+        yield Event("push", time, time + lasts, text, f"push {strength.removesuffix(_ON_JOINTS)}")
 
 
 def _strength(simulator: Mapping[str, Any]) -> str:
     """The largest values of a push."""
     parts = {"push.effort": "N m", "push.force": "N", "push.torque": "N m"}
     largest = {name: float(np.abs(np.atleast_1d(simulator.get(name, 0.0))).max()) for name in parts}
-    where = {"push.effort": " on the joints"}
+    where = {"push.effort": _ON_JOINTS}
     return " and ".join(
         f"{quantity(value, parts[name])}{where.get(name, '')}" for name, value in largest.items() if value
     )
 
 
-def _faults(recording: Recording, metrics: Mapping[str, Any]) -> Iterator[Event]:
+def _faults(recording: Recording, metrics: Mapping[str, Any], controller: Mapping[str, Any]) -> Iterator[Event]:
     for fault in metrics["faults"]:
-        kind = next((each for each in Fault if each.name.lower() == fault["fault"]), None)
-        text = cause(kind, 1, [fault["joint"] or "a joint"]) if kind else str(fault["fault"])
+        text = why(recording, fault, controller)
         joint = recording.joints.index(fault["joint"]) if fault["joint"] in recording.joints else None
-        yield Event("fault", fault["time"], None, f"stops: {text}", joint)
+        label = f"stop: {fault['joint']}" if fault["joint"] else "stop"
+        yield Event("fault", fault["time"], None, f"{STOPS}{text}", label, joint)
         if fault["reset"] is not None:
-            yield Event("mode", fault["reset"], None, "is reset")
+            yield Event("mode", fault["reset"], None, "is reset", "reset")
 
 
 def _limits(metrics: Mapping[str, Any]) -> Iterator[Event]:
+    faults = metrics["faults"]
     for violation in metrics["violations"]:
         limit, lasts = violation["limit"], quantity(violation["duration"], "s")
+        if any(f["time"] == violation["time"] and f["fault"].startswith(limit.partition("_")[0]) for f in faults):
+            continue  # The mark of the stop is there.
         if limit == _CONTACT:
-            yield Event("contact", violation["time"], None, f"touches something ({lasts} in all)")
+            yield Event("contact", violation["time"], None, f"touches something ({lasts} in all)", "contact")
         else:
-            yield Event("limit", violation["time"], None, f"a joint is beyond limits.{limit} ({lasts} in all)")
+            text = f"a joint is beyond limits.{limit} ({lasts} in all)"
+            yield Event("limit", violation["time"], None, text, f"{limit.replace('_', ' ')} limit")
 
 
 def _modes(recording: Recording) -> Iterator[Event]:
@@ -114,7 +131,8 @@ def _modes(recording: Recording) -> Iterator[Event]:
         text = _MODES.get(int(modes[begin])) if begin < modes.size else None  # type: ignore[call-overload]
         since, until = float(recording.time[begin]), float(recording.time[end - 1])
         if text and until - since >= _SHORTEST_MODE:
-            yield Event("mode", since, until, f"{text} for {quantity(until - since, 's')}")
+            whole = f"{text} for {quantity(until - since, 's')}"
+            yield Event("mode", since, until, whole, text.removeprefix("is ").removeprefix("in ").removesuffix(_OWN))
 
 
 def _learnt(recording: Recording) -> Iterator[Event]:
@@ -125,4 +143,5 @@ def _learnt(recording: Recording) -> Iterator[Event]:
     if grown[-1] > 0.0:
         sample = int(np.argmax(grown >= _LEARNT * grown[-1]))
         text = f"{recording.joints[joint]} has learnt: its gain Υ is {number(float(gains[sample, joint]))}"
-        yield Event("learnt", float(recording.time[sample]), None, text, joint)
+        label = f"{recording.joints[joint]} has learnt"
+        yield Event("learnt", float(recording.time[sample]), None, text, label, joint)

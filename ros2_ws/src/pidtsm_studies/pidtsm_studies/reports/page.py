@@ -16,7 +16,7 @@ from pidtsm_studies.reports.styles import SERIES
 
 GOOD, BAD, PLAIN = "good", "bad", "plain"
 """State of a verdict."""
-_SCRIPTS = ("written", "page", "plots", "arm", "viewer", "charts", "filter")
+_SCRIPTS = ("written", "page", "plots", "meshes", "arm", "viewer", "charts", "filter")
 """Parts of the script, in their order."""
 
 

@@ -22,7 +22,7 @@ def write_report(
     runs: Reproduction | Run,
     comparisons: Sequence[Comparison] = (),
     notes: Sequence[str] = (),
-    simulator: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> None:
     """Write the report; the same runs give the same file.
 
@@ -33,7 +33,8 @@ def write_report(
         runs: a reproduction, or a single run.
         comparisons: comparisons with the article, as returned by `claims.compare`; empty: a report without the article.
         notes: further notes on the deviations, each a sentence or a paragraph.
-        simulator: parameters of the simulated arm of a single run, with the times of pushes and loads.
+        parameters: of a single run by node: those of the simulated arm have the times of pushes and loads, those of the
+            controller the limits.
     """
     reproduction = {_key(runs[0]): runs} if isinstance(runs, tuple) else runs
     done = {key: run for key, run in reproduction.items() if not isinstance(run, str)}
@@ -44,7 +45,7 @@ def write_report(
         for case in sorted({case for case, _ in done})
     }
     metrics = {key: each for key, (_, each) in done.items()}
-    happened = events_of(cases, {key: simulator or {} for key in done})
+    happened = events_of(cases, dict.fromkeys(done, parameters or {}))
     single = next(iter(metrics.items())) if len(metrics) == 1 and not failed else None
     data = viewer_data(cases, entries, happened, _chosen(metrics)) if cases else None
     failures = [f"{_run_name(*key)}: {reason}" for key, reason in failed.items()]
@@ -60,7 +61,7 @@ def write_report(
     )
     if single:
         key, each = single
-        verdict, state, answers = run_verdict(each), state_of(each), run_answers(each, happened[key])
+        verdict, state, answers = run_verdict(each, happened[key]), state_of(each), run_answers(each, happened[key])
     else:
         verdict, state, answers = _of_reproduction(metrics, failed, comparisons)
     title = "The article, reproduced" if comparisons else ", ".join(_run_name(*key) for key in done)

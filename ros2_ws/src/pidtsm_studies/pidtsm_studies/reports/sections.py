@@ -21,18 +21,19 @@ def section(name: str, heading: str, content: Any, folded: bool = False, templat
 
 
 def events_of(
-    cases: Cases, simulators: Mapping[tuple[str, str], Mapping[str, Any]]
+    cases: Cases, parameters: Mapping[tuple[str, str], Mapping[str, Mapping[str, Any]]]
 ) -> dict[tuple[str, str], list[Event]]:
     """The events of runs.
 
     Args:
         cases: the runs.
-        simulators: parameters of the simulated arm, by case and law or name, as far as they are known.
+        parameters: by case and law or name, and by node, as far as they are known.
     """
     return {
-        (case, key): events(*run, simulators.get((case, key), {}))
+        (case, key): events(*run, nodes.get("simulator", {}), nodes.get("controller", {}))
         for case, runs in cases.items()
         for key, run in runs.items()
+        for nodes in (parameters.get((case, key), {}),)
     }
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import ParameterError, as_float, names, resolve
-from pidtsm_core.robots import TreeRobot, find_robot, robot_schema
+from pidtsm_core.robots import Description, TreeRobot, find_robot, robot_schema
 from pidtsm_core.robots.tree.kinematics import forward_kinematics
 from pidtsm_core.robots.tree.layout import Column, rotation, rows, size
 from pidtsm_core.robots.two_link import TWO_LINK
@@ -59,17 +59,18 @@ class Skeleton:
 
         Returns:
             Origins of the joint frames after their motion, and last the tool, m, shape (samples, joints + 1, 3); and
-            the axes of the joints, unit vectors, shape (samples, joints, 3); in the order of the rows of the tree.
+            the rotations of these frames to the base, whose z axes are those of the joints, shape (samples, joints, 3,
+            3); in the order of the rows of the tree.
         """
         tree, placements = self.tree.copy(), np.empty((len(self.joints), 3, 4))
         points = np.empty((len(positions), len(self.joints) + 1, 3))
-        axes = np.empty((len(positions), len(self.joints), 3))
-        for q, found, axis in zip(np.ascontiguousarray(positions), points, axes, strict=True):
+        rotations = np.empty((len(positions), len(self.joints), 3, 3))
+        for q, found, turned in zip(np.ascontiguousarray(positions), points, rotations, strict=True):
             forward_kinematics(q, tree, placements)
             found[:-1] = placements[:, :, 3]
             found[-1] = placements[self.tool_row] @ (*self.tool, 1.0)
-            axis[:] = placements[:, :, 2]
-        return points, axes
+            turned[:] = placements[:, :, :3]
+        return points, rotations
 
 
 def find_skeleton(parameters: Mapping[str, object]) -> Skeleton:
@@ -85,11 +86,15 @@ def find_skeleton(parameters: Mapping[str, object]) -> Skeleton:
         raise ParameterError("the recording does not contain the parameters of the arm")
     robot = find_robot(parameters)
     if isinstance(robot, TreeRobot):
-        found = robot.description
-        return Skeleton(found.joints, found.tree, found.tool_row, found.tool)
+        return skeleton_of(robot.description)
     if robot is TWO_LINK:
         return _planar(parameters)
     raise ParameterError(f"robot.description: {robot.name} is a closed form, which has no positions of its joints")
+
+
+def skeleton_of(arm: Description) -> Skeleton:
+    """The skeleton of an arm that is described as a tree."""
+    return Skeleton(arm.joints, arm.tree, arm.tool_row, arm.tool)
 
 
 def _planar(parameters: Mapping[str, object]) -> Skeleton:

@@ -6,8 +6,8 @@ from typing import Any
 
 from pidtsm_core.recording.metric import RMSE
 from pidtsm_core.recording.outcome import FOLLOWED, RAN_AWAY, STOPPED, is_rough, verdict, what_happened
-from pidtsm_core.written import number, quantity
-from pidtsm_studies.reports.events import Event
+from pidtsm_core.written import THIN, enumeration, number, quantity
+from pidtsm_studies.reports.events import STOPS, Event
 from pidtsm_studies.reports.matrix import units_of, values_of, worst
 from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer
 
@@ -78,7 +78,9 @@ def _happened(metrics: Mapping[str, Any], events: Sequence[Event]) -> Answer:
     if not unusual:
         others = what_happened(metrics) if metrics["outcome"] == FOLLOWED else []
         return Answer("What happened?", "Nothing unusual", "; ".join(others[:_SHOWN]), PLAIN)
-    text = "; ".join(f"{event.text} at {number(event.time)}\u202fs" for event in shown)
+    told = metrics["outcome"] in (STOPPED, RAN_AWAY)  # The verdict has the reason of the stop.
+    texts = [event.text if event.kind == "fault" and not told else event.label for event in shown]
+    text = "; ".join(f"{each} at {number(event.time)}{THIN}s" for each, event in zip(texts, shown, strict=True))
     rest = len(events) - len(shown)
     state = BAD if any(event.kind == "fault" for event in events) else PLAIN
     return Answer("What happened?", sentence(text), f"and {rest} more, see the marks" if rest else "", state)
@@ -103,9 +105,20 @@ def _worst(metrics: Mapping[str, Any], joint: int | None) -> Answer:
     return Answer("Which joint is worst?", metrics["joints"][joint], detail)
 
 
-def run_verdict(metrics: Mapping[str, Any]) -> str:
-    """The sentence of a single run."""
+def run_verdict(metrics: Mapping[str, Any], events: Sequence[Event] = ()) -> str:
+    """The sentence of a single run; of one that does not end well after a stop, why and when it stopped."""
+    stops = [event for event in events if event.kind == "fault"]
+    if stops and metrics["outcome"] in (STOPPED, RAN_AWAY):
+        stop = stops[0] if metrics["outcome"] == RAN_AWAY else stops[-1]
+        after = "; ran away afterwards" if metrics["outcome"] == RAN_AWAY else _limited(metrics)
+        return sentence(f"stopped after {quantity(stop.time, 's')}: {stop.text.removeprefix(STOPS)}{after}")
     return sentence(verdict(metrics))
+
+
+def _limited(metrics: Mapping[str, Any]) -> str:
+    """Which joints had been at their effort limits before the last fault."""
+    limited = metrics["faults"][-1].get("limited")  # Metrics of older versions lack it.
+    return f", after {enumeration(limited)} had been at the effort limit" if limited else ""
 
 
 def extents(metrics: Mapping[Any, Mapping[str, Any]]) -> str:

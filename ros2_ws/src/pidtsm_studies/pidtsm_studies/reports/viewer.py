@@ -112,13 +112,19 @@ def assembled(
     }
 
 
-def viewer_section(data: Mapping[str, Any], choice: str = "Laws", heading: str = "Motion, error and effort") -> Section:
+def viewer_section(
+    data: Mapping[str, Any],
+    choice: str = "Laws",
+    heading: str = "Motion, error and effort",
+    full: str = "the limit",
+) -> Section:
     """The arm, error and effort.
 
     Args:
         data: see `viewer_data`.
         choice: what the runs are called.
         heading: of the section.
+        full: the effort that is drawn as a full turn, in words.
     """
     runs = {run["key"]: run for run in data["runs"].values()}
     content = {
@@ -126,8 +132,10 @@ def viewer_section(data: Mapping[str, Any], choice: str = "Laws", heading: str =
         "arm": data["arm"] is not None,
         "reason": data["reason"],
         "grid": number(data["arm"]["grid"]) if data["arm"] else "",
+        "guided": bool(data["arm"]) and any(each["reference_of"] for each in data["arm"]["runs"].values()),
         "cases": {case: case_name(case) for case in data["cases"]},
         "choice": choice,
+        "full": full,
         "runs": list(runs.values()) if len(runs) > 1 else [],
         "joints": [{"name": name, **look} for name, look in zip(data["joints"], data["joint_looks"], strict=True)],
         "plots": _plots(data, first=True),

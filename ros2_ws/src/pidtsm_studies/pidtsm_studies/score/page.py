@@ -48,6 +48,8 @@ def write_score_page(path: Path, heading: str, entries: Sequence[Entry]) -> None
     sections = []
     if len(entries) > 1:
         sections.append(Section("filters", "Show", "score/templates/filters.html", _filters(entries)))
+    if len(arms) > 1:
+        sections.append(Section("overview", "Every arm", "score/templates/overview.html", _overview(arms, styles)))
     for number_of_arm, (arm, scored) in enumerate(arms.items()):
         plots = {
             f"{arm}-{criterion.name}-{i}": _chart(scored, criterion, each, styles)
@@ -132,6 +134,25 @@ def _answers(arms: Mapping[str, Sequence[Entry]]) -> list[Answer]:
 def _mean_share(entries: Sequence[Entry], criterion: str) -> float:
     """The mean share of a criterion over the entries that have it."""
     return float(np.mean([o.share for entry in entries for o in entry.outcomes if o.criterion.name == criterion]))
+
+
+def _overview(arms: Mapping[str, Sequence[Entry]], styles: Mapping[str, int]) -> dict[str, Any]:
+    """A row for each controller, the best mean score first, with its score on every arm."""
+    scores: dict[str, dict[str, Entry]] = {}
+    for arm, scored in arms.items():
+        for entry in scored:
+            scores.setdefault(title(entry), {})[arm] = entry
+    ranked = sorted(scores, key=lambda name: -float(np.mean([entry.score for entry in scores[name].values()])))
+    rows = []
+    for name in ranked:
+        cells = [
+            {"value": found.score, "text": _share(found.score), "best": found is scored[0]} if found else None
+            for arm, scored in arms.items()
+            for found in (scores[name].get(arm),)
+        ]
+        law = next(iter(scores[name].values())).law
+        rows.append({"name": name, "look": looks(styles[name]), "tags": json.dumps({"law": law}), "cells": cells})
+    return {"arms": [{"name": arm, "tags": json.dumps({"arm": arm})} for arm in arms], "rows": rows}
 
 
 def _filters(entries: Sequence[Entry]) -> dict[str, Any]:

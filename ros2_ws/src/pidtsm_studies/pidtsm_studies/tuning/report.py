@@ -1,35 +1,71 @@
 """The page of a tuning: progress, before and after, sensitivity of each gain, and what smoothness costs."""
 
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.rollouts.closed_loop import DivergedError, rollout
 from pidtsm_core.written import Scale, number
+from pidtsm_studies.article.claims import Run
 from pidtsm_studies.limit.known import above_limit
 from pidtsm_studies.reports.charts import Axis, Line, chart
-from pidtsm_studies.reports.labels import label
+from pidtsm_studies.reports.curves import QUANTITIES
+from pidtsm_studies.reports.events import events
+from pidtsm_studies.reports.labels import label, run_entries
 from pidtsm_studies.reports.matrix import difference
 from pidtsm_studies.reports.page import BAD, GOOD, Answer, Page, Section, write_page
+from pidtsm_studies.reports.verdicts import worst_joint
+from pidtsm_studies.reports.viewer import viewer_data, viewer_section
 from pidtsm_studies.tuning.definitions import NOMINAL
-from pidtsm_studies.tuning.objective import Result
+from pidtsm_studies.tuning.objective import Problem, Result
 from pidtsm_studies.tuning.outcome import SHIFT, Tuning
 
 _PLAIN = Scale("", 1.0)
+_FIRST_CURVES = tuple(each for each in QUANTITIES if each.first)
 _LARGEST = 30.0
 """Costs and shares above this are not drawn: they are those of failed runs."""
 
 
-def write_tuning_page(path: Path, tuning: Tuning) -> None:
+def nominal_runs(tuning: Tuning, problem: Problem) -> dict[str, Run]:
+    """The motion in the nominal condition before and after the tuning; a run that diverges is left out.
+
+    Args:
+        tuning: the result.
+        problem: what it was tuned on.
+    """
+    runs: dict[str, Run] = {}
+    for name, x in (("before", tuning.space.start), ("after", tuning.x)):
+        with suppress(DivergedError):
+            recording = rollout(
+                problem.task.experiment(str(tuning.identity["law"])),
+                duration=problem.task.duration,
+                controller=tuning.space.controller(x),
+                simulator=problem.conditions[NOMINAL],
+            )
+            runs[name] = (recording, recording.metrics())
+    return runs
+
+
+def write_tuning_page(path: Path, tuning: Tuning, runs: Mapping[str, Run] | None = None) -> None:
     """Write the page; the same tuning gives the same file.
 
     Args:
         path: the HTML file; an existing one is replaced.
         tuning: the result.
+        runs: see `nominal_runs`; None: nothing moves.
     """
     charts = {"progress": _progress(tuning), "front": _front(tuning)}
+    data = None
+    if runs:
+        happened = {(NOMINAL, name): events(*run, {}) for name, run in runs.items()}
+        joint = worst_joint(list(runs.values())[-1][1])
+        data = viewer_data({NOMINAL: runs}, run_entries(runs), happened, joint or 0, _FIRST_CURVES)
     sections = (
+        *([viewer_section(data, "Gains", "Motion in the nominal condition")] if data else []),
         Section("result", "Before and after", "tuning/templates/result.html", _result(tuning)),
         Section("search", "The search", "tuning/templates/search.html", {"plots": ("progress", "front")}),
         Section("gains", "Gains and their sensitivity", "tuning/templates/gains.html", _gains(tuning), folded=True),
@@ -41,7 +77,7 @@ def write_tuning_page(path: Path, tuning: Tuning) -> None:
         f"{tuning.evaluations} controllers tried"
     )
     verdict, state = _verdict(tuning)
-    write_page(path, Page(f"Tuning of {subject}", verdict, state, summary, _answers(tuning), sections, None, charts))
+    write_page(path, Page(f"Tuning of {subject}", verdict, state, summary, _answers(tuning), sections, data, charts))
 
 
 def _verdict(tuning: Tuning) -> tuple[str, str]:

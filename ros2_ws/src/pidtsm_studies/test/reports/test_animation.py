@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import ParameterError
@@ -105,7 +106,8 @@ def test_arm_reference_and_tool_are_where_mujoco_has_them(name: str, backwards: 
             np.testing.assert_allclose(found[k, :-1][turning], anchors[turning], atol=1e-6)
             np.testing.assert_allclose(found[k, -1], tool, atol=1e-6)
             if part == "reached":
-                np.testing.assert_allclose(unpacked(run["axes"], SAMPLES, points - 1, 3)[k], axes, atol=1e-6)
+                turns = Rotation.from_quat(unpacked(run["turns"], SAMPLES, points - 1, 4)[k])
+                np.testing.assert_allclose(turns.as_matrix()[:, :, 2], axes, atol=1e-6)
         assert np.linalg.norm(found - data["centre"], axis=2).max() <= data["radius"] + 1e-3
     apart = unpacked(run["reached"], SAMPLES, points, 3)[:, -1] - unpacked(run["reference"], SAMPLES, points, 3)[:, -1]
     np.testing.assert_allclose(unpacked(run["distance"], SAMPLES), np.linalg.norm(apart, axis=1), atol=1e-5)

@@ -27,8 +27,9 @@ from pidtsm_studies.reports.styles import looks
 def test_what_differs_comes_first(comparison: Path, compared: dict[str, Run]) -> None:
     page = comparison.read_text(encoding="utf-8")
     assert re.findall(r'<h2 id="([-\w]+)"', page) == [
-        "differs",
+        "apart",
         "motion",
+        "differs",
         "metrics",
         "more-metrics",
         "happened",

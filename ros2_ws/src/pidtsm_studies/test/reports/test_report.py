@@ -167,7 +167,7 @@ def test_unusual_events_are_shown_and_marked(tmp_path: Path, run_of: RunOf) -> N
     outline = Outline(tmp_path / "report.html")
     (run,) = outline.data["viewer"]["runs"].values()
     marks = [(event["kind"], event["time"]) for event in run["events"] if event["kind"] != "learnt"]
-    assert marks == [("fault", 0.5), ("limit", 0.5), ("mode", 0.5), ("mode", 0.7)]
+    assert marks == [("fault", 0.5), ("mode", 0.5), ("mode", 0.7)], "the limit has no mark beside that of its stop"
     assert "Stops: <b> is beyond limits.velocity at 0.5" in outline.text
     section = happened(tmp_path / "report.html")
     assert "stopped at 0.5 s: &lt;b&gt; is beyond limits.velocity; reset at 0.7 s" in section

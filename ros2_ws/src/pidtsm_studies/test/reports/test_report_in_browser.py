@@ -7,74 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.devtools import CHROMIUM, Page
+from support.reportpage import DOWN, LEFT, SPACE, STATE, arm, at_the_end, in_si, lines, plotted, read, seen
 
-from pidtsm_core.arrays import Array
 from pidtsm_core.recording import Recording
 from pidtsm_studies.reports.labels import CASES
 from pidtsm_studies.reports.skeleton import find_skeleton
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed (apt-get install chromium)")
 
-STATE = "data.viewer.state"
-END, HOME, LEFT, UP, RIGHT, DOWN, SPACE = 35, 36, 37, 38, 39, 40, 32
-"""Codes of keys."""
-
 
 @pytest.fixture
 def opened(page: Page, report: Path) -> Page:
     page.open(report)
     return page
-
-
-def plotted(page: Page, plot: str, what: str) -> object:
-    """Something of a uPlot."""
-    return page.evaluate(f"document.getElementById('plot-{plot}').plot.{what}")
-
-
-def lines(page: Page, plot: str = "error") -> list[str]:
-    """What the lines of a plot are of: run and joint."""
-    found: list[str] = page.evaluate(
-        f"document.getElementById('plot-{plot}').lines.map((each) => each.run.key + ' ' + each.joint)"
-    )
-    return found
-
-
-def arm(page: Page, part: str = "links-0") -> Array:
-    """Points of a part of the drawing, shape (points, 2)."""
-    path = page.evaluate(f"document.getElementById('arm-{part}')?.getAttribute('d') ?? ''")
-    return np.array(re.findall(r"[-\d.]+", path), dtype=np.float64).reshape(-1, 2)
-
-
-def seen(page: Page, points: Array, azimuth: float, elevation: float) -> Array:
-    """Where the page must draw points, shape (points, 3), m, that are seen from a direction (degrees); in mm."""
-    centre = page.evaluate("data.viewer.arm.centre")
-    a, e = math.radians(azimuth), math.radians(elevation)
-    right = -math.sin(a), math.cos(a), 0.0
-    up = -math.cos(a) * math.sin(e), -math.sin(a) * math.sin(e), math.cos(e)
-    return 1e3 * (points - centre) @ np.array([right, up]).T * [1.0, -1.0]
-
-
-def at_the_end(page: Page, recording: Recording) -> int:
-    """Move the slider to the end; returns the sample of the run."""
-    page.focus("#time")
-    page.key("End", END)
-    page.wait(f"Number(document.getElementById('time').value) > {recording.time[-1] - 0.1}")
-    return round(page.evaluate(f"{STATE}.time") * 1000)
-
-
-def read(page: Page, joint: int, what: int) -> str:
-    """A cell of the values at the cursor of a single run: what is 1 for the error, 2 for the effort."""
-    across = page.evaluate("data.viewer.joints.length > 3")
-    row, column = (what, joint + 1) if across else (joint + 1, what)
-    return str(page.evaluate(f"document.getElementById('readout').rows[{row}].cells[{column}].textContent"))
-
-
-def in_si(text: str) -> float:
-    """The value of a quantity as written."""
-    value, unit = re.fullmatch(r"(\S+?)\u202f(.*)", text.replace("\u202f×\u202f10", "e")).groups()  # type: ignore[union-attr]
-    prefix = {"m": 1e-3, "µ": 1e-6, "n": 1e-9}.get(unit[0], 1.0) if len(unit) > 1 and unit != "N m" else 1.0
-    powers = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
-    return float(value.translate(powers)) * prefix
 
 
 def test_a_browser_draws_it_without_complaint_or_network(opened: Page, report: Path) -> None:
@@ -101,6 +46,33 @@ def test_the_first_screen_answers_what_a_reader_asks(page: Page, arms: dict[str,
         assert len(tops) == 1 + 4 + 3
         assert max(tops) < 600
         assert page.evaluate("document.getElementById('play').getBoundingClientRect().bottom") <= 800
+
+
+def test_the_first_screen_of_a_comparison_has_its_curves(page: Page, comparison: Path) -> None:
+    page.open(comparison, 1280, 800)
+    for part in (".answers", "#arm", "#plot-error", "#plot-effort", "#play"):
+        assert page.evaluate(f"document.querySelector('{part}').getBoundingClientRect().bottom") <= 800
+    line = page.evaluate("document.querySelector('#apart').parentElement.innerText")
+    assert re.search(r"RMSE of joint\d [−+]\d", line)
+    assert page.evaluate("document.querySelector('#apart').parentElement.clientHeight") < 60, "a line or two"
+
+
+@pytest.mark.parametrize("width", [1280, 360])
+def test_marks_have_words_that_do_not_cover_each_other(page: Page, arms: dict[str, Path], width: int) -> None:
+    page.open(arms["panda"], width)
+    boxes = page.evaluate(
+        """[...document.querySelectorAll('#marks button')].map((each) => [each.innerText.replace('\\n', ' '),
+            ...(({left, top, right, bottom}) => [left, top, right, bottom])(each.getBoundingClientRect())])"""
+    )
+    assert len(boxes) > 1
+    if width > 1000:
+        assert any("push 5\u202fN m" in text for text, *_ in boxes)
+    for i, (text, left, top, right, bottom) in enumerate(boxes):
+        assert left >= 0
+        assert right <= width, text
+        for other, left_2, top_2, right_2, bottom_2 in boxes[:i]:
+            apart = left >= right_2 or left_2 >= right or top >= bottom_2 - 1 or top_2 >= bottom - 1
+            assert apart, f"{text} covers {other}"
 
 
 def test_a_joint_is_chosen_by_its_button_its_column_or_its_line(page: Page, arms: dict[str, Path]) -> None:
@@ -298,8 +270,10 @@ def test_case_and_marks_of_the_time_line(opened: Page) -> None:
     assert np.abs(arm(opened) - first).max() > 0.0
 
 
-@pytest.mark.parametrize("width", [1280, 360])
-def test_the_page_is_as_wide_as_the_window(page: Page, report: Path, width: int) -> None:
+@pytest.mark.parametrize("width", [1280, 1024, 360])
+def test_the_page_is_as_wide_as_the_window(page: Page, report: Path, arms: dict[str, Path], width: int) -> None:
+    page.open(arms["panda"], width)
+    assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
     page.open(report, width)
     page.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
     page.wait("Boolean(document.getElementById('plot-sliding').plot)")

@@ -44,7 +44,7 @@ def test_of_a_stopped_run_the_joint_that_caused_the_stop_is_the_worst(metrics: d
 
 def test_what_matters_more_is_named_before_what_came_earlier(metrics: dict[str, Any]) -> None:
     metrics["outcome"] = FOLLOWED
-    happened = [Event(kind, float(time), None, f"a {kind}") for time, kind in enumerate(sorted(SYMBOLS))]
+    happened = [Event(kind, float(time), None, f"a {kind}", f"a {kind}") for time, kind in enumerate(sorted(SYMBOLS))]
     text, detail, state = answers(metrics, *happened)["What happened?"]
     assert text.startswith("A fault at")
     assert "a push at" in text

@@ -46,7 +46,7 @@ def test_the_document_has_a_row_for_each_controller_the_best_first(board: Path, 
 
 def test_the_page_has_every_range_of_every_arm_and_loads_nothing_from_outside(board: Path) -> None:
     page = (board / "leaderboard.html").read_text(encoding="utf-8")
-    assert re.findall(r'<h2 id="(\w+)"', page) == ["filters", "panda", "two_link", "method"]
+    assert re.findall(r'<h2 id="(\w+)"', page) == ["filters", "overview", "panda", "two_link", "method"]
     assert len(re.findall(r'class="plot" data-chart="', page)) == 2 * RANGES
     assert "default-src 'none'" in page
 
@@ -71,18 +71,25 @@ def test_a_browser_draws_the_curves(page: Page, board: Path) -> None:
     page.open(board / "leaderboard.html")
     rows = "[...document.querySelectorAll('tr[data-tags]')].filter((row) => row.checkVisibility()).length"
     drawn = "[...document.querySelectorAll('[data-chart]')].filter((box) => box.plot).length"
-    assert page.evaluate(rows) == 6
+    assert page.evaluate(rows) == 2 + 6, "the overview, and two tables for each entry"
     assert page.evaluate(drawn) == RANGES, "those of other arms are folded"
     page.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
     page.wait(f"{drawn} === {2 * RANGES}")
     shown = "document.getElementById('two_link-noise-1').plot.series.filter((line) => line.show).length - 1"
     assert page.evaluate(shown) == 2
     page.click('input[data-filter="law"][value="pid"]')
-    assert page.evaluate(rows) == 4
+    assert page.evaluate(rows) == 1 + 4
     assert page.evaluate(shown) == 1
+    overview = (
+        "[...document.querySelectorAll('.overview tr')].map((row) => row.innerText.replace(/[\\t\\n]+/g, ' ').trim())"
+    )
+    score = page.evaluate("document.querySelector('.overview data').innerText")
+    assert page.evaluate(overview)[0] == "controller panda two_link"
+    assert score in page.evaluate(overview)[1]
     page.click('input[data-filter="arm"][value="panda"]')
-    assert page.evaluate(rows) == 2
-    assert page.evaluate("document.getElementById('filtered').textContent") == "2 of 6 rows shown"
+    assert page.evaluate(overview)[0] == "controller two_link"
+    assert page.evaluate(rows) == 1 + 2
+    assert page.evaluate("document.getElementById('filtered').textContent") == "3 of 8 rows shown"
     assert page.evaluate("document.querySelector('[data-hardware=\"ideal\"]').hidden") is False
     page.focus("[data-filter='hardware']")
     page.key("ArrowDown", 40)

@@ -13,7 +13,7 @@ from pidtsm_studies.limit.known import above_limit
 from pidtsm_studies.score.tasks import Task
 from pidtsm_studies.tuning.objective import Problem, evaluate, make_problem, total
 from pidtsm_studies.tuning.outcome import SHIFT, Tuning, as_json, conclude, parameter_file
-from pidtsm_studies.tuning.report import front, write_tuning_page
+from pidtsm_studies.tuning.report import front, nominal_runs, write_tuning_page
 from pidtsm_studies.tuning.search import Budget, search
 from pidtsm_studies.tuning.space import Space
 
@@ -28,10 +28,18 @@ def tuning(
 
 
 @pytest.fixture(scope="module")
-def page_file(tuning: Tuning, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page_file(tuning: Tuning, problem: Problem, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "tuning.html"
-    write_tuning_page(path, tuning)
+    write_tuning_page(path, tuning, nominal_runs(tuning, problem))
     return path
+
+
+def test_the_arm_on_the_page_moves_as_in_the_nominal_condition(tuning: Tuning, problem: Problem) -> None:
+    runs = nominal_runs(tuning, problem)
+    judged = dict(zip(("before", "after"), tuning.training["nominal"], strict=True))
+    assert {name: metrics["rmse"] for name, (_, metrics) in runs.items()} == {
+        name: result.metrics["rmse"] for name, result in judged.items()
+    }
 
 
 def test_the_parameter_file_gives_the_objective_that_is_stated(
@@ -73,7 +81,7 @@ def test_the_front_has_what_nothing_beats_in_both() -> None:
 
 def test_the_page_states_what_was_tuned(page_file: Path, tuning: Tuning) -> None:
     text = page_file.read_text(encoding="utf-8")
-    assert re.findall(r'<h2 id="(\w+)"', text) == ["result", "search", "gains"]
+    assert re.findall(r'<h2 id="(\w+)"', text) == ["motion", "result", "search", "gains"]
     for name in (*tuning.training, *tuning.validation, *(each.label for each in tuning.space.variables)):
         assert f'<th scope="row">{name}</th>' in text
     above = above_limit("two_link", tuning.training["nominal"][1].metrics["rmse"])
@@ -86,4 +94,5 @@ def test_a_browser_draws_it(page: Page, page_file: Path) -> None:
     page.open(page_file)
     for plot in ("progress", "front"):
         assert page.evaluate(f"document.getElementById('{plot}').plot.series.length") > 2
+    assert page.evaluate("document.querySelectorAll('#arm .links').length") == 2, "before and after"
     assert page.complaints == []

@@ -1,14 +1,17 @@
 // Plots with uPlot in the style of the page.
 
+/** How much larger than usual letters and lines are, as on a very wide screen. */
+const enlarged = () => parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;
+
 /** Axes of a plot: numbers as people write them, and as few ticks as are legible. */
 function axes(xLabel, yLabel) {
-  const size = parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;
+  const size = enlarged();
   const font = `${12 * size}px system-ui, sans-serif`;
   const common = { stroke: look("--soft"), grid: { stroke: look("--line"), width: 1 }, ticks: { stroke: look("--line"), width: 1 }, font, labelFont: font };
   const values = (_, splits) => splits.map((split) => (split === null ? "" : written(split, 6)));
   return [
     { ...common, values, size: 26 * size, label: xLabel, labelSize: xLabel ? 16 * size : 0, space: 50 * size },
-    { ...common, values, size: 52 * size, label: yLabel, labelSize: yLabel ? 18 * size : 0, space: 20 * size },
+    { ...common, values, size: 58 * size, label: yLabel, labelSize: yLabel ? 18 * size : 0, space: 20 * size },
   ];
 }
 
@@ -16,7 +19,7 @@ function axes(xLabel, yLabel) {
 function line(looks, faded = false) {
   return {
     stroke: look(`--s${looks.colour}`),
-    width: faded ? 1 : 1.8,
+    width: (faded ? 1 : 1.8) * enlarged(),
     alpha: faded ? 0.25 : 1,
     dash: looks.dashes.length ? looks.dashes : undefined,
     points: { show: false },

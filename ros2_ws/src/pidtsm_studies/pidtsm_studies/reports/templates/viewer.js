@@ -17,7 +17,7 @@ function startViewer(viewer) {
       error: at(error),
       effort: at(effort),
       share: (joint, sample) => at(effort)(joint, sample) / run.largest[joint],
-      arm: viewer.arm ? unpackArm(viewer.arm.runs[name], (other) => runs.find((each) => each.name === other).arm.numbers.reference) : null,
+      arm: viewer.arm?.runs[name] ? unpackArm(viewer.arm.runs[name], (other) => runs.find((each) => each.name === other).arm.numbers.reference) : null,
     };
   });
   const curves = Object.fromEntries(
@@ -58,6 +58,7 @@ function startViewer(viewer) {
   /** Marks of events: a line at its time with its symbol above, and a shade while it lasts. */
   function drawEvents(plot) {
     const { ctx, bbox } = plot;
+    const ratio = devicePixelRatio * enlarged();
     const events = shown().flatMap((run) => run.events).sort((a, b) => a.time - b.time);
     const place = (time) => plot.valToPos(time, "x", true);
     let free = bbox.left; // from here on there is room for a symbol
@@ -72,33 +73,38 @@ function startViewer(viewer) {
         ctx.fillRect(place(event.time), bbox.top, Math.max(2, place(event.until) - place(event.time)), bbox.height);
         ctx.globalAlpha = 1;
       }
-      ctx.setLineDash([2 * devicePixelRatio, 3 * devicePixelRatio]);
+      ctx.setLineDash([2 * ratio, 3 * ratio]);
       ctx.beginPath();
       ctx.moveTo(place(event.time), bbox.top);
       ctx.lineTo(place(event.time), bbox.top + bbox.height);
       ctx.stroke();
-      ctx.font = `${11 * devicePixelRatio}px system-ui`;
+      ctx.font = `${11 * ratio}px system-ui`;
       if (place(event.time) < free) continue;
-      ctx.fillText(event.symbol, place(event.time) + 3 * devicePixelRatio, bbox.top + 11 * devicePixelRatio);
-      free = place(event.time) + 14 * devicePixelRatio;
+      ctx.fillText(event.symbol, place(event.time) + 3 * ratio, bbox.top + 11 * ratio);
+      free = place(event.time) + 14 * ratio;
     }
     ctx.restore();
   }
 
-  function drawFigure(figure) {
+  /** The lines of each plot; plots without lines are hidden before others are drawn, which then have their room. */
+  function drawFigures() {
     const found = curves[caseName()];
-    const plot = found.plots.find((each) => each.id === figure.dataset.plot);
+    const plots = figures.map((figure) => found.plots.find((each) => each.id === figure.dataset.plot));
+    const lines = plots.map((plot) => (plot ? linesOf(found, plot) : []));
+    figures.forEach((figure, i) => { figure.hidden = !lines[i].length; });
+    figures.forEach((figure, i) => { if (lines[i].length) drawFigure(figure, found, lines[i]); });
+  }
+
+  function drawFigure(figure, found, lines) {
     const box = figure.querySelector(".plot");
-    const lines = plot ? linesOf(found, plot) : [];
-    figure.hidden = !lines.length;
-    if (!lines.length) return;
+    const below = [...figure.parentElement.querySelectorAll(".time:not([hidden])")].at(-1) !== figure;
     const log = figure.querySelector("[data-log]")?.checked;
     const values = lines.map((each) => (log ? each.values.map((x) => (x === null || x === 0 ? null : Math.abs(x))) : each.values));
     const drawn = plotInto(
       box,
       {
         scales: { x: { time: false, range: () => state.range || [start(), start() + longest()] }, y: log ? { distr: 3 } : { range: roomy } },
-        axes: axes(figure.nextElementSibling && !figure.closest("details") ? "" : "time in s", ""),
+        axes: axes(below && !figure.closest("details") ? "" : "time in s", ""),
         series: [{}, ...lines.map((each) => line(each.looks, each.faded))],
         cursor: { y: false, points: { size: 5 }, drag: { x: true, y: false, setScale: false } },
         hooks: {
@@ -143,7 +149,7 @@ function startViewer(viewer) {
       plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
     }
     state.range = from === null ? null : [Math.max(start(), from), Math.min(start() + longest(), to)];
-    figures.forEach(drawFigure);
+    drawFigures();
   }
 
   function zoomBy(factor) {
@@ -165,15 +171,16 @@ function startViewer(viewer) {
   /** What is shown beside the arm: of one run every joint, of several runs each with the chosen or its worst joint. */
   function readout() {
     const k = sample();
+    const guided = several && runs.every((run) => run.arm?.hasReference);
     const worst = (run) => joints.map((_, j) => j).reduce((a, b) => (Math.abs(run.error(b, k)) > Math.abs(run.error(a, k)) ? b : a));
     const lines = several
       ? shown().map((run) => [run, state.joint ?? worst(run), run.label])
       : shown().flatMap((run) => joints.map((joint, j) => [run, j, joint]));
-    const cells = lines.map(([run, j, name]) => [name, ...(several ? [joints[j]] : []), quantity(run.error(j, k), units[j][0]), quantity(run.effort(j, k), units[j][1]), ...(several && run.arm ? [quantity(run.arm.distance(Math.min(k, run.arm.samples - 1)), "m")] : [])]);
-    const heads = several ? ["run", "joint", ...viewer.heads, ...(viewer.arm ? ["tool from its reference"] : [])] : ["joint", ...viewer.heads];
+    const cells = lines.map(([run, j, name]) => [name, ...(several ? [joints[j]] : []), quantity(run.error(j, k), units[j][0]), quantity(run.effort(j, k), units[j][1]), ...(guided ? [quantity(run.arm.distance(Math.min(k, run.arm.samples - 1)), "m")] : [])]);
+    const heads = several ? ["run", "joint", ...viewer.heads, ...(guided ? ["tool from its reference"] : [])] : ["joint", ...viewer.heads];
     const across = !several && joints.length > 3;
     fill(element("readout"), heads, cells, across);
-    if (!several && shown()[0]?.arm) {
+    if (!several && shown()[0]?.arm?.hasReference) {
       const run = shown()[0];
       element("readout").caption.textContent = `Values at the cursor; the tool is ${quantity(run.arm.distance(Math.min(k, run.arm.samples - 1)), "m")} from its reference`;
     }
@@ -197,11 +204,12 @@ function startViewer(viewer) {
     table.tBodies[0].replaceChildren(...lines.slice(1));
   }
 
-  let drawArm = null;
+  let drawArm = null; // The arm of an identification is drawn whatever torques are shown.
   function show() {
     if (element("arm")) {
       drawArm ??= armDrawer(element("arm"), viewer.arm, rate);
-      drawArm(shown(), state.time, state.joint);
+      const arms = shown().filter((run) => run.arm);
+      drawArm(arms.length ? arms : ofCase().filter((run) => run.arm).slice(0, 1), state.time, state.joint);
     }
     figures.forEach((figure) => moveNow(figure.querySelector(".plot")));
     readout();
@@ -215,11 +223,46 @@ function startViewer(viewer) {
     show();
   }
 
+  /** Each mark at its time with its words beside it, where a lane has room, important ones first; else its symbol. */
+  function placeMarks(box, buttons) {
+    const importance = ["fault", "push", "payload", "contact", "limit", "mode", "learnt"];
+    const lanes = [[], [], []]; // taken parts, px
+    const [whole, half] = [box.clientWidth, 0.65 * parseFloat(getComputedStyle(document.documentElement).fontSize)];
+    const placed = buttons.map((button) => ({ button, at: (whole * button.time) / longest(), width: button.offsetWidth + half }));
+    const laneFor = (begin, width) => lanes.findIndex((taken) => taken.every(([from, to]) => begin >= to || begin + width <= from));
+    placed.sort((a, b) => importance.indexOf(a.button.className) - importance.indexOf(b.button.className) || a.at - b.at);
+    for (const { button, at, width } of placed) {
+      const right = at - half + width <= whole + 2 * half ? laneFor(at - half, width) : -1;
+      const left = at + half - width >= -half ? laneFor(at + half - width, width) : -1;
+      const words = right >= 0 || left >= 0;
+      let begin = right >= 0 || !words ? at - half : at + half - width;
+      let lane = right >= 0 ? right : left;
+      while (lane < 0) {
+        lane = laneFor(begin, 2 * half);
+        if (lane < 0) begin += half; // Marks that would cover each other stand beside each other.
+      }
+      button.lastChild.hidden = !words;
+      button.classList.toggle("turned", words && right < 0);
+      button.style.left = `${begin}px`;
+      button.style.bottom = `${1.25 * lane}rem`;
+      lanes[lane].push([begin, begin + (words ? width : 2 * half)]);
+    }
+    const used = Math.max(1, lanes.findLastIndex((taken) => taken.length) + 1);
+    box.parentElement.style.setProperty("--lanes", used);
+  }
+
+  /** The scene is as high as the window has room for, between what is above it and the time line. */
+  function fitScene() {
+    const scene = document.querySelector(".scene");
+    const above = scene.getBoundingClientRect().top + scrollY;
+    scene.style.setProperty("--around", `${Math.round(above + document.querySelector(".transport").offsetHeight + 16)}px`);
+  }
+
   function marks() {
     const together = new Map(); // what happens in several runs at the same time has one mark
     for (const run of shown()) {
       for (const event of run.events) {
-        const key = `${event.kind} ${event.time.toFixed(3)} ${event.text}`;
+        const key = `${event.kind} ${Math.round((50 * event.time) / longest())} ${event.label}`;
         together.set(key, { event, runs: [...(together.get(key)?.runs ?? []), run.label] });
       }
     }
@@ -227,7 +270,8 @@ function startViewer(viewer) {
       const button = document.createElement("button");
       button.type = "button";
       button.className = event.kind;
-      button.textContent = event.symbol;
+      button.innerHTML = "<span></span> <span></span>";
+      [button.firstChild.textContent, button.lastChild.textContent] = [event.symbol, event.label];
       button.time = event.time - start();
       const who = names.length < shown().length ? `${names.join(", ")}: ` : "";
       const text = `${written(event.time)}\u202fs: ${who}${event.text}`;
@@ -240,13 +284,9 @@ function startViewer(viewer) {
       });
       return button;
     });
-    const gap = 1600 / Math.max(element("marks").clientWidth, 1); // Marks that would cover each other stand beside each other.
-    buttons.sort((a, b) => a.time - b.time).reduce((last, button) => {
-      const at = Math.max((100 * button.time) / longest(), last + gap);
-      button.style.left = `${at}%`;
-      return at;
-    }, -gap);
+    buttons.sort((a, b) => a.time - b.time);
     element("marks").replaceChildren(...buttons);
+    placeMarks(element("marks"), buttons);
   }
 
   function redrawAll() {
@@ -254,8 +294,9 @@ function startViewer(viewer) {
     slider.step = 1 / rate;
     state.time = Math.min(state.time, longest());
     for (const box of boxes) box.disabled = !ofCase().some((run) => run.key === box.value);
-    figures.forEach(drawFigure);
     marks();
+    fitScene();
+    drawFigures();
     show();
   }
 
@@ -284,7 +325,7 @@ function startViewer(viewer) {
   document.querySelectorAll("#joints button, .matrix thead [data-joint]").forEach((button) =>
     button.addEventListener("click", () => chooseJoint(button.dataset.joint === "" ? null : Number(button.dataset.joint))),
   );
-  document.querySelectorAll("[data-log]").forEach((box) => box.addEventListener("change", () => drawFigure(box.closest("figure"))));
+  document.querySelectorAll("[data-log]").forEach((box) => box.addEventListener("change", drawFigures));
   document.querySelectorAll("[data-time]").forEach((button) => button.addEventListener("click", () => {
     setTime(Number(button.dataset.time) - start());
     element("viewer").scrollIntoView();

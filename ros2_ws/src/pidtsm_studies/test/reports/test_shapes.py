@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pidtsm_experiments.export.shapes import shapes_of
+from pidtsm_studies.reports.shapes import shapes_of
 
 
 def visual(geometry: str, origin: str = "") -> str:

@@ -1,0 +1,234 @@
+"""Friction that the controller does not compensate yet, found while the arm moves.
+
+The disturbance d of the observer is an acceleration; -H d is the effort that the model lacks, see extended_state.py.
+Friction is the part of it that changes its sign with the velocity. Per joint, a recursive least-squares fit with
+exponential forgetting explains what is lacking by
+
+    coulomb tanh(q' / v0) + viscous q' + constant + stiffness q_d + inertia q_d''
+
+The last three stand for a payload and for errors of the model, which must not be taken for friction; they are not used.
+For the same reason everything is high-passed: a payload that is picked up is slow against a reversal of friction. The
+regressors pass the three poles of the observer first, as what it finds has passed them.
+
+The fit states how uncertain it is, from what it leaves unexplained. Compensated is what is certain at least: the
+estimate less half its deviation, so an arm without friction, or data that do not tell, change nothing. The compensated
+effort follows the reference's velocity, which is free of noise, and is bounded; so the closed loop sees a bounded and
+slowly changing feedforward. While the arm does not follow, touches something, is held back by a limit, or rests,
+nothing is learnt and nothing forgotten.
+
+Recursive least squares with forgetting: Astrom and Wittenmark, "Adaptive Control", 2nd edition, 1995, chapter 2.
+Learning friction from a disturbance observer: Le Tien, Albu-Schaeffer, De Luca and Hirzinger, "Friction observer and
+compensation for control of robots with joint torque measurement", IROS 2008.
+"""
+
+import math
+from enum import IntEnum
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.contact import in_contact
+from pidtsm_core.control.effort import REVERSAL
+from pidtsm_core.control.state import FITTED, ControllerState, Friction, part
+from pidtsm_core.estimators import DISTURBANCE
+from pidtsm_core.robots import inverse_dynamics
+from pidtsm_core.signals import Mode, Signal, Status
+
+_MEMORY = 4.0
+"""s in which evidence fades to a third, while the joint moves."""
+_SLOW = 1.0
+"""rad/s; slower changes are not friction."""
+_CORRELATED = 0.4
+"""s in which what is left unexplained does not change."""
+_CAUTION = 0.5
+"""Standard deviations that are not compensated. With more of them a joint sticks longer, which spoils the estimate."""
+_TAKEN_IN = 0.1
+"""s; time constant of the compensated friction."""
+_LARGEST = 0.35
+"""Largest compensated Coulomb friction, a share of the effort limit; the viscous one per rad/s likewise."""
+_RESTS = 0.1
+"""A joint of which the filtered sign is smaller does not tell anything about friction."""
+_SETTLED = 0.99
+"""Output of a filter for an input of 1; before, the observer has not found the motion of the arm either."""
+_HELD_BACK = 0.95
+"""Share of the limit above which a joint counts as held back."""
+
+
+class Regressor(IntEnum):
+    """What the fit explains the lacking effort by; its coefficients are shares of the effort limit, per unit."""
+
+    SIGN = 0  # tanh(q' / v0)
+    VELOCITY = 1  # rad/s
+    CONSTANT = 2
+    POSITION = 3  # rad
+    ACCELERATION = 4  # rad/s^2
+
+
+_PRIOR = (2e-3, 2e-2, 2e-4, 2e-3, 2e-3)
+"""Evidence (s) for coefficients of 0, so that there is always a solution."""
+_INPUTS = len(Regressor) + 1
+"""Filtered together: the regressors, and the compensated effort (afterwards: what the model lacks)."""
+_POLES = 3
+
+
+@part
+def learn_friction(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Update what is known of the friction after dt (s), from the estimates of this sample, and what is compensated.
+
+    The result is in ``state.friction``, see `Friction`.
+    """
+    _write_lacking(config, state)
+    lacking = state.scratch[0]
+    follows = state.status[Status.MODE] == Mode.FOLLOWING and state.status[Status.FAULT] == 0
+    learns = follows and not in_contact(config, state)
+    for j in range(lacking.size):
+        limit = config.limits.effort[j]
+        if not math.isfinite(limit + lacking[j] + state.signals[Signal.VELOCITY, j]):
+            continue
+        _filter(config, state, j, lacking[j] / limit, dt)
+        free = abs(state.net[j] + state.added[j]) < _HELD_BACK * limit
+        sign = j * _INPUTS + Regressor.SIGN
+        moves = max(abs(state.friction_inputs[_POLES - 1, sign]), abs(state.friction_inputs[_POLES + 1, sign])) > _RESTS
+        settled = state.friction_inputs[_POLES - 1, j * _INPUTS + Regressor.CONSTANT] > _SETTLED
+        if learns and free and moves and settled:
+            _weigh(state, j, dt)
+            _fit(state, j)
+        _take_in(config, state, j, dt)
+
+
+@inlined
+def _write_lacking(config: ControllerConfig, state: ControllerState) -> None:
+    """Write the effort that the model lacks, -H d, to ``state.scratch[0]``, shape (joints,), N m."""
+    motion, efforts = state.motion, state.scratch
+    for j in range(state.net.size):
+        motion[0, j] = 0.0
+        motion[1, j] = state.estimator[j, DISTURBANCE]
+        motion[2, j] = 0.0
+    y = state.signals
+    inverse_dynamics(config.model, y[Signal.POSITION], motion[2], motion[:2], efforts[:2])
+    for j in range(state.net.size):
+        efforts[0, j] -= efforts[1, j]
+
+
+@inlined
+def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: float, dt: float) -> None:
+    """Filter the regressors of joint j like the observer, add what is lacking, and remove what is slow.
+
+    The result is in the last row of ``state.friction_inputs``.
+    """
+    rows, first = state.friction_inputs, j * _INPUTS
+    gone = -math.expm1(-config.adaptation.bandwidth[j] * dt)
+    slow = -math.expm1(-_SLOW * dt)
+    velocity = state.signals[Signal.VELOCITY, j]
+    for k in range(_INPUTS):
+        value = state.friction[Friction.EFFORT, j] / config.limits.effort[j]
+        if k == Regressor.SIGN:
+            value = math.tanh(velocity / REVERSAL)
+        elif k == Regressor.VELOCITY:
+            value = velocity
+        elif k == Regressor.CONSTANT:
+            value = 1.0
+        elif k == Regressor.POSITION:
+            value = state.desired[0, j]
+        elif k == Regressor.ACCELERATION:
+            value = state.desired[2, j]
+        for pole in range(_POLES):
+            rows[pole, first + k] += gone * (value - rows[pole, first + k])
+            value = rows[pole, first + k]
+        if k == _INPUTS - 1:
+            value += lacking
+        rows[_POLES, first + k] += slow * (value - rows[_POLES, first + k])
+        rows[_POLES + 1, first + k] = value - rows[_POLES, first + k]
+
+
+@inlined
+def _weigh(state: ControllerState, j: int, dt: float) -> None:
+    """Add dt (s) of evidence to the normal equations of joint j, and forget a little of what was before."""
+    known, friction = state.friction_evidence, state.friction
+    inputs, first, row = state.friction_inputs[_POLES + 1], j * _INPUTS, j * FITTED
+    kept = math.exp(-dt / _MEMORY)
+    lacking = inputs[first + FITTED]
+    for a in range(FITTED):
+        for b in range(FITTED):
+            known[row + a, b] = kept * known[row + a, b] + dt * inputs[first + a] * inputs[first + b]
+        known[row + a, FITTED] = kept * known[row + a, FITTED] + dt * inputs[first + a] * lacking
+    friction[Friction.SQUARES, j] = kept * friction[Friction.SQUARES, j] + dt * lacking * lacking
+    friction[Friction.EVIDENCE, j] = kept * friction[Friction.EVIDENCE, j] + dt
+
+
+@inlined
+def _fit(state: ControllerState, j: int) -> None:
+    """Solve the normal equations of joint j by Cholesky's decomposition; write coefficients and deviations."""
+    known, solution, friction, row = state.friction_evidence, state.friction_solution, state.friction, j * FITTED
+    factor, right = solution[:FITTED], solution[FITTED:]
+    for a in range(FITTED):
+        for b in range(a + 1):
+            rest = known[row + a, b]
+            for c in range(b):
+                rest -= factor[a, c] * factor[b, c]
+            if a == b:
+                factor[a, a] = math.sqrt(max(rest + _PRIOR[a], _PRIOR[a]))
+            else:
+                factor[a, b] = rest / factor[b, b]
+        right[0, a] = known[row + a, FITTED]
+        right[1, a] = 1.0 if a == Regressor.SIGN else 0.0
+        right[2, a] = 1.0 if a == Regressor.VELOCITY else 0.0
+    unexplained = friction[Friction.SQUARES, j]
+    for k in range(3):
+        _substitute(factor, right[k])
+    for a in range(FITTED):
+        unexplained -= right[0, a] * (known[row + a, FITTED] + _PRIOR[a] * right[0, a])
+    variance = 2.0 * _CORRELATED * max(unexplained, 0.0) / friction[Friction.EVIDENCE, j]
+    friction[Friction.COULOMB, j] = right[0, Regressor.SIGN]
+    friction[Friction.VISCOUS, j] = right[0, Regressor.VELOCITY]
+    friction[Friction.COULOMB_DEVIATION, j] = math.sqrt(variance * max(right[1, Regressor.SIGN], 0.0))
+    friction[Friction.VISCOUS_DEVIATION, j] = math.sqrt(variance * max(right[2, Regressor.VELOCITY], 0.0))
+
+
+@inlined
+def _substitute(factor: Array, x: Array) -> None:
+    """Solve factor factor^T x = x in place; `factor` is lower triangular, shape (FITTED, FITTED)."""
+    for a in range(FITTED):
+        for b in range(a):
+            x[a] -= factor[a, b] * x[b]
+        x[a] /= factor[a, a]
+    for i in range(FITTED):
+        a = FITTED - 1 - i
+        for b in range(a + 1, FITTED):
+            x[a] -= factor[b, a] * x[b]
+        x[a] /= factor[a, a]
+
+
+@inlined
+def _certain(estimate: float, deviation: float, least: float) -> float:
+    """The part of an estimate that is certain: never more than was found, and not below `least`."""
+    size = min(max(abs(estimate) - _CAUTION * deviation, 0.0), _LARGEST)
+    return max(math.copysign(size, estimate), least)
+
+
+@inlined
+def _take_in(config: ControllerConfig, state: ControllerState, j: int, dt: float) -> None:
+    """Let the compensated friction of joint j follow what is certain, and write its effort for the desired velocity."""
+    friction, limit = state.friction, config.limits.effort[j]
+    share = -math.expm1(-dt / _TAKEN_IN)
+    # What the parameters compensate may be too much, but friction is never negative.
+    coulomb = _certain(
+        friction[Friction.COULOMB, j],
+        friction[Friction.COULOMB_DEVIATION, j],
+        -config.compensation.coulomb[j] / limit,
+    )
+    viscous = _certain(
+        friction[Friction.VISCOUS, j],
+        friction[Friction.VISCOUS_DEVIATION, j],
+        -config.compensation.viscous[j] / limit,
+    )
+    if coulomb <= 0.0:
+        viscous = 0.0  # Alone, it may be the lag of a drive.
+    if not config.adaptation.compensates_friction:
+        coulomb = viscous = 0.0
+    friction[Friction.USED_COULOMB, j] += share * (coulomb - friction[Friction.USED_COULOMB, j])
+    friction[Friction.USED_VISCOUS, j] += share * (viscous - friction[Friction.USED_VISCOUS, j])
+    velocity = state.desired[1, j]
+    effort = friction[Friction.USED_COULOMB, j] * math.tanh(velocity / REVERSAL)
+    effort += friction[Friction.USED_VISCOUS, j] * velocity
+    friction[Friction.EFFORT, j] = limit * effort

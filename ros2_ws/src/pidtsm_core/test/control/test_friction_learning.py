@@ -1,0 +1,151 @@
+"""Friction that nobody told the controller: it is found, compensated as far as it is certain, and harms nobody else.
+
+The judges are the simulated arm, whose friction is known, and a least-squares fit by SciPy.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import lstsq
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.control import Controller, controller_schema
+from pidtsm_core.control import friction_learning as learning
+from pidtsm_core.control.state import Friction
+from pidtsm_core.experiment import make_experiment
+from pidtsm_core.experiment.definition import MEASUREMENT
+from pidtsm_core.parameters import ParameterError, resolve
+from pidtsm_core.recording import Recording
+from pidtsm_core.references import ReferenceMotion
+from pidtsm_core.rollouts.closed_loop import rollout
+from pidtsm_core.signals import Mode, Signal, Status
+from pidtsm_core.simulation.simulator import SimulatedRobot
+
+REAL = {"encoder.bits": 14, "delay.samples": 1}
+LEARNS = {"adaptation.friction": "learn"}
+LIMITS = {"panda": [87.0] * 4 + [12.0] * 3, "two_link": [100.0, 50.0]}
+
+
+def run(controller: dict[str, Any], robot: str = "panda", **simulator: Any) -> Recording:
+    return rollout(
+        params="practical", robot=robot, duration=10.0, controller=controller, simulator={**REAL, **simulator}
+    )
+
+
+def late_error(run: Recording) -> float:
+    """Largest error of the second half, rad."""
+    errors: Array = np.abs(run.position - run.reference[:, 0])
+    return float(errors[errors.shape[0] // 2 :].max())
+
+
+class Loop:
+    """Controller, arm and motion in a loop of the test's own, which can look at the controller's state."""
+
+    def __init__(self, robot: str, controller: dict[str, Any], simulator: dict[str, Any]) -> None:
+        given = {"controller": controller, "simulator": simulator}
+        values = make_experiment(None, None, 10.0, "practical", given, robot, purpose=MEASUREMENT).values
+        self.controller, self.robot = Controller(values["controller"]), SimulatedRobot(values["simulator"])
+        self.motion, self.sample = ReferenceMotion(values["trajectory"]), 0
+        self.values = values["controller"]
+
+    def advance(self, samples: int) -> Array:
+        """Returns the efforts, shape (samples, joints), N m."""
+        efforts = np.empty((samples, self.controller.joints))
+        for k in range(samples):
+            sample, position = self.robot.sense(self.sample)
+            if sample >= 0:
+                self.motion.evaluate(sample * 1e-3, self.controller.reference)
+                self.controller.position[:] = position
+                self.controller.step(sample * 1_000_000, sample * 1_000_000)
+            self.robot.act(self.sample, sample >= 0, self.controller.effort)
+            efforts[k] = self.controller.effort
+            self.sample += 1
+        return efforts
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.2])
+def test_unknown_friction_disturbs_a_fraction_of_what_it_did(share: float) -> None:
+    friction = (share * np.array(LIMITS["panda"])).tolist()
+    errors = {
+        mode: late_error(run({"adaptation.friction": mode}, **{"friction.coulomb": friction}))
+        for mode in ("off", "warn", "learn")
+    }
+    assert errors["learn"] < 0.25 * errors["off"]
+    assert errors["warn"] == errors["off"]
+
+
+def test_the_found_friction_is_that_of_the_arm() -> None:
+    true = 0.1 * np.array(LIMITS["panda"])
+    loop = Loop("panda", LEARNS, {**REAL, "friction.coulomb": true.tolist()})
+    loop.advance(10_000)
+    coulomb, deviation, _ = loop.controller.friction
+    np.testing.assert_allclose(coulomb, true, rtol=0.15)
+    assert (deviation > 0.0).all()
+    assert (deviation < 0.2 * true).all()
+
+
+@pytest.mark.parametrize(
+    "imperfection", [{}, {"payload.mass": 1.0, "payload.time": 3.0}, {"model_error.mass": 0.3}], ids=str
+)
+def test_an_arm_without_friction_is_controlled_as_before(imperfection: dict[str, Any]) -> None:
+    before, after = run({}, **imperfection), run(LEARNS, **imperfection)
+    assert late_error(after) < 1.1 * late_error(before)
+    rough = [np.abs(np.diff(each.effort, axis=0)).mean() for each in (before, after)]
+    assert rough[1] < 1.05 * rough[0]
+
+
+def test_the_fit_is_that_of_scipy() -> None:
+    random, loop = np.random.default_rng(1), Loop("two_link", LEARNS, {})
+    state, dt = loop.controller.state, 1e-3
+    regressors: list[Array] = []
+    lacking: list[float] = []
+    fitted = len(learning.Regressor)
+    for _ in range(300):
+        x = random.normal(size=fitted + 1)
+        state.friction_inputs[-1, : fitted + 1] = x
+        weight = np.exp(-dt / 4.0)
+        regressors = [row * np.sqrt(weight) for row in regressors] + [x[:fitted] * np.sqrt(dt)]
+        lacking = [value * np.sqrt(weight) for value in lacking] + [x[fitted] * np.sqrt(dt)]
+        learning._weigh(state, 0, dt)
+        learning._fit(state, 0)
+    prior = np.sqrt(learning._PRIOR)
+    a, b = np.vstack([regressors, np.diag(prior)]), np.concatenate([lacking, np.zeros(fitted)])
+    solution = lstsq(a, b)[0]
+    squares = ((np.array(regressors) @ solution - lacking) ** 2).sum()
+    found = state.friction[[Friction.COULOMB, Friction.VISCOUS], 0]
+    np.testing.assert_allclose(found, solution[:2], rtol=1e-9)
+    evidence = state.friction[Friction.EVIDENCE, 0]
+    deviation = np.sqrt(0.8 * squares / evidence * np.diag(np.linalg.inv(a.T @ a))[:2])
+    found = state.friction[[Friction.COULOMB_DEVIATION, Friction.VISCOUS_DEVIATION], 0]
+    np.testing.assert_allclose(found, deviation, rtol=1e-6)
+
+
+def test_switching_it_makes_no_step_of_the_torque() -> None:
+    friction = [8.0, 4.0]
+    loop = Loop("two_link", LEARNS, {**REAL, "friction.coulomb": friction})
+    usual = np.abs(np.diff(loop.advance(6_000)[3_000:], axis=0)).max()
+    assert np.abs(loop.controller.state.friction[Friction.EFFORT]).max() > 1.0
+    for mode in ("off", "learn"):
+        before = loop.controller.effort.copy()
+        loop.controller.set_parameters({**loop.values, "adaptation.friction": mode})
+        assert np.abs(loop.advance(1)[0] - before).max() < 2.0 * usual
+        loop.advance(500)
+
+
+def test_nothing_is_learnt_or_forgotten_while_the_arm_is_held_back_or_holds() -> None:
+    loop = Loop("two_link", LEARNS, {**REAL, "friction.coulomb": [8.0, 4.0]})
+    loop.advance(5_000)
+    state = loop.controller.state
+    for mode, applied in ((Mode.FOLLOWING, 1e3), (Mode.HOLDING, 0.0), (Mode.STOPPED, 0.0)):
+        before = state.friction_evidence.copy()
+        state.status[Status.MODE] = mode
+        state.signals[Signal.VELOCITY] = 0.1
+        state.net[:], state.added[:] = applied, 0.0
+        learning.learn_friction(loop.controller.config, state, 1e-3)
+        assert (state.friction_evidence == before).all()
+
+
+def test_an_estimator_that_finds_no_disturbance_is_refused() -> None:
+    with pytest.raises(ParameterError, match=r"adaptation\.friction: estimator\.name must be extended_state_observer"):
+        resolve(controller_schema, LEARNS, 2)
