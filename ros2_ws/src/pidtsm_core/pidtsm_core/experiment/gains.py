@@ -92,10 +92,9 @@ def rotors(settings: Mapping[str, object]) -> Array:
 
 def _bandwidths(inertia: Array, limits: Array, steps: Array, delay: float) -> tuple[Array, list[str]]:
     """Bandwidths of the observers, shape (joints,), rad/s, and what limits each of them."""
-    limits = joint_array(_checked(settings)["limits.effort"], len(robot.joints))
     rough = np.minimum(_ROUGHNESS * limits, _ROUGH)
     with np.errstate(divide="ignore"):
-        of_noise = np.sqrt((rough[:, np.newaxis] / np.abs(_inertia(robot, settings))).min(axis=0) / (_NOISE * steps))
+        of_noise = np.sqrt((rough[:, np.newaxis] / inertia).min(axis=0) / (_NOISE * steps))
     of_delay = np.full_like(of_noise, _PHASE / delay)
     candidates = np.array([of_noise, of_delay, np.full_like(of_noise, _ELASTIC)])
     return candidates.min(axis=0), [_BOUNDS[i] for i in candidates.argmin(axis=0)]

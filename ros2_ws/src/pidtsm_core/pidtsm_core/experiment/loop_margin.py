@@ -101,6 +101,13 @@ def sampled_plant(drives: Drives, inertia: Array) -> Plant:
     """Sampled matrices A, B and C of arm and drives, from commanded torques to measured positions.
 
     The states are links and motors of elastic joints, their velocities, and with a lag the torques.
+
+    Args:
+        drives: of the joints.
+        inertia: H of the arm with rotors, shape (joints, joints), kg m^2.
+
+    Returns:
+        A, shape (states, states); B, shape (states, joints); C, shape (joints, states).
     """
     joints, elastic = drives.rotor.size, np.flatnonzero(drives.stiffness)
     count = joints + elastic.size

@@ -65,7 +65,7 @@ def batch(
     progress: Callable[[int], None] | None = None,
     keep_every: int = 0,
     measure: Measure | None = None,
-    simulate: Simulate = rollout,
+    simulate: Simulate | None = None,
 ) -> BatchResult:
     """Run one rollout for each of the settings; a failed run is reported and does not affect the others.
 
@@ -79,7 +79,7 @@ def batch(
         progress: called repeatedly with the number of finished runs, such as ``print``.
         keep_every: also return every n-th sample of each run; 0 returns none.
         measure: function that returns additional metrics of a run, under names of their own.
-        simulate: function that makes a run, whose arguments the settings then are.
+        simulate: function that makes a run, whose arguments the settings then are; None: `rollout`.
 
     Raises:
         ValueError: `keep_every` is negative.
@@ -88,7 +88,9 @@ def batch(
         raise ValueError(f"keep_every: {keep_every} must be 0 or positive")
     outcomes: list[_Outcome] = []
     with Parallel(n_jobs=workers, prefer="threads", return_as="generator") as parallel:
-        for outcome in parallel(delayed(_run)(each, duration, keep_every, measure, simulate) for each in settings):
+        for outcome in parallel(
+            delayed(_run)(each, duration, keep_every, measure, simulate or rollout) for each in settings
+        ):
             outcomes.append(outcome)
             if progress is not None:
                 progress(len(outcomes))
