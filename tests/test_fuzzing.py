@@ -341,16 +341,10 @@ SETS = {"controller": 800, "simulator": 300, "trajectory": 100}
 def fuzz_parameters(testbed: Testbed, name: str) -> None:
     """Set those of a node, see that each set is taken whole or refused whole, and set them back."""
     own = [p.name for p in NODE_SCHEMAS[name](PRACTICAL.get(name, {}))]
-    services = {
-        kind: testbed.node.create_client(kind, f"{name}/{topic}")
-        for kind, topic in ((SetParametersAtomically, "set_parameters_atomically"), (GetParameters, "get_parameters"))
-    }
-    testbed.spin_until(lambda: all(client.service_is_ready() for client in services.values()), "the services")
+    topics = {SetParametersAtomically: "set_parameters_atomically", GetParameters: "get_parameters"}
 
     def call(kind: Any, **request: Any) -> Any:
-        future = services[kind].call_async(kind.Request(**request))
-        testbed.spin_until(future.done, f"{name} answers")
-        return future.result()
+        return testbed.call(kind, f"{name}/{topics[kind]}", kind.Request(**request))
 
     def get() -> dict[str, Any]:
         return dict(zip(own, call(GetParameters, names=own).values, strict=True))

@@ -58,14 +58,17 @@ def test_one_joint_is_chosen_for_all_curves(live: LivePage) -> None:
     until(lambda: live.page.evaluate(shown) == ["joint1", "joint2", "events"], "the curves of all joints")
 
 
-def test_a_gain_changed_on_the_page_is_the_nodes_and_a_bad_one_is_refused(live: LivePage) -> None:
+def test_a_gain_changed_on_the_page_is_the_nodes_a_bad_one_is_refused_and_it_is_undone(live: LivePage) -> None:
     live.press("Controller")
+    before = parameter(live.system, "law.k1")
     live.enter("k1", "3.5, 2.5")
     until(lambda: live.notification() == "set law.k1 = 3.5, 2.5", "the gain is set")
     assert parameter(live.system, "law.k1") == (3.5, 2.5)
     live.enter("k1", "-1")
     until(lambda: "law.k1: -1 must be >= 0" in live.notification().replace("law.k1 (", "law.k1: ("), "the reason")
     assert parameter(live.system, "law.k1") == (3.5, 2.5)
+    live.press("Undo")
+    until(lambda: parameter(live.system, "law.k1") == before, "the gain of before")
 
 
 def test_freedrive_and_hold_are_switches_that_show_what_the_controller_does(live: LivePage) -> None:

@@ -28,6 +28,7 @@ LIBRARIES = {
     "ruckig",
     "scipy",
     "threadpoolctl",
+    "trimesh",
     "xacro",
     "xarray",
     "yaml",

@@ -19,7 +19,7 @@ from pidtsm_ros.stop import Stop
 
 _PERIOD = 0.1  # s
 _SCENARIO = "live"
-_FIRST_WITHIN = 15.0
+_FIRST_WITHIN = 60.0
 """s to the first sample; a recording of some seconds lasts so long from then on, or from the first sample."""
 
 
