@@ -247,10 +247,15 @@ CONDITIONS: dict[str, Any] = {
     "friction that is learnt": {
         "controller": {
             "estimator.name": "extended_state_observer",
+            "estimator.bandwidth": 200.0,
             "adaptation.friction": "learn",
-            "compensation.viscous": [1.0, 0.5],
         },
-        "simulator": {"friction.coulomb": [8.0, 4.0], "encoder.bits": 14},
+        "simulator": {"friction.coulomb": [2.0, 1.0], "encoder.bits": 20, "initial_position": 0.0},
+        "trajectory": {
+            "reference.name": "sines",
+            "reference.frequency": [2.0, 3.0],
+            "reference.amplitude": 0.05,
+        },
     },
     "measurements that cannot be": {"simulator": {"noise.std": 0.015}},
     "elastic joints, encoders on the motors": {
@@ -348,3 +353,7 @@ def test_the_conditions_are_what_they_are_called() -> None:
     assert max(status("limits that warn", Status.VIOLATIONS)) > 0
     assert Fault.MEASUREMENT in status("measurements that cannot be", Status.FAULT)
     assert (runs["brakes"].effort[250:290] == 0.0).all()
+    learns = CONDITIONS["friction that is learnt"]
+    warns = {**learns, "controller": {**learns["controller"], "adaptation.friction": "warn"}}
+    warned = rollout(**warns, duration=SAMPLES * 1e-3)
+    assert (warned.effort != runs["friction that is learnt"].effort).any(axis=0).all(), "nothing is compensated"

@@ -1,4 +1,4 @@
-"""Says what the controller has found of the friction of its arm."""
+"""Reports the friction that the controller has found in its arm."""
 
 from collections.abc import Sequence
 
@@ -32,7 +32,7 @@ class FrictionWatch:
         ]
 
     def news(self) -> list[str]:
-        """A sentence for each joint of which something new is certain."""
+        """A line for each joint whose certain friction has changed much since its last line."""
         coulomb, deviation, _ = self._controller.friction
         certain = np.sign(coulomb) * np.maximum(np.abs(coulomb) - deviation, 0.0)
         limit = self._controller.config.limits.effort
@@ -45,7 +45,7 @@ class FrictionWatch:
             self._told[j] = certain[j]
             done = "compensated" if acts else "not compensated (adaptation.friction: warn)"
             lines.append(
-                f"{joint}: friction of {coulomb[j]:.3g} {unit.effort} beyond compensation.coulomb, give or take "
-                f"{deviation[j]:.2g}; {done}"
+                f"{joint}: found {coulomb[j]:.3g} ± {deviation[j]:.2g} {unit.effort} of friction beyond "
+                f"compensation.coulomb, {done}"
             )
         return lines

@@ -1,4 +1,4 @@
-"""What was found is said once, and again when it has changed."""
+"""What was found is logged once, and again when it has changed."""
 
 import numpy as np
 
@@ -11,24 +11,22 @@ from pidtsm_core.robots import find_robot
 WARNS = {"estimator.name": "extended_state_observer", "adaptation.friction": "warn"}
 
 
-def test_what_is_certain_is_said_once_and_again_when_it_has_changed() -> None:
+def test_what_is_certain_is_logged_once_and_again_when_it_has_changed() -> None:
     values = resolve(controller_schema, WARNS, 2)
     controller, robot = Controller(values), find_robot(values)
     watch = FrictionWatch(controller, robot.joints, robot.units)
     assert watch.news() == []
     known = controller.state.friction
     known[Friction.EVIDENCE] = 1.0
-    known[Friction.COULOMB], known[Friction.COULOMB_DEVIATION] = [0.05, 0.001], [0.01, 0.0]
-    said = (
-        "joint1: friction of 5 N m beyond compensation.coulomb, give or take 1; "
-        "not compensated (adaptation.friction: warn)"
-    )
-    assert watch.news() == [said]
+    known[Friction.COULOMB], known[Friction.DEVIATION] = [5.0, 0.05], [1.0, 0.0]
+    assert watch.news() == [
+        "joint1: found 5 ± 1 N m of friction beyond compensation.coulomb, not compensated (adaptation.friction: warn)"
+    ]
     assert watch.news() == []
     known[Friction.COULOMB] *= 1.1
     assert watch.news() == []
     known[Friction.COULOMB] *= 2.0
-    assert [line[:28] for line in watch.news()] == ["joint1: friction of 11 N m b"]
+    assert [line[:21] for line in watch.news()] == ["joint1: found 11 ± 1 "]
     values_by_name = {reading.name: (reading.value, reading.unit) for reading in watch.readings()}
     assert values_by_name["deviation of the friction of joint1"] == (1.0, "N m")
-    np.testing.assert_allclose(values_by_name["friction found of joint2"][0], 0.001 * 1.1 * 2.0 * 50.0)
+    np.testing.assert_allclose(values_by_name["friction found of joint2"][0], 0.05 * 1.1 * 2.0)

@@ -269,11 +269,11 @@ def _freedrive(values: Mapping[str, Value], limits: LimitsConfig) -> FreedriveCo
 
 
 def _adaptation(values: Mapping[str, Value], joints: int) -> AdaptationConfig:
-    friction = values.get(LEARNT_FRICTION.name, "off")
+    friction = values.get(LEARNT_FRICTION.name, "none")
     return AdaptationConfig(
-        learns_friction=friction != "off",
+        learns_friction=friction != "none",
         compensates_friction=friction == "learn",
-        bandwidth=np.zeros(joints) if friction == "off" else joint_array(values["estimator.bandwidth"], joints),
+        bandwidth=np.zeros(joints) if friction == "none" else joint_array(values["estimator.bandwidth"], joints),
     )
 
 

@@ -2,13 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.events import first_compilation
 from pidtsm_core.control.configuration import make_config
 from pidtsm_core.control.freedrive import refusal as cannot_be_free
+from pidtsm_core.control.friction_learning import forget_friction
 from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.modes import begin_afresh, request, reset_fault, set_clock
 from pidtsm_core.control.report import Change, changes, tight_rates
@@ -75,10 +78,12 @@ class Controller:
         Args:
             values: as for the constructor, with the same law, estimator and robot.
         """
-        before = self._demanding
+        before, compensated, learnt = self._demanding, self.config.compensation, self.config.adaptation.learns_friction
         self._configure(values)
         self._memory.write(self.memory)
-        if any(not np.array_equal(a, b) for a, b in zip(before, self._demanding, strict=True)):
+        if not learnt or _differ(compensated, self.config.compensation):
+            forget_friction(self.state)
+        if _differ(before, self._demanding):
             expect_handover(self.state)
 
     def _configure(self, values: Mapping[str, Value]) -> None:
@@ -204,13 +209,10 @@ class Controller:
         """What was found of the friction beyond ``compensation``, see friction_learning.py.
 
         Returns:
-            Coulomb friction, its standard deviation (both N m) and viscous friction (N m s/rad), shape (3, joints); all
-            zero for a joint of which nothing is known yet.
+            Coulomb friction, its standard deviation (both N m) and viscous friction (N m s/rad), shape (3, joints); 0
+            for a joint of which nothing is known yet.
         """
-        rows = [Friction.COULOMB, Friction.COULOMB_DEVIATION, Friction.VISCOUS]
-        found: Array = self.state.friction[rows]
-        known = self.state.friction[Friction.EVIDENCE] > 0.0
-        found[:, known] *= self.config.limits.effort[known]
+        found: Array = self.state.friction[[Friction.COULOMB, Friction.DEVIATION, Friction.VISCOUS]]
         return found
 
     @property
@@ -241,3 +243,8 @@ class Controller:
         self.state.desired[:] = desired
         tick_now(self.address, dt)
         return self.state.signals
+
+
+def _differ(before: Sequence[NDArray[Any]], after: Sequence[NDArray[Any]]) -> bool:
+    """Whether arrays have changed."""
+    return any(not np.array_equal(a, b) for a, b in zip(before, after, strict=True))

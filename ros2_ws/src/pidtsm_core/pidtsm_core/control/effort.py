@@ -12,6 +12,8 @@ from pidtsm_core.timing import seconds
 
 REVERSAL = 0.01
 """rad/s; below this velocity, the compensated Coulomb friction goes to zero."""
+_DIFFERENT = 0.05
+"""Share of a joint's effort limit by which the applied effort may differ from the commanded one."""
 # As floats, like the signals.
 _AT_LIMIT, _AT_RATE = float(Limited.EFFORT), float(Limited.RATE)
 
@@ -78,6 +80,16 @@ def friction(config: ControllerConfig, velocity: float, joint: int) -> float:
         config.compensation.coulomb[joint] * math.tanh(velocity / REVERSAL)
         + config.compensation.viscous[joint] * velocity
     )
+
+
+@inlined
+def held_back(config: ControllerConfig, state: ControllerState, joint: int) -> bool:
+    """Whether the effort applied over the last period was not that of the law."""
+    y = state.signals
+    if y[Signal.SATURATED, joint] != 0.0:
+        return True
+    allowed = _DIFFERENT * config.limits.effort[joint]
+    return config.feeds_back and abs(state.applied[joint] - y[Signal.EFFORT, joint]) > allowed
 
 
 @inlined

@@ -6,15 +6,17 @@ exponential forgetting explains what is lacking by
 
     coulomb tanh(q' / v0) + viscous q' + constant + stiffness q_d + inertia q_d''
 
-The last three stand for a payload and for errors of the model, which must not be taken for friction; they are not used.
-For the same reason everything is high-passed: a payload that is picked up is slow against a reversal of friction. The
-regressors pass the three poles of the observer first, as what it finds has passed them.
+Only the first is compensated. The last three stand for a payload and for errors of the model, which must not be taken
+for friction, and the lag of a drive looks like viscous friction. For the same reason everything is high-passed: a
+payload that is picked up is slow against a reversal of friction. The regressors pass the three poles of the observer
+first, as what it finds has passed them.
 
-The fit states how uncertain it is, from what it leaves unexplained. Compensated is what is certain at least: the
-estimate less half its deviation, so an arm without friction, or data that do not tell, change nothing. The compensated
-effort follows the reference's velocity, which is free of noise, and is bounded; so the closed loop sees a bounded and
-slowly changing feedforward. While the arm does not follow, touches something, is held back by a limit, or rests,
-nothing is learnt and nothing forgotten.
+The fit estimates its own uncertainty from what it leaves unexplained. The controller compensates the estimate minus
+half its standard deviation, so it changes nothing on an arm without friction, or where the data are inconclusive. It
+begins after a joint has moved both ways: until then, friction looks like a payload. The compensation follows the
+reference's velocity, which is free of noise, and is bounded, so the closed loop sees a bounded and slowly changing
+feedforward. While the arm does not follow, touches something, is held back or rests, nothing is learnt and nothing
+forgotten.
 
 Recursive least squares with forgetting: Astrom and Wittenmark, "Adaptive Control", 2nd edition, 1995, chapter 2.
 Learning friction from a disturbance observer: Le Tien, Albu-Schaeffer, De Luca and Hirzinger, "Friction observer and
@@ -28,7 +30,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
-from pidtsm_core.control.effort import REVERSAL
+from pidtsm_core.control.effort import REVERSAL, held_back
 from pidtsm_core.control.state import FITTED, ControllerState, Friction, part
 from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.robots import inverse_dynamics
@@ -45,17 +47,20 @@ _CAUTION = 0.5
 _TAKEN_IN = 0.1
 """s; time constant of the compensated friction."""
 _LARGEST = 0.35
-"""Largest compensated Coulomb friction, a share of the effort limit; the viscous one per rad/s likewise."""
+"""Largest compensated friction, a share of the effort limit."""
 _RESTS = 0.1
-"""A joint of which the filtered sign is smaller does not tell anything about friction."""
+"""Filtered sign of the velocity below which the motion of a joint shows nothing of its friction: it rests, or has moved
+in one direction for long."""
+_CLEAR = 0.5
+"""Filtered sign of the velocity above which a joint moves in that direction."""
+_BOTH_WAYS = 0.05
+"""s for which a joint must have moved in each direction: before, friction looks like a payload."""
 _SETTLED = 0.99
 """Output of a filter for an input of 1; before, the observer has not found the motion of the arm either."""
-_HELD_BACK = 0.95
-"""Share of the limit above which a joint counts as held back."""
 
 
 class Regressor(IntEnum):
-    """What the fit explains the lacking effort by; its coefficients are shares of the effort limit, per unit."""
+    """What the fit explains the lacking effort by; its coefficients are in N m per unit."""
 
     SIGN = 0  # tanh(q' / v0)
     VELOCITY = 1  # rad/s
@@ -82,18 +87,21 @@ def learn_friction(config: ControllerConfig, state: ControllerState, dt: float) 
     follows = state.status[Status.MODE] == Mode.FOLLOWING and state.status[Status.FAULT] == 0
     learns = follows and not in_contact(config, state)
     for j in range(lacking.size):
-        limit = config.limits.effort[j]
-        if not math.isfinite(limit + lacking[j] + state.signals[Signal.VELOCITY, j]):
+        if not math.isfinite(lacking[j] + state.signals[Signal.VELOCITY, j]):
             continue
-        _filter(config, state, j, lacking[j] / limit, dt)
-        free = abs(state.net[j] + state.added[j]) < _HELD_BACK * limit
-        sign = j * _INPUTS + Regressor.SIGN
-        moves = max(abs(state.friction_inputs[_POLES - 1, sign]), abs(state.friction_inputs[_POLES + 1, sign])) > _RESTS
+        _filter(config, state, j, lacking[j], dt)
+        moves = abs(state.friction_inputs[_POLES + 1, j * _INPUTS + Regressor.SIGN]) > _RESTS
         settled = state.friction_inputs[_POLES - 1, j * _INPUTS + Regressor.CONSTANT] > _SETTLED
-        if learns and free and moves and settled:
+        if learns and moves and settled and not held_back(config, state, j):
             _weigh(state, j, dt)
             _fit(state, j)
         _take_in(config, state, j, dt)
+
+
+def forget_friction(state: ControllerState) -> None:
+    """Begin anew: what was found was beyond another ``compensation``."""
+    state.friction[:] = 0.0
+    state.friction_evidence[:] = 0.0
 
 
 @inlined
@@ -121,7 +129,7 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
     slow = -math.expm1(-_SLOW * dt)
     velocity = state.signals[Signal.VELOCITY, j]
     for k in range(_INPUTS):
-        value = state.friction[Friction.EFFORT, j] / config.limits.effort[j]
+        value = state.friction[Friction.EFFORT, j]
         if k == Regressor.SIGN:
             value = math.tanh(velocity / REVERSAL)
         elif k == Regressor.VELOCITY:
@@ -154,11 +162,14 @@ def _weigh(state: ControllerState, j: int, dt: float) -> None:
         known[row + a, FITTED] = kept * known[row + a, FITTED] + dt * inputs[first + a] * lacking
     friction[Friction.SQUARES, j] = kept * friction[Friction.SQUARES, j] + dt * lacking * lacking
     friction[Friction.EVIDENCE, j] = kept * friction[Friction.EVIDENCE, j] + dt
+    sign = state.friction_inputs[_POLES - 1, first + Regressor.SIGN]
+    if abs(sign) > _CLEAR:
+        friction[Friction.FORWARD if sign > 0.0 else Friction.BACKWARD, j] += dt
 
 
 @inlined
 def _fit(state: ControllerState, j: int) -> None:
-    """Solve the normal equations of joint j by Cholesky's decomposition; write coefficients and deviations."""
+    """Solve the normal equations of joint j by Cholesky's decomposition; write friction and its deviation."""
     known, solution, friction, row = state.friction_evidence, state.friction_solution, state.friction, j * FITTED
     factor, right = solution[:FITTED], solution[FITTED:]
     for a in range(FITTED):
@@ -172,17 +183,15 @@ def _fit(state: ControllerState, j: int) -> None:
                 factor[a, b] = rest / factor[b, b]
         right[0, a] = known[row + a, FITTED]
         right[1, a] = 1.0 if a == Regressor.SIGN else 0.0
-        right[2, a] = 1.0 if a == Regressor.VELOCITY else 0.0
     unexplained = friction[Friction.SQUARES, j]
-    for k in range(3):
+    for k in range(2):
         _substitute(factor, right[k])
     for a in range(FITTED):
         unexplained -= right[0, a] * (known[row + a, FITTED] + _PRIOR[a] * right[0, a])
     variance = 2.0 * _CORRELATED * max(unexplained, 0.0) / friction[Friction.EVIDENCE, j]
     friction[Friction.COULOMB, j] = right[0, Regressor.SIGN]
     friction[Friction.VISCOUS, j] = right[0, Regressor.VELOCITY]
-    friction[Friction.COULOMB_DEVIATION, j] = math.sqrt(variance * max(right[1, Regressor.SIGN], 0.0))
-    friction[Friction.VISCOUS_DEVIATION, j] = math.sqrt(variance * max(right[2, Regressor.VELOCITY], 0.0))
+    friction[Friction.DEVIATION, j] = math.sqrt(variance * max(right[1, Regressor.SIGN], 0.0))
 
 
 @inlined
@@ -200,35 +209,16 @@ def _substitute(factor: Array, x: Array) -> None:
 
 
 @inlined
-def _certain(estimate: float, deviation: float, least: float) -> float:
-    """The part of an estimate that is certain: never more than was found, and not below `least`."""
-    size = min(max(abs(estimate) - _CAUTION * deviation, 0.0), _LARGEST)
-    return max(math.copysign(size, estimate), least)
-
-
-@inlined
 def _take_in(config: ControllerConfig, state: ControllerState, j: int, dt: float) -> None:
     """Let the compensated friction of joint j follow what is certain, and write its effort for the desired velocity."""
-    friction, limit = state.friction, config.limits.effort[j]
+    friction, most = state.friction, _LARGEST * config.limits.effort[j]
     share = -math.expm1(-dt / _TAKEN_IN)
-    # What the parameters compensate may be too much, but friction is never negative.
-    coulomb = _certain(
-        friction[Friction.COULOMB, j],
-        friction[Friction.COULOMB_DEVIATION, j],
-        -config.compensation.coulomb[j] / limit,
-    )
-    viscous = _certain(
-        friction[Friction.VISCOUS, j],
-        friction[Friction.VISCOUS_DEVIATION, j],
-        -config.compensation.viscous[j] / limit,
-    )
-    if coulomb <= 0.0:
-        viscous = 0.0  # Alone, it may be the lag of a drive.
-    if not config.adaptation.compensates_friction:
-        coulomb = viscous = 0.0
-    friction[Friction.USED_COULOMB, j] += share * (coulomb - friction[Friction.USED_COULOMB, j])
-    friction[Friction.USED_VISCOUS, j] += share * (viscous - friction[Friction.USED_VISCOUS, j])
-    velocity = state.desired[1, j]
-    effort = friction[Friction.USED_COULOMB, j] * math.tanh(velocity / REVERSAL)
-    effort += friction[Friction.USED_VISCOUS, j] * velocity
-    friction[Friction.EFFORT, j] = limit * effort
+    coulomb = 0.0
+    both_ways = min(friction[Friction.FORWARD, j], friction[Friction.BACKWARD, j]) > _BOTH_WAYS
+    if config.adaptation.compensates_friction and both_ways:
+        # What the parameters compensate may be too much, but friction is never negative.
+        certain = max(abs(friction[Friction.COULOMB, j]) - _CAUTION * friction[Friction.DEVIATION, j], 0.0)
+        coulomb = math.copysign(min(certain, most), friction[Friction.COULOMB, j])
+        coulomb = max(coulomb, -config.compensation.coulomb[j])
+    friction[Friction.USED, j] += share * (coulomb - friction[Friction.USED, j])
+    friction[Friction.EFFORT, j] = friction[Friction.USED, j] * math.tanh(state.desired[1, j] / REVERSAL)

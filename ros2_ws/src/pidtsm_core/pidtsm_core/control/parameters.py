@@ -220,10 +220,10 @@ REJECTION = Parameter(
 )
 LEARNT_FRICTION = Parameter(
     "adaptation.friction",
-    "off",
-    "Coulomb and viscous friction beyond compensation.*, found while the arm moves; needs estimator.name: "
-    "extended_state_observer. learn: what is certain is compensated, too; warn: it is only reported",
-    choices=("off", "warn", "learn"),
+    "none",  # Not "off", which is false in YAML.
+    "find friction beyond compensation.* while the arm moves. learn: compensate the Coulomb friction that is certain; "
+    "warn: only report it. Needs estimator.name: extended_state_observer",
+    choices=("none", "warn", "learn"),
 )
 _TOUCH = 0.25
 """Share of the effort limit of a joint that only contact exerts, not a payload or an error of the model."""
@@ -293,7 +293,7 @@ def _check_observer(settings: Mapping[str, object], estimator: Estimator) -> Non
     """Check that the estimator finds the disturbance that other parameters use."""
     uses = {
         REJECTION: settings.get(REJECTION.name) is True,
-        LEARNT_FRICTION: settings.get(LEARNT_FRICTION.name, "off") != "off",
+        LEARNT_FRICTION: settings.get(LEARNT_FRICTION.name, "none") != "none",
     }
     for parameter, used in uses.items():
         if used and not estimator.finds_disturbance:

@@ -126,20 +126,17 @@ class External(IntEnum):
 
 
 class Friction(IntEnum):
-    """Rows of what is known of the friction beyond ``compensation``, per joint; see friction_learning.py.
+    """Rows of what is known of the friction beyond ``compensation``, per joint; see friction_learning.py."""
 
-    Coefficients are shares of the effort limit, viscous ones per rad/s.
-    """
-
-    COULOMB = 0
-    VISCOUS = 1
-    COULOMB_DEVIATION = 2  # standard deviation
-    VISCOUS_DEVIATION = 3
-    USED_COULOMB = 4  # what is compensated
-    USED_VISCOUS = 5
-    EFFORT = 6  # that compensates it at this sample, N m
-    EVIDENCE = 7  # for how long it was observed, s
-    SQUARES = 8  # integral of the square of the effort that the model lacks, s
+    COULOMB = 0  # N m
+    DEVIATION = 1  # its standard deviation, N m
+    VISCOUS = 2  # N m s/rad
+    USED = 3  # Coulomb friction that is compensated, N m
+    EFFORT = 4  # that compensates it at this sample, N m
+    EVIDENCE = 5  # for how long it was observed, s
+    FORWARD = 6  # of that in the positive direction, without forgetting, s
+    BACKWARD = 7  # likewise in the negative one
+    SQUARES = 8  # integral of the square of the effort that the model lacks, (N m)^2 s
 
 
 FITTED = 5
@@ -192,7 +189,7 @@ class ControllerState(NamedTuple):
     friction: Array  # what is known of it, see `Friction`, shape (len(Friction), joints)
     friction_inputs: Array  # filtered regressors, a row for each filter, see friction_learning.py
     friction_evidence: Array  # normal equations: FITTED rows for each joint, shape (FITTED joints, FITTED + 1)
-    friction_solution: Array  # scratch: their factor and solutions, shape (FITTED + 3, FITTED)
+    friction_solution: Array  # scratch: their factor and solutions, shape (FITTED + 2, FITTED)
     rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of a simulation, shape (joints,), N m
@@ -263,7 +260,7 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         friction=np.zeros((len(Friction), joints)),
         friction_inputs=np.zeros((5, (FITTED + 1) * joints)),
         friction_evidence=np.zeros((FITTED * joints, FITTED + 1)),
-        friction_solution=np.zeros((FITTED + 3, FITTED)),
+        friction_solution=np.zeros((FITTED + 2, FITTED)),
         rejected=np.zeros(joints),
         truth=np.zeros((2, joints)),
         torque=np.zeros(joints),

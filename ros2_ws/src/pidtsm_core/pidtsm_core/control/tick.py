@@ -4,26 +4,13 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact, sense_contact
-from pidtsm_core.control.effort import feed_offset, friction, limit_effort, write_net_effort
+from pidtsm_core.control.effort import feed_offset, friction, held_back, limit_effort, write_net_effort
 from pidtsm_core.control.friction_learning import learn_friction
 from pidtsm_core.control.state import Condition, ControllerState, Friction, Handover, Time, part
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal, Status
-
-_DIFFERENT = 0.05
-"""Share of a joint's effort limit by which the applied effort may differ from the commanded one."""
-
-
-@inlined
-def _held_back(config: ControllerConfig, state: ControllerState, joint: int) -> bool:
-    """Whether the effort applied over the last period was not that of the law."""
-    y = state.signals
-    if y[Signal.SATURATED, joint] != 0.0:
-        return True
-    allowed = _DIFFERENT * config.limits.effort[joint]
-    return config.feeds_back and abs(state.applied[joint] - y[Signal.EFFORT, joint]) > allowed
 
 
 @inlined
@@ -33,7 +20,7 @@ def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> Non
     adaptation = state.conditions[Condition.ADAPTATION]
     stopped = state.status[Status.FAULT] != 0 or in_contact(config, state)
     for j in range(y.shape[1]):
-        frozen = stopped or (config.freezes and _held_back(config, state, j))
+        frozen = stopped or (config.freezes and held_back(config, state, j))
         advance(
             config.law,
             j,
@@ -51,7 +38,7 @@ def _reject(config: ControllerConfig, state: ControllerState) -> None:
     touches = in_contact(config, state)
     for j in range(state.rejected.size):
         found = state.estimator[j, DISTURBANCE]
-        blocked = touches or (config.freezes and _held_back(config, state, j))
+        blocked = touches or (config.freezes and held_back(config, state, j))
         if not blocked or abs(found) < abs(state.rejected[j]):
             state.rejected[j] = found
 

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters.family import Member
 
+SHORTEST = 1e-6
+"""Shortest time of a move, s: in less, velocities and accelerations may not be finite."""
+
 
 @dataclass(frozen=True)
 class Reference(Member):

@@ -7,7 +7,7 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import Parameter, Value, as_float, joint_array
-from pidtsm_core.references.base import Reference
+from pidtsm_core.references.base import SHORTEST, Reference
 from pidtsm_core.references.piecewise import evaluate, piecewise
 
 
@@ -27,7 +27,7 @@ MINIMUM_JERK = _PointToPoint(
     parameters=(
         Parameter("from", 0.0, "position at the start", "rad", per_joint=True, read_only=True),
         Parameter("to", 0.5, "position at the end", "rad", per_joint=True, read_only=True),
-        Parameter("duration", 2.0, "time from start to end", "s", minimum=0.0, exclusive=True, read_only=True),
+        Parameter("duration", 2.0, "time from start to end", "s", minimum=SHORTEST, read_only=True),
     ),
     joints=0,
     evaluate=evaluate,

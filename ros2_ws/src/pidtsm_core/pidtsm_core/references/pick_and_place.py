@@ -3,7 +3,7 @@
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.parameters import Parameter
-from pidtsm_core.references.base import Reference
+from pidtsm_core.references.base import SHORTEST, Reference
 
 
 @njit
@@ -34,8 +34,7 @@ PICK_AND_PLACE = Reference(
             2.0,
             "time from one to the other",
             "s",
-            minimum=0.0,
-            exclusive=True,
+            minimum=SHORTEST,
             per_joint=True,
             read_only=True,
         ),

@@ -170,7 +170,7 @@ def _plan(values: Mapping[str, Value], config: SimulatorConfig, reference: Array
 
 
 def _derived(values: Array, period: float, order: int) -> Array:
-    """Derivative over time, smoothed over a few samples as the motion is smooth but at the ends of its pieces."""
+    """Derivative over time, by central differences: the motion is smooth but at the ends of its pieces."""
     for _ in range(order):
         values = np.gradient(values, period, axis=0)
     return values

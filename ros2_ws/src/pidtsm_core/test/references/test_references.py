@@ -19,6 +19,7 @@ from pidtsm_core.references import (
     reference_joints,
     reference_schema,
 )
+from pidtsm_core.references.base import SHORTEST
 
 PROPERTY = settings(deadline=None, max_examples=60)
 EACH = pytest.mark.parametrize("reference", REFERENCES.members, ids=lambda r: r.name)
@@ -240,3 +241,13 @@ def test_another_file_of_a_spreadsheet_is_refused_with_its_line(tmp_path: Path, 
 def test_a_file_that_is_not_there_is_refused(file: str, reason: str) -> None:
     with pytest.raises(ParameterError, match=reason):
         motion_of(REFERENCES["csv"], file=file)
+
+
+@pytest.mark.parametrize("name", ["minimum_jerk", "pick_and_place"])
+def test_the_shortest_move_is_finite_and_a_shorter_one_refused(name: str) -> None:
+    motion, desired = motion_of(REFERENCES[name], duration=SHORTEST), np.zeros((3, 2))
+    for t in (0.0, 0.3e-6, 0.5, 1e9):
+        motion.evaluate(t, desired)
+        assert np.isfinite(desired).all()
+    with pytest.raises(ParameterError, match=r"reference\.duration"):
+        motion_of(REFERENCES[name], duration=1e-300)

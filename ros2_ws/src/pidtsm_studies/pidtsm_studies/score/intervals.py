@@ -51,8 +51,8 @@ def of_repeats(shares: Sequence[Array]) -> tuple[float, float]:
 def paired(first: Array, second: Array, weights: Array, seed: int = 0) -> Difference:
     """Compare two controllers by the same runs, with the same random numbers.
 
-    The interval is the bootstrap (BCa, percentile if all differences are alike), p that of the permutation test that
-    exchanges both controllers in each run, see SciPy.
+    The interval is the percentile bootstrap of the runs, p that of the permutation test that exchanges both controllers
+    in each run, see SciPy.
 
     Args:
         first: what each run of the one reaches, from 0 to 1, shape (runs,).
@@ -64,9 +64,13 @@ def paired(first: Array, second: Array, weights: Array, seed: int = 0) -> Differ
     mean = float(gains.mean())
     if np.ptp(gains) < _EQUAL:
         return Difference(mean, mean, mean, 1.0 if abs(mean) < _EQUAL else 0.0)
-    method = "percentile"
     interval = bootstrap(
-        (gains,), np.mean, n_resamples=_RESAMPLES, confidence_level=CONFIDENCE, method=method, random_state=seed
+        (gains,),
+        np.mean,
+        n_resamples=_RESAMPLES,
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        random_state=seed,
     ).confidence_interval
     test = permutation_test(
         (gains,),
