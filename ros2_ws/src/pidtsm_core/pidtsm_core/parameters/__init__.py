@@ -125,7 +125,7 @@ class Parameter:
             return bool(value)
         if isinstance(self.default, str):
             if not isinstance(value, str):
-                raise self._error(value, "must be text")
+                raise self._error(value, f"must be text, {self.range_text()}".rstrip(", "))
             if self.choices and value not in self.choices:
                 raise self._error(value, f"must be {self.range_text()}{did_you_mean(value, self.choices)}")
             return value
