@@ -142,6 +142,6 @@ def _learnt(recording: Recording) -> Iterator[Event]:
     grown = gains[:, joint] - gains[0, joint]
     if grown[-1] > 0.0:
         sample = int(np.argmax(grown >= _LEARNT * grown[-1]))
-        text = f"{recording.joints[joint]} has learnt: its gain Υ is {number(float(gains[sample, joint]))}"
-        label = f"{recording.joints[joint]} has learnt"
+        text = f"{recording.joints[joint]}: the adaptive gain Υ settles at {number(float(gains[sample, joint]))}"
+        label = f"{recording.joints[joint]}: gain settled"
         yield Event("learnt", float(recording.time[sample]), None, text, label, joint)
