@@ -128,7 +128,9 @@ def _strategy(space: Space, seed: int, step: float) -> Any:
         "tolflatfitness": np.inf,
         "maxiter": np.inf,
     }
-    return cma.CMAEvolutionStrategy(space.start, step, options)
+    strategy = cma.CMAEvolutionStrategy(space.start, step, options)
+    strategy.inject([space.start], force=True)  # So that no search ends worse than it began.
+    return strategy
 
 
 def _simulated(space: Space, problem: Problem, x: Array) -> dict[str, Any]:

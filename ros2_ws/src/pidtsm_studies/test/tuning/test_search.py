@@ -40,6 +40,10 @@ def test_candidates_are_within_their_bounds_and_the_best_is_better_than_the_wors
     assert any((x == row).all() for each in whole for row in each.x)
 
 
+def test_the_start_is_the_first_candidate(whole: list[Generation], space: Space) -> None:
+    np.testing.assert_allclose(whole[0].x[0], space.start, atol=0.02)  # CMA-ES keeps off the bounds.
+
+
 @pytest.mark.parametrize("kept", np.random.default_rng(1).uniform(0.0, 1.0, 10).round(3).tolist())
 def test_a_search_killed_at_any_moment_is_resumed(
     kept: float,
