@@ -209,7 +209,7 @@ def sources(metrics: Mapping[str, Any]) -> Iterator[str]:
     if (truth := metrics.get("truth", GROUND_TRUTH)) != GROUND_TRUTH:
         yield f"truth: {truth}"
     if side := metrics.get("side"):
-        yield f"positions and errors are those of the {side}s, elastic joints are between motors and links"
+        yield f"the joints are elastic; positions and errors are those of the {side}s"
     if lacking := metrics.get("lacking"):
         unknown = "; faults, limits and gains are unknown" if "controller/state" in lacking else ""
         yield f"not in the bag: {', '.join(lacking)}{unknown}"

@@ -25,6 +25,8 @@ _APART = (
     "The last fifth of each recording was not fitted. Where a joint hardly moves, its friction is not predictable, and "
     "the errors do not count these samples."
 )
+_RIGHT = 0.001
+"""A description whose torque errors are less than this share of each joint's largest torque needs no correction."""
 _QUANTITIES = (
     Quantity("residual", "Measured minus predicted torque", "Δτ", "effort", lambda each: each.residual, first=True),
     Quantity("torque", "Torque, on data kept apart", "τ", "effort", lambda each: each.torque, first=True),
@@ -80,14 +82,19 @@ def write_identification_report(path: Path, found: Identification, robot: str, s
     better = after < before
     name, unit = result["joints"][joint], found.units[joint]
     change = difference(before, after, scale([before], unit))
-    verdict = (
-        f"The identified model predicts the torque of every joint within {quantity(after, unit)} RMS ({name}), "
-        f"{change} against the description."
-    )
+    right = _is_right(found, errors["before"])
+    if right:
+        worst_of = quantity(max(before, after), unit)
+        verdict = f"The description is right: it predicts the torque of every joint within {worst_of} RMS ({name})."
+    else:
+        verdict = (
+            f"The identified model predicts the torque of every joint within {quantity(after, unit)} RMS ({name}), "
+            f"{change} against the description."
+        )
     page = Page(
         f"Identification of {robot}",
         verdict,
-        GOOD if better else PLAIN,
+        GOOD if better or right else PLAIN,
         _summary(found, result),
         _answers(found, result, joint),
         sections,
@@ -98,6 +105,11 @@ def write_identification_report(path: Path, found: Identification, robot: str, s
 
 def _section(name: str, heading: str, content: Any, folded: bool = False) -> Section:
     return Section(name, heading, f"identification/templates/{name}.html", content, folded)
+
+
+def _is_right(found: Identification, errors: Sequence[float]) -> bool:
+    """Whether there is nothing to correct: RMS errors of the description, one per joint, against the largest torque."""
+    return bool(np.all(np.asarray(errors) <= _RIGHT * np.abs(found.check.measured).max(axis=0)))
 
 
 def _summary(found: Identification, result: dict[str, Any]) -> str:
@@ -114,12 +126,13 @@ def _answers(found: Identification, result: dict[str, Any], joint: int) -> list[
     better = sum(after < before for before, after in zip(errors["before"], errors["after"], strict=True))
     count = len(result["joints"])
     known = sum(each["determined"] for each in result["combinations"])
+    right = _is_right(found, errors["before"])
     return [
         Answer(
             "Is it better?",
-            f"For {better} of {count} joints",
+            "It was right before" if right else f"For {better} of {count} joints",
             "on data that were not fitted",
-            GOOD if better == count else BAD,
+            GOOD if right or better == count else BAD,
         ),
         Answer(
             "What was found?",

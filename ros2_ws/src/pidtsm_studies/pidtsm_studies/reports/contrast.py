@@ -100,7 +100,8 @@ def contrast_verdict(found: Contrasts, metrics: _Metrics) -> tuple[str, str]:
     shown = scale([least, most], unit)
     values = f"{scaled(least, shown)} against {scaled(most, shown)}{THIN}{shown.unit}"
     by = difference(most, least, shown)
-    return f"{best} follows most closely: the RMSE of {joint} is {values} of {worst} ({by}){missing}.", PLAIN
+    how = "more" if len(ranked) == 2 else "most"
+    return f"{best} follows {how} closely: the RMSE of {joint} is {values} of {worst} ({by}){missing}.", PLAIN
 
 
 def contrast_answers(

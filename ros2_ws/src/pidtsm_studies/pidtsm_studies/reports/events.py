@@ -67,7 +67,7 @@ def events(
     found = [
         *_disturbances(recording, simulator),
         *_faults(recording, metrics, controller or {}),
-        *_limits(metrics),
+        *_limits(metrics, simulator),
         *_modes(recording),
         *_learnt(recording),
     ]
@@ -110,13 +110,14 @@ def _faults(recording: Recording, metrics: Mapping[str, Any], controller: Mappin
             yield Event("mode", fault["reset"], None, "is reset", "reset")
 
 
-def _limits(metrics: Mapping[str, Any]) -> Iterator[Event]:
+def _limits(metrics: Mapping[str, Any], simulator: Mapping[str, Any]) -> Iterator[Event]:
     faults = metrics["faults"]
+    free = bool(simulator) and not simulator.get("scene")  # Nothing is there that a simulated arm could touch.
     for violation in metrics["violations"]:
         limit, lasts = violation["limit"], quantity(violation["duration"], "s")
         if any(f["time"] == violation["time"] and f["fault"].startswith(limit.partition("_")[0]) for f in faults):
             continue  # The mark of the stop is there.
-        if limit == _CONTACT:
+        if limit == _CONTACT and not free:
             yield Event("contact", violation["time"], None, f"touches something ({lasts} in all)", "contact")
         else:
             text = f"a joint is beyond limits.{limit} ({lasts} in all)"

@@ -11,8 +11,8 @@ from pidtsm_studies.reports.events import STOPS, Event
 from pidtsm_studies.reports.matrix import units_of, values_of, worst
 from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer
 
-_IMPORTANCE = ("fault", "push", "payload", "contact", "limit", "mode", "learnt")
-"""Kinds of events, those first that an answer names first."""
+_IMPORTANCE = ("fault", "push", "payload", "contact", "limit", "mode")
+"""Kinds of events that are unusual, those first that an answer names first."""
 _SHOWN = 2
 """Largest number of events in an answer."""
 
@@ -72,16 +72,19 @@ def _how_well(metrics: Mapping[str, Any], joint: int | None) -> Answer:
 
 
 def _happened(metrics: Mapping[str, Any], events: Sequence[Event]) -> Answer:
-    order = sorted(events, key=lambda event: (_IMPORTANCE.index(event.kind), event.time))
-    shown = sorted(order[:_SHOWN], key=lambda event: event.time)
-    unusual = [event for event in events if event.kind != "learnt"]
+    unusual = sorted(
+        (event for event in events if event.kind in _IMPORTANCE),
+        key=lambda event: (_IMPORTANCE.index(event.kind), event.time),
+    )
+    shown = sorted(unusual[:_SHOWN], key=lambda event: event.time)
     if not unusual:
         others = what_happened(metrics) if metrics["outcome"] == FOLLOWED else []
-        return Answer("What happened?", "Nothing unusual", "; ".join(others[:_SHOWN]), PLAIN)
+        detail = " ".join(sentence(other) for other in others[:_SHOWN])
+        return Answer("What happened?", "Nothing unusual", detail, PLAIN)
     told = metrics["outcome"] in (STOPPED, RAN_AWAY)  # The verdict has the reason of the stop.
     texts = [event.text if event.kind == "fault" and not told else event.label for event in shown]
     text = "; ".join(f"{each} at {number(event.time)}{THIN}s" for each, event in zip(texts, shown, strict=True))
-    rest = len(events) - len(shown)
+    rest = len(unusual) - len(shown)
     state = BAD if any(event.kind == "fault" for event in events) else PLAIN
     return Answer("What happened?", sentence(text), f"and {rest} more, see the marks" if rest else "", state)
 

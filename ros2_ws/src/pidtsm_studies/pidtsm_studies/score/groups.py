@@ -49,15 +49,20 @@ def ceiling(rows: Sequence[Entry]) -> Entry | None:
     return next((each for each in rows if each.name == ORACLE), None)
 
 
+def rivals(rows: Sequence[Entry]) -> list[Entry]:
+    """The rows of a table that compete: all but the oracle and the control row, if there are others."""
+    return [each for each in rows if not is_reference(each)] or list(rows)
+
+
 def behind_the_best(entry: Entry, rows: Sequence[Entry]) -> Difference | None:
     """The score of the best controller of a table minus that of an entry, by the same runs.
 
     None if there is nothing to compare: on ideal hardware, for the oracle, for the best itself.
     """
-    rivals = [each for each in rows if not is_reference(each)]
-    if entry.task.base != ON_HARDWARE or is_reference(entry) or entry is rivals[0]:
+    first = rivals(rows)[0]
+    if entry.task.base != ON_HARDWARE or is_reference(entry) or entry is first:
         return None
-    (best, weights), (own, _) = (_runs(each) for each in (rivals[0], entry))
+    (best, weights), (own, _) = (_runs(each) for each in (first, entry))
     return paired(best, own, weights)
 
 

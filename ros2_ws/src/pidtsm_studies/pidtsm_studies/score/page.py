@@ -18,7 +18,7 @@ from pidtsm_studies.reports.labels import label
 from pidtsm_studies.reports.page import PLAIN, Answer, Page, Section, write_page
 from pidtsm_studies.reports.styles import looks
 from pidtsm_studies.score.criteria import HARDWARE, ROUGHNESS, Criterion, Range, criteria_of, levels_of
-from pidtsm_studies.score.groups import by_arm, ceiling
+from pidtsm_studies.score.groups import by_arm, ceiling, rivals
 from pidtsm_studies.score.intervals import CONFIDENCE
 from pidtsm_studies.score.results import Curve, Entry
 from pidtsm_studies.score.tasks import ON_HARDWARE, Task
@@ -46,7 +46,7 @@ def write_score_page(path: Path, heading: str, entries: Sequence[Entry]) -> None
     styles = {name: style for style, name in enumerate(dict.fromkeys(title(entry) for entry in entries))}
     charts: dict[str, Any] = {}
     sections = []
-    if len(entries) > 1:
+    if len(entries) > 1 or len(_runs_of(entries)) > 1:
         sections.append(Section("filters", "Show", "score/templates/filters.html", _filters(entries)))
     if len(arms) > 1:
         sections.append(Section("overview", "Every arm", "score/templates/overview.html", _overview(arms, styles)))
@@ -94,13 +94,16 @@ def _metrics_of(entries: Sequence[Entry]) -> tuple[Metric, ...]:
 
 
 def _verdict(arms: Mapping[str, Sequence[Entry]]) -> str:
-    first = next(iter(arms.values()))
-    if len(arms) == 1 and len(first) == 1:
-        return f"{_share(first[0].score)} of the runs succeed; {_worst(first[0])} is hardest."
-    best = max((scored[0] for scored in arms.values()), key=lambda entry: entry.score)
+    only = _only(arms)
+    if only:
+        possible = _possible(only, ceiling(next(iter(arms.values()))))
+        what = f", {possible} of what is possible" if possible else ""
+        return f"{_share(only.score)} of the runs succeed{what}; {_worst(only)} is hardest."
+    firsts = [rivals(scored)[0] for scored in arms.values()]
+    best = max(firsts, key=lambda entry: entry.score)
     leads: dict[str, int] = {}
-    for scored in arms.values():
-        leads[title(scored[0])] = leads.get(title(scored[0]), 0) + 1
+    for entry in firsts:
+        leads[title(entry)] = leads.get(title(entry), 0) + 1
     leader = max(leads, key=lambda name: leads[name])
     return (
         f"{leader} leads on {leads[leader]} of {len(arms)} arm{'s' if len(arms) > 1 else ''}; the highest score is "
@@ -109,7 +112,7 @@ def _verdict(arms: Mapping[str, Sequence[Entry]]) -> str:
 
 
 def _answers(arms: Mapping[str, Sequence[Entry]]) -> list[Answer]:
-    every = [entry for scored in arms.values() for entry in scored]
+    every = [entry for scored in arms.values() for entry in rivals(scored)]
     names = dict.fromkeys(outcome.criterion.name for entry in every for outcome in entry.outcomes)
     shares = {name: _mean_share(every, name) for name in names}
     hardest, easiest = min(shares, key=lambda c: shares[c]), max(shares, key=lambda c: shares[c])
@@ -117,18 +120,31 @@ def _answers(arms: Mapping[str, Sequence[Entry]]) -> list[Answer]:
         Answer("What is hardest?", hardest.replace("_", " "), f"{_share(shares[hardest])} of its runs succeed"),
         Answer("What is easiest?", easiest.replace("_", " "), f"{_share(shares[easiest])} of its runs succeed"),
     ]
-    if len(every) == 1:
-        low, high = every[0].interval
+    if only := _only(arms):
+        low, high = only.interval
         return [
-            Answer("How good is it?", _share(every[0].score), f"with other seeds {_share(low)} to {_share(high)}"),
+            Answer("How good is it?", _share(only.score), f"with other seeds {_share(low)} to {_share(high)}"),
             *answers,
         ]
-    leads = [scored[0].score - scored[1].score for scored in arms.values() if len(scored) > 1]
-    by = f"by {number(100.0 * min(leads), 2)} to {number(100.0 * max(leads), 2)} points over the next" if leads else ""
-    who = ", ".join(dict.fromkeys(title(scored[0]) for scored in arms.values()))
-    place = min(arms, key=lambda arm: arms[arm][0].score)
-    where = Answer("Which arm is hardest?", place, f"the best controller reaches {_share(arms[place][0].score)}")
+    tables = [rivals(scored) for scored in arms.values()]
+    leads = [100.0 * (scored[0].score - scored[1].score) for scored in tables if len(scored) > 1]
+    points = list(dict.fromkeys(number(lead, 2) for lead in (min(leads), max(leads)))) if leads else []
+    by = f"by {' to '.join(points)} points over the next" if leads else ""
+    who = ", ".join(dict.fromkeys(title(scored[0]) for scored in tables))
+    place, hard = min(zip(arms, tables, strict=True), key=lambda each: each[1][0].score)
+    where = Answer("Which arm is hardest?", place, f"the best controller reaches {_share(hard[0].score)}")
     return [Answer("Who leads?", who, by), *answers, *([where] if len(arms) > 1 else [])]
+
+
+def _only(arms: Mapping[str, Sequence[Entry]]) -> Entry | None:
+    """The controller of a page that has a single one beside the oracle and the control row; None: it has more."""
+    every = [entry for scored in arms.values() for entry in rivals(scored)]
+    return every[0] if len(every) == 1 else None
+
+
+def _possible(entry: Entry, oracle: Entry | None) -> str:
+    """The score relative to that of the oracle; empty if that is not known, or this is the oracle."""
+    return _share(entry.score / oracle.score) if oracle and oracle.score and entry is not oracle else ""
 
 
 def _overview(arms: Mapping[str, Sequence[Entry]], styles: Mapping[str, int]) -> dict[str, Any]:
@@ -141,7 +157,7 @@ def _overview(arms: Mapping[str, Sequence[Entry]], styles: Mapping[str, int]) ->
     rows = []
     for name in ranked:
         cells = [
-            {"value": found.score, "text": _share(found.score), "best": found is scored[0]} if found else None
+            {"value": found.score, "text": _share(found.score), "best": found is rivals(scored)[0]} if found else None
             for arm, scored in arms.items()
             for found in (scores[name].get(arm),)
         ]
@@ -164,6 +180,7 @@ def _filters(entries: Sequence[Entry]) -> dict[str, Any]:
         "arms": sorted({arm_of(entry) for entry in entries}),
         "laws": [{"law": law, "label": label(law), "series": json.dumps(names)} for law, names in sorted(laws.items())],
         "hardware": _runs_of(entries),
+        "choice": "Motion" if all(entry.task.base == ON_HARDWARE for entry in entries) else "Hardware",
     }
 
 
@@ -222,7 +239,7 @@ def _row(entry: Entry, styles: Mapping[str, int], scales: Mapping[str, Any], ora
         "score": entry.score,
         "text": _share(entry.score),
         "interval": f"{_share(low)} to {_share(high)}",
-        "possible": _share(entry.score / oracle.score) if oracle and oracle.score else "",
+        "possible": _possible(entry, oracle),
         "low": low,
         "high": high,
         "above": above_limit(entry.task.robot, ideal["rmse"]) if ideal else "",

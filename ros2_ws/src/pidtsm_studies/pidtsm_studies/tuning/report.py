@@ -17,7 +17,7 @@ from pidtsm_studies.reports.curves import QUANTITIES
 from pidtsm_studies.reports.events import events
 from pidtsm_studies.reports.labels import label, run_entries
 from pidtsm_studies.reports.matrix import difference
-from pidtsm_studies.reports.page import BAD, GOOD, Answer, Page, Section, write_page
+from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer, Page, Section, write_page
 from pidtsm_studies.reports.verdicts import worst_joint
 from pidtsm_studies.reports.viewer import viewer_data, viewer_section
 from pidtsm_studies.tuning.definitions import NOMINAL
@@ -84,11 +84,19 @@ def _verdict(tuning: Tuning) -> tuple[str, str]:
     """The tuning in a sentence, and its state."""
     before, after = tuning.objective("validation")
     change = difference(before, after, _PLAIN)
+    if not _gained(tuning):
+        return f"None of {tuning.evaluations} controllers is better than the first set.", PLAIN
     if after < before:
         text = f"Better where it was not tuned: the objective is {number(after)}, {change} against the first set."
         return text, GOOD
     text = f"No better where it was not tuned: the objective is {number(after)} instead of {number(before)}."
     return text, BAD
+
+
+def _gained(tuning: Tuning) -> bool:
+    """Whether anything that was tried is better than the start."""
+    before, after = tuning.objective("training")
+    return after < before
 
 
 def _answers(tuning: Tuning) -> list[Answer]:
@@ -100,7 +108,7 @@ def _answers(tuning: Tuning) -> list[Answer]:
     return [
         Answer(
             "How much was gained?",
-            difference(before, after, _PLAIN),
+            difference(before, after, _PLAIN) if _gained(tuning) else "Nothing",
             f"objective of the conditions tuned on, {number(before)} before",
         ),
         Answer(

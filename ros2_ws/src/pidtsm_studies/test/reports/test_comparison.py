@@ -42,7 +42,7 @@ def test_what_differs_comes_first(comparison: Path, compared: dict[str, Run]) ->
             assert f'<data value="{b!r}"' in page
             assert f"<small>{difference(a, b, Scale('', 1.0))}</small>" in page
     verdict_text = page.partition('class="verdict')[2].partition("</p>")[0]
-    assert "a/firm.1 follows most closely" in verdict_text
+    assert "a/firm.1 follows more closely" in verdict_text
 
 
 def test_equal_runs_are_reported_as_equal(tmp_path: Path, compared: dict[str, Run]) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from pidtsm_core.recording.outcome import FOLLOWED, ROUGH, STOPPED
-from pidtsm_studies.reports.events import SYMBOLS, Event
+from pidtsm_studies.reports.events import SYMBOLS, Event, events
 from pidtsm_studies.reports.page import BAD, GOOD, PLAIN
 from pidtsm_studies.reports.verdicts import run_answers, run_verdict, state_of
 
@@ -48,6 +48,14 @@ def test_what_matters_more_is_named_before_what_came_earlier(metrics: dict[str, 
     text, detail, state = answers(metrics, *happened)["What happened?"]
     assert text.startswith("A fault at")
     assert "a push at" in text
-    assert (detail, state) == ("and 5 more, see the marks", BAD)
+    assert (detail, state) == ("and 4 more, see the marks", BAD)
     others = [event for event in happened if event.kind != "fault"]
     assert answers(metrics, *others)["What happened?"][0].startswith("A payload at")
+
+
+@pytest.mark.parametrize(("scene", "label"), [("wall.xml", "contact"), ("", "external effort limit")])
+def test_a_simulated_arm_touches_something_only_where_something_is(run_of: Any, scene: str, label: str) -> None:
+    recording, metrics = run_of("case1", "piddtsm")
+    violation = {"limit": "external_effort", "time": 0.5, "duration": 0.1}
+    found = events(recording, {**metrics, "faults": [], "violations": [violation]}, {"scene": scene})
+    assert [event.label for event in found if event.kind in ("contact", "limit")] == [label]

@@ -10,15 +10,18 @@ import pytest
 from pidtsm_core.experiment.hardware_classes import hardware_content
 from pidtsm_core.robots import NAMES
 from pidtsm_core.rollouts.closed_loop import rollout
+from pidtsm_core.written import THIN, number
 from pidtsm_studies.score.criteria import CRITERIA_ON_HARDWARE, FULL_ON_HARDWARE, LEVELS, ROUGHNESS, Extent
 from pidtsm_studies.score.groups import behind_the_best, by_arm, ceiling
 from pidtsm_studies.score.leaderboard import document, write_leaderboard
 from pidtsm_studies.score.measure import ORACLE, measure
 from pidtsm_studies.score.motions import motions
+from pidtsm_studies.score.page import write_score_page
 from pidtsm_studies.score.plan import CONTROL, Contender, bad_gains, make_plan
 from pidtsm_studies.score.results import Entry, as_json, read_entry
 from pidtsm_studies.score.tasks import ON_HARDWARE, Task, effort_limits, find_task
 from pidtsm_studies.score.variations import changes, scaled
+from pidtsm_studies.score.wording import title
 
 FEW = Extent(values=2, repeats=4)
 LIMITS = np.array([100.0, 50.0])
@@ -71,7 +74,18 @@ def test_a_table_has_shares_of_what_is_possible_and_paired_intervals(entries: li
     text = document(entries)
     assert "## two_link-geared" in text
     assert f"| {100.0 * rows[1].score / rows[0].score:.0f} % |" in text
-    assert "of what is possible" in (tmp_path / "leaderboard.html").read_text()
+    page = (tmp_path / "leaderboard.html").read_text()
+    assert "of what is possible" in page
+    assert f"{title(rows[1])} leads on 1 of 1 arm" in page, "the oracle does not compete"
+    assert "Motion of the nominal run" in page
+
+
+def test_the_page_of_one_controller_is_about_it(entries: list[Entry], tmp_path: Path) -> None:
+    write_score_page(tmp_path / "report.html", "Score", entries[:2])
+    law, oracle = entries[:2]
+    score, possible = (f"{number(100.0 * share)}{THIN}%" for share in (law.score, law.score / oracle.score))
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"{score} of the runs succeed, {possible} of what is possible" in page
 
 
 def test_a_file_keeps_everything(entries: list[Entry], tmp_path: Path) -> None:

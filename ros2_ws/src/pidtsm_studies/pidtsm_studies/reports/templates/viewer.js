@@ -271,7 +271,8 @@ function startViewer(viewer) {
       button.type = "button";
       button.className = event.kind;
       button.innerHTML = "<span></span> <span></span>";
-      [button.firstChild.textContent, button.lastChild.textContent] = [event.symbol, event.label];
+      const words = event.kind === "learnt" && shown().length > 1 ? "" : event.label; // of which run, the title says
+      [button.firstChild.textContent, button.lastChild.textContent] = [event.symbol, words];
       button.time = event.time - start();
       const who = names.length < shown().length ? `${names.join(", ")}: ` : "";
       const text = `${written(event.time)}\u202fs: ${who}${event.text}`;
