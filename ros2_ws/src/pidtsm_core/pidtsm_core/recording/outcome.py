@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from pidtsm_core.control.configuration import LIMITS
 from pidtsm_core.control.report import cause
 from pidtsm_core.parameters import ParameterError
+from pidtsm_core.recording.metrics import STEADY_SHARE
 from pidtsm_core.recording.overload import overload, overload_text
 from pidtsm_core.robots import find_robot
 from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
 from pidtsm_core.units import either, joint_units
-from pidtsm_core.written import enumeration, quantity
+from pidtsm_core.written import THIN, enumeration, quantity
 
 if TYPE_CHECKING:
     from pidtsm_core.recording import Recording
@@ -39,6 +40,9 @@ BEFORE_FAULT, LIMITED_BEFORE = 0.5, 0.2
 """A fault of an arm that has left its way names the joints whose effort was limited before: the time that counts, s,
 and the share of its samples."""
 _LEFT_ITS_WAY = (Fault.POSITION_LIMIT, Fault.VELOCITY_LIMIT, Fault.TRACKING_LIMIT)
+
+IN_THE_END = f"over the last {100.0 * STEADY_SHARE:.0f}{THIN}%"
+"""The part of a run that its steady-state error is of, in words."""
 
 ROUGH = 0.05
 """A run whose error ends beyond this has followed roughly, rad or m."""
@@ -279,7 +283,7 @@ def verdict(metrics: Mapping[str, Any]) -> str:
     roughly = " roughly" if is_rough(metrics) else ""
     text = FOLLOWED + roughly + (limited if saturation[most] >= NOTABLE_SATURATION else "")
     within = quantity(errors[worst], units[worst].position)
-    return f"{text}; in the end within {within} ({metrics['joints'][worst]})"
+    return f"{text}; within {within} {IN_THE_END} ({metrics['joints'][worst]})"
 
 
 def _fault(fault: Mapping[str, Any]) -> str:

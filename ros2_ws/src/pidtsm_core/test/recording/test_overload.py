@@ -35,4 +35,4 @@ def test_a_run_that_reaches_no_limit_is_not_overloaded(arm: Arm) -> None:
     settings["controller"] |= arm.practical
     values = rollout(**settings, duration=2.0).metrics()
     assert values["overloaded"] is None
-    assert verdict(values).startswith("followed; in the end within ")
+    assert verdict(values).startswith("followed; within ")

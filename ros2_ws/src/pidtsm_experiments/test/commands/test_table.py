@@ -36,13 +36,13 @@ def test_there_is_one_row_per_joint_with_units_and_a_verdict(values: dict[str, A
     (joint1,), (joint2,) = ([line.split() for line in lines if line.strip().startswith(f"joint{n}")] for n in (1, 2))
     assert (joint1[2], joint2[2]) == ("0.03795", "1.234e-05")
     assert next(line.split() for line in lines if line.strip().startswith("joint "))[:3] == ["joint", "rad", "rad"]
-    assert lines[-1] == "followed; in the end within 2.5\u202fmrad (joint2)"
+    assert lines[-1] == "followed; within 2.5\u202fmrad over the last 40\u202f% (joint2)"
 
 
 def test_a_joint_at_a_limit_of_its_effort_is_in_the_verdict(values: dict[str, Any]) -> None:
     lines = printed({**values, "saturation": [0.05, 0.4], "steady_state_error": [1e-4, 2e-5]}, width=200)
     limited = "joint2 was at a limit of its effort 40 % of the time"
-    assert lines[-1] == f"followed, but {limited}; in the end within 100\u202fµrad (joint1)"
+    assert lines[-1] == f"followed, but {limited}; within 100\u202fµrad over the last 40\u202f% (joint1)"
 
 
 SEVEN = [f"panda_joint{j}" for j in range(1, 8)]

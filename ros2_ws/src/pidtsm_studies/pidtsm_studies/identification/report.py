@@ -129,20 +129,20 @@ def _answers(found: Identification, result: dict[str, Any], joint: int) -> list[
     right = _is_right(found, errors["before"])
     return [
         Answer(
-            "Is it better?",
-            "It was right before" if right else f"For {better} of {count} joints",
+            "Is the description right?" if right else "Is the new model better?",
+            "Yes" if right else f"For {better} of {count} joints",
             "on data that were not fitted",
             GOOD if right or better == count else BAD,
         ),
         Answer(
             "What was found?",
             f"{known} of {len(result['combinations'])} combinations",
-            "the data say more about them than the description",
+            "of parameters, known better from the data than from the description",
         ),
         Answer(
             "What to look at?",
             f"{len(warnings)} warning{'s' if len(warnings) != 1 else ''}" if warnings else "Nothing",
-            warnings[0] if warnings else "",
+            warnings[0] + (f"; and {len(warnings) - 1} more below" if warnings[1:] else "") if warnings else "",
             BAD if warnings else PLAIN,
         ),
         Answer(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pidtsm_core.recording.metric import METRICS, RMSE, Metric
-from pidtsm_core.recording.outcome import FOLLOWED
+from pidtsm_core.recording.outcome import FOLLOWED, is_rough
 from pidtsm_core.written import THIN, Scale, number, scale, scaled
 from pidtsm_studies.reports.matrix import cell, difference, units_of, values_of
 from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer, Section
@@ -119,11 +119,13 @@ def contrast_answers(
         reasons: why runs have not followed, by run.
     """
     followed = [name for name, each in metrics.items() if each["outcome"] == FOLLOWED]
-    whole = len(followed) == len(metrics)
+    rough = [name for name in followed if is_rough(metrics[name])]
+    state = BAD if len(followed) < len(metrics) else PLAIN if rough else GOOD
     joints = next(iter(metrics.values()))["joints"]
     lost = [f"{name}: {reasons[name]}" for name, each in metrics.items() if each["outcome"] != FOLLOWED]
     detail = " ".join(lost[:_REASONS]) + (f" And {len(lost) - _REASONS} more." if len(lost) > _REASONS else "")
-    answers = [Answer("Did they follow?", f"{len(followed)} of {len(metrics)}", detail, GOOD if whole else BAD)]
+    some = f", {len(rough)} of them roughly" if rough else ""
+    answers = [Answer("Did they follow?", f"{len(followed)} of {len(metrics)}{some}", detail, state)]
     ranked = _ranked(metrics, found.joint)
     if ranked and found.found:
         unit = units_of(next(iter(metrics.values())))[found.joint].position

@@ -21,6 +21,8 @@ _ON_JOINTS = " on the joints"
 _OWN = " its position"
 _LEARNT = 0.9
 """A gain counts as learnt when it has reached this share of its last value."""
+_BACK = 1.0
+"""Time that an arm has to come back after a push or a load, s."""
 _SHORTEST_MODE = 0.01
 """Other modes that last less are not shown, s."""
 
@@ -36,6 +38,7 @@ class Event:
         text: a short sentence without its time.
         label: a few words, for a mark.
         joint: index of the joint concerned; None: no single one.
+        effect: what came of it, in a few words; empty: nothing that is told.
     """
 
     kind: str
@@ -44,6 +47,7 @@ class Event:
     text: str
     label: str
     joint: int | None = None
+    effect: str = ""
 
     def data(self) -> dict[str, Any]:
         """Plain data for the script, with the symbol."""
@@ -78,16 +82,32 @@ def _disturbances(recording: Recording, simulator: Mapping[str, Any]) -> Iterato
     last = float(recording.time[-1])
     time, mass = float(simulator.get("payload.time", 0.0)), float(simulator.get("payload.mass", 0.0))
     if mass and 0.0 < time < last:
-        yield Event("payload", time, None, f"picks up {quantity(mass, 'kg')}", f"+{quantity(mass, 'kg')}")
-    elif recording.event_time is not None:
-        yield Event("payload", recording.event_time, None, "the load of the arm changes", "load changes")
+        text, label = f"picks up {quantity(mass, 'kg')}", f"+{quantity(mass, 'kg')}"
+        yield Event("payload", time, None, text, label, effect=_effect(recording, time))
+    elif (event := recording.event_time) is not None:
+        text = "the load of the arm changes"
+        yield Event("payload", event, None, text, "load changes", effect=_effect(recording, event))
     carried = float(simulator.get("payload.duration", 0.0))
     if mass and carried and time + carried < last:
-        yield Event("payload", time + carried, None, f"drops {quantity(mass, 'kg')}", f"{MINUS}{quantity(mass, 'kg')}")
+        text, label = f"drops {quantity(mass, 'kg')}", f"{MINUS}{quantity(mass, 'kg')}"
+        yield Event("payload", time + carried, None, text, label, effect=_effect(recording, time + carried))
     time, lasts = float(simulator.get("push.time", 0.0)), float(simulator.get("push.duration", 0.0))
     if lasts and time < last and (strength := _strength(simulator)):
         text = f"is pushed with {strength} for {quantity(lasts, 's')}"
-        yield Event("push", time, time + lasts, text, f"push {strength.removesuffix(_ON_JOINTS)}")
+        label = f"push {strength.removesuffix(_ON_JOINTS)}"
+        yield Event("push", time, time + lasts, text, label, effect=_effect(recording, time, lasts))
+
+
+def _effect(recording: Recording, time: float, lasts: float = 0.0) -> str:
+    """How far a joint is pushed away, and how far it is when it had time to come back."""
+    begin, back = (int(np.searchsorted(recording.time, each)) for each in (time, time + lasts + _BACK))
+    moved = np.abs(recording.error[begin : back + 1])
+    if not len(moved) or back >= len(recording.time):
+        return ""
+    joint = int(np.argmax(moved.max(axis=0)))
+    unit = recording.units[joint].position
+    far, left = (quantity(float(value), unit) for value in (moved[:, joint].max(), moved[-1, joint]))
+    return f"{recording.joints[joint]} is up to {far} away, and {left} after {quantity(_BACK, 's')}"
 
 
 def _strength(simulator: Mapping[str, Any]) -> str:

@@ -5,7 +5,7 @@ from itertools import groupby
 from typing import Any
 
 from pidtsm_core.recording.metric import RMSE
-from pidtsm_core.recording.outcome import FOLLOWED, RAN_AWAY, STOPPED, is_rough, verdict, what_happened
+from pidtsm_core.recording.outcome import FOLLOWED, IN_THE_END, RAN_AWAY, STOPPED, is_rough, verdict, what_happened
 from pidtsm_core.written import THIN, enumeration, number, quantity
 from pidtsm_studies.reports.events import STOPS, Event
 from pidtsm_studies.reports.matrix import units_of, values_of, worst
@@ -66,7 +66,7 @@ def _how_well(metrics: Mapping[str, Any], joint: int | None) -> Answer:
     return Answer(
         "How well?",
         text + worst_of,
-        f"in the end within {quantity(most, units_of(metrics)[where].position)}",
+        f"within {quantity(most, units_of(metrics)[where].position)} {IN_THE_END}",
         state_of(metrics),
     )
 
@@ -85,8 +85,9 @@ def _happened(metrics: Mapping[str, Any], events: Sequence[Event]) -> Answer:
     texts = [event.text if event.kind == "fault" and not told else event.label for event in shown]
     text = "; ".join(f"{each} at {number(event.time)}{THIN}s" for each, event in zip(texts, shown, strict=True))
     rest = len(unusual) - len(shown)
+    details = [*(each.effect for each in shown if each.effect), *([f"{rest} more, see the marks"] if rest else [])]
     state = BAD if any(event.kind == "fault" for event in events) else PLAIN
-    return Answer("What happened?", sentence(text), f"and {rest} more, see the marks" if rest else "", state)
+    return Answer("What happened?", sentence(text), "; ".join(details), state)
 
 
 def _worst(metrics: Mapping[str, Any], joint: int | None) -> Answer:

@@ -98,7 +98,7 @@ def _verdict(arms: Mapping[str, Sequence[Entry]]) -> str:
     if only:
         possible = _possible(only, ceiling(next(iter(arms.values()))))
         what = f", {possible} of what is possible" if possible else ""
-        return f"{_share(only.score)} of the runs succeed{what}; {_worst(only)} is hardest."
+        return f"{title(only)} succeeds in {_share(only.score)} of the runs{what}; {_worst(only)} is hardest."
     firsts = [rivals(scored)[0] for scored in arms.values()]
     best = max(firsts, key=lambda entry: entry.score)
     leads: dict[str, int] = {}
@@ -121,9 +121,9 @@ def _answers(arms: Mapping[str, Sequence[Entry]]) -> list[Answer]:
         Answer("What is easiest?", easiest.replace("_", " "), f"{_share(shares[easiest])} of its runs succeed"),
     ]
     if only := _only(arms):
-        low, high = only.interval
+        interval = _interval(only)
         return [
-            Answer("How good is it?", _share(only.score), f"with other seeds {_share(low)} to {_share(high)}"),
+            Answer("How good is it?", _share(only.score), f"with other seeds {interval}" if interval else ""),
             *answers,
         ]
     tables = [rivals(scored) for scored in arms.values()]
@@ -140,6 +140,12 @@ def _only(arms: Mapping[str, Sequence[Entry]]) -> Entry | None:
     """The controller of a page that has a single one beside the oracle and the control row; None: it has more."""
     every = [entry for scored in arms.values() for entry in rivals(scored)]
     return every[0] if len(every) == 1 else None
+
+
+def _interval(entry: Entry) -> str:
+    """The interval of a score; empty if it has no width, as of a single seed."""
+    low, high = entry.interval
+    return f"{_share(low)} to {_share(high)}" if low < high else ""
 
 
 def _possible(entry: Entry, oracle: Entry | None) -> str:
@@ -197,6 +203,7 @@ def _arm(arm: str, entries: Sequence[Entry], plots: Sequence[str], styles: Mappi
             "payload": number(task.payload),
             "event": number(task.event),
         },
+        "oracle": ceiling(entries) is not None,
         "heads": [metric.name for metric in _metrics_of(entries)],
         "units": _units(entries),
         "hardware": _runs_of(entries),
@@ -230,7 +237,7 @@ def _units(entries: Sequence[Entry]) -> list[str]:
 
 def _row(entry: Entry, styles: Mapping[str, int], scales: Mapping[str, Any], oracle: Entry | None) -> dict[str, Any]:
     low, high = entry.interval
-    hardest = min(range(len(entry.outcomes)), key=lambda i: entry.outcomes[i].share)
+    possible, hardest = _possible(entry, oracle), min(outcome.share for outcome in entry.outcomes)
     ideal = entry.nominal.get("ideal")
     return {
         "name": title(entry),
@@ -238,14 +245,13 @@ def _row(entry: Entry, styles: Mapping[str, int], scales: Mapping[str, Any], ora
         "tags": json.dumps({"arm": arm_of(entry), "law": entry.law}),
         "score": entry.score,
         "text": _share(entry.score),
-        "interval": f"{_share(low)} to {_share(high)}",
-        "possible": _possible(entry, oracle),
+        "notes": "; ".join(filter(None, (_interval(entry), possible and f"{possible} of what is possible"))),
         "low": low,
         "high": high,
         "above": above_limit(entry.task.robot, ideal["rmse"]) if ideal else "",
         "shares": [
-            {"value": outcome.share, "text": _share(outcome.share), "worst": i == hardest}
-            for i, outcome in enumerate(entry.outcomes)
+            {"value": outcome.share, "text": _share(outcome.share), "worst": outcome.share == hardest}
+            for outcome in entry.outcomes
         ],
         "nominal": {run: _nominal(entry, run, scales) for run in entry.nominal},
     }

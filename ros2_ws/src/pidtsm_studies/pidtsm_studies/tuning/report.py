@@ -87,10 +87,10 @@ def _verdict(tuning: Tuning) -> tuple[str, str]:
     if not _gained(tuning):
         return f"None of {tuning.evaluations} controllers is better than the first set.", PLAIN
     if after < before:
-        text = f"Better where it was not tuned: the objective is {number(after)}, {change} against the first set."
-        return text, GOOD
-    text = f"No better where it was not tuned: the objective is {number(after)} instead of {number(before)}."
-    return text, BAD
+        fell = f"the objective fell from {number(before)} to {number(after)} ({change})"
+        return f"Better also where it was not tuned: {fell}.", GOOD
+    rose = f"the objective rose from {number(before)} to {number(after)}"
+    return f"Not better where it was not tuned: {rose}.", BAD
 
 
 def _gained(tuning: Tuning) -> bool:
@@ -109,7 +109,7 @@ def _answers(tuning: Tuning) -> list[Answer]:
         Answer(
             "How much was gained?",
             difference(before, after, _PLAIN) if _gained(tuning) else "Nothing",
-            f"objective of the conditions tuned on, {number(before)} before",
+            f"objective of the conditions tuned on: {number(before)} before, {number(after)} after",
         ),
         Answer(
             "Does it hold elsewhere?",
