@@ -84,8 +84,9 @@ def write_identification_report(path: Path, found: Identification, robot: str, s
     change = difference(before, after, scale([before], unit))
     right = _is_right(found, errors["before"])
     if right:
-        worst_of = quantity(max(before, after), unit)
-        verdict = f"The description is right: it predicts the torque of every joint within {worst_of} RMS ({name})."
+        most = worst(errors["before"], found.units) or 0
+        within = f"{quantity(errors['before'][most], found.units[most])} RMS ({result['joints'][most]})"
+        verdict = f"The description is right: it predicts the torque of every joint within {within}."
     else:
         verdict = (
             f"The identified model predicts the torque of every joint within {quantity(after, unit)} RMS ({name}), "
