@@ -76,7 +76,8 @@ _BETWEEN = f"""
 
 No torque exceeds its limit. The controller recognises contact by the effort that acts on the arm from outside: what the
 estimated motion needs by the model, less the applied effort. The arm is taken to be in contact while this effort has
-changed by more than `limits.external_effort` since the arm was last within 10 mrad of its reference. Meanwhile, all
+changed by more than `limits.external_effort` since the arm was last within 10 mrad of its reference. (After a joint has
+reversed, the same effort with the other sign is no change, because that is what friction does.) Meanwhile, all
 integrals and the adaptation pause, and the disturbance that the law rejects may only decrease (with
 `law.anti_windup: conditional`, the default). Afterwards `piddtsm` returns to its reference, with the gains of Table 1
 and with `practical`. Without it (`limits.external_effort: 0`), see the last rows, its gain runs away.
@@ -89,7 +90,7 @@ The default of `limits.external_effort` is a quarter of `limits.effort`. Errors 
 outside too, but the law has learnt them while the arm tracks, and most of them are smaller: on all arms of the project,
 neither an unknown payload of 40 % of the rated one nor a model 60 % off is taken for contact. An unknown payload that
 is larger and is picked up suddenly may be: then a tracking error remains, and the controller reports
-`a joint is beyond limits.external_effort`. Tell it the payload (`payload.mass`), or raise the limit. With
+`a joint is beyond limits.external_effort`. Set the payload (`payload.mass`), or raise the limit. With
 `limits.external_effort_action: stop`, contact is a fault, and the arm holds where it was touched.
 
 With a tracking limit (`limits.tracking_error`) of {1e3 * STOP:g} mrad every controller stops in the wall with the fault

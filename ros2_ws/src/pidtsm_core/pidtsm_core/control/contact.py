@@ -3,7 +3,8 @@
 It is the difference between the effort that the estimated motion needs and the one that was applied ("direct
 estimation" in Haddadin, De Luca and Albu-Schaeffer, "Robot collisions: A survey", IEEE Transactions on Robotics 33(6),
 2017). Payloads and model errors contribute to it, too, and the law learns them while the arm tracks. Contact is what
-changes it by much and keeps the arm from tracking.
+changes it by much and keeps the arm from tracking. So does friction, by twice its value, when a joint reverses; but it
+only changes its sign.
 """
 
 import math
@@ -41,7 +42,28 @@ def sense_contact(state: ControllerState, needed: Array, dt: float) -> None:
             external[External.ONCE, j] = external[External.TWICE, j] = 0.0
         if farthest < _TRACKED and state.times[Time.FREED] == 0:  # In freedrive, what is felt is a hand.
             external[External.USUAL, j] = external[External.TWICE, j]
-        external[External.CHANGE, j] = external[External.TWICE, j] - external[External.USUAL, j]
+            # A reference that has gone that far since its reversal has taken the joint along.
+            ahead = state.desired[0, j] - external[External.BEHIND, j]
+            if abs(ahead) >= _TRACKED:
+                external[External.MOVING, j] = external[External.TWICE, j]
+                external[External.DIRECTION, j] = math.copysign(1.0, ahead)
+        behind = max(external[External.BEHIND, j], state.desired[0, j] - _TRACKED)
+        external[External.BEHIND, j] = min(behind, state.desired[0, j] + _TRACKED)
+        external[External.CHANGE, j] = external[External.TWICE, j] - _explained(state, j)
+
+
+@inlined
+def _explained(state: ControllerState, j: int) -> float:
+    """The external effort of joint j, N m, that is nearest to the present one and no contact.
+
+    It is the usual one, or after a reversal any up to what acted before with the other sign, as friction does.
+    """
+    external = state.external
+    usual = external[External.USUAL, j]
+    if external[External.DIRECTION, j] * state.desired[1, j] >= 0.0:
+        return usual
+    reversed_ = -external[External.MOVING, j]
+    return min(max(external[External.TWICE, j], min(usual, reversed_)), max(usual, reversed_))
 
 
 @inlined

@@ -123,6 +123,9 @@ class External(IntEnum):
     TWICE = 1  # averaged twice: noise of the position is differentiated twice
     USUAL = 2  # the same when the arm was last near its reference
     CHANGE = 3  # since then
+    MOVING = 4  # as USUAL, when the joint last moved along with its reference
+    DIRECTION = 5  # in which it moved then, 1 or -1; 0: it has not moved
+    BEHIND = 6  # rad or m; what the desired position pulls behind it
 
 
 class Friction(IntEnum):

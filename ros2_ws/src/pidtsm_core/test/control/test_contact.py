@@ -5,7 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import controller_schema
+from pidtsm_core.experiment import make_experiment
 from pidtsm_core.parameters import resolve
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots.source import ARMS, rated_payload
@@ -24,6 +26,11 @@ def touched(run: Recording) -> Any:
 
 def pushed(params: tuple[str, ...] = (), controller: dict[str, Any] | None = None) -> Recording:
     return rollout(None, "piddtsm", params, "panda", duration=4.0, controller=controller or {}, simulator=PUSH)
+
+
+def limits_of(arm: str) -> Array:
+    """Effort limits of an arm, N m or N, shape (joints,)."""
+    return np.array(make_experiment(None, "piddtsm", 1.0, "practical", robot=arm).values["simulator"]["limits.effort"])
 
 
 def test_the_limit_is_a_quarter_of_the_effort_limits() -> None:
@@ -73,3 +80,22 @@ def test_neither_noise_nor_a_payload_nor_the_model_is_taken_for_contact(arm: str
     run = rollout(None, "piddtsm", "practical", arm, duration=3.0, simulator={**difference, **load})
     assert not touched(run).any()
     assert np.abs(run.signals[-1, Signal.POSITION_ERROR]).max() < 3e-3
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_friction_that_changes_its_sign_at_a_reversal_is_no_contact(arm: str) -> None:
+    """Also where it exceeds half of the limit, and the arm does not track until then."""
+    friction = {"friction.coulomb": (0.2 * limits_of(arm)).tolist(), "encoder.bits": 14, "delay.samples": 1}
+    run = rollout(None, "piddtsm", "practical", arm, duration=12.0, simulator=friction)
+    assert (np.abs(run.error) > 0.01).any()
+    assert (np.diff(np.sign(np.diff(run.reference, axis=0)), axis=0) != 0).any(axis=0).all(), "every joint reverses"
+    assert not touched(run).any()
+
+
+def test_contact_is_recognised_in_spite_of_friction() -> None:
+    friction = {"friction.coulomb": (0.15 * limits_of("panda")).tolist()}
+    late = {**PUSH, "push.force": [0.0, 90.0, 0.0], "push.time": 7.0}
+    run = rollout(None, "piddtsm", "practical", "panda", duration=9.0, simulator={**friction, **late})
+    found = touched(run)
+    assert not found[run.time < 7.0].any()
+    assert found[run.time > 7.0].any()
