@@ -4,19 +4,23 @@ The disturbance d of the observer is an acceleration; -H d is the effort that th
 Friction is the part of it that changes its sign with the velocity. Per joint, a recursive least-squares fit with
 exponential forgetting explains what is lacking by
 
-    coulomb tanh(q' / v0) + viscous q' + constant + stiffness q_d + inertia q_d''
+    hard tanh(q' / v0) + soft tanh(q' / (10 v0)) + viscous q' + constant + stiffness q_d + inertia q_d''
 
-Only the first is compensated. The last three stand for a payload and for errors of the model, which must not be taken
-for friction, and the lag of a drive looks like viscous friction. For the same reason everything is high-passed: a
-payload that is picked up is slow against a reversal of friction. The regressors pass the three poles of the observer
-first, as what it finds has passed them.
+The first two are Coulomb friction, which is there at once or within some tenths of a radian per second; only they are
+compensated. The last three stand for a payload and for errors of the model, which must not be taken for friction, and
+the lag of a drive looks like viscous friction. For the same reason everything is high-passed: a payload that is picked
+up is slow against a reversal of friction. The regressors pass the three poles of the observer first, as what it finds
+has passed them.
+
+At a reversal the disturbance changes quickly, and the observer's velocity is wrong by 3 d' / w^2, its position by
+d' / w^3 (see extended_state.py). The velocity of the regressors therefore has 3 w times the error of the position
+added, which cancels d', and one more pole at w, which bounds the noise.
 
 The fit estimates its own uncertainty from what it leaves unexplained. The controller compensates the estimate minus
-half its standard deviation, so it changes nothing on an arm without friction, or where the data are inconclusive. It
-begins after a joint has moved both ways: until then, friction looks like a payload. The compensation follows the
-reference's velocity, which is free of noise, and is bounded, so the closed loop sees a bounded and slowly changing
-feedforward. While the arm does not follow, touches something, is held back or rests, nothing is learnt and nothing
-forgotten.
+its standard deviation, so it changes nothing on an arm without friction, or where the data are inconclusive. The
+compensation follows the reference's velocity, which is free of noise, and is bounded, so the closed loop sees a bounded
+and slowly changing feedforward. While the arm does not follow, touches something, is held back or rests, nothing is
+learnt and nothing forgotten.
 
 Recursive least squares with forgetting: Astrom and Wittenmark, "Adaptive Control", 2nd edition, 1995, chapter 2.
 Learning friction from a disturbance observer: Le Tien, Albu-Schaeffer, De Luca and Hirzinger, "Friction observer and
@@ -42,19 +46,17 @@ _SLOW = 1.0
 """rad/s; slower changes are not friction."""
 _CORRELATED = 0.4
 """s in which what is left unexplained does not change."""
-_CAUTION = 0.5
-"""Standard deviations that are not compensated. With more of them a joint sticks longer, which spoils the estimate."""
+_CAUTION = 1.0
+"""Standard deviations that are not compensated."""
 _TAKEN_IN = 0.1
 """s; time constant of the compensated friction."""
+_SOFTER = 10.0
+"""How much faster a joint must move until its soft friction is there."""
 _LARGEST = 0.35
 """Largest compensated friction, a share of the effort limit."""
 _RESTS = 0.1
 """Filtered sign of the velocity below which the motion of a joint shows nothing of its friction: it rests, or has moved
 in one direction for long."""
-_CLEAR = 0.5
-"""Filtered sign of the velocity above which a joint moves in that direction."""
-_BOTH_WAYS = 0.05
-"""s for which a joint must have moved in each direction: before, friction looks like a payload."""
 _SETTLED = 0.99
 """Output of a filter for an input of 1; before, the observer has not found the motion of the arm either."""
 
@@ -62,14 +64,15 @@ _SETTLED = 0.99
 class Regressor(IntEnum):
     """What the fit explains the lacking effort by; its coefficients are in N m per unit."""
 
-    SIGN = 0  # tanh(q' / v0)
-    VELOCITY = 1  # rad/s
-    CONSTANT = 2
-    POSITION = 3  # rad
-    ACCELERATION = 4  # rad/s^2
+    HARD = 0  # tanh(q' / v0)
+    SOFT = 1  # tanh(q' / (10 v0))
+    VELOCITY = 2  # rad/s
+    CONSTANT = 3
+    POSITION = 4  # rad
+    ACCELERATION = 5  # rad/s^2
 
 
-_PRIOR = (2e-3, 2e-2, 2e-4, 2e-3, 2e-3)
+_PRIOR = (2e-3, 2e-3, 2e-2, 2e-4, 2e-3, 2e-3)
 """Evidence (s) for coefficients of 0, so that there is always a solution."""
 _INPUTS = len(Regressor) + 1
 """Filtered together: the regressors, and the compensated effort (afterwards: what the model lacks)."""
@@ -87,10 +90,10 @@ def learn_friction(config: ControllerConfig, state: ControllerState, dt: float) 
     follows = state.status[Status.MODE] == Mode.FOLLOWING and state.status[Status.FAULT] == 0
     learns = follows and not in_contact(config, state)
     for j in range(lacking.size):
-        if not math.isfinite(lacking[j] + state.signals[Signal.VELOCITY, j]):
+        if not math.isfinite(lacking[j] + state.signals[Signal.VELOCITY, j] + state.measured[j]):
             continue
         _filter(config, state, j, lacking[j], dt)
-        moves = abs(state.friction_inputs[_POLES + 1, j * _INPUTS + Regressor.SIGN]) > _RESTS
+        moves = abs(state.friction_inputs[_POLES + 1, j * _INPUTS + Regressor.HARD]) > _RESTS
         settled = state.friction_inputs[_POLES - 1, j * _INPUTS + Regressor.CONSTANT] > _SETTLED
         if learns and moves and settled and not held_back(config, state, j):
             _weigh(state, j, dt)
@@ -127,11 +130,16 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
     rows, first = state.friction_inputs, j * _INPUTS
     gone = -math.expm1(-config.adaptation.bandwidth[j] * dt)
     slow = -math.expm1(-_SLOW * dt)
-    velocity = state.signals[Signal.VELOCITY, j]
+    behind = state.measured[j] - state.signals[Signal.POSITION, j]
+    velocity = state.signals[Signal.VELOCITY, j] + 3.0 * config.adaptation.bandwidth[j] * behind
+    state.friction[Friction.VELOCITY, j] += gone * (velocity - state.friction[Friction.VELOCITY, j])
+    velocity = state.friction[Friction.VELOCITY, j]
     for k in range(_INPUTS):
         value = state.friction[Friction.EFFORT, j]
-        if k == Regressor.SIGN:
+        if k == Regressor.HARD:
             value = math.tanh(velocity / REVERSAL)
+        elif k == Regressor.SOFT:
+            value = math.tanh(velocity / (_SOFTER * REVERSAL))
         elif k == Regressor.VELOCITY:
             value = velocity
         elif k == Regressor.CONSTANT:
@@ -162,9 +170,6 @@ def _weigh(state: ControllerState, j: int, dt: float) -> None:
         known[row + a, FITTED] = kept * known[row + a, FITTED] + dt * inputs[first + a] * lacking
     friction[Friction.SQUARES, j] = kept * friction[Friction.SQUARES, j] + dt * lacking * lacking
     friction[Friction.EVIDENCE, j] = kept * friction[Friction.EVIDENCE, j] + dt
-    sign = state.friction_inputs[_POLES - 1, first + Regressor.SIGN]
-    if abs(sign) > _CLEAR:
-        friction[Friction.FORWARD if sign > 0.0 else Friction.BACKWARD, j] += dt
 
 
 @inlined
@@ -182,16 +187,18 @@ def _fit(state: ControllerState, j: int) -> None:
             else:
                 factor[a, b] = rest / factor[b, b]
         right[0, a] = known[row + a, FITTED]
-        right[1, a] = 1.0 if a == Regressor.SIGN else 0.0
+        right[1, a] = 1.0 if a <= Regressor.SOFT else 0.0
     unexplained = friction[Friction.SQUARES, j]
     for k in range(2):
         _substitute(factor, right[k])
     for a in range(FITTED):
         unexplained -= right[0, a] * (known[row + a, FITTED] + _PRIOR[a] * right[0, a])
     variance = 2.0 * _CORRELATED * max(unexplained, 0.0) / friction[Friction.EVIDENCE, j]
-    friction[Friction.COULOMB, j] = right[0, Regressor.SIGN]
+    hard, soft = right[0, Regressor.HARD], right[0, Regressor.SOFT]
+    friction[Friction.COULOMB, j], friction[Friction.SOFT, j] = hard + soft, soft
     friction[Friction.VISCOUS, j] = right[0, Regressor.VELOCITY]
-    friction[Friction.DEVIATION, j] = math.sqrt(variance * max(right[1, Regressor.SIGN], 0.0))
+    spread = right[1, Regressor.HARD] + right[1, Regressor.SOFT]
+    friction[Friction.DEVIATION, j] = math.sqrt(variance * max(spread, 0.0))
 
 
 @inlined
@@ -212,13 +219,15 @@ def _substitute(factor: Array, x: Array) -> None:
 def _take_in(config: ControllerConfig, state: ControllerState, j: int, dt: float) -> None:
     """Let the compensated friction of joint j follow what is certain, and write its effort for the desired velocity."""
     friction, most = state.friction, _LARGEST * config.limits.effort[j]
-    share = -math.expm1(-dt / _TAKEN_IN)
-    coulomb = 0.0
-    both_ways = min(friction[Friction.FORWARD, j], friction[Friction.BACKWARD, j]) > _BOTH_WAYS
-    if config.adaptation.compensates_friction and both_ways:
+    pace = -math.expm1(-dt / _TAKEN_IN)
+    found, used = friction[Friction.COULOMB, j], 0.0
+    if config.adaptation.compensates_friction:
         # What the parameters compensate may be too much, but friction is never negative.
-        certain = max(abs(friction[Friction.COULOMB, j]) - _CAUTION * friction[Friction.DEVIATION, j], 0.0)
-        coulomb = math.copysign(min(certain, most), friction[Friction.COULOMB, j])
-        coulomb = max(coulomb, -config.compensation.coulomb[j])
-    friction[Friction.USED, j] += share * (coulomb - friction[Friction.USED, j])
-    friction[Friction.EFFORT, j] = friction[Friction.USED, j] * math.tanh(state.desired[1, j] / REVERSAL)
+        certain = max(abs(found) - _CAUTION * friction[Friction.DEVIATION, j], 0.0)
+        used = max(math.copysign(min(certain, most), found), -config.compensation.coulomb[j])
+    soft = min(max(friction[Friction.SOFT, j] / found, 0.0), 1.0) if found != 0.0 else 0.0
+    friction[Friction.USED, j] += pace * (used - friction[Friction.USED, j])
+    friction[Friction.SHARE, j] += pace * (soft - friction[Friction.SHARE, j])
+    v, soft = state.desired[1, j] / REVERSAL, friction[Friction.SHARE, j]
+    shape = (1.0 - soft) * math.tanh(v) + soft * math.tanh(v / _SOFTER)
+    friction[Friction.EFFORT, j] = friction[Friction.USED, j] * shape

@@ -137,12 +137,13 @@ class Friction(IntEnum):
     USED = 3  # Coulomb friction that is compensated, N m
     EFFORT = 4  # that compensates it at this sample, N m
     EVIDENCE = 5  # for how long it was observed, s
-    FORWARD = 6  # of that in the positive direction, without forgetting, s
-    BACKWARD = 7  # likewise in the negative one
-    SQUARES = 8  # integral of the square of the effort that the model lacks, (N m)^2 s
+    SQUARES = 6  # integral of the square of the effort that the model lacks, (N m)^2 s
+    SOFT = 7  # the part of COULOMB that grows slowly with the velocity, N m
+    SHARE = 8  # its share of USED
+    VELOCITY = 9  # measured and filtered, rad/s
 
 
-FITTED = 5
+FITTED = 6
 """Number of coefficients that friction is fitted with."""
 
 
