@@ -34,6 +34,8 @@ DEFAULT_SCENARIO = "case1"
 """Scenario if neither a scenario nor a robot is chosen."""
 PRACTICAL = "practical"
 """Name of the parameter set for real sensors and drives."""
+ADAPTIVE = "adaptive"
+"""Name of the set that is `PRACTICAL` and finds out about the arm while it moves."""
 TUNED = "tuned_"
 """Prefix of the names of tuned parameter sets; a class of hardware follows."""
 _SCENARIOS, _PARAMETERS = (Path(__file__).with_name(folder) for folder in ("scenarios", "params"))
@@ -70,7 +72,8 @@ def make_experiment(
         params: path of a ROS parameter file, or several; none: ``practical`` for an arm from a file, or with a class of
             hardware, unless the scenario has gains. ``article`` is the article's Table 1 for the law (`law` if given,
             else the one set by the earlier parts), ``practical`` the set for real sensors and drives
-            (`practical_settings`), ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm.
+            (`practical_settings`), ``adaptive`` the same with ``adaptation.*`` switched on, for a law with a model,
+            ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm.
         overrides: texts ``NODE.PARAMETER=VALUE``, or values by node and name; groups may be nested.
         robot: the arm of simulator and controller: a name, also one under which the user has stored an arm, the path of
             a description, or an `ArmDefinition`; None: that of the scenario.
@@ -148,8 +151,10 @@ def _parameter_set(name: str, law: str | None, settings: Settings, hardware: str
         settings: of the experiment without this set.
         hardware: class of hardware; None: none.
     """
-    if name == PRACTICAL:
-        return practical_settings(law, settings, hardware), Path(name)
+    if name in (PRACTICAL, ADAPTIVE):
+        gains = practical_settings(law, settings, hardware)["controller"]
+        adapts = {"adaptation.friction": "learn"} if name == ADAPTIVE else {}
+        return {"controller": {**gains, **adapts}}, Path(name)
     source = article_parameters(law) if name == ARTICLE else Path(name)
     if name.startswith(TUNED):
         source = tuned_parameters(name, law, settings)

@@ -15,6 +15,7 @@ from pidtsm_core.control import friction_learning as learning
 from pidtsm_core.control.state import Friction
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.experiment.definition import MEASUREMENT
+from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.recording import Recording
 from pidtsm_core.references import ReferenceMotion
@@ -74,6 +75,16 @@ def test_unknown_friction_disturbs_less_and_never_more(share: float, left: float
     }
     assert errors["learn"] < left * errors["none"]
     assert errors["warn"] == errors["none"]
+
+
+@pytest.mark.parametrize("law", [name for name in LAWS.names if name != "pid"])  # which has no model
+def test_the_adaptive_set_of_every_law_disturbs_less(law: str) -> None:
+    friction = {**REAL, "friction.coulomb": [4.0] * 4 + [0.6] * 3}
+    errors = [
+        late_error(rollout(None, law, duration=12.0, params=params, robot="panda", simulator=friction))
+        for params in ("practical", "adaptive")
+    ]
+    assert errors[1] < 0.5 * errors[0]
 
 
 @pytest.mark.parametrize("seed", range(len(ARMS)))
