@@ -10,7 +10,8 @@ The first two are Coulomb friction, which is there at once or within some tenths
 compensated. The last three stand for a payload and for errors of the model, which must not be taken for friction, and
 the lag of a drive looks like viscous friction. For the same reason everything is high-passed: a payload that is picked
 up is slow against a reversal of friction. The regressors pass the three poles of the observer first, as what it finds
-has passed them.
+has passed them. So does what compensates Coulomb friction already, which is added to what is lacking: the fit finds the
+whole friction, whose sign follows the true velocity, and not an error of a compensation that follows the desired one.
 
 At a reversal the disturbance changes quickly, and the observer's velocity is wrong by 3 d' / w^2, its position by
 d' / w^3 (see extended_state.py). The velocity of the regressors therefore has 3 w times the error of the position
@@ -98,6 +99,7 @@ def learn_friction(config: ControllerConfig, state: ControllerState, dt: float) 
         if learns and moves and settled and not held_back(config, state, j):
             _weigh(state, j, dt)
             _fit(state, j)
+            state.friction[Friction.COULOMB, j] -= config.compensation.coulomb[j]
         _take_in(config, state, j, dt)
 
 
@@ -134,8 +136,10 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
     velocity = state.signals[Signal.VELOCITY, j] + 3.0 * config.adaptation.bandwidth[j] * behind
     state.friction[Friction.VELOCITY, j] += gone * (velocity - state.friction[Friction.VELOCITY, j])
     velocity = state.friction[Friction.VELOCITY, j]
+    known = config.compensation.coulomb[j] * math.tanh(state.desired[1, j] / REVERSAL)
+    compensated = state.friction[Friction.EFFORT, j] + known
     for k in range(_INPUTS):
-        value = state.friction[Friction.EFFORT, j]
+        value = compensated
         if k == Regressor.HARD:
             value = math.tanh(velocity / REVERSAL)
         elif k == Regressor.SOFT:
@@ -160,7 +164,7 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
 @inlined
 def _weigh(state: ControllerState, j: int, dt: float) -> None:
     """Add dt (s) of evidence to the normal equations of joint j, and forget a little of what was before."""
-    known, friction = state.friction_evidence, state.friction
+    known, found = state.friction_evidence, state.friction
     inputs, first, row = state.friction_inputs[_POLES + 1], j * _INPUTS, j * FITTED
     kept = math.exp(-dt / _MEMORY)
     lacking = inputs[first + FITTED]
@@ -168,14 +172,14 @@ def _weigh(state: ControllerState, j: int, dt: float) -> None:
         for b in range(FITTED):
             known[row + a, b] = kept * known[row + a, b] + dt * inputs[first + a] * inputs[first + b]
         known[row + a, FITTED] = kept * known[row + a, FITTED] + dt * inputs[first + a] * lacking
-    friction[Friction.SQUARES, j] = kept * friction[Friction.SQUARES, j] + dt * lacking * lacking
-    friction[Friction.EVIDENCE, j] = kept * friction[Friction.EVIDENCE, j] + dt
+    found[Friction.SQUARES, j] = kept * found[Friction.SQUARES, j] + dt * lacking * lacking
+    found[Friction.EVIDENCE, j] = kept * found[Friction.EVIDENCE, j] + dt
 
 
 @inlined
 def _fit(state: ControllerState, j: int) -> None:
     """Solve the normal equations of joint j by Cholesky's decomposition; write friction and its deviation."""
-    known, solution, friction, row = state.friction_evidence, state.friction_solution, state.friction, j * FITTED
+    known, solution, found, row = state.friction_evidence, state.friction_solution, state.friction, j * FITTED
     factor, right = solution[:FITTED], solution[FITTED:]
     for a in range(FITTED):
         for b in range(a + 1):
@@ -188,17 +192,17 @@ def _fit(state: ControllerState, j: int) -> None:
                 factor[a, b] = rest / factor[b, b]
         right[0, a] = known[row + a, FITTED]
         right[1, a] = 1.0 if a <= Regressor.SOFT else 0.0
-    unexplained = friction[Friction.SQUARES, j]
+    unexplained = found[Friction.SQUARES, j]
     for k in range(2):
         _substitute(factor, right[k])
     for a in range(FITTED):
         unexplained -= right[0, a] * (known[row + a, FITTED] + _PRIOR[a] * right[0, a])
-    variance = 2.0 * _CORRELATED * max(unexplained, 0.0) / friction[Friction.EVIDENCE, j]
+    variance = 2.0 * _CORRELATED * max(unexplained, 0.0) / found[Friction.EVIDENCE, j]
     hard, soft = right[0, Regressor.HARD], right[0, Regressor.SOFT]
-    friction[Friction.COULOMB, j], friction[Friction.SOFT, j] = hard + soft, soft
-    friction[Friction.VISCOUS, j] = right[0, Regressor.VELOCITY]
+    found[Friction.COULOMB, j], found[Friction.SOFT, j] = hard + soft, soft
+    found[Friction.VISCOUS, j] = right[0, Regressor.VELOCITY]
     spread = right[1, Regressor.HARD] + right[1, Regressor.SOFT]
-    friction[Friction.DEVIATION, j] = math.sqrt(variance * max(spread, 0.0))
+    found[Friction.DEVIATION, j] = math.sqrt(variance * max(spread, 0.0))
 
 
 @inlined
@@ -218,16 +222,16 @@ def _substitute(factor: Array, x: Array) -> None:
 @inlined
 def _take_in(config: ControllerConfig, state: ControllerState, j: int, dt: float) -> None:
     """Let the compensated friction of joint j follow what is certain, and write its effort for the desired velocity."""
-    friction, most = state.friction, _LARGEST * config.limits.effort[j]
+    known, most = state.friction, _LARGEST * config.limits.effort[j]
     pace = -math.expm1(-dt / _TAKEN_IN)
-    found, used = friction[Friction.COULOMB, j], 0.0
+    found, used = known[Friction.COULOMB, j], 0.0
     if config.adaptation.compensates_friction:
         # What the parameters compensate may be too much, but friction is never negative.
-        certain = max(abs(found) - _CAUTION * friction[Friction.DEVIATION, j], 0.0)
+        certain = max(abs(found) - _CAUTION * known[Friction.DEVIATION, j], 0.0)
         used = max(math.copysign(min(certain, most), found), -config.compensation.coulomb[j])
-    soft = min(max(friction[Friction.SOFT, j] / found, 0.0), 1.0) if found != 0.0 else 0.0
-    friction[Friction.USED, j] += pace * (used - friction[Friction.USED, j])
-    friction[Friction.SHARE, j] += pace * (soft - friction[Friction.SHARE, j])
-    v, soft = state.desired[1, j] / REVERSAL, friction[Friction.SHARE, j]
+    soft = min(max(known[Friction.SOFT, j] / found, 0.0), 1.0) if found != 0.0 else 0.0
+    known[Friction.USED, j] += pace * (used - known[Friction.USED, j])
+    known[Friction.SHARE, j] += pace * (soft - known[Friction.SHARE, j])
+    v, soft = state.desired[1, j] / REVERSAL, known[Friction.SHARE, j]
     shape = (1.0 - soft) * math.tanh(v) + soft * math.tanh(v / _SOFTER)
-    friction[Friction.EFFORT, j] = friction[Friction.USED, j] * shape
+    known[Friction.EFFORT, j] = known[Friction.USED, j] * shape
