@@ -62,8 +62,8 @@ def _explained(state: ControllerState, j: int) -> float:
     usual = external[External.USUAL, j]
     if external[External.DIRECTION, j] * state.desired[1, j] >= 0.0:
         return usual
-    reversed_ = -external[External.MOVING, j]
-    return min(max(external[External.TWICE, j], min(usual, reversed_)), max(usual, reversed_))
+    opposite = -external[External.MOVING, j]
+    return min(max(external[External.TWICE, j], min(usual, opposite)), max(usual, opposite))
 
 
 @inlined

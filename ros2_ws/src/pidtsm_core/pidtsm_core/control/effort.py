@@ -76,10 +76,13 @@ def write_net_effort(state: ControllerState, effort: Array) -> None:
 @inlined
 def friction(config: ControllerConfig, velocity: float, joint: int) -> float:
     """Friction that ``compensation`` describes, of a joint with this velocity (rad/s), N m."""
-    return (
-        config.compensation.coulomb[joint] * math.tanh(velocity / REVERSAL)
-        + config.compensation.viscous[joint] * velocity
-    )
+    return coulomb_friction(config, velocity, joint) + config.compensation.viscous[joint] * velocity
+
+
+@inlined
+def coulomb_friction(config: ControllerConfig, velocity: float, joint: int) -> float:
+    """The Coulomb part of `friction`, N m."""
+    return config.compensation.coulomb[joint] * math.tanh(velocity / REVERSAL)
 
 
 @inlined

@@ -15,7 +15,7 @@ whole friction, whose sign follows the true velocity, and not an error of a comp
 
 At a reversal the disturbance changes quickly, and the observer's velocity is wrong by 3 d' / w^2, its position by
 d' / w^3 (see extended_state.py). The velocity of the regressors therefore has 3 w times the error of the position
-added, which cancels d', and one more pole at w, which bounds the noise.
+added, which cancels that of d' as far as w is slow against the rate, and one more pole at w, which bounds the noise.
 
 The fit estimates its own uncertainty from what it leaves unexplained. The controller compensates the estimate minus
 its standard deviation, so it changes nothing on an arm without friction, or where the data are inconclusive. The
@@ -35,7 +35,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
-from pidtsm_core.control.effort import REVERSAL, held_back
+from pidtsm_core.control.effort import REVERSAL, coulomb_friction, held_back
 from pidtsm_core.control.state import FITTED, ControllerState, Friction, part
 from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.robots import inverse_dynamics
@@ -136,8 +136,7 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
     velocity = state.signals[Signal.VELOCITY, j] + 3.0 * config.adaptation.bandwidth[j] * behind
     state.friction[Friction.VELOCITY, j] += gone * (velocity - state.friction[Friction.VELOCITY, j])
     velocity = state.friction[Friction.VELOCITY, j]
-    known = config.compensation.coulomb[j] * math.tanh(state.desired[1, j] / REVERSAL)
-    compensated = state.friction[Friction.EFFORT, j] + known
+    compensated = state.friction[Friction.EFFORT, j] + coulomb_friction(config, state.desired[1, j], j)
     for k in range(_INPUTS):
         value = compensated
         if k == Regressor.HARD:
@@ -232,6 +231,6 @@ def _take_in(config: ControllerConfig, state: ControllerState, j: int, dt: float
     soft = min(max(known[Friction.SOFT, j] / found, 0.0), 1.0) if found != 0.0 else 0.0
     known[Friction.USED, j] += pace * (used - known[Friction.USED, j])
     known[Friction.SHARE, j] += pace * (soft - known[Friction.SHARE, j])
-    v, soft = state.desired[1, j] / REVERSAL, known[Friction.SHARE, j]
-    shape = (1.0 - soft) * math.tanh(v) + soft * math.tanh(v / _SOFTER)
+    v, share = state.desired[1, j] / REVERSAL, known[Friction.SHARE, j]
+    shape = (1.0 - share) * math.tanh(v) + share * math.tanh(v / _SOFTER)
     known[Friction.EFFORT, j] = known[Friction.USED, j] * shape

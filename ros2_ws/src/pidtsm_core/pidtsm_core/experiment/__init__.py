@@ -18,7 +18,7 @@ from pidtsm_core.experiment.hardware_classes import hardware_settings
 from pidtsm_core.experiment.hardware_gains import hardware_gains
 from pidtsm_core.experiment.law_gains import RULED
 from pidtsm_core.laws import LAWS
-from pidtsm_core.parameters import ParameterError, as_float
+from pidtsm_core.parameters import ParameterError, as_float, did_you_mean
 from pidtsm_core.parameters.files import NODES, Settings, flatten, load_mapping, load_ros_parameters, read_yaml
 from pidtsm_core.robots import DESCRIPTION, NAMES, OF_ARM, ROBOTS, TreeRobot, find_robot
 from pidtsm_core.robots.definition import ArmDefinition, GripperLockedWarning, find_arm, joints_sentence
@@ -155,10 +155,28 @@ def _parameter_set(name: str, law: str | None, settings: Settings, hardware: str
         gains = practical_settings(law, settings, hardware)["controller"]
         adapts = {"adaptation.friction": "learn"} if name == ADAPTIVE else {}
         return {"controller": {**gains, **adapts}}, Path(name)
-    source = article_parameters(law) if name == ARTICLE else Path(name)
     if name.startswith(TUNED):
         source = tuned_parameters(name, law, settings)
+    elif name == ARTICLE:
+        source = article_parameters(law)
+    else:
+        source = _parameter_file(name)
     return load_ros_parameters(source), source
+
+
+def _parameter_file(name: str) -> Path:
+    """The file of this name.
+
+    Raises:
+        UsageError: there is none; the message contains the named sets.
+    """
+    sets = (ARTICLE, PRACTICAL, ADAPTIVE)
+    with suppress(OSError):  # The name is too long, or its folder is not readable.
+        if not Path(name).exists():
+            known = f"{', '.join(sets)} and {TUNED}14bit"
+            hint = did_you_mean(name, sets)
+            raise UsageError(f"{name}: No such file or directory; neither a file nor one of {known}{hint}")
+    return Path(name)
 
 
 def _source(arm: ArmDefinition | None, scenario: str | Experiment | None, base: Experiment) -> str | None:

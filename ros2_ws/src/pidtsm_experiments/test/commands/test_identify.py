@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from support.knownarm import KnownArm, known_arm
 from support.randomtree import random_tree
 
+from pidtsm_core.identification.identification import identify
 from pidtsm_core.identification.measurement import Measurement
 from pidtsm_core.parameters.files import load_ros_parameters
 from pidtsm_core.robots.description import read_description
@@ -18,6 +20,7 @@ from pidtsm_experiments.bags.message_types import typestore
 from pidtsm_experiments.bags.topics import SENSORS
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.origin import comment, origin_of
+from pidtsm_studies.identification.report import write_identification_report
 
 
 def write_joint_states(measured: Measurement, folder: Path, efforts: bool = True) -> None:
@@ -86,6 +89,16 @@ def test_what_the_arm_carried_is_a_part_of_the_result(folder: Path, tmp_path: Pa
     for values in load_ros_parameters(tmp_path / "loaded/identified.yaml").values():
         assert values["payload.mass"] == 0.0
         assert values["limits.effort"] == [90.0, 40.0]
+
+
+def test_a_description_that_is_right_is_called_right(known: KnownArm, tmp_path: Path) -> None:
+    found = identify(known.described, [known.measured])
+    exact = replace(found, check=replace(found.check, before=found.check.measured))
+    verdicts = []
+    for each in (found, exact):
+        write_identification_report(tmp_path / "page.html", each, "arm")
+        verdicts.append((tmp_path / "page.html").read_text(encoding="utf-8").partition('class="verdict')[2])
+    assert ["The description is right" in verdict.partition("</p>")[0] for verdict in verdicts] == [False, True]
 
 
 def test_the_page_shows_torques_parameters_and_what_is_unknown(folder: Path) -> None:

@@ -2,9 +2,12 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pidtsm_core.recording.outcome import FOLLOWED, ROUGH, STOPPED
+from pidtsm_core.rollouts.closed_loop import rollout
+from pidtsm_core.written import quantity
 from pidtsm_studies.reports.events import SYMBOLS, Event, events
 from pidtsm_studies.reports.page import BAD, GOOD, PLAIN
 from pidtsm_studies.reports.verdicts import run_answers, run_verdict, state_of
@@ -59,3 +62,13 @@ def test_a_simulated_arm_touches_something_only_where_something_is(run_of: Any, 
     violation = {"limit": "external_effort", "time": 0.5, "duration": 0.1}
     found = events(recording, {**metrics, "faults": [], "violations": [violation]}, {"scene": scene})
     assert [event.label for event in found if event.kind in ("contact", "limit")] == [label]
+
+
+def test_what_came_of_a_push_is_told(metrics: dict[str, Any]) -> None:
+    push = {"push.effort": [20.0, 0.0], "push.time": 3.0, "push.duration": 0.2}
+    run = rollout("case1", params="practical", duration=5.0, simulator=push)
+    metrics |= {**run.metrics(), "outcome": FOLLOWED}
+    far, left = np.abs(run.error[3000:4201, 0]).max(), abs(run.error[4200, 0])
+    distances = [quantity(float(each), "rad") for each in (far, left)]
+    told = f"joint1 is up to {distances[0]} away, and {distances[1]} after {quantity(1.0, 's')}"
+    assert answers(metrics, *events(run, metrics, push))["What happened?"][1] == told
