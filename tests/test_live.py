@@ -282,6 +282,7 @@ def test_the_page_of_a_real_arm_breaks_nothing_and_asks_before_it_moves(real: Re
 
 
 def test_a_real_arm_changes_by_more_than_the_factor_only_after_a_question(real: Real) -> None:
+    until(lambda: real.client.find("k1")["value"] == "3", "its field")
     real.testbed.set("controller", {"law.k1": 2.0})
     until(lambda: real.client.find("k1")["value"] == "2", "what somebody else has changed, in its field")
     until(lambda: "law.k1: 3 → 2 (by another program)" in real.text('id="changes"'), "the same in the history")

@@ -68,9 +68,13 @@ class LiveSystem(NamedTuple):
 
     def kill(self, node: str) -> None:
         """End the process of a node at once; unknown to the page."""
-        children = psutil.Process(self.process).children(recursive=True)
-        # Forked ones have a name, those of the page itself the path of their executable.
-        next(child for child in children if node in (child.name(), *(Path(w).name for w in child.cmdline()))).kill()
+
+        def found() -> list[psutil.Process]:
+            children = psutil.Process(self.process).children(recursive=True)
+            # Forked ones have a name, those of the page itself the path of their executable.
+            return [c for c in children if node in (c.name(), *(Path(word).name for word in c.cmdline()))]
+
+        until(found, f"the process of {node}")[0].kill()
 
 
 def parameter(system: LiveSystem, name: str) -> Any:

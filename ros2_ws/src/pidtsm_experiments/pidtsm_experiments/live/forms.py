@@ -66,6 +66,8 @@ class NodeForms:
         self._forms: list[Form] = []
         self._fixed: set[str] = set()
         self._building = asyncio.Lock()
+        self._reported: list[Mapping[str, Any]] = []
+        """Changes that the node has reported while its parameters were being read: the answer may be older."""
 
     async def build(self) -> None:
         """Read the parameters of the node, and make the forms anew.
@@ -73,7 +75,12 @@ class NodeForms:
         Raises:
             RefusedError: see `System.described`.
         """
+        await self._read()
+        self._catch_up()
+
+    async def _read(self) -> None:
         async with self._building:
+            self._reported = []
             described = await self._desk.system.described(self._node)
             self.values = {each.name: each.value for each in described}
             self._fixed = {each.name for each in described if each.descriptor.read_only}
@@ -88,6 +95,11 @@ class NodeForms:
                     for group in SHOWN[self._node]
                     if group in by_group
                 ]
+
+    def _catch_up(self) -> None:
+        reported, self._reported = self._reported, []
+        for changes in reported:
+            self.follow(changes)
 
     def _settable(self, described: Sequence[Described]) -> list[Described]:
         """Those that the page can set, choices first."""
@@ -182,7 +194,7 @@ class NodeForms:
             self._desk.system.lives.begin(node)
         while True:
             try:
-                await self.build()
+                await self._read()
                 break
             except RefusedError:
                 if ended := nodes.ended(self._node):
@@ -191,10 +203,14 @@ class NodeForms:
                     ) from None
         if recorded:
             self._desk.changes.record(self._node, before, self.values)
+        self._catch_up()
         self._desk.system.note(f"{', '.join(begun)} started again")
 
     def follow(self, changes: Mapping[str, Any]) -> None:
         """Show what has changed according to the node; a new start of the node by the page uses it."""
+        if self._building.locked():
+            self._reported.append(changes)
+            return
         known = {name: self.values[name] for name in changes if name in self.values}
         self._desk.changes.record(self._node, known, {name: changes[name] for name in known}, "by another program")
         self._shows(changes)
@@ -213,7 +229,8 @@ class NodeForms:
             RefusedError: see `System.described`.
         """
         before = self.values
-        await self.build()
+        await self._read()
         if self._desk.nodes is None:
             before, after = ({n: v for n, v in each.items() if n not in self._fixed} for each in (before, self.values))
             self._desk.changes.record(self._node, before, after, "after a new start by another program")
+        self._catch_up()
