@@ -257,6 +257,16 @@ CONDITIONS: dict[str, Any] = {
             "reference.amplitude": 0.05,
         },
     },
+    "late drives that are known": {
+        "controller": {
+            "estimator.name": "extended_state_observer",
+            "feedback.effort": "measured",
+            "drive.delay": 0.0125,
+            "drive.lag": [0.02, 0.0],
+            "limits.effort_rate": 4000.0,
+        },
+        "simulator": {"delay.samples": 5, "delay.command_samples": 7, "actuator.lag": 0.02, "encoder.bits": 18},
+    },
     "measurements that cannot be": {"simulator": {"noise.std": 0.015}},
     "elastic joints, encoders on the motors": {
         "simulator": {"elasticity.stiffness": [3e4, 1e4], "elasticity.damping": 20.0, "encoder.bits": 17},
@@ -287,8 +297,8 @@ def test_nodes_and_rollout_agree(law: str, condition: str, tmp_path: Path) -> No
     """Each condition with the default law and with two others, whose turn it is."""
     settings = {node: dict(CONDITIONS[condition].get(node, {})) for node in ("simulator", "controller", "trajectory")}
     settings["controller"]["law.name"] = law
-    if not LAWS[law].uses_model:  # Such a law recognises neither contact nor friction.
-        for name in ("limits.external_effort", "adaptation.friction"):
+    if not LAWS[law].uses_model:  # Such a law recognises neither contact nor friction, and predicts nothing.
+        for name in ("limits.external_effort", "adaptation.friction", "drive.delay", "drive.lag"):
             settings["controller"].pop(name, None)
     simulated = rollout(Experiment("test", "", SAMPLES * 1e-3, settings))
     heard = over_nodes(settings, tmp_path)

@@ -4,7 +4,7 @@ from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.controller import Controller
 from pidtsm_core.control.parameters import ESTIMATOR_NAME, LAW_NAME, controller_schema
 from pidtsm_core.control.state import Condition, ControllerState, Count, Time
-from pidtsm_core.control.step import step
+from pidtsm_core.control.step import copy_signals, step
 
 __all__ = [
     "ESTIMATOR_NAME",
@@ -16,5 +16,6 @@ __all__ = [
     "Count",
     "Time",
     "controller_schema",
+    "copy_signals",
     "step",
 ]

@@ -92,6 +92,16 @@ class AdaptationConfig(NamedTuple):
     bandwidth: Array  # of the observer that it learns from, shape (joints,), rad/s
 
 
+class DriveConfig(NamedTuple):
+    """How late the drives are, see lateness.py."""
+
+    delay: float  # s
+    lag: Array  # shape (joints,), s
+    inversion: Array  # shape (joints,)
+    remaining: float  # s; delay, and what is left of the longest lag
+    late: bool  # there is a delay or a lag
+
+
 class FreedriveConfig(NamedTuple):
     """The arm in the hands of a person."""
 
@@ -118,6 +128,7 @@ class ControllerConfig(NamedTuple):
     activation: ActivationConfig
     compensation: CompensationConfig
     adaptation: AdaptationConfig
+    drive: DriveConfig
     freedrive: FreedriveConfig
     model: Model  # its parameters have shape (model parameters,)
     firmware: Model  # the model by which the robot's firmware adds gravity: that of the arm without a payload
@@ -164,6 +175,7 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
         activation=_group(ActivationConfig, values, joints),
         compensation=compensation,
         adaptation=_adaptation(values, joints),
+        drive=_drive(values, joints),
         freedrive=_freedrive(values, limits),
         model=loaded_model(values, robot),
         firmware=make_model(robot, robot.pack_model(values)),
@@ -207,6 +219,7 @@ def example_config() -> ControllerConfig:
         ActivationConfig,
         CompensationConfig,
         AdaptationConfig,
+        DriveConfig,
         FreedriveConfig,
         ControllerConfig,
     )
@@ -275,6 +288,12 @@ def _adaptation(values: Mapping[str, Value], joints: int) -> AdaptationConfig:
         compensates_friction=friction == "learn",
         bandwidth=np.zeros(joints) if friction == "none" else joint_array(values["estimator.bandwidth"], joints),
     )
+
+
+def _drive(values: Mapping[str, Value], joints: int) -> DriveConfig:
+    found = _group(DriveConfig, values, joints, remaining=0.0, late=False)
+    left = np.divide(found.lag, found.inversion, out=np.zeros(joints), where=found.lag > 0.0)
+    return found._replace(remaining=found.delay + float(left.max()), late=found.delay > 0.0 or _any(found.lag))
 
 
 def _turn(robot: Robot) -> Array:

@@ -13,6 +13,7 @@ from pidtsm_core.control.configuration import make_config
 from pidtsm_core.control.freedrive import refusal as cannot_be_free
 from pidtsm_core.control.friction_learning import forget_friction
 from pidtsm_core.control.handover import expect_handover
+from pidtsm_core.control.lateness import begin_lateness, refusal_of_freedrive
 from pidtsm_core.control.modes import begin_afresh, request, reset_fault, set_clock
 from pidtsm_core.control.report import Change, changes, tight_rates
 from pidtsm_core.control.state import LAYOUT, Condition, ControllerMemory, Friction, Time, new_state, part
@@ -79,10 +80,13 @@ class Controller:
             values: as for the constructor, with the same law, estimator and robot.
         """
         before, compensated, learnt = self._demanding, self.config.compensation, self.config.adaptation.learns_friction
+        late = self.config.drive.late
         self._configure(values)
         self._memory.write(self.memory)
         if not learnt or _differ(compensated, self.config.compensation):
             forget_friction(self.state)
+        if self.config.drive.late and not late:
+            begin_lateness(self.state)
         if _differ(before, self._demanding):
             expect_handover(self.state)
 
@@ -94,7 +98,8 @@ class Controller:
         model = config.firmware.parameters.copy()
         own = config.law.gains, config.law.integers, config.estimator.parameters
         compensated = (*config.compensation, np.array([config.adaptation.compensates_friction]))
-        self._demanding = (model, *own, *compensated)
+        drive = np.array([config.drive.delay]), config.drive.lag, config.drive.inversion
+        self._demanding = (model, *own, *compensated, *drive)
 
     def reset(self) -> None:
         """Return to the initial state; measurements and reference are kept."""
@@ -180,6 +185,8 @@ class Controller:
             return "there is a fault; call ~/reset_fault"
         if wanted == Request.FREE and not self.config.uses_model:
             return "the law has no model of the arm, which would have to carry it"
+        if wanted == Request.FREE and (reason := refusal_of_freedrive(self.config)):
+            return reason
         if wanted == Request.FREE and (reason := cannot_be_free(self.config, self.state, self._names)):
             return reason
         request(self.state, int(wanted))

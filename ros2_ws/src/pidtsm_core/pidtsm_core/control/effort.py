@@ -5,6 +5,7 @@ import math
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.lateness import command_drives
 from pidtsm_core.control.state import ControllerState, Count, Time, part
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Limited, Signal
@@ -92,15 +93,24 @@ def held_back(config: ControllerConfig, state: ControllerState, joint: int) -> b
     if y[Signal.SATURATED, joint] != 0.0:
         return True
     allowed = _DIFFERENT * config.limits.effort[joint]
-    return config.feeds_back and abs(state.applied[joint] - y[Signal.EFFORT, joint]) > allowed
+    expected = state.delivered[joint] if config.drive.late else y[Signal.EFFORT, joint]
+    return config.feeds_back and abs(state.applied[joint] - expected) > allowed
 
 
 @inlined
-def write_command(config: ControllerConfig, state: ControllerState) -> None:
-    """Store the efforts as sent, and write the command for the arm: without gravity if the arm's firmware adds it."""
-    y = state.signals
+def write_command(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Store the efforts as sent, and write the command for the arm: without gravity if the arm's firmware adds it.
+
+    Args:
+        config: configuration, which is read.
+        state: state, which is changed.
+        dt: time since the last command in which the drives are known to have followed it, s; 0: they may have done
+            anything.
+    """
     for j in range(state.sent.size):
-        state.sent[j] = state.output[j] = y[Signal.EFFORT, j]
+        state.sent[j] = state.output[j] = state.signals[Signal.EFFORT, j]
+    if config.drive.late:
+        command_drives(config, state, dt)
     if config.robot_adds_gravity:
         added_gravity(config, state)
         for j in range(state.sent.size):

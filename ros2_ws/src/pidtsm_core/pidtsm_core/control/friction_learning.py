@@ -136,7 +136,10 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
     velocity = state.signals[Signal.VELOCITY, j] + 3.0 * config.adaptation.bandwidth[j] * behind
     state.friction[Friction.VELOCITY, j] += gone * (velocity - state.friction[Friction.VELOCITY, j])
     velocity = state.friction[Friction.VELOCITY, j]
-    compensated = state.friction[Friction.EFFORT, j] + coulomb_friction(config, state.desired[1, j], j)
+    compensated = state.friction[Friction.EFFORT, j]
+    if config.drive.late:  # What acts now was added for this velocity.
+        compensated = _compensation(state, j, state.desired[1, j])
+    compensated += coulomb_friction(config, state.desired[1, j], j)
     for k in range(_INPUTS):
         value = compensated
         if k == Regressor.HARD:
@@ -231,6 +234,12 @@ def _take_in(config: ControllerConfig, state: ControllerState, j: int, dt: float
     soft = min(max(known[Friction.SOFT, j] / found, 0.0), 1.0) if found != 0.0 else 0.0
     known[Friction.USED, j] += pace * (used - known[Friction.USED, j])
     known[Friction.SHARE, j] += pace * (soft - known[Friction.SHARE, j])
-    v, share = state.desired[1, j] / REVERSAL, known[Friction.SHARE, j]
+    known[Friction.EFFORT, j] = _compensation(state, j, state.ahead[1, j] if config.drive.late else state.desired[1, j])
+
+
+@inlined
+def _compensation(state: ControllerState, j: int, velocity: float) -> float:
+    """What compensates the friction of joint j at a desired velocity (rad/s), N m."""
+    v, share = velocity / REVERSAL, state.friction[Friction.SHARE, j]
     shape = (1.0 - share) * math.tanh(v) + share * math.tanh(v / _SOFTER)
-    known[Friction.EFFORT, j] = known[Friction.USED, j] * shape
+    return state.friction[Friction.USED, j] * shape

@@ -225,6 +225,34 @@ LEARNT_FRICTION = Parameter(
     "warn: only report it. Needs estimator.name: extended_state_observer",
     choices=("none", "warn", "learn"),
 )
+DRIVE = (
+    Parameter(
+        "drive.delay",
+        0.0,
+        "time from the stamp of the joint state until the command that answers it acts, as far as it is known: the law "
+        "sees the motion predicted for that time",
+        "s",
+        minimum=0.0,
+        maximum=0.1,
+    ),
+    Parameter(
+        "drive.lag",
+        0.0,
+        "time constant with which the effort of a drive follows its command, as far as it is known",
+        "s",
+        minimum=0.0,
+        maximum=0.2,
+        per_joint=True,
+    ),
+    Parameter(
+        "drive.inversion",
+        4.0,
+        "how many times faster than with drive.lag the effort follows; noise is amplified as much. 1: the lag stays",
+        minimum=1.0,
+        maximum=50.0,
+        per_joint=True,
+    ),
+)
 _TOUCH = 0.25
 """Share of the effort limit of a joint that only contact exerts, not a payload or an error of the model."""
 FRICTION = (
@@ -294,6 +322,7 @@ def _check_observer(settings: Mapping[str, object], estimator: Estimator) -> Non
     uses = {
         REJECTION: settings.get(REJECTION.name) is True,
         LEARNT_FRICTION: settings.get(LEARNT_FRICTION.name, "none") != "none",
+        **{p: np.any(np.asarray(settings.get(p.name, 0.0), object) != 0.0) for p in DRIVE[:2]},
     }
     for parameter, used in uses.items():
         if used and not estimator.finds_disturbance:
@@ -317,7 +346,7 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     return (
         LAW_NAME,
         *prefixed("law", law.parameters(settings)),
-        *((REJECTION, LEARNT_FRICTION) if law.uses_model else ()),
+        *((REJECTION, LEARNT_FRICTION, *DRIVE) if law.uses_model else ()),
         ESTIMATOR_NAME,
         *prefixed("estimator", estimator.parameters),
         *robot_schema(settings, robot),

@@ -143,6 +143,24 @@ class Friction(IntEnum):
     VELOCITY = 9  # measured and filtered, rad/s
 
 
+class Late(IntEnum):
+    """Rows of what is known of a command that may still be under way, per joint; see lateness.py."""
+
+    EFFORT = 0  # that the drive delivers for it, N m
+    ADDED = 1  # what was added to the law's, see `ControllerState.added`, N m
+    ACCELERATION = 2  # of the model under the rest, rad/s^2
+
+
+class Moved(IntEnum):
+    """Rows of the motion that is predicted for the time at which the command acts."""
+
+    POSITION = 0  # rad
+    VELOCITY = 1  # rad/s
+    ACCELERATION = 2  # rad/s^2
+
+
+LATE = 256
+"""Number of commands that may be under way."""
 FITTED = 6
 """Number of coefficients that friction is fitted with."""
 
@@ -174,7 +192,7 @@ class ControllerState(NamedTuple):
     law: Array  # shape (joints, STATE_SLOTS)
     inertia: Array  # of the model where the arm was stopped, shape (joints, joints), kg m^2
     signals: Array  # shape (len(Signal), joints), see `Signal`
-    sent: Array  # the last command, shape (joints,), N m
+    sent: Array  # the last effort that the drives shall deliver, shape (joints,), N m
     added: Array  # effort of the last tick beyond the law's: it compensates friction, or was fed forward, likewise
     turned: Array  # whole turns that are added to the reference of a continuous joint, shape (joints,), rad
     referred: Array  # position of the last reference that was followed, with these turns, shape (joints,), rad
@@ -194,6 +212,14 @@ class ControllerState(NamedTuple):
     friction_inputs: Array  # filtered regressors, a row for each filter, see friction_learning.py
     friction_evidence: Array  # normal equations: FITTED rows for each joint, shape (FITTED joints, FITTED + 1)
     friction_solution: Array  # scratch: their factor and solutions, shape (FITTED + 2, FITTED)
+    commanded: Array  # `sent`, with what makes up for the lag of the drives, shape (joints,), N m
+    drive: Array  # effort that the drives deliver for the last command, when it acts, shape (joints,), N m
+    late: Array  # commands that may be under way, a ring, see `Late`, shape (LATE, len(Late), joints)
+    late_held: Array  # for how long each of them was held, shape (LATE,), s
+    late_newest: NDArray[np.int64]  # which of them is the newest, shape (1,)
+    delivered: Array  # effort that acted before the sample, by the model of the drives, shape (joints,), N m
+    moved: Array  # motion when the command acts, see `Moved`, shape (len(Moved), joints)
+    ahead: Array  # desired motion then, shape (3, joints)
     rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of a simulation, shape (joints,), N m
@@ -265,6 +291,14 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         friction_inputs=np.zeros((5, (FITTED + 1) * joints)),
         friction_evidence=np.zeros((FITTED * joints, FITTED + 1)),
         friction_solution=np.zeros((FITTED + 2, FITTED)),
+        commanded=np.zeros(joints),
+        drive=np.zeros(joints),
+        late=np.zeros((LATE, len(Late), joints)),
+        late_held=np.zeros(LATE),
+        late_newest=np.zeros(1, np.int64),
+        delivered=np.zeros(joints),
+        moved=np.zeros((len(Moved), joints)),
+        ahead=np.zeros((3, joints)),
         rejected=np.zeros(joints),
         truth=np.zeros((2, joints)),
         torque=np.zeros(joints),

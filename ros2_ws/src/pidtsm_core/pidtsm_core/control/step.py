@@ -1,5 +1,6 @@
 """The step of the controller: everything between a measured position and the commanded effort."""
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.desired import begin_approach_here, begin_at, choose, write_base
@@ -8,6 +9,7 @@ from pidtsm_core.control.effort import carry, limit_rate, rate_delay, write_comm
 from pidtsm_core.control.freedrive import hand_over, make_free
 from pidtsm_core.control.handover import begin_handover, fade_handover
 from pidtsm_core.control.history import note
+from pidtsm_core.control.lateness import LATEST_FOR_FREEDRIVE
 from pidtsm_core.control.modes import hold_elsewhere, hold_unseen, request, reset_fault, stop
 from pidtsm_core.control.plausibility import doubt
 from pidtsm_core.control.safe import leave, make_safe, make_safe_blindly
@@ -86,7 +88,7 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         since = 0 if first else max(stamp - times[Time.SENT], 0)
         _limit_rate(config, state, stamp, seconds(since))
     _count(state)
-    write_command(config, state)
+    write_command(config, state, dt)
     times[Time.LAST] = stamp
     times[Time.SENT] = stamp
     counts[Count.ANSWERED] += 1
@@ -209,12 +211,18 @@ def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, refe
 def _rehearse_requests(config: ControllerConfig, state: ControllerState, age: int) -> None:
     """Make the requests whose time has come since the last joint state; `age` is that of the controller, ns."""
     last = max(state.times[Time.LAST] + 1 - state.times[Time.BEGAN], 0)  # Time 0 means never.
-    if last < config.rehearsal.freedrive <= age and state.status[Status.FAULT] == 0 and config.uses_model:
+    if last < config.rehearsal.freedrive <= age and state.status[Status.FAULT] == 0 and _can_be_free(config):
         request(state, Request.FREE)
     if last < config.rehearsal.hold <= age:
         request(state, Request.HOLD)
     if last < config.rehearsal.follow <= age and _distance(config, state) <= config.activation.distance:
         request(state, Request.FOLLOW)
+
+
+@inlined
+def _can_be_free(config: ControllerConfig) -> bool:
+    """Whether the controller could let a person move the arm, see `Controller.request`."""
+    return config.uses_model and config.drive.remaining <= LATEST_FOR_FREEDRIVE
 
 
 @part
@@ -332,7 +340,7 @@ def stop_now(address: int, fault: int, elapsed: int) -> None:
     if config.rate_limited:
         _limit_rate(config, state, now, seconds(max(now - times[Time.SENT], 0)))
     times[Time.SENT] = now
-    write_command(config, state)
+    write_command(config, state, 0.0)
     _copy_result(memory)
 
 
@@ -341,7 +349,7 @@ def leave_now(address: int) -> None:
     """Replace the effort of the last step with the one that remains after the controller ends; see `stop_now`."""
     memory = memory_at(address)
     leave(memory.config, memory.state)
-    write_command(memory.config, memory.state)
+    write_command(memory.config, memory.state, 0.0)
     _copy_result(memory)
 
 
@@ -353,13 +361,22 @@ def tick_now(address: int, dt: float) -> None:
 
 
 @inlined
-def _copy_result(memory: ControllerMemory) -> tuple[int, int, int, int, int]:
-    """Copy the result to the arrays of the caller; return the status."""
-    state, effort, signals = memory.state, memory.effort, memory.signals
-    y, status = state.signals, state.status
+def copy_signals(config: ControllerConfig, state: ControllerState, signals: Array) -> None:
+    """Copy the signals of the last step, with the effort as it was commanded, to an array of shape (Signal, joints)."""
+    y = state.signals
     for i in range(y.shape[0]):
         for j in range(y.shape[1]):
             signals[i, j] = y[i, j]
+    if config.drive.late:
+        for j in range(y.shape[1]):
+            signals[Signal.EFFORT, j] = state.commanded[j]
+
+
+@inlined
+def _copy_result(memory: ControllerMemory) -> tuple[int, int, int, int, int]:
+    """Copy the result to the arrays of the caller; return the status."""
+    state, effort, status = memory.state, memory.effort, memory.state.status
+    copy_signals(memory.config, state, memory.signals)
     for j in range(effort.size):
         effort[j] = state.output[j]
     return (

@@ -40,6 +40,8 @@ _LONG_CHANGE = 0.04
 _OF_CHANGE = 1.0
 """Largest bandwidth of the hold relative to the inverse of the time in which its effort can change by its limit, which
 grows with the time between commands."""
+_OF_LATENESS = 0.2
+"""Likewise relative to the inverse of the lateness of the drives."""
 _SHARE_OF_LIMIT, _AWAY = 0.5, 0.05
 """Largest share of the effort limit that the spring of the hold needs for a distance of the joint, rad: a hold whose
 effort is at its limits swings."""
@@ -152,10 +154,12 @@ def _continue_acceleration(config: ControllerConfig, state: ControllerState, sta
 
 @inlined
 def _choose_bandwidth(config: ControllerConfig, state: ControllerState) -> None:
-    """Choose the bandwidth of the hold: that of the configuration, or what rate and torque limits of the arm allow."""
+    """Choose the bandwidth of the hold: that of the configuration, or what its drives and torque limits allow."""
     bandwidth, slowest = config.stop.bandwidth, time_of_change(state)
     if slowest > 0.0:
         bandwidth = min(bandwidth, _OF_CHANGE / slowest)
+    if config.drive.remaining > 0.0:
+        bandwidth = min(bandwidth, _OF_LATENESS / config.drive.remaining)
     for j in range(state.measured.size):
         stiffness = _SHARE_OF_LIMIT * config.limits.effort[j] / _AWAY
         if state.inertia[j, j] > 0.0:

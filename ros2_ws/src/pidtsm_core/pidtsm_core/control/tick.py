@@ -6,6 +6,7 @@ from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact, sense_contact
 from pidtsm_core.control.effort import feed_offset, friction, held_back, limit_effort, write_net_effort
 from pidtsm_core.control.friction_learning import learn_friction
+from pidtsm_core.control.lateness import deliver, predict
 from pidtsm_core.control.state import Condition, ControllerState, Friction, Handover, Time, part
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
@@ -44,13 +45,13 @@ def _reject(config: ControllerConfig, state: ControllerState) -> None:
 
 
 @inlined
-def _command(config: ControllerConfig, state: ControllerState, desired: Array, dt: float) -> None:
-    """Write the law's signals and accelerations, from the estimates."""
+def _command(config: ControllerConfig, state: ControllerState, motion: Array, desired: Array, dt: float) -> None:
+    """Write the law's signals and accelerations for a motion and a desired one, both of shape (3, joints)."""
     y = state.signals
     for j in range(y.shape[1]):
-        e = y[Signal.POSITION, j] - desired[0, j]
-        de = y[Signal.VELOCITY, j] - desired[1, j]
-        dde = y[Signal.ACCELERATION, j] - desired[2, j]
+        e = motion[0, j] - desired[0, j]
+        de = motion[1, j] - desired[1, j]
+        dde = motion[2, j] - desired[2, j]
         a_cmd, a_eq, s, sigma, gain, tau_sw = command(config.law, j, e, de, dde, desired[2, j], state.law[j], dt)
         y[Signal.POSITION_ERROR, j] = e
         y[Signal.VELOCITY_ERROR, j] = de
@@ -86,8 +87,11 @@ def demand_again(config: ControllerConfig, state: ControllerState, dt: float) ->
         state: state, of which only signals change.
         dt: as for the last `tick`.
     """
-    _command(config, state, state.desired, dt)
-    _add(config, state, state.desired)
+    motion, desired = state.signals[: Signal.POSITION_ERROR], state.desired
+    if config.drive.late:
+        motion, desired = state.moved, state.ahead
+    _command(config, state, motion, desired, dt)
+    _add(config, state, desired)
     _actuate(config, state, dt, False)
 
 
@@ -104,8 +108,10 @@ def _actuate(config: ControllerConfig, state: ControllerState, dt: float, senses
             motion[2, j] = y[Signal.ACCELERATION, j]
         inverse_dynamics(config.model, q_hat, dq_hat, motion, efforts[:3])
         sense_contact(state, efforts[2], dt)
-    elif config.uses_model:
+    elif config.uses_model and not config.drive.late:
         inverse_dynamics(config.model, q_hat, dq_hat, motion[:2], efforts[:2])
+    if config.drive.late:
+        inverse_dynamics(config.model, state.moved[0], state.moved[1], motion[:2], efforts[:2])
     for j in range(y.shape[1]):
         added = state.added[j]
         if config.uses_model:
@@ -135,16 +141,23 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     contact.py.
     """
     y, desired = state.signals, state.desired
+    motion = y[: Signal.POSITION_ERROR]
     if dt > 0.0 and state.times[Time.FREED] == 0:
         _advance(config, state, dt)
-    write_net_effort(state, state.applied if config.feeds_back else y[Signal.EFFORT])
+    if not config.drive.late:
+        write_net_effort(state, state.applied if config.feeds_back else y[Signal.EFFORT])
+    elif dt > 0.0:
+        deliver(config, state, dt)
     sample = Sample(state.measured, state.truth, dt, state.net, config.model)
-    estimate(config.estimator.address, sample, config.estimator.parameters, state.estimator, y[: Signal.POSITION_ERROR])
+    estimate(config.estimator.address, sample, config.estimator.parameters, state.estimator, motion)
+    if config.drive.late:
+        predict(config, state)
+        motion, desired = state.moved, state.ahead
     if config.adaptation.learns_friction:
         learn_friction(config, state, dt)
     if config.rejects:
         _reject(config, state)
-    _command(config, state, desired, dt)
+    _command(config, state, motion, desired, dt)
     _add(config, state, desired)
     _actuate(config, state, dt, True)
     limit_effort(config, state)

@@ -12,7 +12,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import lend
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.compiling.events import first_compilation
-from pidtsm_core.control import Controller, ControllerConfig, ControllerState, step
+from pidtsm_core.control import Controller, ControllerConfig, ControllerState, copy_signals, step
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.experiment import Experiment, make_experiment
 from pidtsm_core.experiment.definition import MEASUREMENT
@@ -63,13 +63,11 @@ class _Loop(NamedTuple):
 
 
 @inlined
-def _keep(samples: _Samples, start: int, stop: int, controller: ControllerState) -> None:
+def _keep(samples: _Samples, start: int, stop: int, config: ControllerConfig, controller: ControllerState) -> None:
     """Fill the rows from `start` to before `stop` with the last result of the controller."""
-    y, last = controller.signals, controller.status
+    last = controller.status
     for k in range(start, stop):
-        for i in range(y.shape[0]):
-            for j in range(y.shape[1]):
-                samples.signals[k, i, j] = y[i, j]
+        copy_signals(config, controller, samples.signals[k])
         for i in range(last.size):
             samples.status[k, i] = last[i]
 
@@ -153,19 +151,19 @@ def _simulate(values: _Loop, draws: Array, results: _Samples) -> int:
                 for i in range(k + 1):
                     evaluate_motion(loop.motion, seconds((i - begun) * period), samples.reference[i])
             if sample > last + 1:
-                _keep(samples, last + 1, sample, state)
+                _keep(samples, last + 1, sample, loop.controller, state)
             if sample < k:
                 elapsed = seconds((sample - begun) * period)
             if not drops_out(loop.motion, elapsed):
                 referred = sample * period
                 _refer(loop, samples.reference[sample])
             _answer(loop, sample, referred, measured, derivatives, applied)
-            _keep(samples, sample, sample + 1, state)
+            _keep(samples, sample, sample + 1, loop.controller, state)
             last = sample
         act(loop.hardware, loop.robot, draws[k], k, sample >= 0, state.torque, t, dt)
         for j in range(arm.position.size):
             samples.effort[k, j] = arm.effort[j]
-    _keep(samples, last + 1, samples.time.size, state)
+    _keep(samples, last + 1, samples.time.size, loop.controller, state)
     return samples.time.size
 
 

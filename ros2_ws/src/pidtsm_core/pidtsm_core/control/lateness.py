@@ -1,0 +1,182 @@
+"""Drives and busses that are late: what acts now was commanded before, and what is commanded now acts later.
+
+``drive.delay`` D passes from the stamp of a position until the command that answers it acts; the drive of a joint then
+follows its command like a first-order lag T (``drive.lag``). Three things make up for it:
+
+* *What acts.* A model of the drives, x' = (u - x) / T, tells the effort that they deliver. The observer gets what they
+  deliver now, of commands older by D, instead of the last command.
+* *Prediction.* At D after the stamp, the arm will be at q + D q' + D^2 d / 2 plus what the efforts that are under way
+  do to it: their accelerations, by the model, and the observer's disturbance d are integrated twice. The model includes
+  the viscous friction beyond what compensates it at the desired velocity: over the delay, it damps a light joint much.
+  The law sees this motion, and the reference at that time.
+* *Inversion.* The command is x + r (u - x), where u is what the law demands. The drives then follow u with the time
+  constant T / r. The ratio r is ``drive.inversion``: it is also how much quick changes, and noise, are amplified.
+
+The inversion is the last stage before the drives: the controller's limits, its safe effort and its changes from one to
+the other are about u. While no joint state arrives, nothing is inverted.
+
+Prediction for a delayed input: Artstein, "Linear systems with delayed controls: a reduction", IEEE Transactions on
+Automatic Control 27(4), 1982. The bound of what a wrong delay may do: Krstic, "Delay compensation for nonlinear,
+adaptive, and PDE systems", 2009, chapter 4.
+"""
+
+import math
+
+from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.state import LATE, Condition, ControllerState, Count, Late, Moved, part
+from pidtsm_core.estimators import DISTURBANCE
+from pidtsm_core.references import extrapolate
+from pidtsm_core.robots import forward_dynamics
+from pidtsm_core.signals import Signal
+
+LATEST_FOR_FREEDRIVE = 0.018
+"""s; in freedrive, the drives must not be later than this: they would answer the hand too late."""
+_LONG = 1.0
+"""s; longer than any delay."""
+
+
+@part
+def deliver(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Write what the drives have delivered since the last tick, dt (s) ago, to ``state.net`` and ``state.delivered``.
+
+    The command of the last tick becomes the newest one under way.
+    """
+    rows, moved, acceleration, joints = state.late, state.moved, state.scratch[0], state.net.size
+    newest = int(state.late_newest[0] + 1) % LATE
+    for j in range(joints):
+        sent, lag = state.commanded[j], config.drive.lag[j]
+        mean = sent
+        if lag > 0.0:
+            behind = state.drive[j] - sent
+            mean += behind * -math.expm1(-dt / lag) * lag / dt
+            state.drive[j] = sent + behind * math.exp(-dt / lag)
+        else:
+            state.drive[j] = sent
+        rows[newest, Late.EFFORT, j] = mean
+        rows[newest, Late.ADDED, j] = state.added[j]
+        state.net[j] = mean - state.added[j] + _damping(config, j, moved[Moved.VELOCITY, j], state.ahead[1, j])
+    # The arm will be where it is predicted to be when they act.
+    forward_dynamics(config.model, moved[Moved.POSITION], moved[Moved.VELOCITY], state.net, acceleration)
+    for j in range(joints):
+        rows[newest, Late.ACCELERATION, j] = acceleration[j] if math.isfinite(acceleration[j]) else 0.0
+    state.late_newest[0] = newest
+    state.late_held[newest] = dt
+    _write_acting(config, state, dt)
+
+
+@inlined
+def _write_acting(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Average what acted over the last dt (s): the efforts of commands that are older by the delay."""
+    rows, delivered, net = state.late, state.delivered, state.net
+    for j in range(net.size):
+        delivered[j] = net[j] = 0.0
+    age, first, last = 0.0, config.drive.delay, config.drive.delay + dt
+    for back in range(LATE):
+        i = (int(state.late_newest[0]) - back) % LATE
+        begin = age
+        age += state.late_held[i]
+        share = (min(age, last) - max(begin, first)) / dt
+        if share > 0.0:
+            for j in range(net.size):
+                delivered[j] += share * rows[i, Late.EFFORT, j]
+                net[j] -= share * rows[i, Late.ADDED, j]
+        if age >= last:
+            break
+    for j in range(net.size):
+        net[j] += state.applied[j] if config.feeds_back else delivered[j]
+        net[j] += _damping(config, j, state.signals[Signal.VELOCITY, j], state.desired[1, j])
+
+
+@inlined
+def _damping(config: ControllerConfig, joint: int, velocity: float, desired: float) -> float:
+    """Viscous friction beyond what compensates it at the desired velocity (both rad/s), N m."""
+    return config.compensation.viscous[joint] * (desired - velocity) if config.compensates else 0.0
+
+
+@part
+def predict(config: ControllerConfig, state: ControllerState) -> None:
+    """Write the motion after the delay to ``state.moved``, and the desired one to ``state.ahead``."""
+    y, rows, moved, delay = state.signals, state.late, state.moved, config.drive.delay
+    newest = int(state.late_newest[0])
+    for j in range(moved.shape[1]):
+        d = state.estimator[j, DISTURBANCE]
+        moved[Moved.POSITION, j] = y[Signal.POSITION, j] + delay * (y[Signal.VELOCITY, j] + 0.5 * delay * d)
+        moved[Moved.VELOCITY, j] = y[Signal.VELOCITY, j] + delay * d
+        moved[Moved.ACCELERATION, j] = y[Signal.ACCELERATION, j]
+        if delay > 0.0:
+            moved[Moved.ACCELERATION, j] = rows[newest, Late.ACCELERATION, j] + d
+    age = 0.0
+    for back in range(LATE):
+        if age >= delay:
+            break
+        i = (newest - back) % LATE
+        begin, age = age, min(age + state.late_held[i], delay)
+        for j in range(moved.shape[1]):
+            acceleration = rows[i, Late.ACCELERATION, j]
+            moved[Moved.POSITION, j] += 0.5 * (age * age - begin * begin) * acceleration
+            moved[Moved.VELOCITY, j] += (age - begin) * acceleration
+    extrapolate(state.desired, delay, state.ahead)
+
+
+@part
+def command_drives(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Write the commands with which the drives deliver ``state.sent`` sooner to ``state.commanded`` and ``output``.
+
+    They keep within the limits of effort and rate.
+
+    Args:
+        config: configuration, which is read.
+        state: state, which is changed.
+        dt: time since the last command, s; 0: what the drives deliver is not known, so nothing is inverted. Before the
+            first joint state is answered, they are assumed to deliver what keeps the arm at rest.
+    """
+    if state.counts[Count.ANSWERED] == 0:
+        _begin_at_rest(state)
+    for j in range(state.sent.size):
+        demanded, limit = state.sent[j], config.limits.effort[j]
+        command = demanded
+        if config.drive.lag[j] > 0.0 and dt > 0.0:
+            command = state.drive[j] + config.drive.inversion[j] * (demanded - state.drive[j])
+        change = config.limits.effort_rate[j] * dt
+        if change > 0.0 and state.conditions[Condition.UNLIMITED] == 0:
+            command = min(max(command, state.commanded[j] - change), state.commanded[j] + change)
+        state.commanded[j] = state.output[j] = min(max(command, -limit), limit)
+
+
+@inlined
+def _begin_at_rest(state: ControllerState) -> None:
+    """Assume that the effort of the first tick has acted for long."""
+    state.late_held[:] = 0.0
+    newest = int(state.late_newest[0])
+    state.late_held[newest] = _LONG
+    for j in range(state.drive.size):
+        effort = state.sent[j]
+        state.drive[j] = state.delivered[j] = effort
+        state.late[newest, Late.EFFORT, j] = effort
+        state.late[newest, Late.ADDED, j] = state.added[j]
+        state.late[newest, Late.ACCELERATION, j] = 0.0
+
+
+def refusal_of_freedrive(config: ControllerConfig) -> str:
+    """Why the drives are too late for freedrive; empty if they are not."""
+    late = config.drive.remaining
+    if late <= LATEST_FOR_FREEDRIVE:
+        return ""
+    return (
+        f"the drives answer a hand {1e3 * late:.0f} ms late (drive.delay + drive.lag / drive.inversion), and freedrive "
+        f"needs {1e3 * LATEST_FOR_FREEDRIVE:.0f} ms at most"
+    )
+
+
+def begin_lateness(state: ControllerState) -> None:
+    """Begin to make up for late drives while the arm moves: what was sent last is assumed to have acted for long."""
+    newest = int(state.late_newest[0])
+    state.late_held[:] = 0.0
+    state.late_held[newest] = _LONG
+    state.drive[:] = state.delivered[:] = state.commanded[:] = state.sent
+    state.late[newest, Late.EFFORT] = state.sent
+    state.late[newest, Late.ADDED] = state.added
+    state.late[newest, Late.ACCELERATION] = state.signals[Signal.ACCELERATION] - state.estimator[:, DISTURBANCE]
+    state.moved[:] = state.signals[: Signal.POSITION_ERROR]
+    state.ahead[:] = state.desired
