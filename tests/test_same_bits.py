@@ -19,7 +19,7 @@ from pidtsm_controller.controller_node import ControllerNode
 from pidtsm_controller.trajectory_node import TrajectoryNode
 from pidtsm_core.arrays import Array
 from pidtsm_core.control.parameters import LAW_NAME
-from pidtsm_core.experiment import Experiment, make_experiment
+from pidtsm_core.experiment import ADAPTS, Experiment, make_experiment
 from pidtsm_core.experiment.hardware_classes import hardware_settings
 from pidtsm_core.experiment.node_parameters import AUTOSTART
 from pidtsm_core.laws import LAWS
@@ -267,6 +267,15 @@ CONDITIONS: dict[str, Any] = {
         },
         "simulator": {"delay.samples": 5, "delay.command_samples": 7, "actuator.lag": 0.02, "encoder.bits": 18},
     },
+    "lateness and friction that are learnt": {
+        "controller": {
+            "estimator.name": "extended_state_observer",
+            "estimator.bandwidth": 100.0,
+            "adaptation.friction": "learn",
+            "adaptation.lateness": "learn",
+        },
+        "simulator": {"delay.samples": 12, "actuator.lag": 0.02, "encoder.bits": 18, "friction.coulomb": [2.0, 1.0]},
+    },
     "measurements that cannot be": {"simulator": {"noise.std": 0.015}},
     "elastic joints, encoders on the motors": {
         "simulator": {"elasticity.stiffness": [3e4, 1e4], "elasticity.damping": 20.0, "encoder.bits": 17},
@@ -298,7 +307,7 @@ def test_nodes_and_rollout_agree(law: str, condition: str, tmp_path: Path) -> No
     settings = {node: dict(CONDITIONS[condition].get(node, {})) for node in ("simulator", "controller", "trajectory")}
     settings["controller"]["law.name"] = law
     if not LAWS[law].uses_model:  # Such a law recognises neither contact nor friction, and predicts nothing.
-        for name in ("limits.external_effort", "adaptation.friction", "drive.delay", "drive.lag"):
+        for name in ("limits.external_effort", "drive.delay", "drive.lag", *ADAPTS):
             settings["controller"].pop(name, None)
     simulated = rollout(Experiment("test", "", SAMPLES * 1e-3, settings))
     heard = over_nodes(settings, tmp_path)

@@ -9,7 +9,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray
 
 from pidtsm_controller.activity_watch import ActivityWatch
-from pidtsm_controller.friction_watch import FrictionWatch
+from pidtsm_controller.adaptation_watch import AdaptationWatch
 from pidtsm_controller.payload_watch import PayloadWatch
 from pidtsm_controller.watchdog import CHECK, Watchdog
 from pidtsm_core.control import Condition, Controller, Count
@@ -98,7 +98,7 @@ class ControllerNode(ManagedNode):
         self._states = self.advertise(ControllerState, "~/state")
         self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
         self._payload = PayloadWatch(self, self._controller) if self.values[PAYLOAD_OBSERVED.name] else None
-        self._friction = FrictionWatch(self._controller, joints, find_robot(self.values).units)
+        self._adaptation = AdaptationWatch(self._controller, joints, find_robot(self.values).units)
         self._activity = ActivityWatch(self, topic.name) if topic.message_type is Float64MultiArray else None
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset_fault", self._reset_fault)
@@ -344,10 +344,9 @@ class ControllerNode(ManagedNode):
             idle, level = "stopped by a fault; call ~/reset_fault to continue", DiagnosticStatus.ERROR
         elif self._status is not None:
             idle = self._idle(Mode(self._status[Status.MODE]))
-        if self._controller.config.adaptation.learns_friction:
-            readings += self._friction.readings()
-            for line in self._friction.news():
-                self.get_logger().info(line)
+        readings += self._adaptation.readings()
+        for line in self._adaptation.news():
+            self.get_logger().info(line)
         self._diagnostics.publish(readings, idle, level, self._statistics.scale)
 
     def _idle(self, mode: Mode) -> str:

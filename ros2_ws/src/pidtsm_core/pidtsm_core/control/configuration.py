@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.control.parameters import LEARNT_FRICTION, REJECTION
+from pidtsm_core.control.parameters import LEARNT_FRICTION, LEARNT_LATENESS, REJECTION
 from pidtsm_core.estimators import ESTIMATORS, estimator_address
 from pidtsm_core.laws import LAWS, LawConfig, make_law
 from pidtsm_core.parameters import Value, as_float, joint_array
@@ -89,6 +89,8 @@ class AdaptationConfig(NamedTuple):
 
     learns_friction: bool
     compensates_friction: bool  # what it has learnt
+    learns_lateness: bool
+    uses_lateness: bool  # what it has learnt
     bandwidth: Array  # of the observer that it learns from, shape (joints,), rad/s
 
 
@@ -98,8 +100,7 @@ class DriveConfig(NamedTuple):
     delay: float  # s
     lag: Array  # shape (joints,), s
     inversion: Array  # shape (joints,)
-    remaining: float  # s; delay, and what is left of the longest lag
-    late: bool  # there is a delay or a lag
+    late: bool  # there may be a delay or a lag
 
 
 class FreedriveConfig(NamedTuple):
@@ -282,18 +283,21 @@ def _freedrive(values: Mapping[str, Value], limits: LimitsConfig) -> FreedriveCo
 
 
 def _adaptation(values: Mapping[str, Value], joints: int) -> AdaptationConfig:
-    friction = values.get(LEARNT_FRICTION.name, "none")
+    friction, lateness = (values.get(p.name, "none") for p in (LEARNT_FRICTION, LEARNT_LATENESS))
+    learns = friction != "none" or lateness != "none"
     return AdaptationConfig(
         learns_friction=friction != "none",
         compensates_friction=friction == "learn",
-        bandwidth=np.zeros(joints) if friction == "none" else joint_array(values["estimator.bandwidth"], joints),
+        learns_lateness=lateness != "none",
+        uses_lateness=lateness == "learn",
+        bandwidth=joint_array(values["estimator.bandwidth"], joints) if learns else np.zeros(joints),
     )
 
 
 def _drive(values: Mapping[str, Value], joints: int) -> DriveConfig:
-    found = _group(DriveConfig, values, joints, remaining=0.0, late=False)
-    left = np.divide(found.lag, found.inversion, out=np.zeros(joints), where=found.lag > 0.0)
-    return found._replace(remaining=found.delay + float(left.max()), late=found.delay > 0.0 or _any(found.lag))
+    found = _group(DriveConfig, values, joints, late=False)
+    learns = values.get(LEARNT_LATENESS.name, "none") != "none"
+    return found._replace(late=learns or found.delay > 0.0 or _any(found.lag))
 
 
 def _turn(robot: Robot) -> Array:

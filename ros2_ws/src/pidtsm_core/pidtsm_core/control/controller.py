@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.events import first_compilation
-from pidtsm_core.control.configuration import make_config
+from pidtsm_core.control.configuration import ControllerConfig, make_config
 from pidtsm_core.control.freedrive import refusal as cannot_be_free
 from pidtsm_core.control.friction_learning import forget_friction
 from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.lateness import begin_lateness, refusal_of_freedrive
+from pidtsm_core.control.lateness_learning import forget_lateness
 from pidtsm_core.control.modes import begin_afresh, request, reset_fault, set_clock
 from pidtsm_core.control.report import Change, changes, tight_rates
-from pidtsm_core.control.state import LAYOUT, Condition, ControllerMemory, Friction, Time, new_state, part
+from pidtsm_core.control.state import LAYOUT, Condition, ControllerMemory, Friction, Lateness, Time, new_state, part
 from pidtsm_core.control.step import leave_now, respond, stop_after, stop_now, tick_now
 from pidtsm_core.control.turns import distance
 from pidtsm_core.parameters import Value, names
@@ -79,14 +80,15 @@ class Controller:
         Args:
             values: as for the constructor, with the same law, estimator and robot.
         """
-        before, compensated, learnt = self._demanding, self.config.compensation, self.config.adaptation.learns_friction
-        late = self.config.drive.late
+        before, old = self._demanding, self.config
         self._configure(values)
         self._memory.write(self.memory)
-        if not learnt or _differ(compensated, self.config.compensation):
+        if not old.adaptation.learns_friction or _differ(old.compensation, self.config.compensation):
             forget_friction(self.state)
-        if self.config.drive.late and not late:
+        if self.config.drive.late and not old.drive.late:
             begin_lateness(self.state)
+        if not old.adaptation.learns_lateness or _differ(_known(old), _known(self.config)):
+            forget_lateness(self.state)
         if _differ(before, self._demanding):
             expect_handover(self.state)
 
@@ -97,9 +99,8 @@ class Controller:
         # A copy, because models have scratch space. A payload that changes needs another effort.
         model = config.firmware.parameters.copy()
         own = config.law.gains, config.law.integers, config.estimator.parameters
-        compensated = (*config.compensation, np.array([config.adaptation.compensates_friction]))
-        drive = np.array([config.drive.delay]), config.drive.lag, config.drive.inversion
-        self._demanding = (model, *own, *compensated, *drive)
+        adapts = np.array([config.adaptation.compensates_friction, config.adaptation.uses_lateness])
+        self._demanding = (model, *own, *config.compensation, adapts, *_known(config), config.drive.inversion)
 
     def reset(self) -> None:
         """Return to the initial state; measurements and reference are kept."""
@@ -185,7 +186,7 @@ class Controller:
             return "there is a fault; call ~/reset_fault"
         if wanted == Request.FREE and not self.config.uses_model:
             return "the law has no model of the arm, which would have to carry it"
-        if wanted == Request.FREE and (reason := refusal_of_freedrive(self.config)):
+        if wanted == Request.FREE and (reason := refusal_of_freedrive(self.config, self.state)):
             return reason
         if wanted == Request.FREE and (reason := cannot_be_free(self.config, self.state, self._names)):
             return reason
@@ -223,6 +224,22 @@ class Controller:
         return found
 
     @property
+    def lateness(self) -> Array:
+        """What was found of the lateness of the drives beyond ``drive``, see lateness_learning.py.
+
+        Returns:
+            Delay, lag, and the standard deviation of their sum, shape (3,), s. They are sure only if the drives are
+            `late`; before, they are what is likely so far.
+        """
+        found: Array = self.state.lateness[[Lateness.FOUND_DELAY, Lateness.FOUND_LAG, Lateness.DEVIATION]]
+        return found
+
+    @property
+    def late(self) -> bool:
+        """Whether the drives were found to be later than ``drive`` says."""
+        return bool(self.state.lateness[Lateness.LATE])
+
+    @property
     def commanded(self) -> bool:
         """Whether there was a step since the last reset."""
         return bool(self.state.conditions[Condition.COMMANDED])
@@ -250,6 +267,11 @@ class Controller:
         self.state.desired[:] = desired
         tick_now(self.address, dt)
         return self.state.signals
+
+
+def _known(config: ControllerConfig) -> tuple[Array, Array]:
+    """Delay and lags of the drives, as the parameters have them."""
+    return np.array([config.drive.delay]), config.drive.lag
 
 
 def _differ(before: Sequence[NDArray[Any]], after: Sequence[NDArray[Any]]) -> bool:

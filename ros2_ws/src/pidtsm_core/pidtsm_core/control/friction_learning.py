@@ -51,7 +51,7 @@ _CAUTION = 1.0
 """Standard deviations that are not compensated."""
 _TAKEN_IN = 0.1
 """s; time constant of the compensated friction."""
-_SOFTER = 10.0
+SOFTER = 10.0
 """How much faster a joint must move until its soft friction is there."""
 _LARGEST = 0.35
 """Largest compensated friction, a share of the effort limit."""
@@ -86,7 +86,7 @@ def learn_friction(config: ControllerConfig, state: ControllerState, dt: float) 
 
     The result is in ``state.friction``, see `Friction`.
     """
-    _write_lacking(config, state)
+    write_lacking(config, state)
     lacking = state.scratch[0]
     follows = state.status[Status.MODE] == Mode.FOLLOWING and state.status[Status.FAULT] == 0
     learns = follows and not in_contact(config, state)
@@ -110,7 +110,7 @@ def forget_friction(state: ControllerState) -> None:
 
 
 @inlined
-def _write_lacking(config: ControllerConfig, state: ControllerState) -> None:
+def write_lacking(config: ControllerConfig, state: ControllerState) -> None:
     """Write the effort that the model lacks, -H d, to ``state.scratch[0]``, shape (joints,), N m."""
     motion, efforts = state.motion, state.scratch
     for j in range(state.net.size):
@@ -136,16 +136,13 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
     velocity = state.signals[Signal.VELOCITY, j] + 3.0 * config.adaptation.bandwidth[j] * behind
     state.friction[Friction.VELOCITY, j] += gone * (velocity - state.friction[Friction.VELOCITY, j])
     velocity = state.friction[Friction.VELOCITY, j]
-    compensated = state.friction[Friction.EFFORT, j]
-    if config.drive.late:  # What acts now was added for this velocity.
-        compensated = _compensation(state, j, state.desired[1, j])
-    compensated += coulomb_friction(config, state.desired[1, j], j)
+    compensated = acting_compensation(config, state, j)
     for k in range(_INPUTS):
         value = compensated
         if k == Regressor.HARD:
             value = math.tanh(velocity / REVERSAL)
         elif k == Regressor.SOFT:
-            value = math.tanh(velocity / (_SOFTER * REVERSAL))
+            value = math.tanh(velocity / (SOFTER * REVERSAL))
         elif k == Regressor.VELOCITY:
             value = velocity
         elif k == Regressor.CONSTANT:
@@ -238,8 +235,17 @@ def _take_in(config: ControllerConfig, state: ControllerState, j: int, dt: float
 
 
 @inlined
+def acting_compensation(config: ControllerConfig, state: ControllerState, j: int) -> float:
+    """What compensates the Coulomb friction of joint j over the last period, N m, less what the observer was told."""
+    compensated = state.friction[Friction.EFFORT, j]
+    if config.drive.late:  # What acts now was added for this velocity.
+        compensated = _compensation(state, j, state.desired[1, j]) - state.damped[j]
+    return compensated + coulomb_friction(config, state.desired[1, j], j)
+
+
+@inlined
 def _compensation(state: ControllerState, j: int, velocity: float) -> float:
     """What compensates the friction of joint j at a desired velocity (rad/s), N m."""
     v, share = velocity / REVERSAL, state.friction[Friction.SHARE, j]
-    shape = (1.0 - share) * math.tanh(v) + share * math.tanh(v / _SOFTER)
+    shape = (1.0 - share) * math.tanh(v) + share * math.tanh(v / SOFTER)
     return state.friction[Friction.USED, j] * shape

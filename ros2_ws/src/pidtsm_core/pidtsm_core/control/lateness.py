@@ -24,7 +24,7 @@ import math
 
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.state import LATE, Condition, ControllerState, Count, Late, Moved, part
+from pidtsm_core.control.state import LATE, Condition, ControllerState, Count, Late, Lateness, Moved, part
 from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.references import extrapolate
 from pidtsm_core.robots import forward_dynamics
@@ -36,6 +36,27 @@ _LONG = 1.0
 """s; longer than any delay."""
 
 
+@inlined
+def delay_of(config: ControllerConfig, state: ControllerState) -> float:
+    """The delay of the drives, as far as it is known or was learnt, s."""
+    return config.drive.delay + state.lateness[Lateness.DELAY]
+
+
+@inlined
+def lag_of(config: ControllerConfig, state: ControllerState, joint: int) -> float:
+    """Likewise their lag."""
+    return config.drive.lag[joint] + state.lateness[Lateness.LAG]
+
+
+@inlined
+def remaining(config: ControllerConfig, state: ControllerState) -> float:
+    """Delay of the drives, and what the inversion leaves of the longest lag, s."""
+    left = 0.0
+    for j in range(state.sent.size):
+        left = max(left, lag_of(config, state, j) / config.drive.inversion[j])
+    return delay_of(config, state) + left
+
+
 @part
 def deliver(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Write what the drives have delivered since the last tick, dt (s) ago, to ``state.net`` and ``state.delivered``.
@@ -45,7 +66,7 @@ def deliver(config: ControllerConfig, state: ControllerState, dt: float) -> None
     rows, moved, acceleration, joints = state.late, state.moved, state.scratch[0], state.net.size
     newest = int(state.late_newest[0] + 1) % LATE
     for j in range(joints):
-        sent, lag = state.commanded[j], config.drive.lag[j]
+        sent, lag = state.commanded[j], lag_of(config, state, j)
         mean = sent
         if lag > 0.0:
             behind = state.drive[j] - sent
@@ -55,7 +76,7 @@ def deliver(config: ControllerConfig, state: ControllerState, dt: float) -> None
             state.drive[j] = sent
         rows[newest, Late.EFFORT, j] = mean
         rows[newest, Late.ADDED, j] = state.added[j]
-        state.net[j] = mean - state.added[j] + _damping(config, j, moved[Moved.VELOCITY, j], state.ahead[1, j])
+        state.net[j] = mean - state.added[j] + _damping(config, state, j, moved[Moved.VELOCITY, j], state.ahead[1, j])
     # The arm will be where it is predicted to be when they act.
     forward_dynamics(config.model, moved[Moved.POSITION], moved[Moved.VELOCITY], state.net, acceleration)
     for j in range(joints):
@@ -71,7 +92,8 @@ def _write_acting(config: ControllerConfig, state: ControllerState, dt: float) -
     rows, delivered, net = state.late, state.delivered, state.net
     for j in range(net.size):
         delivered[j] = net[j] = 0.0
-    age, first, last = 0.0, config.drive.delay, config.drive.delay + dt
+    age, first = 0.0, delay_of(config, state)
+    last = first + dt
     for back in range(LATE):
         i = (int(state.late_newest[0]) - back) % LATE
         begin = age
@@ -85,19 +107,21 @@ def _write_acting(config: ControllerConfig, state: ControllerState, dt: float) -
             break
     for j in range(net.size):
         net[j] += state.applied[j] if config.feeds_back else delivered[j]
-        net[j] += _damping(config, j, state.signals[Signal.VELOCITY, j], state.desired[1, j])
+        state.damped[j] = _damping(config, state, j, state.signals[Signal.VELOCITY, j], state.desired[1, j])
+        net[j] += state.damped[j]
 
 
 @inlined
-def _damping(config: ControllerConfig, joint: int, velocity: float, desired: float) -> float:
-    """Viscous friction beyond what compensates it at the desired velocity (both rad/s), N m."""
-    return config.compensation.viscous[joint] * (desired - velocity) if config.compensates else 0.0
+def _damping(config: ControllerConfig, state: ControllerState, joint: int, velocity: float, desired: float) -> float:
+    """Viscous friction beyond what compensates it at the desired velocity (both rad/s), N m; 0 without a delay."""
+    predicts = config.compensates and delay_of(config, state) > 0.0
+    return config.compensation.viscous[joint] * (desired - velocity) if predicts else 0.0
 
 
 @part
 def predict(config: ControllerConfig, state: ControllerState) -> None:
     """Write the motion after the delay to ``state.moved``, and the desired one to ``state.ahead``."""
-    y, rows, moved, delay = state.signals, state.late, state.moved, config.drive.delay
+    y, rows, moved, delay = state.signals, state.late, state.moved, delay_of(config, state)
     newest = int(state.late_newest[0])
     for j in range(moved.shape[1]):
         d = state.estimator[j, DISTURBANCE]
@@ -135,9 +159,11 @@ def command_drives(config: ControllerConfig, state: ControllerState, dt: float) 
         _begin_at_rest(state)
     for j in range(state.sent.size):
         demanded, limit = state.sent[j], config.limits.effort[j]
-        command = demanded
-        if config.drive.lag[j] > 0.0 and dt > 0.0:
-            command = state.drive[j] + config.drive.inversion[j] * (demanded - state.drive[j])
+        command, lag = demanded, lag_of(config, state, j)
+        if lag > 0.0 and dt > 0.0:
+            # Over one period, a drive can reach what is demanded, but must not overshoot.
+            ratio = min(config.drive.inversion[j], -1.0 / math.expm1(-dt / lag))
+            command = state.drive[j] + ratio * (demanded - state.drive[j])
         change = config.limits.effort_rate[j] * dt
         if change > 0.0 and state.conditions[Condition.UNLIMITED] == 0:
             command = min(max(command, state.commanded[j] - change), state.commanded[j] + change)
@@ -153,14 +179,16 @@ def _begin_at_rest(state: ControllerState) -> None:
     for j in range(state.drive.size):
         effort = state.sent[j]
         state.drive[j] = state.delivered[j] = effort
+        for i in range(state.bank_drives.shape[0]):
+            state.bank_drives[i, j] = state.bank_efforts[newest, i, j] = effort
         state.late[newest, Late.EFFORT, j] = effort
         state.late[newest, Late.ADDED, j] = state.added[j]
         state.late[newest, Late.ACCELERATION, j] = 0.0
 
 
-def refusal_of_freedrive(config: ControllerConfig) -> str:
+def refusal_of_freedrive(config: ControllerConfig, state: ControllerState) -> str:
     """Why the drives are too late for freedrive; empty if they are not."""
-    late = config.drive.remaining
+    late = remaining(config, state)
     if late <= LATEST_FOR_FREEDRIVE:
         return ""
     return (
@@ -175,6 +203,7 @@ def begin_lateness(state: ControllerState) -> None:
     state.late_held[:] = 0.0
     state.late_held[newest] = _LONG
     state.drive[:] = state.delivered[:] = state.commanded[:] = state.sent
+    state.bank_drives[:] = state.bank_efforts[newest] = state.sent
     state.late[newest, Late.EFFORT] = state.sent
     state.late[newest, Late.ADDED] = state.added
     state.late[newest, Late.ACCELERATION] = state.signals[Signal.ACCELERATION] - state.estimator[:, DISTURBANCE]

@@ -253,6 +253,13 @@ DRIVE = (
         per_joint=True,
     ),
 )
+LEARNT_LATENESS = Parameter(
+    "adaptation.lateness",
+    "none",
+    "find how late the drives are beyond drive.* while the arm moves. learn: make up for what is likely; warn: only "
+    "report it. Needs estimator.name: extended_state_observer",
+    choices=("none", "warn", "learn"),
+)
 _TOUCH = 0.25
 """Share of the effort limit of a joint that only contact exerts, not a payload or an error of the model."""
 FRICTION = (
@@ -321,7 +328,7 @@ def _check_observer(settings: Mapping[str, object], estimator: Estimator) -> Non
     """Check that the estimator finds the disturbance that other parameters use."""
     uses = {
         REJECTION: settings.get(REJECTION.name) is True,
-        LEARNT_FRICTION: settings.get(LEARNT_FRICTION.name, "none") != "none",
+        **{p: settings.get(p.name, "none") != "none" for p in (LEARNT_FRICTION, LEARNT_LATENESS)},
         **{p: np.any(np.asarray(settings.get(p.name, 0.0), object) != 0.0) for p in DRIVE[:2]},
     }
     for parameter, used in uses.items():
@@ -346,7 +353,7 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     return (
         LAW_NAME,
         *prefixed("law", law.parameters(settings)),
-        *((REJECTION, LEARNT_FRICTION, *DRIVE) if law.uses_model else ()),
+        *((REJECTION, LEARNT_FRICTION, LEARNT_LATENESS, *DRIVE) if law.uses_model else ()),
         ESTIMATOR_NAME,
         *prefixed("estimator", estimator.parameters),
         *robot_schema(settings, robot),

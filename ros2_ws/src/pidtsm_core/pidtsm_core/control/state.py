@@ -159,6 +159,27 @@ class Moved(IntEnum):
     ACCELERATION = 2  # rad/s^2
 
 
+class Lateness(IntEnum):
+    """What is known of the lateness of the drives beyond ``drive``, s; see lateness_learning.py."""
+
+    DELAY = 0  # used
+    LAG = 1  # likewise
+    FOUND_DELAY = 2
+    FOUND_LAG = 3
+    DEVIATION = 4  # standard deviation of the sum that was found
+    LATE = 5  # 1: the drives are later than ``drive`` says, or were
+
+
+BANK_DELAYS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07)
+BANK_LAGS = (0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08)
+"""s, of the hypotheses about the drives."""
+_LATEST = 0.09
+HYPOTHESES = tuple(
+    (d, t) for t, lag in enumerate(BANK_LAGS) for d, delay in enumerate(BANK_DELAYS) if delay + lag <= _LATEST + 1e-9
+)
+"""Place of the delay and of the lag of each hypothesis; the first is that nothing is late."""
+NUISANCES = 5
+"""Number of coefficients that explain what is not lateness."""
 LATE = 256
 """Number of commands that may be under way."""
 FITTED = 6
@@ -218,8 +239,23 @@ class ControllerState(NamedTuple):
     late_held: Array  # for how long each of them was held, shape (LATE,), s
     late_newest: NDArray[np.int64]  # which of them is the newest, shape (1,)
     delivered: Array  # effort that acted before the sample, by the model of the drives, shape (joints,), N m
+    damped: Array  # what viscous friction beyond its compensation adds to it, by the parameters, likewise
     moved: Array  # motion when the command acts, see `Moved`, shape (len(Moved), joints)
     ahead: Array  # desired motion then, shape (3, joints)
+    lateness: Array  # what is known of it, see `Lateness`
+    bank_drives: Array  # what the drives deliver with each lag, shape (len(BANK_LAGS), joints), N m
+    bank_efforts: Array  # the same for every command of `late`, shape (LATE, len(BANK_LAGS), joints)
+    bank_rows: NDArray[np.int64]  # of `bank_efforts`, for each delay, shape (len(BANK_DELAYS),)
+    bank_velocity: Array  # measured and filtered, shape (joints,), rad/s
+    bank_known: Array  # filtered regressors, see lateness_learning.py, shape (joints, 6, NUISANCES)
+    bank_filters: Array  # filtered efforts that are left by each hypothesis, shape (joints, 6, len(HYPOTHESES))
+    bank_normal: Array  # normal equations, shape (joints, NUISANCES, NUISANCES)
+    bank_mixed: Array  # their right sides, shape (joints, NUISANCES, len(HYPOTHESES))
+    bank_squares: Array  # integrals of the squares, shape (joints, len(HYPOTHESES))
+    bank_evidence: Array  # for how long each joint was observed, shape (joints,), s
+    bank_left: Array  # logarithm of what is left unexplained, shape (joints, len(HYPOTHESES))
+    bank_solved: Array  # scratch, shape (NUISANCES, len(HYPOTHESES))
+    bank_factor: Array  # scratch, shape (NUISANCES, NUISANCES)
     rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of a simulation, shape (joints,), N m
@@ -297,8 +333,23 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         late_held=np.zeros(LATE),
         late_newest=np.zeros(1, np.int64),
         delivered=np.zeros(joints),
+        damped=np.zeros(joints),
         moved=np.zeros((len(Moved), joints)),
         ahead=np.zeros((3, joints)),
+        lateness=np.zeros(len(Lateness)),
+        bank_drives=np.zeros((len(BANK_LAGS), joints)),
+        bank_efforts=np.zeros((LATE, len(BANK_LAGS), joints)),
+        bank_rows=np.zeros(len(BANK_DELAYS), np.int64),
+        bank_velocity=np.zeros(joints),
+        bank_known=np.zeros((joints, 6, NUISANCES)),
+        bank_filters=np.zeros((joints, 6, len(HYPOTHESES))),
+        bank_normal=np.zeros((joints, NUISANCES, NUISANCES)),
+        bank_mixed=np.zeros((joints, NUISANCES, len(HYPOTHESES))),
+        bank_squares=np.zeros((joints, len(HYPOTHESES))),
+        bank_evidence=np.zeros(joints),
+        bank_left=np.zeros((joints, len(HYPOTHESES))),
+        bank_solved=np.zeros((NUISANCES, len(HYPOTHESES))),
+        bank_factor=np.zeros((NUISANCES, NUISANCES)),
         rejected=np.zeros(joints),
         truth=np.zeros((2, joints)),
         torque=np.zeros(joints),

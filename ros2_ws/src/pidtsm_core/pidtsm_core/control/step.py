@@ -9,7 +9,7 @@ from pidtsm_core.control.effort import carry, limit_rate, rate_delay, write_comm
 from pidtsm_core.control.freedrive import hand_over, make_free
 from pidtsm_core.control.handover import begin_handover, fade_handover
 from pidtsm_core.control.history import note
-from pidtsm_core.control.lateness import LATEST_FOR_FREEDRIVE
+from pidtsm_core.control.lateness import LATEST_FOR_FREEDRIVE, remaining
 from pidtsm_core.control.modes import hold_elsewhere, hold_unseen, request, reset_fault, stop
 from pidtsm_core.control.plausibility import doubt
 from pidtsm_core.control.safe import leave, make_safe, make_safe_blindly
@@ -211,7 +211,7 @@ def _rehearse(config: ControllerConfig, state: ControllerState, stamp: int, refe
 def _rehearse_requests(config: ControllerConfig, state: ControllerState, age: int) -> None:
     """Make the requests whose time has come since the last joint state; `age` is that of the controller, ns."""
     last = max(state.times[Time.LAST] + 1 - state.times[Time.BEGAN], 0)  # Time 0 means never.
-    if last < config.rehearsal.freedrive <= age and state.status[Status.FAULT] == 0 and _can_be_free(config):
+    if last < config.rehearsal.freedrive <= age and state.status[Status.FAULT] == 0 and _can_be_free(config, state):
         request(state, Request.FREE)
     if last < config.rehearsal.hold <= age:
         request(state, Request.HOLD)
@@ -220,9 +220,9 @@ def _rehearse_requests(config: ControllerConfig, state: ControllerState, age: in
 
 
 @inlined
-def _can_be_free(config: ControllerConfig) -> bool:
+def _can_be_free(config: ControllerConfig, state: ControllerState) -> bool:
     """Whether the controller could let a person move the arm, see `Controller.request`."""
-    return config.uses_model and config.drive.remaining <= LATEST_FOR_FREEDRIVE
+    return config.uses_model and remaining(config, state) <= LATEST_FOR_FREEDRIVE
 
 
 @part

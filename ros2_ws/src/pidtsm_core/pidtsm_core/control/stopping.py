@@ -12,6 +12,7 @@ from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.desired import come_to_rest, learnt_acceleration
 from pidtsm_core.control.effort import add_offset, carry, time_of_change
 from pidtsm_core.control.history import RECENT, noted_acceleration, noted_effort, noted_motion
+from pidtsm_core.control.lateness import remaining
 from pidtsm_core.control.state import (
     HISTORY,
     Condition,
@@ -158,8 +159,9 @@ def _choose_bandwidth(config: ControllerConfig, state: ControllerState) -> None:
     bandwidth, slowest = config.stop.bandwidth, time_of_change(state)
     if slowest > 0.0:
         bandwidth = min(bandwidth, _OF_CHANGE / slowest)
-    if config.drive.remaining > 0.0:
-        bandwidth = min(bandwidth, _OF_LATENESS / config.drive.remaining)
+    late = remaining(config, state)
+    if late > 0.0:
+        bandwidth = min(bandwidth, _OF_LATENESS / late)
     for j in range(state.measured.size):
         stiffness = _SHARE_OF_LIMIT * config.limits.effort[j] / _AWAY
         if state.inertia[j, j] > 0.0:

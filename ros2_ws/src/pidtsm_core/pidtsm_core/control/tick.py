@@ -7,6 +7,7 @@ from pidtsm_core.control.contact import in_contact, sense_contact
 from pidtsm_core.control.effort import feed_offset, friction, held_back, limit_effort, write_net_effort
 from pidtsm_core.control.friction_learning import learn_friction
 from pidtsm_core.control.lateness import deliver, predict
+from pidtsm_core.control.lateness_learning import learn_lateness
 from pidtsm_core.control.state import Condition, ControllerState, Friction, Handover, Time, part
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
@@ -150,6 +151,8 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
         deliver(config, state, dt)
     sample = Sample(state.measured, state.truth, dt, state.net, config.model)
     estimate(config.estimator.address, sample, config.estimator.parameters, state.estimator, motion)
+    if config.adaptation.learns_lateness and dt > 0.0:
+        learn_lateness(config, state, dt)
     if config.drive.late:
         predict(config, state)
         motion, desired = state.moved, state.ahead

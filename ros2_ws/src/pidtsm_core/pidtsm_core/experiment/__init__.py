@@ -36,6 +36,8 @@ PRACTICAL = "practical"
 """Name of the parameter set for real sensors and drives."""
 ADAPTIVE = "adaptive"
 """Name of the set that is `PRACTICAL` and finds out about the arm while it moves."""
+ADAPTS = {"adaptation.friction": "learn", "adaptation.lateness": "learn"}
+"""What `ADAPTIVE` switches on."""
 TUNED = "tuned_"
 """Prefix of the names of tuned parameter sets; a class of hardware follows."""
 _SCENARIOS, _PARAMETERS = (Path(__file__).with_name(folder) for folder in ("scenarios", "params"))
@@ -153,7 +155,7 @@ def _parameter_set(name: str, law: str | None, settings: Settings, hardware: str
     """
     if name in (PRACTICAL, ADAPTIVE):
         gains = practical_settings(law, settings, hardware)["controller"]
-        adapts = {"adaptation.friction": "learn"} if name == ADAPTIVE else {}
+        adapts = dict(ADAPTS) if name == ADAPTIVE else {}
         return {"controller": {**gains, **adapts}}, Path(name)
     if name.startswith(TUNED):
         source = tuned_parameters(name, law, settings)

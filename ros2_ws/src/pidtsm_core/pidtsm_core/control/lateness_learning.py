@@ -1,0 +1,275 @@
+"""How late the drives are, found while the arm moves.
+
+A bank of hypotheses, each a delay and a lag beyond ``drive.delay`` and ``drive.lag``, is judged by what the observer
+finds. With its disturbance d, an acceleration, the model lacks the effort -H d (see friction_learning.py). If the
+drives deliver x_h by hypothesis h, and the observer was given x, then
+
+    -H d + x_h - x
+
+is what friction and errors of the model leave, and nothing else. Per joint, a least-squares fit with exponential
+forgetting explains it by Coulomb friction (hard and soft), viscous friction, an inertia and a constant; the hypothesis
+is as likely as it leaves little. Everything passes the three poles of the observer, as d has, and two high passes:
+lateness shows where the effort changes quickly, errors of the model mostly where it changes slowly. In a quiet motion,
+hypotheses of the same sum of delay and lag are alike; ringing, which is what lateness does, tells them apart.
+
+The log likelihood of h is -n/2 times the logarithm of the mean square that is left, summed over the joints; n is the
+number of correlation times observed. The drives are taken to be late once the best hypothesis leaves a third less than
+that nothing is late, and is e^5 times as likely besides. Then the controller uses the mean over all hypotheses,
+weighted by their probability, except for what every arm bears, and takes it in slowly. Before it can know anything, it
+assumes a short delay, which harms no arm that is not late and leaves a late one the time to be recognised. So what is
+used is bounded by the largest hypothesis. While the arm does not follow, or touches something, nothing is learnt and
+nothing forgotten. Limited efforts are no reason to stop: what was sent is known.
+
+Multiple-model estimation: Magill, "Optimal adaptive estimation of sampled stochastic processes", IEEE Transactions on
+Automatic Control 10(4), 1965. The likelihood with an unknown noise: Zellner, "An Introduction to Bayesian Inference in
+Econometrics", 1971, chapter 3.
+"""
+
+import math
+from enum import IntEnum
+
+import numpy as np
+
+from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.contact import in_contact
+from pidtsm_core.control.effort import REVERSAL
+from pidtsm_core.control.friction_learning import SOFTER, write_lacking
+from pidtsm_core.control.state import (
+    BANK_DELAYS,
+    BANK_LAGS,
+    HYPOTHESES,
+    NUISANCES,
+    ControllerState,
+    Count,
+    Lateness,
+    part,
+)
+from pidtsm_core.signals import Mode, Signal, Status
+
+_MEMORY = 10.0
+"""s in which evidence fades to a third, while the joint moves."""
+_FAST = 12.0
+"""rad/s; slower changes are not lateness."""
+_CORRELATED = 0.1
+"""s in which what is left unexplained does not change."""
+_PRIOR = 5.0
+"""Logarithm of how much more likely it is beforehand that the drives are as late as is assumed now."""
+_MISTAKEN = 0.4
+"""Logarithm of how much more a hypothesis may explain because the model is wrong elsewhere: a third of what is left."""
+_TAKEN_IN = 0.1
+"""s; time constant of the lateness that is used."""
+_UNKNOWN = 0.5
+"""s of observation before which nothing is known."""
+_ASSUMED = 0.012
+"""s; the delay that is assumed then."""
+_BORNE, _LARGEST_SHARE = 0.01, 0.5
+"""s, and at most a share of what was found: what is left as it is. Every arm bears that, and friction at a reversal,
+which is not predicted, disturbs the less the shorter the prediction."""
+_SETTLED = 0.99
+"""Output of a filter for an input of 1; before, the observer has not found the motion of the arm either."""
+_COARSE, _RELATIVE = 0.006, 0.2
+"""s, and a share: deviation of the lateness, because the hypotheses are that far apart, and none is a real drive."""
+_POLES, _HIGH = 3, 2
+_LEAST = 1e-12
+"""Square of the share of the effort limit that is always left unexplained."""
+_DELAYS, _LAGS = np.array(BANK_DELAYS), np.array(BANK_LAGS)
+_DELAY_OF, _LAG_OF = (np.array(each) for each in zip(*HYPOTHESES, strict=True))
+
+
+class Nuisance(IntEnum):
+    """What the fit explains apart from lateness; its coefficients are in shares of the effort limit per unit."""
+
+    HARD = 0  # tanh(q' / v0)
+    SOFT = 1  # tanh(q' / (10 v0))
+    VELOCITY = 2  # rad/s
+    ACCELERATION = 3  # rad/s^2
+    CONSTANT = 4
+
+
+@part
+def learn_lateness(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Update what is known of the lateness after dt (s), from the estimates of this sample, and what is used of it.
+
+    The result is in ``state.lateness``, see `Lateness`.
+    """
+    _note_efforts(config, state, dt)
+    write_lacking(config, state)
+    follows = state.status[Status.MODE] == Mode.FOLLOWING and state.status[Status.FAULT] == 0
+    learns = follows and not in_contact(config, state)
+    for j in range(state.net.size):
+        lacking = state.scratch[0, j]
+        if not math.isfinite(lacking + state.signals[Signal.VELOCITY, j] + state.measured[j]):
+            continue
+        _filter(config, state, j, lacking, dt)
+        settled = state.bank_known[j, _POLES - 1, Nuisance.CONSTANT] > _SETTLED
+        if learns and settled:
+            _weigh(state, j, dt)
+    _fit(state, state.counts[Count.ANSWERED] % state.net.size)
+    _judge(state)
+    _take_in(config, state, dt)
+
+
+@inlined
+def _take_in(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Let what is used follow what was found over dt (s); as long as nothing can be known, it is what does no harm."""
+    delay, lag, observed = 0.0, 0.0, _UNKNOWN
+    for j in range(state.net.size):
+        observed = min(observed, state.bank_evidence[j])
+    if config.adaptation.uses_lateness and state.lateness[Lateness.LATE] > 0.0:
+        delay, lag = state.lateness[Lateness.FOUND_DELAY], state.lateness[Lateness.FOUND_LAG]
+        share = 1.0 - min(_BORNE / max(delay + lag, _BORNE), _LARGEST_SHARE)
+        delay, lag = share * delay, share * lag
+    elif config.adaptation.uses_lateness and observed < _UNKNOWN:
+        delay = _ASSUMED
+    pace = -math.expm1(-dt / _TAKEN_IN)
+    state.lateness[Lateness.DELAY] += pace * (delay - state.lateness[Lateness.DELAY])
+    state.lateness[Lateness.LAG] += pace * (lag - state.lateness[Lateness.LAG])
+
+
+def forget_lateness(state: ControllerState) -> None:
+    """Begin anew: what was found was beyond other parameters."""
+    for array in (state.lateness, state.bank_normal, state.bank_mixed, state.bank_squares, state.bank_left):
+        array[:] = 0.0
+
+
+@inlined
+def _note_efforts(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Note what the drives deliver for the last command with each lag, and find the rows of each delay."""
+    newest = int(state.late_newest[0])
+    for i in range(_LAGS.size):
+        for j in range(state.net.size):
+            sent, lag = state.commanded[j], config.drive.lag[j] + _LAGS[i]
+            behind = state.bank_drives[i, j] - sent
+            mean = sent
+            if lag > 0.0:
+                mean += behind * -math.expm1(-dt / lag) * lag / dt
+                state.bank_drives[i, j] = sent + behind * math.exp(-dt / lag)
+            state.bank_efforts[newest, i, j] = mean
+    age, back = 0.0, 0
+    for i in range(_DELAYS.size):
+        acts = config.drive.delay + _DELAYS[i]
+        row = (newest - back) % state.late_held.size
+        while age + state.late_held[row] <= acts and back < state.late_held.size - 1:
+            age += state.late_held[row]
+            back += 1
+            row = (newest - back) % state.late_held.size
+        state.bank_rows[i] = row
+
+
+@inlined
+def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: float, dt: float) -> None:
+    """Filter the inputs of joint j like the observer, add what is `lacking` (N m), and remove what is slow."""
+    known, left = state.bank_known[j], state.bank_filters[j]
+    bandwidth, limit = config.adaptation.bandwidth[j], config.limits.effort[j]
+    gone, slow = -math.expm1(-bandwidth * dt), -math.expm1(-_FAST * dt)
+    behind = state.measured[j] - state.signals[Signal.POSITION, j]
+    velocity = state.signals[Signal.VELOCITY, j] + 3.0 * bandwidth * behind
+    state.bank_velocity[j] += gone * (velocity - state.bank_velocity[j])
+    velocity = state.bank_velocity[j]
+    for k in range(NUISANCES):
+        value = 1.0
+        if k == Nuisance.HARD:
+            value = math.tanh(velocity / REVERSAL)
+        elif k == Nuisance.SOFT:
+            value = math.tanh(velocity / (SOFTER * REVERSAL))
+        elif k == Nuisance.VELOCITY:
+            value = velocity
+        elif k == Nuisance.ACCELERATION:
+            value = state.signals[Signal.ACCELERATION, j]
+        for pole in range(_POLES):
+            known[pole, k] += gone * (value - known[pole, k])
+            value = known[pole, k]
+        for pole in range(_POLES, _POLES + _HIGH):
+            known[pole, k] += slow * (value - known[pole, k])
+            value -= known[pole, k]
+        known[_POLES + _HIGH, k] = value
+    given = state.applied[j] if config.feeds_back else state.delivered[j]
+    for h in range(_DELAY_OF.size):
+        value = state.bank_efforts[state.bank_rows[_DELAY_OF[h]], _LAG_OF[h], j] - given
+        left[0, h] += gone * (value - left[0, h])
+        left[1, h] += gone * (left[0, h] - left[1, h])
+        left[2, h] += gone * (left[1, h] - left[2, h])
+        value = (left[2, h] + lacking) / limit
+        left[3, h] += slow * (value - left[3, h])
+        value -= left[3, h]
+        left[4, h] += slow * (value - left[4, h])
+        left[5, h] = value - left[4, h]
+
+
+@inlined
+def _weigh(state: ControllerState, j: int, dt: float) -> None:
+    """Add dt (s) of evidence to the normal equations of joint j, and forget a little of what was before."""
+    known, left = state.bank_known[j, _POLES + _HIGH], state.bank_filters[j, _POLES + _HIGH]
+    normal, mixed, squares = state.bank_normal[j], state.bank_mixed[j], state.bank_squares[j]
+    kept = math.exp(-dt / _MEMORY)
+    for a in range(NUISANCES):
+        for b in range(a + 1):
+            normal[a, b] = kept * normal[a, b] + dt * known[a] * known[b]
+        share = dt * known[a]
+        for h in range(left.size):
+            mixed[a, h] = kept * mixed[a, h] + share * left[h]
+    for h in range(left.size):
+        squares[h] = kept * squares[h] + dt * left[h] * left[h]
+    state.bank_evidence[j] = kept * state.bank_evidence[j] + dt
+
+
+@inlined
+def _fit(state: ControllerState, j: int) -> None:
+    """Write the logarithm of what each hypothesis leaves unexplained of joint j, by Cholesky's decomposition."""
+    normal, mixed, solved, factor = state.bank_normal[j], state.bank_mixed[j], state.bank_solved, state.bank_factor
+    evidence = state.bank_evidence[j]
+    if evidence == 0.0:
+        return
+    trace = 0.0
+    for a in range(NUISANCES):
+        trace += normal[a, a]
+    least = 1e-6 * trace + _LEAST
+    left = state.bank_left[j]
+    for h in range(left.size):
+        left[h] = state.bank_squares[j, h]
+    for a in range(NUISANCES):
+        for b in range(a + 1):
+            rest = normal[a, b]
+            for c in range(b):
+                rest -= factor[a, c] * factor[b, c]
+            factor[a, b] = math.sqrt(max(rest + least, least)) if a == b else rest / factor[b, b]
+        for h in range(left.size):
+            solved[a, h] = mixed[a, h]
+        for b in range(a):
+            for h in range(left.size):
+                solved[a, h] -= factor[a, b] * solved[b, h]
+        for h in range(left.size):
+            solved[a, h] /= factor[a, a]
+            left[h] -= solved[a, h] * solved[a, h]
+    for h in range(left.size):
+        left[h] = math.log(max(left[h], 0.0) + _LEAST * evidence)
+
+
+@inlined
+def _judge(state: ControllerState) -> None:
+    """Decide whether the drives are late; write mean and deviation of the lateness, weighted by the probabilities."""
+    likely, left, best, margin = state.bank_solved[0], state.bank_left, 0, _PRIOR
+    for h in range(likely.size):
+        likely[h] = 0.0
+        for j in range(state.net.size):
+            likely[h] -= 0.5 * state.bank_evidence[j] / _CORRELATED * left[j, h]
+        if likely[h] > likely[best]:
+            best = h
+    for j in range(state.net.size):
+        margin += 0.5 * state.bank_evidence[j] / _CORRELATED * _MISTAKEN
+    if likely[best] - likely[0] > margin:
+        state.lateness[Lateness.LATE] = 1.0
+    weight = delay = lag = squares = 0.0
+    for h in range(likely.size):
+        probability = math.exp(likely[h] - likely[best])
+        d, t = _DELAYS[_DELAY_OF[h]], _LAGS[_LAG_OF[h]]
+        weight += probability
+        delay += probability * d
+        lag += probability * t
+        squares += probability * (d + t) * (d + t)
+    delay, lag = delay / weight, lag / weight
+    state.lateness[Lateness.FOUND_DELAY], state.lateness[Lateness.FOUND_LAG] = delay, lag
+    total = delay + lag
+    variance = max(squares / weight - total * total, 0.0) + _COARSE * _COARSE + _RELATIVE * total * _RELATIVE * total
+    state.lateness[Lateness.DEVIATION] = math.sqrt(variance)
