@@ -44,7 +44,7 @@ class AdaptationWatch:
         return found
 
     def news(self) -> list[str]:
-        """A line for each joint whose certain friction, and one if the lateness, has changed much since the last line."""
+        """A line for each joint whose certain friction has changed much since its last line; likewise for lateness."""
         adapts = self._controller.config.adaptation
         lines = self._friction_news() if adapts.learns_friction else []
         return lines + (self._lateness_news() if adapts.learns_lateness else [])
