@@ -8,7 +8,7 @@ follows its command like a first-order lag T (``drive.lag``). Three things make 
 * *Prediction.* At D after the stamp, the arm will be at q + D q' + D^2 d / 2 plus what the efforts that are under way
   do to it: their accelerations, by the model, and the observer's disturbance d are integrated twice. The model includes
   the viscous friction beyond what compensates it at the desired velocity: over the delay, it damps a light joint much.
-  The law sees this motion, and the reference at that time.
+  If the disturbance is rejected, so is this part of it. The law sees this motion, and the reference at that time.
 * *Inversion.* The command is x + r (u - x), where u is what the law demands. The drives then follow u with the time
   constant T / r. The ratio r is ``drive.inversion``: it is also how much quick changes, and noise, are amplified.
 
@@ -141,6 +141,9 @@ def predict(config: ControllerConfig, state: ControllerState) -> None:
             moved[Moved.POSITION, j] += 0.5 * (age * age - begin * begin) * acceleration
             moved[Moved.VELOCITY, j] += (age - begin) * acceleration
     extrapolate(state.desired, delay, state.ahead)
+    for j in range(moved.shape[1]):
+        damping = _damping(config, state, j, moved[Moved.VELOCITY, j], state.ahead[1, j])
+        state.undamped[j] = -damping if config.rejects else 0.0
 
 
 @part

@@ -59,13 +59,13 @@ _MISTAKEN = 0.4
 """Logarithm of how much more a hypothesis may explain because the model is wrong elsewhere: a third of what is left."""
 _TAKEN_IN = 0.1
 """s; time constant of the lateness that is used."""
-_UNKNOWN = 0.5
-"""s of observation before which nothing is known."""
+_UNKNOWN = 0.7
+"""s of motion before which nothing is known."""
 _ASSUMED = 0.012
 """s; the delay that is assumed then."""
-_BORNE, _LARGEST_SHARE = 0.01, 0.5
-"""s, and at most a share of what was found: what is left as it is. Every arm bears that, and friction at a reversal,
-which is not predicted, disturbs the less the shorter the prediction."""
+_BORNE = 0.6
+"""Lateness that is left as it is, relative to the inverse of the fastest bandwidth of the observer: the arm bears that,
+and friction at a reversal, which is not predicted, disturbs the less the shorter the prediction."""
 _SETTLED = 0.99
 """Output of a filter for an input of 1; before, the observer has not found the motion of the arm either."""
 _COARSE, _RELATIVE = 0.006, 0.2
@@ -97,6 +97,7 @@ def learn_lateness(config: ControllerConfig, state: ControllerState, dt: float) 
     write_lacking(config, state)
     follows = state.status[Status.MODE] == Mode.FOLLOWING and state.status[Status.FAULT] == 0
     learns = follows and not in_contact(config, state)
+    state.lateness[Lateness.OBSERVED] += dt if follows else 0.0
     for j in range(state.net.size):
         lacking = state.scratch[0, j]
         if not math.isfinite(lacking + state.signals[Signal.VELOCITY, j] + state.measured[j]):
@@ -113,14 +114,15 @@ def learn_lateness(config: ControllerConfig, state: ControllerState, dt: float) 
 @inlined
 def _take_in(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Let what is used follow what was found over dt (s); as long as nothing can be known, it is what does no harm."""
-    delay, lag, observed = 0.0, 0.0, _UNKNOWN
+    delay, lag, fastest = 0.0, 0.0, config.adaptation.bandwidth[0]
     for j in range(state.net.size):
-        observed = min(observed, state.bank_evidence[j])
+        fastest = max(fastest, config.adaptation.bandwidth[j])
     if config.adaptation.uses_lateness and state.lateness[Lateness.LATE] > 0.0:
         delay, lag = state.lateness[Lateness.FOUND_DELAY], state.lateness[Lateness.FOUND_LAG]
-        share = 1.0 - min(_BORNE / max(delay + lag, _BORNE), _LARGEST_SHARE)
+        borne = _BORNE / fastest
+        share = 1.0 - borne / max(delay + lag, borne)
         delay, lag = share * delay, share * lag
-    elif config.adaptation.uses_lateness and observed < _UNKNOWN:
+    elif config.adaptation.uses_lateness and state.lateness[Lateness.OBSERVED] < _UNKNOWN:
         delay = _ASSUMED
     pace = -math.expm1(-dt / _TAKEN_IN)
     state.lateness[Lateness.DELAY] += pace * (delay - state.lateness[Lateness.DELAY])

@@ -168,6 +168,7 @@ class Lateness(IntEnum):
     FOUND_LAG = 3
     DEVIATION = 4  # standard deviation of the sum that was found
     LATE = 5  # 1: the drives are later than ``drive`` says, or were
+    OBSERVED = 6  # for how long the arm has followed its reference so far
 
 
 BANK_DELAYS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07)
@@ -240,6 +241,7 @@ class ControllerState(NamedTuple):
     late_newest: NDArray[np.int64]  # which of them is the newest, shape (1,)
     delivered: Array  # effort that acted before the sample, by the model of the drives, shape (joints,), N m
     damped: Array  # what viscous friction beyond its compensation adds to it, by the parameters, likewise
+    undamped: Array  # effort that makes up for it when the command acts, likewise
     moved: Array  # motion when the command acts, see `Moved`, shape (len(Moved), joints)
     ahead: Array  # desired motion then, shape (3, joints)
     lateness: Array  # what is known of it, see `Lateness`
@@ -334,6 +336,7 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         late_newest=np.zeros(1, np.int64),
         delivered=np.zeros(joints),
         damped=np.zeros(joints),
+        undamped=np.zeros(joints),
         moved=np.zeros((len(Moved), joints)),
         ahead=np.zeros((3, joints)),
         lateness=np.zeros(len(Lateness)),

@@ -115,6 +115,8 @@ def _actuate(config: ControllerConfig, state: ControllerState, dt: float, senses
         inverse_dynamics(config.model, state.moved[0], state.moved[1], motion[:2], efforts[:2])
     for j in range(y.shape[1]):
         added = state.added[j]
+        if config.drive.late:
+            added += state.undamped[j]
         if config.uses_model:
             y[Signal.ACCELERATION_COMMAND, j] = motion[1, j]
         else:

@@ -37,7 +37,8 @@ PRACTICAL = "practical"
 ADAPTIVE = "adaptive"
 """Name of the set that is `PRACTICAL` and finds out about the arm while it moves."""
 ADAPTS = {"adaptation.friction": "learn", "adaptation.lateness": "learn"}
-"""What `ADAPTIVE` switches on."""
+ADAPTS_ON_HARDWARE = {"adaptation.lateness": "learn"}
+"""What `ADAPTIVE` switches on, and what with a class of hardware, whose friction the rule compensates already."""
 TUNED = "tuned_"
 """Prefix of the names of tuned parameter sets; a class of hardware follows."""
 _SCENARIOS, _PARAMETERS = (Path(__file__).with_name(folder) for folder in ("scenarios", "params"))
@@ -155,7 +156,8 @@ def _parameter_set(name: str, law: str | None, settings: Settings, hardware: str
     """
     if name in (PRACTICAL, ADAPTIVE):
         gains = practical_settings(law, settings, hardware)["controller"]
-        adapts = dict(ADAPTS) if name == ADAPTIVE else {}
+        adapts = ADAPTS_ON_HARDWARE if hardware else ADAPTS
+        adapts = adapts if name == ADAPTIVE else {}
         return {"controller": {**gains, **adapts}}, Path(name)
     if name.startswith(TUNED):
         source = tuned_parameters(name, law, settings)
