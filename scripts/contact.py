@@ -14,7 +14,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from pidtsm_core.experiment import PRACTICAL, Experiment, make_experiment
+from pidtsm_core.experiment import ADAPTIVE, PRACTICAL, Experiment, make_experiment
 from pidtsm_core.recording import Recording
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Status
@@ -42,6 +42,7 @@ LAWS = ("piddtsm", "pidnftsm", "dtsm", "pid", "computed_torque", "super_twisting
 CONTENDERS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     **{law: (law, ()) for law in LAWS},
     "piddtsm, practical": ("piddtsm", (PRACTICAL,)),
+    "piddtsm, adaptive": ("piddtsm", (ADAPTIVE,)),
 }
 """By name: law and parameter sets."""
 LIMITS: Mapping[str, Mapping[str, Any]] = {
@@ -55,7 +56,7 @@ CARELESS = {"limits.external_effort": 0.0}
 _HEAD = f"""# Contact
 
 `scripts/contact.py` generates this page, from rollouts of the Panda on [MuJoCo](engines.md) with perfect sensors. The
-laws have their default gains, which are those of the two-link arm; *practical* has those of `--params practical`.
+laws have their default gains, which are those of the two-link arm; *practical* and *adaptive* have those of `--params`.
 
 ## Into a wall
 

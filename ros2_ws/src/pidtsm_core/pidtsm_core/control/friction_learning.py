@@ -49,8 +49,8 @@ _CORRELATED = 0.4
 """s in which what is left unexplained does not change."""
 _CAUTION = 1.0
 """Standard deviations that are not compensated."""
-_TAKEN_IN = 0.1
-"""s; time constant of the compensated friction."""
+_TAKEN_IN = 0.7
+"""s; time constant of the compensated friction: a push that is shorter must not pass for friction."""
 SOFTER = 10.0
 """How much faster a joint must move until its soft friction is there."""
 _LARGEST = 0.35
