@@ -49,8 +49,9 @@ _CORRELATED = 0.4
 """s in which what is left unexplained does not change."""
 _CAUTION = 1.0
 """Standard deviations that are not compensated."""
-_TAKEN_IN = 0.7
-"""s; time constant of the compensated friction: a push that is shorter must not pass for friction."""
+_TAKEN_IN, _TAKEN_BACK = 0.7, 0.1
+"""s; time constants of the compensated friction while it grows, and while it shrinks: a short push must not pass for
+friction, but what is too much does harm."""
 SOFTER = 10.0
 """How much faster a joint must move until its soft friction is there."""
 _LARGEST = 0.35
@@ -74,7 +75,7 @@ class Regressor(IntEnum):
 
 
 _PRIOR = (2e-3, 2e-3, 2e-2, 2e-4, 2e-3, 2e-3)
-"""Evidence (s) for coefficients of 0, so that there is always a solution."""
+"""Evidence (s) for the promised friction, and for no other effort, so that there is always a solution."""
 _INPUTS = len(Regressor) + 1
 """Filtered together: the regressors, and the compensated effort (afterwards: what the model lacks)."""
 _POLES = 3
@@ -98,7 +99,7 @@ def learn_friction(config: ControllerConfig, state: ControllerState, dt: float) 
         settled = state.friction_inputs[_POLES - 1, j * _INPUTS + Regressor.CONSTANT] > _SETTLED
         if learns and moves and settled and not held_back(config, state, j):
             _weigh(state, j, dt)
-            _fit(state, j)
+            _fit(state, j, config.compensation.coulomb[j])
             state.friction[Friction.COULOMB, j] -= config.compensation.coulomb[j]
         _take_in(config, state, j, dt)
 
@@ -176,8 +177,11 @@ def _weigh(state: ControllerState, j: int, dt: float) -> None:
 
 
 @inlined
-def _fit(state: ControllerState, j: int) -> None:
-    """Solve the normal equations of joint j by Cholesky's decomposition; write friction and its deviation."""
+def _fit(state: ControllerState, j: int, promised: float) -> None:
+    """Solve the normal equations of joint j by Cholesky's decomposition; write friction and its deviation.
+
+    As long as there is no evidence, the friction is the `promised` one, N m.
+    """
     known, solution, found, row = state.friction_evidence, state.friction_solution, state.friction, j * FITTED
     factor, right = solution[:FITTED], solution[FITTED:]
     for a in range(FITTED):
@@ -189,13 +193,15 @@ def _fit(state: ControllerState, j: int) -> None:
                 factor[a, a] = math.sqrt(max(rest + _PRIOR[a], _PRIOR[a]))
             else:
                 factor[a, b] = rest / factor[b, b]
-        right[0, a] = known[row + a, FITTED]
+        expected = promised if a == Regressor.HARD else 0.0
+        right[0, a] = known[row + a, FITTED] + _PRIOR[a] * expected
         right[1, a] = 1.0 if a <= Regressor.SOFT else 0.0
     unexplained = found[Friction.SQUARES, j]
     for k in range(2):
         _substitute(factor, right[k])
     for a in range(FITTED):
-        unexplained -= right[0, a] * (known[row + a, FITTED] + _PRIOR[a] * right[0, a])
+        expected = promised if a == Regressor.HARD else 0.0
+        unexplained -= right[0, a] * (known[row + a, FITTED] + _PRIOR[a] * (right[0, a] - expected))
     variance = 2.0 * _CORRELATED * max(unexplained, 0.0) / found[Friction.EVIDENCE, j]
     hard, soft = right[0, Regressor.HARD], right[0, Regressor.SOFT]
     found[Friction.COULOMB, j], found[Friction.SOFT, j] = hard + soft, soft
@@ -222,12 +228,14 @@ def _substitute(factor: Array, x: Array) -> None:
 def _take_in(config: ControllerConfig, state: ControllerState, j: int, dt: float) -> None:
     """Let the compensated friction of joint j follow what is certain, and write its effort for the desired velocity."""
     known, most = state.friction, _LARGEST * config.limits.effort[j]
-    pace = -math.expm1(-dt / _TAKEN_IN)
     found, used = known[Friction.COULOMB, j], 0.0
     if config.adaptation.compensates_friction:
         # What the parameters compensate may be too much, but friction is never negative.
         certain = max(abs(found) - _CAUTION * known[Friction.DEVIATION, j], 0.0)
         used = max(math.copysign(min(certain, most), found), -config.compensation.coulomb[j])
+    promised = config.compensation.coulomb[j]
+    grows = abs(promised + used) > abs(promised + known[Friction.USED, j])
+    pace = -math.expm1(-dt / (_TAKEN_IN if grows else _TAKEN_BACK))
     soft = min(max(known[Friction.SOFT, j] / found, 0.0), 1.0) if found != 0.0 else 0.0
     known[Friction.USED, j] += pace * (used - known[Friction.USED, j])
     known[Friction.SHARE, j] += pace * (soft - known[Friction.SHARE, j])

@@ -55,8 +55,8 @@ _CORRELATED = 0.1
 """s in which what is left unexplained does not change."""
 _PRIOR = 5.0
 """Logarithm of how much more likely it is beforehand that the drives are as late as is assumed now."""
-_MISTAKEN = 0.4
-"""Logarithm of how much more a hypothesis may explain because the model is wrong elsewhere: a third of what is left."""
+_MISTAKEN = 0.7
+"""Logarithm of how much more a hypothesis may explain because the model is wrong elsewhere: half of what is left."""
 _TAKEN_IN = 0.1
 """s; time constant of the lateness that is used."""
 _UNKNOWN = 0.7

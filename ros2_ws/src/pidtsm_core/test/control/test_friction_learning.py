@@ -124,7 +124,8 @@ def test_an_arm_without_friction_is_controlled_as_before(imperfection: dict[str,
     assert rough[1] < 1.05 * rough[0]
 
 
-def test_the_fit_is_that_of_scipy() -> None:
+@pytest.mark.parametrize("promised", [0.0, 3.0])
+def test_the_fit_is_that_of_scipy(promised: float) -> None:
     random, loop = np.random.default_rng(1), Loop("two_link", LEARNS, {})
     state, dt = loop.controller.state, 1e-3
     regressors: list[Array] = []
@@ -137,9 +138,12 @@ def test_the_fit_is_that_of_scipy() -> None:
         regressors = [row * np.sqrt(weight) for row in regressors] + [x[:fitted] * np.sqrt(dt)]
         lacking = [value * np.sqrt(weight) for value in lacking] + [x[fitted] * np.sqrt(dt)]
         learning._weigh(state, 0, dt)
-        learning._fit(state, 0)
+        learning._fit(state, 0, promised)
     prior = np.sqrt(learning._PRIOR)
-    a, b = np.vstack([regressors, np.diag(prior)]), np.concatenate([lacking, np.zeros(fitted)])
+    a, b = (
+        np.vstack([regressors, np.diag(prior)]),
+        np.concatenate([lacking, [prior[0] * promised], np.zeros(fitted - 1)]),
+    )
     solution = lstsq(a, b)[0]
     squares = ((np.array(regressors) @ solution - lacking) ** 2).sum()
     found = state.friction[[Friction.COULOMB, Friction.SOFT, Friction.VISCOUS], 0]
@@ -147,6 +151,13 @@ def test_the_fit_is_that_of_scipy() -> None:
     evidence = state.friction[Friction.EVIDENCE, 0]
     deviation = np.sqrt(0.8 * squares / evidence * np.linalg.inv(a.T @ a)[:2, :2].sum())
     np.testing.assert_allclose(state.friction[Friction.DEVIATION, 0], deviation, rtol=1e-6)
+
+
+@pytest.mark.parametrize("robot", ["z1", "xarm7"])
+def test_friction_that_is_as_described_is_left_alone_from_the_start(robot: str) -> None:
+    """Before the first reversal nothing tells what the description promises."""
+    run = rollout(params="practical", robot=robot, duration=6.0, simulator=REAL, controller=LEARNS)
+    assert np.abs(run.error[500:]).max() < 3e-3
 
 
 def test_switching_it_makes_no_step_of_the_torque() -> None:

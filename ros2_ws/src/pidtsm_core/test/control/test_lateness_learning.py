@@ -97,7 +97,7 @@ def test_unknown_lateness_is_found_and_made_up_for(robot: str, delay: float, lag
 def test_drives_that_are_not_late_are_left_alone(robot: str, unlike: dict[str, Any]) -> None:
     before = late_error(robot, {"adaptation.friction": "learn"}, unlike)
     after = late_error(robot, {"adaptation.friction": "learn", **LEARNS}, unlike)
-    assert after < 1.3 * before + 2e-4
+    assert after < 1.3 * before + 5e-4
 
 
 @pytest.mark.parametrize("law", [name for name in LAWS.names if name != "pid"])  # which has no model
