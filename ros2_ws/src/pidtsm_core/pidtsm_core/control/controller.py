@@ -17,7 +17,17 @@ from pidtsm_core.control.lateness import begin_lateness, refusal_of_freedrive
 from pidtsm_core.control.lateness_learning import forget_lateness
 from pidtsm_core.control.modes import begin_afresh, request, reset_fault, set_clock
 from pidtsm_core.control.report import Change, changes, tight_rates
-from pidtsm_core.control.state import LAYOUT, Condition, ControllerMemory, Friction, Lateness, Time, new_state, part
+from pidtsm_core.control.state import (
+    LAYOUT,
+    Condition,
+    ControllerMemory,
+    Friction,
+    Lateness,
+    Time,
+    arrays_of,
+    new_state,
+    part,
+)
 from pidtsm_core.control.step import leave_now, respond, stop_after, stop_now, tick_now
 from pidtsm_core.control.turns import distance
 from pidtsm_core.parameters import Value, names
@@ -106,7 +116,7 @@ class Controller:
         """Return to the initial state; measurements and reference are kept."""
         state = self.state
         kept = (state.measured, state.applied, state.received, state.reference, state.feedforward, state.given)
-        for array in state:
+        for array in arrays_of(state):
             if not any(array is each for each in kept):
                 array[:] = 0
 

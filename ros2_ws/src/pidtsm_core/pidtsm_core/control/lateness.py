@@ -23,8 +23,9 @@ adaptive, and PDE systems", 2009, chapter 4.
 import math
 
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.bank import LATE
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.state import LATE, Condition, ControllerState, Count, Late, Lateness, Moved, part
+from pidtsm_core.control.state import Condition, ControllerState, Count, Late, Lateness, Moved, part
 from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.references import extrapolate
 from pidtsm_core.robots import forward_dynamics
@@ -182,8 +183,8 @@ def _begin_at_rest(state: ControllerState) -> None:
     for j in range(state.drive.size):
         effort = state.sent[j]
         state.drive[j] = state.delivered[j] = effort
-        for i in range(state.bank_drives.shape[0]):
-            state.bank_drives[i, j] = state.bank_efforts[newest, i, j] = effort
+        for i in range(state.bank.drives.shape[0]):
+            state.bank.drives[i, j] = state.bank.efforts[newest, i, j] = effort
         state.late[newest, Late.EFFORT, j] = effort
         state.late[newest, Late.ADDED, j] = state.added[j]
         state.late[newest, Late.ACCELERATION, j] = 0.0
@@ -206,7 +207,7 @@ def begin_lateness(state: ControllerState) -> None:
     state.late_held[:] = 0.0
     state.late_held[newest] = _LONG
     state.drive[:] = state.delivered[:] = state.commanded[:] = state.sent
-    state.bank_drives[:] = state.bank_efforts[newest] = state.sent
+    state.bank.drives[:] = state.bank.efforts[newest] = state.sent
     state.late[newest, Late.EFFORT] = state.sent
     state.late[newest, Late.ADDED] = state.added
     state.late[newest, Late.ACCELERATION] = state.signals[Signal.ACCELERATION] - state.estimator[:, DISTURBANCE]

@@ -31,20 +31,12 @@ from enum import IntEnum
 import numpy as np
 
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.bank import BANK_DELAYS, BANK_LAGS, HYPOTHESES, NUISANCES
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.effort import REVERSAL
 from pidtsm_core.control.friction_learning import SOFTER, write_lacking
-from pidtsm_core.control.state import (
-    BANK_DELAYS,
-    BANK_LAGS,
-    HYPOTHESES,
-    NUISANCES,
-    ControllerState,
-    Count,
-    Lateness,
-    part,
-)
+from pidtsm_core.control.state import ControllerState, Count, Lateness, part
 from pidtsm_core.signals import Mode, Signal, Status
 
 _MEMORY = 10.0
@@ -103,7 +95,7 @@ def learn_lateness(config: ControllerConfig, state: ControllerState, dt: float) 
         if not math.isfinite(lacking + state.signals[Signal.VELOCITY, j] + state.measured[j]):
             continue
         _filter(config, state, j, lacking, dt)
-        settled = state.bank_known[j, _POLES - 1, Nuisance.CONSTANT] > _SETTLED
+        settled = state.bank.known[j, _POLES - 1, Nuisance.CONSTANT] > _SETTLED
         if learns and settled:
             _weigh(state, j, dt)
     _fit(state, state.counts[Count.ANSWERED] % state.net.size)
@@ -131,7 +123,8 @@ def _take_in(config: ControllerConfig, state: ControllerState, dt: float) -> Non
 
 def forget_lateness(state: ControllerState) -> None:
     """Begin anew: what was found was beyond other parameters."""
-    for array in (state.lateness, state.bank_normal, state.bank_mixed, state.bank_squares, state.bank_left):
+    bank = state.bank
+    for array in (state.lateness, bank.normal, bank.mixed, bank.squares, bank.evidence, bank.left):
         array[:] = 0.0
 
 
@@ -142,12 +135,12 @@ def _note_efforts(config: ControllerConfig, state: ControllerState, dt: float) -
     for i in range(_LAGS.size):
         for j in range(state.net.size):
             sent, lag = state.commanded[j], config.drive.lag[j] + _LAGS[i]
-            behind = state.bank_drives[i, j] - sent
+            behind = state.bank.drives[i, j] - sent
             mean = sent
             if lag > 0.0:
                 mean += behind * -math.expm1(-dt / lag) * lag / dt
-                state.bank_drives[i, j] = sent + behind * math.exp(-dt / lag)
-            state.bank_efforts[newest, i, j] = mean
+                state.bank.drives[i, j] = sent + behind * math.exp(-dt / lag)
+            state.bank.efforts[newest, i, j] = mean
     age, back = 0.0, 0
     for i in range(_DELAYS.size):
         acts = config.drive.delay + _DELAYS[i]
@@ -156,19 +149,19 @@ def _note_efforts(config: ControllerConfig, state: ControllerState, dt: float) -
             age += state.late_held[row]
             back += 1
             row = (newest - back) % state.late_held.size
-        state.bank_rows[i] = row
+        state.bank.rows[i] = row
 
 
 @inlined
 def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: float, dt: float) -> None:
     """Filter the inputs of joint j like the observer, add what is `lacking` (N m), and remove what is slow."""
-    known, left = state.bank_known[j], state.bank_filters[j]
+    known, left = state.bank.known[j], state.bank.filters[j]
     bandwidth, limit = config.adaptation.bandwidth[j], config.limits.effort[j]
     gone, slow = -math.expm1(-bandwidth * dt), -math.expm1(-_FAST * dt)
     behind = state.measured[j] - state.signals[Signal.POSITION, j]
     velocity = state.signals[Signal.VELOCITY, j] + 3.0 * bandwidth * behind
-    state.bank_velocity[j] += gone * (velocity - state.bank_velocity[j])
-    velocity = state.bank_velocity[j]
+    state.bank.velocity[j] += gone * (velocity - state.bank.velocity[j])
+    velocity = state.bank.velocity[j]
     for k in range(NUISANCES):
         value = 1.0
         if k == Nuisance.HARD:
@@ -188,7 +181,7 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
         known[_POLES + _HIGH, k] = value
     given = state.applied[j] if config.feeds_back else state.delivered[j]
     for h in range(_DELAY_OF.size):
-        value = state.bank_efforts[state.bank_rows[_DELAY_OF[h]], _LAG_OF[h], j] - given
+        value = state.bank.efforts[state.bank.rows[_DELAY_OF[h]], _LAG_OF[h], j] - given
         left[0, h] += gone * (value - left[0, h])
         left[1, h] += gone * (left[0, h] - left[1, h])
         left[2, h] += gone * (left[1, h] - left[2, h])
@@ -202,8 +195,8 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
 @inlined
 def _weigh(state: ControllerState, j: int, dt: float) -> None:
     """Add dt (s) of evidence to the normal equations of joint j, and forget a little of what was before."""
-    known, left = state.bank_known[j, _POLES + _HIGH], state.bank_filters[j, _POLES + _HIGH]
-    normal, mixed, squares = state.bank_normal[j], state.bank_mixed[j], state.bank_squares[j]
+    known, left = state.bank.known[j, _POLES + _HIGH], state.bank.filters[j, _POLES + _HIGH]
+    normal, mixed, squares = state.bank.normal[j], state.bank.mixed[j], state.bank.squares[j]
     kept = math.exp(-dt / _MEMORY)
     for a in range(NUISANCES):
         for b in range(a + 1):
@@ -213,23 +206,23 @@ def _weigh(state: ControllerState, j: int, dt: float) -> None:
             mixed[a, h] = kept * mixed[a, h] + share * left[h]
     for h in range(left.size):
         squares[h] = kept * squares[h] + dt * left[h] * left[h]
-    state.bank_evidence[j] = kept * state.bank_evidence[j] + dt
+    state.bank.evidence[j] = kept * state.bank.evidence[j] + dt
 
 
 @inlined
 def _fit(state: ControllerState, j: int) -> None:
     """Write the logarithm of what each hypothesis leaves unexplained of joint j, by Cholesky's decomposition."""
-    normal, mixed, solved, factor = state.bank_normal[j], state.bank_mixed[j], state.bank_solved, state.bank_factor
-    evidence = state.bank_evidence[j]
+    normal, mixed, solved, factor = state.bank.normal[j], state.bank.mixed[j], state.bank.solved, state.bank.factor
+    evidence = state.bank.evidence[j]
     if evidence == 0.0:
         return
     trace = 0.0
     for a in range(NUISANCES):
         trace += normal[a, a]
     least = 1e-6 * trace + _LEAST
-    left = state.bank_left[j]
+    left = state.bank.left[j]
     for h in range(left.size):
-        left[h] = state.bank_squares[j, h]
+        left[h] = state.bank.squares[j, h]
     for a in range(NUISANCES):
         for b in range(a + 1):
             rest = normal[a, b]
@@ -251,15 +244,15 @@ def _fit(state: ControllerState, j: int) -> None:
 @inlined
 def _judge(state: ControllerState) -> None:
     """Decide whether the drives are late; write mean and deviation of the lateness, weighted by the probabilities."""
-    likely, left, best, margin = state.bank_solved[0], state.bank_left, 0, _PRIOR
+    likely, left, best, margin = state.bank.solved[0], state.bank.left, 0, _PRIOR
     for h in range(likely.size):
         likely[h] = 0.0
         for j in range(state.net.size):
-            likely[h] -= 0.5 * state.bank_evidence[j] / _CORRELATED * left[j, h]
+            likely[h] -= 0.5 * state.bank.evidence[j] / _CORRELATED * left[j, h]
         if likely[h] > likely[best]:
             best = h
     for j in range(state.net.size):
-        margin += 0.5 * state.bank_evidence[j] / _CORRELATED * _MISTAKEN
+        margin += 0.5 * state.bank.evidence[j] / _CORRELATED * _MISTAKEN
     if likely[best] - likely[0] > margin:
         state.lateness[Lateness.LATE] = 1.0
     weight = delay = lag = squares = 0.0

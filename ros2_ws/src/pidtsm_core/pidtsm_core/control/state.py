@@ -1,7 +1,7 @@
 """Configuration and state of the controller, in memory that compiled code finds by address."""
 
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.compiling.memory import Layout
+from pidtsm_core.control.bank import LATE, Bank, new_bank
 from pidtsm_core.control.configuration import ControllerConfig, example_config
 from pidtsm_core.laws import STATE_SLOTS
 from pidtsm_core.parameters.family import SLOTS
@@ -171,18 +172,6 @@ class Lateness(IntEnum):
     OBSERVED = 6  # for how long the arm has followed its reference so far
 
 
-BANK_DELAYS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07)
-BANK_LAGS = (0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08)
-"""s, of the hypotheses about the drives."""
-_LATEST = 0.09
-HYPOTHESES = tuple(
-    (d, t) for t, lag in enumerate(BANK_LAGS) for d, delay in enumerate(BANK_DELAYS) if delay + lag <= _LATEST + 1e-9
-)
-"""Place of the delay and of the lag of each hypothesis; the first is that nothing is late."""
-NUISANCES = 5
-"""Number of coefficients that explain what is not lateness."""
-LATE = 256
-"""Number of commands that may be under way."""
 FITTED = 6
 """Number of coefficients that friction is fitted with."""
 
@@ -245,19 +234,7 @@ class ControllerState(NamedTuple):
     moved: Array  # motion when the command acts, see `Moved`, shape (len(Moved), joints)
     ahead: Array  # desired motion then, shape (3, joints)
     lateness: Array  # what is known of it, see `Lateness`
-    bank_drives: Array  # what the drives deliver with each lag, shape (len(BANK_LAGS), joints), N m
-    bank_efforts: Array  # the same for every command of `late`, shape (LATE, len(BANK_LAGS), joints)
-    bank_rows: NDArray[np.int64]  # of `bank_efforts`, for each delay, shape (len(BANK_DELAYS),)
-    bank_velocity: Array  # measured and filtered, shape (joints,), rad/s
-    bank_known: Array  # filtered regressors, see lateness_learning.py, shape (joints, 6, NUISANCES)
-    bank_filters: Array  # filtered efforts that are left by each hypothesis, shape (joints, 6, len(HYPOTHESES))
-    bank_normal: Array  # normal equations, shape (joints, NUISANCES, NUISANCES)
-    bank_mixed: Array  # their right sides, shape (joints, NUISANCES, len(HYPOTHESES))
-    bank_squares: Array  # integrals of the squares, shape (joints, len(HYPOTHESES))
-    bank_evidence: Array  # for how long each joint was observed, shape (joints,), s
-    bank_left: Array  # logarithm of what is left unexplained, shape (joints, len(HYPOTHESES))
-    bank_solved: Array  # scratch, shape (NUISANCES, len(HYPOTHESES))
-    bank_factor: Array  # scratch, shape (NUISANCES, NUISANCES)
+    bank: Bank  # hypotheses about the lateness
     rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of a simulation, shape (joints,), N m
@@ -266,6 +243,11 @@ class ControllerState(NamedTuple):
     motion: Array  # scratch: the same and the estimated q'', shape (3, joints)
     scratch: Array  # shape (6, joints)
     net: Array  # scratch: effort that accelerates the arm, shape (joints,), N m
+
+
+def arrays_of(state: ControllerState) -> list[NDArray[Any]]:
+    """Every array of the state, also those of its groups, of any shape."""
+    return [array for each in state for array in (each if isinstance(each, tuple) else (each,))]
 
 
 HISTORY = 16
@@ -279,6 +261,23 @@ class ControllerMemory(NamedTuple):
     state: ControllerState
     effort: Array  # result for Python, shape (joints,), N m
     signals: Array  # likewise, shape (len(Signal), joints), rows of any distance: those of a message
+
+
+def _late_drives(joints: int) -> dict[str, Any]:
+    """The arrays of lateness.py, by name; shapes as in `ControllerState`."""
+    return {
+        "commanded": np.zeros(joints),
+        "drive": np.zeros(joints),
+        "late": np.zeros((LATE, len(Late), joints)),
+        "late_held": np.zeros(LATE),
+        "late_newest": np.zeros(1, np.int64),
+        "delivered": np.zeros(joints),
+        "damped": np.zeros(joints),
+        "undamped": np.zeros(joints),
+        "moved": np.zeros((len(Moved), joints)),
+        "ahead": np.zeros((3, joints)),
+        "lateness": np.zeros(len(Lateness)),
+    }
 
 
 def new_state(joints: int, feeds_back: bool) -> ControllerState:
@@ -329,30 +328,8 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         friction_inputs=np.zeros((5, (FITTED + 1) * joints)),
         friction_evidence=np.zeros((FITTED * joints, FITTED + 1)),
         friction_solution=np.zeros((FITTED + 2, FITTED)),
-        commanded=np.zeros(joints),
-        drive=np.zeros(joints),
-        late=np.zeros((LATE, len(Late), joints)),
-        late_held=np.zeros(LATE),
-        late_newest=np.zeros(1, np.int64),
-        delivered=np.zeros(joints),
-        damped=np.zeros(joints),
-        undamped=np.zeros(joints),
-        moved=np.zeros((len(Moved), joints)),
-        ahead=np.zeros((3, joints)),
-        lateness=np.zeros(len(Lateness)),
-        bank_drives=np.zeros((len(BANK_LAGS), joints)),
-        bank_efforts=np.zeros((LATE, len(BANK_LAGS), joints)),
-        bank_rows=np.zeros(len(BANK_DELAYS), np.int64),
-        bank_velocity=np.zeros(joints),
-        bank_known=np.zeros((joints, 6, NUISANCES)),
-        bank_filters=np.zeros((joints, 6, len(HYPOTHESES))),
-        bank_normal=np.zeros((joints, NUISANCES, NUISANCES)),
-        bank_mixed=np.zeros((joints, NUISANCES, len(HYPOTHESES))),
-        bank_squares=np.zeros((joints, len(HYPOTHESES))),
-        bank_evidence=np.zeros(joints),
-        bank_left=np.zeros((joints, len(HYPOTHESES))),
-        bank_solved=np.zeros((NUISANCES, len(HYPOTHESES))),
-        bank_factor=np.zeros((NUISANCES, NUISANCES)),
+        **_late_drives(joints),
+        bank=new_bank(joints),
         rejected=np.zeros(joints),
         truth=np.zeros((2, joints)),
         torque=np.zeros(joints),

@@ -11,7 +11,8 @@ from scipy.linalg import lstsq
 
 from pidtsm_core.control import Controller
 from pidtsm_core.control import lateness_learning as learning
-from pidtsm_core.control.state import HYPOTHESES, NUISANCES, Lateness
+from pidtsm_core.control.bank import HYPOTHESES, NUISANCES
+from pidtsm_core.control.state import Lateness
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.experiment.definition import MEASUREMENT
 from pidtsm_core.laws import LAWS
@@ -116,13 +117,13 @@ def test_the_fit_is_that_of_scipy() -> None:
     state, dt, samples = loop.controller.state, 1e-3, 300
     known, left = random.normal(size=(samples, NUISANCES)), random.normal(size=(samples, len(HYPOTHESES)))
     for a, b in zip(known, left, strict=True):
-        state.bank_known[0, -1], state.bank_filters[0, -1] = a, b
+        state.bank.known[0, -1], state.bank.filters[0, -1] = a, b
         learning._weigh(state, 0, dt)
     learning._fit(state, 0)
     weights = np.sqrt(dt * np.exp(-dt / 10.0 * np.arange(samples)[::-1]))[:, np.newaxis]
     a, b = weights * known, weights * left
     squares = ((a @ lstsq(a, b)[0] - b) ** 2).sum(axis=0)
-    np.testing.assert_allclose(np.exp(state.bank_left[0]), squares, rtol=1e-6)
+    np.testing.assert_allclose(np.exp(state.bank.left[0]), squares, rtol=1e-6)
 
 
 def test_to_warn_changes_no_bit() -> None:
@@ -157,10 +158,10 @@ def test_nothing_is_learnt_or_forgotten_while_the_arm_does_not_follow() -> None:
     loop = Loop("panda", LEARNS, {"delay.samples": 30})
     loop.advance(2000)
     state = loop.controller.state
-    before = state.bank_squares.copy()
+    before = state.bank.squares.copy()
     for mode in (Mode.HOLDING, Mode.STOPPED, Mode.FREEDRIVE):
         state.status[Status.MODE] = mode
         state.signals[Signal.VELOCITY] = 0.1
         learning.learn_lateness(loop.controller.config, state, 1e-3)
-        assert (state.bank_squares == before).all()
+        assert (state.bank.squares == before).all()
     assert state.lateness[Lateness.LATE] == 1.0

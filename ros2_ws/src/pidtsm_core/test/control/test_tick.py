@@ -8,6 +8,7 @@ from support.testarms import Arm, dotted
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema
+from pidtsm_core.control.state import arrays_of
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.laws import LAWS, STATE_SLOTS, Interval, advance, command, make_law
 from pidtsm_core.parameters import ParameterError, as_float
@@ -216,8 +217,9 @@ def test_a_run_after_reset_is_bit_for_bit_the_first(arm: Arm, parts: dict[str, s
     positions, desired = walk(controller.joints, 7)
     first = run(controller, positions, desired)
     controller.reset()
-    reset = {name: array for name, array in controller.state._asdict().items() if name not in ("measured", "received")}
-    assert not any(array.any() for array in reset.values())
+    kept = controller.state.measured, controller.state.received
+    reset = [array for array in arrays_of(controller.state) if not any(array is each for each in kept)]
+    assert not any(array.any() for array in reset)
     assert run(controller, positions, desired).tobytes() == first.tobytes()
     assert run(controller_of(arm, parts), positions, desired).tobytes() == first.tobytes()
 
@@ -228,9 +230,9 @@ def test_new_parameters_keep_the_state(arm: Arm, parts: dict[str, str]) -> None:
     undisturbed, changed = controller_of(arm, parts), controller_of(arm, parts)
     expected = run(undisturbed, positions, desired)
     run(changed, positions[:50], desired[:50])
-    kept = [array.copy() for array in changed.state]
+    kept = [array.copy() for array in arrays_of(changed.state)]
     changed.set_parameters(arm.values(controller_schema, {**parts, "limits.effort": 1e-3}))
-    for before, now in zip(kept, changed.state, strict=True):
+    for before, now in zip(kept, arrays_of(changed.state), strict=True):
         np.testing.assert_array_equal(now, before)
     # With the previous parameters again, the rest is that of a run without changes.
     changed.set_parameters(arm.values(controller_schema, parts))
