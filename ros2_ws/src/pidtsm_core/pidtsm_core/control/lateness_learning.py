@@ -13,8 +13,8 @@ lateness shows where the effort changes quickly, errors of the model mostly wher
 hypotheses of the same sum of delay and lag are alike; ringing, which is what lateness does, tells them apart.
 
 The log likelihood of h is -n/2 times the logarithm of the mean square that is left, summed over the joints; n is the
-number of correlation times observed. The drives are taken to be late once the best hypothesis leaves a third less than
-that nothing is late, and is e^5 times as likely besides. Then the controller uses the mean over all hypotheses,
+number of correlation times observed. The drives are taken to be late once the best hypothesis leaves half of what is
+left if nothing is late, and is e^5 times as likely besides. Then the controller uses the mean over all hypotheses,
 weighted by their probability, except for what every arm bears, and takes it in slowly. Before it can know anything, it
 assumes a short delay, which harms no arm that is not late and leaves a late one the time to be recognised. So what is
 used is bounded by the largest hypothesis. While the arm does not follow, or touches something, nothing is learnt and
