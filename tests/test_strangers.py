@@ -28,6 +28,8 @@ from support.strangersplant import (
 )
 from support.testbed import Testbed
 
+from pidtsm_core.experiment import make_experiment
+
 
 class StrangersController:
     """Computed torque, with velocities by difference, along a cosine from where the arm stands."""
@@ -106,6 +108,28 @@ def test_our_nodes_track_on_a_strangers_plant_whatever_its_rate_and_its_stamps(
         assert "rejected joint_states: late" in said
         assert "rejected joint_states: ahead" in said
         assert "holding" not in said
+
+
+@pytest.mark.parametrize("learns", [False, True])
+def test_our_controller_finds_out_that_a_strangers_drives_are_late(testbed: Testbed, learns: bool) -> None:
+    """Their commands act 60 ms later, and nobody says so."""
+    plant = StrangersPlant(testbed, 250, 0.1, late=0.06)
+    values = make_experiment("case1", params="practical").values["controller"]
+    gains = {
+        name.replace(".", "__"): value for name, value in values.items() if name.startswith(("law.", "estimator."))
+    }
+    given = {name: list(value) if isinstance(value, tuple) else value for name, value in gains.items()}
+    nodes = start(testbed, plant, **given, adaptation__lateness="learn" if learns else "none")
+    plant.go_on(9.0)
+    settled = np.array(plant.times) >= 6.0
+    error = np.abs(np.array(plant.positions) - article(np.array(plant.times)))[settled].max()
+    if not learns:
+        assert error > 0.02
+        return
+    assert error < 0.01
+    assert plant.largest_step(np.flatnonzero(settled)[0]) < 10.0
+    said = "ms later than drive.* says"
+    testbed.spin_until(lambda: said in nodes["controller"].log.read_text(), "what it has found")
 
 
 def test_where_a_strangers_clock_is_set_the_arm_stays_until_it_is_told_to_go_on(testbed: Testbed) -> None:

@@ -62,8 +62,11 @@ class StrangersPlant:
 
     KEPT = 10
 
-    def __init__(self, testbed: Testbed, rate: int = 1000, heavier: float = 0.0, jitter: float = 0.0) -> None:
-        self.testbed = testbed
+    def __init__(
+        self, testbed: Testbed, rate: int = 1000, heavier: float = 0.0, jitter: float = 0.0, late: float = 0.0
+    ) -> None:
+        """Args: heavier, jitter: shares of the masses, and of the period; late: s after which a command acts."""
+        self.testbed, self.late = testbed, round(late * rate)
         self.period, self.jitter, self.heavier = 1.0 / rate, jitter, 1.0 + heavier
         self.random = np.random.default_rng(rate)
         self.now, self.epoch = 0, EPOCH
@@ -108,8 +111,9 @@ class StrangersPlant:
         took = round(self.period * (1.0 + self.random.uniform(-self.jitter, self.jitter)) * SECOND)
         self.now += took
         steps = math.ceil(took / SECOND / PERIOD)
+        acting = self.efforts[max(len(self.efforts) - 1 - self.late, 0)]
         for _ in range(steps):
-            self.integrate(self.efforts[-1], took / SECOND / steps)
+            self.integrate(acting, took / SECOND / steps)
 
     def integrate(self, torque: Vector, dt: float) -> None:
         """RK4."""
