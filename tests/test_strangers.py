@@ -4,6 +4,7 @@ They know the documented topics and standard messages, not what the nodes do ins
 """
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -118,7 +119,7 @@ def test_our_controller_finds_out_that_a_strangers_drives_are_late(testbed: Test
     gains = {
         name.replace(".", "__"): value for name, value in values.items() if name.startswith(("law.", "estimator."))
     }
-    given = {name: list(value) if isinstance(value, tuple) else value for name, value in gains.items()}
+    given: dict[str, Any] = {name: list(value) if isinstance(value, tuple) else value for name, value in gains.items()}
     nodes = start(testbed, plant, **given, adaptation__lateness="learn" if learns else "none")
     plant.go_on(9.0)
     settled = np.array(plant.times) >= 6.0

@@ -133,8 +133,7 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
     rows, first = state.friction_inputs, j * _INPUTS
     gone = -math.expm1(-config.adaptation.bandwidth[j] * dt)
     slow = -math.expm1(-_SLOW * dt)
-    behind = state.measured[j] - state.signals[Signal.POSITION, j]
-    velocity = state.signals[Signal.VELOCITY, j] + 3.0 * config.adaptation.bandwidth[j] * behind
+    velocity = corrected_velocity(config, state, j)
     state.friction[Friction.VELOCITY, j] += gone * (velocity - state.friction[Friction.VELOCITY, j])
     velocity = state.friction[Friction.VELOCITY, j]
     compensated = acting_compensation(config, state, j)
@@ -159,6 +158,13 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
             value += lacking
         rows[_POLES, first + k] += slow * (value - rows[_POLES, first + k])
         rows[_POLES + 1, first + k] = value - rows[_POLES, first + k]
+
+
+@inlined
+def corrected_velocity(config: ControllerConfig, state: ControllerState, j: int) -> float:
+    """The velocity of joint j without what a disturbance that changes quickly makes of it, rad/s; it has more noise."""
+    behind = state.measured[j] - state.signals[Signal.POSITION, j]
+    return state.signals[Signal.VELOCITY, j] + 3.0 * config.adaptation.bandwidth[j] * behind
 
 
 @inlined

@@ -35,7 +35,7 @@ from pidtsm_core.control.bank import BANK_DELAYS, BANK_LAGS, HYPOTHESES, NUISANC
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.effort import REVERSAL
-from pidtsm_core.control.friction_learning import SOFTER, write_lacking
+from pidtsm_core.control.friction_learning import SOFTER, corrected_velocity, write_lacking
 from pidtsm_core.control.state import ControllerState, Count, Lateness, part
 from pidtsm_core.signals import Mode, Signal, Status
 
@@ -158,9 +158,7 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
     known, left = state.bank.known[j], state.bank.filters[j]
     bandwidth, limit = config.adaptation.bandwidth[j], config.limits.effort[j]
     gone, slow = -math.expm1(-bandwidth * dt), -math.expm1(-_FAST * dt)
-    behind = state.measured[j] - state.signals[Signal.POSITION, j]
-    velocity = state.signals[Signal.VELOCITY, j] + 3.0 * bandwidth * behind
-    state.bank.velocity[j] += gone * (velocity - state.bank.velocity[j])
+    state.bank.velocity[j] += gone * (corrected_velocity(config, state, j) - state.bank.velocity[j])
     velocity = state.bank.velocity[j]
     for k in range(NUISANCES):
         value = 1.0

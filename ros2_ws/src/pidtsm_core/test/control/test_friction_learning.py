@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.linalg import lstsq
+from support.coreloop import CoreLoop
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.control import Controller, controller_schema
+from pidtsm_core.control import controller_schema
 from pidtsm_core.control import friction_learning as learning
 from pidtsm_core.control.state import Friction
 from pidtsm_core.experiment import make_experiment
@@ -18,11 +19,9 @@ from pidtsm_core.experiment.definition import MEASUREMENT
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.recording import Recording
-from pidtsm_core.references import ReferenceMotion
 from pidtsm_core.robots.source import ARMS, rated_payload
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Mode, Signal, Status
-from pidtsm_core.simulation.simulator import SimulatedRobot
 
 REAL = {"encoder.bits": 14, "delay.samples": 1}
 LEARNS = {"adaptation.friction": "learn"}
@@ -39,31 +38,6 @@ def late_error(run: Recording) -> float:
     """Largest error of the second half, rad."""
     errors: Array = np.abs(run.position - run.reference[:, 0])
     return float(errors[errors.shape[0] // 2 :].max())
-
-
-class Loop:
-    """Controller, arm and motion in a loop of the test's own, which can look at the controller's state."""
-
-    def __init__(self, robot: str, controller: dict[str, Any], simulator: dict[str, Any]) -> None:
-        given = {"controller": controller, "simulator": simulator}
-        values = make_experiment(None, None, 10.0, "practical", given, robot, purpose=MEASUREMENT).values
-        self.controller, self.robot = Controller(values["controller"]), SimulatedRobot(values["simulator"])
-        self.motion, self.sample = ReferenceMotion(values["trajectory"]), 0
-        self.values = values["controller"]
-
-    def advance(self, samples: int) -> Array:
-        """Returns the efforts, shape (samples, joints), N m."""
-        efforts = np.empty((samples, self.controller.joints))
-        for k in range(samples):
-            sample, position = self.robot.sense(self.sample)
-            if sample >= 0:
-                self.motion.evaluate(sample * 1e-3, self.controller.reference)
-                self.controller.position[:] = position
-                self.controller.step(sample * 1_000_000, sample * 1_000_000)
-            self.robot.act(self.sample, sample >= 0, self.controller.effort)
-            efforts[k] = self.controller.effort
-            self.sample += 1
-        return efforts
 
 
 @pytest.mark.parametrize(("share", "left"), [(0.05, 0.25), (0.1, 0.45), (0.2, 0.35)])
@@ -107,7 +81,7 @@ def test_arms_that_are_unlike_their_model_in_several_ways_track_better_and_none_
 
 def test_the_found_friction_is_that_of_the_arm() -> None:
     true = 0.05 * np.array(LIMITS["panda"])
-    loop = Loop("panda", LEARNS, {**REAL, "friction.coulomb": true.tolist()})
+    loop = CoreLoop("panda", LEARNS, {**REAL, "friction.coulomb": true.tolist()})
     loop.advance(20_000)
     coulomb, deviation, _ = loop.controller.friction
     np.testing.assert_allclose(coulomb, true, rtol=0.15)
@@ -126,7 +100,7 @@ def test_an_arm_without_friction_is_controlled_as_before(imperfection: dict[str,
 
 @pytest.mark.parametrize("promised", [0.0, 3.0])
 def test_the_fit_is_that_of_scipy(promised: float) -> None:
-    random, loop = np.random.default_rng(1), Loop("two_link", LEARNS, {})
+    random, loop = np.random.default_rng(1), CoreLoop("two_link", LEARNS, {})
     state, dt = loop.controller.state, 1e-3
     regressors: list[Array] = []
     lacking: list[float] = []
@@ -162,7 +136,7 @@ def test_friction_that_is_as_described_is_left_alone_from_the_start(robot: str) 
 
 def test_switching_it_makes_no_step_of_the_torque() -> None:
     friction = [8.0, 4.0]
-    loop = Loop("two_link", LEARNS, {**REAL, "friction.coulomb": friction})
+    loop = CoreLoop("two_link", LEARNS, {**REAL, "friction.coulomb": friction})
     usual = np.abs(np.diff(loop.advance(6_000)[3_000:], axis=0)).max()
     assert np.abs(loop.controller.state.friction[Friction.EFFORT]).max() > 1.0
     for mode in ("none", "learn"):
@@ -173,7 +147,7 @@ def test_switching_it_makes_no_step_of_the_torque() -> None:
 
 
 def test_what_is_added_to_the_parameters_is_not_compensated_twice() -> None:
-    loop = Loop("two_link", LEARNS, {**REAL, "friction.coulomb": [8.0, 4.0]})
+    loop = CoreLoop("two_link", LEARNS, {**REAL, "friction.coulomb": [8.0, 4.0]})
     loop.advance(6_000)
     found, before = loop.controller.friction[0], loop.controller.effort.copy()
     assert (found > 2.0).all()
@@ -184,7 +158,7 @@ def test_what_is_added_to_the_parameters_is_not_compensated_twice() -> None:
 
 
 def test_another_effort_limit_changes_nothing_that_was_found() -> None:
-    loop = Loop("two_link", LEARNS, {**REAL, "friction.coulomb": [8.0, 4.0]})
+    loop = CoreLoop("two_link", LEARNS, {**REAL, "friction.coulomb": [8.0, 4.0]})
     loop.advance(6_000)
     found = loop.controller.state.friction.copy()
     loop.controller.set_parameters({**loop.values, "limits.effort": [200.0, 100.0]})
@@ -193,7 +167,7 @@ def test_another_effort_limit_changes_nothing_that_was_found() -> None:
 
 
 def test_nothing_is_learnt_or_forgotten_while_the_arm_is_held_back_or_holds() -> None:
-    loop = Loop("two_link", LEARNS, {**REAL, "friction.coulomb": [8.0, 4.0]})
+    loop = CoreLoop("two_link", LEARNS, {**REAL, "friction.coulomb": [8.0, 4.0]})
     loop.advance(5_000)
     state = loop.controller.state
     for mode, saturated in ((Mode.FOLLOWING, 1.0), (Mode.HOLDING, 0.0), (Mode.STOPPED, 0.0)):

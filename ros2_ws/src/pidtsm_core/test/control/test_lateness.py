@@ -8,18 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
+from support.coreloop import PERIOD, CoreLoop
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.control import Controller, controller_schema
+from pidtsm_core.control import controller_schema
 from pidtsm_core.experiment import make_experiment
-from pidtsm_core.experiment.definition import MEASUREMENT
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.recording import Recording
-from pidtsm_core.references import ReferenceMotion
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Request, Signal, Status
-from pidtsm_core.simulation.simulator import SimulatedRobot
 
 DELAY, LAG = "drive.delay", "drive.lag"
 LATE = [
@@ -27,11 +25,11 @@ LATE = [
     ({"actuator.lag": 0.1}, {LAG: 0.1}),
     ({"delay.samples": 30, "actuator.lag": 0.05}, {DELAY: 0.03, LAG: 0.05}),
 ]
-PERIOD = 1e-3
+REAL = {"encoder.bits": 14}
 
 
 def run(simulator: dict[str, Any], controller: dict[str, Any], robot: str = "panda", seconds: float = 6.0) -> Recording:
-    given = {"encoder.bits": 14, **simulator}
+    given = {**REAL, **simulator}
     return rollout(params="practical", robot=robot, duration=seconds, controller=controller, simulator=given)
 
 
@@ -71,36 +69,12 @@ def test_every_law_with_a_model_profits(law: str) -> None:
     assert late_error(rollout(**make, controller=known)) < 0.5 * late_error(rollout(**make))  # type: ignore[arg-type]
 
 
-class Loop:
-    """Controller, arm and motion in a loop of the test's own, which can look at the controller's state."""
-
-    def __init__(self, robot: str, controller: dict[str, Any], simulator: dict[str, Any]) -> None:
-        given = {"controller": controller, "simulator": {"encoder.bits": 14, **simulator}}
-        values = make_experiment(None, None, 10.0, "practical", given, robot, purpose=MEASUREMENT).values
-        self.controller, self.robot = Controller(values["controller"]), SimulatedRobot(values["simulator"])
-        self.motion, self.sample = ReferenceMotion(values["trajectory"]), 0
-        self.values = values["controller"]
-
-    def advance(self, samples: int) -> tuple[Array, Array]:
-        """The commands, and what the controller believes that the drives have delivered; shape (samples, joints)."""
-        commands, delivered = np.empty((2, samples, self.controller.joints))
-        for k in range(samples):
-            sample, position = self.robot.sense(self.sample)
-            if sample >= 0:
-                self.motion.evaluate(sample * PERIOD, self.controller.reference)
-                self.controller.position[:] = position
-                self.controller.step(sample * 1_000_000, sample * 1_000_000)
-            self.robot.act(self.sample, sample >= 0, self.controller.effort)
-            commands[k], delivered[k] = self.controller.effort, self.controller.state.delivered
-            self.sample += 1
-        return commands, delivered
-
-
 @pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.03), (0.02, 0.0), (0.0205, 0.04)])
 def test_what_the_drives_deliver_is_what_scipy_says(delay: float, lag: float) -> None:
     """Mean over a period of the lagged command; a delay of half a period is the mean of two."""
-    loop = Loop("panda", {DELAY: delay, LAG: lag, "limits.effort_rate": 500.0}, {})
-    commands, delivered = loop.advance(600)
+    loop = CoreLoop("panda", {DELAY: delay, LAG: lag, "limits.effort_rate": 500.0}, REAL)
+    commands = loop.advance(600)
+    delivered = loop.delivered
     mean = commands
     if lag > 0.0:
         # Effort, and its integral, from command.
@@ -157,7 +131,7 @@ def test_what_else_the_controller_does_still_works(
 
 @pytest.mark.parametrize(("late", "refused"), [({DELAY: 0.03}, True), ({LAG: 0.05}, False), ({LAG: 0.1}, True)])
 def test_freedrive_is_refused_where_the_drives_are_too_late(late: dict[str, Any], refused: bool) -> None:
-    loop = Loop("panda", late, {})
+    loop = CoreLoop("panda", late, REAL)
     loop.advance(20)
     answer = loop.controller.request(Request.FREE)
     assert ("late (drive.delay + drive.lag / drive.inversion)" in answer) == refused
@@ -167,14 +141,14 @@ def test_freedrive_is_refused_where_the_drives_are_too_late(late: dict[str, Any]
     ("simulator", "known"), [({"delay.samples": 10}, {DELAY: 0.01}), ({"actuator.lag": 0.02}, {LAG: 0.02})]
 )
 def test_what_is_known_can_change_while_the_arm_moves(simulator: dict[str, Any], known: dict[str, Any]) -> None:
-    loop = Loop("panda", {}, simulator)
+    loop = CoreLoop("panda", {}, {**REAL, **simulator})
     nothing: dict[str, Any] = {DELAY: 0.0, LAG: (0.0,) * 7}
     schema, given = controller_schema, dict(loop.values)
-    efforts = [loop.advance(1000)[0]]
+    efforts = [loop.advance(1000)]
     for change in (known, nothing, known):
         given |= nothing | change
         loop.controller.set_parameters(resolve(schema, given, 7))
-        efforts.append(loop.advance(1000)[0])
+        efforts.append(loop.advance(1000))
     steps = np.abs(np.diff(np.concatenate(efforts)[200:], axis=0)).max()
     assert steps < 5.0
     assert loop.controller.fault == 0
