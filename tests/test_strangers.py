@@ -113,7 +113,7 @@ def test_our_nodes_track_on_a_strangers_plant_whatever_its_rate_and_its_stamps(
 
 @pytest.mark.parametrize("learns", [False, True])
 def test_our_controller_finds_out_that_a_strangers_drives_are_late(testbed: Testbed, learns: bool) -> None:
-    """Their commands act 60 ms later, and nobody says so."""
+    """Commands act 60 ms later, and no parameter tells it."""
     plant = StrangersPlant(testbed, 250, 0.1, late=0.06)
     values = make_experiment("case1", params="practical").values["controller"]
     gains = {
@@ -129,7 +129,7 @@ def test_our_controller_finds_out_that_a_strangers_drives_are_late(testbed: Test
         return
     assert error < 0.01
     assert plant.largest_step(np.flatnonzero(settled)[0]) < 10.0
-    said = "ms later than drive.* says"
+    said = "ms later than drive.delay and drive.lag"
     testbed.spin_until(lambda: said in nodes["controller"].log.read_text(), "what it has found")
 
 

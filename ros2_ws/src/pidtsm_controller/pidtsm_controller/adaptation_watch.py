@@ -26,7 +26,7 @@ class AdaptationWatch:
         self._told_lateness = 0.0
 
     def readings(self) -> list[Reading]:
-        """What was found, and its standard deviation: Coulomb friction of each joint, and the lateness."""
+        """What was found, and its standard deviation: Coulomb friction of each joint, and lateness once it is sure."""
         adapts, found = self._controller.config.adaptation, []
         if adapts.learns_friction:
             coulomb, deviation, _ = self._controller.friction
@@ -35,11 +35,10 @@ class AdaptationWatch:
                 for what, values in (("friction found", coulomb), ("deviation of the friction", deviation))
                 for joint, unit, value in zip(self._joints, self._units, values, strict=True)
             ]
-        if adapts.learns_lateness:
+        if adapts.learns_lateness and self._controller.late:
             names = ("delay of the drives found", "lag of the drives found", "deviation of their sum")
             found += [
-                Reading(name, 1e3 * float(value), "ms")
-                for name, value in zip(names, self._controller.lateness, strict=True)
+                Reading(name, float(value), "s") for name, value in zip(names, self._controller.lateness, strict=True)
             ]
         return found
 
@@ -68,7 +67,6 @@ class AdaptationWatch:
         return lines
 
     def _lateness_news(self) -> list[str]:
-        """Nothing is told before the controller has decided that the drives are late."""
         if not self._controller.late:
             return []
         delay, lag, deviation = self._controller.lateness
@@ -77,8 +75,8 @@ class AdaptationWatch:
             return []
         self._told_lateness = total
         acts = self._controller.config.adaptation.uses_lateness
-        done = "made up for" if acts else "not made up for (adaptation.lateness: warn)"
+        done = "compensated" if acts else "not compensated (adaptation.lateness: warn)"
         return [
-            f"the drives are {1e3 * total:.0f} ± {1e3 * deviation:.0f} ms later than drive.* says (delay "
+            f"the drives are {1e3 * total:.0f} ± {1e3 * deviation:.0f} ms later than drive.delay and drive.lag (delay "
             f"{1e3 * delay:.0f} ms, lag {1e3 * lag:.0f} ms), {done}"
         ]

@@ -39,11 +39,12 @@ def test_lateness_is_logged_once_it_is_sure_and_again_when_it_has_changed() -> N
     watch, known = AdaptationWatch(controller, robot.joints, robot.units), controller.state.lateness
     known[[Lateness.FOUND_DELAY, Lateness.FOUND_LAG, Lateness.DEVIATION]] = 0.02, 0.01, 0.004
     assert watch.news() == []
+    assert watch.readings() == []
     known[Lateness.LATE] = 1.0
-    line = "the drives are 30 ± 4 ms later than drive.* says (delay 20 ms, lag 10 ms), made up for"
+    line = "the drives are 30 ± 4 ms later than drive.delay and drive.lag (delay 20 ms, lag 10 ms), compensated"
     assert watch.news() == [line]
     assert watch.news() == []
     known[Lateness.FOUND_DELAY] = 0.03
     assert [news[:23] for news in watch.news()] == ["the drives are 40 ± 4 m"]
     values_by_name = {reading.name: (reading.value, reading.unit) for reading in watch.readings()}
-    assert values_by_name["lag of the drives found"] == (10.0, "ms")
+    assert values_by_name["lag of the drives found"] == (0.01, "s")

@@ -15,9 +15,11 @@ HYPOTHESES = tuple(
     (d, t) for t, lag in enumerate(BANK_LAGS) for d, delay in enumerate(BANK_DELAYS) if delay + lag <= _LATEST + 1e-9
 )
 """Place of the delay and of the lag of each hypothesis; the first is that nothing is late."""
+POLES, FILTERED = 3, 5
+"""Number of low passes that an input passes, and of all filters; what they leave is in the row after them."""
 NUISANCES = 5
 """Number of coefficients that explain what is not lateness."""
-LATE = 256
+MOST_UNDER_WAY = 256
 """Number of commands that may be under way."""
 
 
@@ -25,11 +27,10 @@ class Bank(NamedTuple):
     """Hypotheses about the lateness of the drives, see lateness_learning.py; initially all zero."""
 
     drives: Array  # what the drives deliver with each lag, shape (len(BANK_LAGS), joints), N m
-    efforts: Array  # the same for every command of `late`, shape (LATE, len(BANK_LAGS), joints)
+    efforts: Array  # the same for every command of `under_way`, shape (MOST_UNDER_WAY, len(BANK_LAGS), joints)
     rows: NDArray[np.int64]  # of `efforts`, for each delay, shape (len(BANK_DELAYS),)
-    velocity: Array  # measured and filtered, shape (joints,), rad/s
-    known: Array  # filtered regressors, shape (joints, 6, NUISANCES)
-    filters: Array  # filtered efforts that are left by each hypothesis, shape (joints, 6, len(HYPOTHESES))
+    known: Array  # filtered regressors, shape (joints, FILTERED + 1, NUISANCES)
+    filters: Array  # filtered efforts that are left by each hypothesis, shape (joints, FILTERED + 1, len(HYPOTHESES))
     normal: Array  # normal equations, shape (joints, NUISANCES, NUISANCES)
     mixed: Array  # their right sides, shape (joints, NUISANCES, len(HYPOTHESES))
     squares: Array  # integrals of the squares, shape (joints, len(HYPOTHESES))
@@ -44,11 +45,10 @@ def new_bank(joints: int) -> Bank:
     hypotheses = len(HYPOTHESES)
     return Bank(
         drives=np.zeros((len(BANK_LAGS), joints)),
-        efforts=np.zeros((LATE, len(BANK_LAGS), joints)),
+        efforts=np.zeros((MOST_UNDER_WAY, len(BANK_LAGS), joints)),
         rows=np.zeros(len(BANK_DELAYS), np.int64),
-        velocity=np.zeros(joints),
-        known=np.zeros((joints, 6, NUISANCES)),
-        filters=np.zeros((joints, 6, hypotheses)),
+        known=np.zeros((joints, FILTERED + 1, NUISANCES)),
+        filters=np.zeros((joints, FILTERED + 1, hypotheses)),
         normal=np.zeros((joints, NUISANCES, NUISANCES)),
         mixed=np.zeros((joints, NUISANCES, hypotheses)),
         squares=np.zeros((joints, hypotheses)),

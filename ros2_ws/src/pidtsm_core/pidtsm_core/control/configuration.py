@@ -87,6 +87,7 @@ class CompensationConfig(NamedTuple):
 class AdaptationConfig(NamedTuple):
     """What the controller finds out about its arm."""
 
+    learns: bool  # anything
     learns_friction: bool
     compensates_friction: bool  # what it has learnt
     learns_lateness: bool
@@ -286,6 +287,7 @@ def _adaptation(values: Mapping[str, Value], joints: int) -> AdaptationConfig:
     friction, lateness = (values.get(p.name, "none") for p in (LEARNT_FRICTION, LEARNT_LATENESS))
     learns = friction != "none" or lateness != "none"
     return AdaptationConfig(
+        learns=learns,
         learns_friction=friction != "none",
         compensates_friction=friction == "learn",
         learns_lateness=lateness != "none",

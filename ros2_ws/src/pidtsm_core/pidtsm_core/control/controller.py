@@ -97,7 +97,9 @@ class Controller:
             forget_friction(self.state)
         if self.config.drive.late and not old.drive.late:
             begin_lateness(self.state)
-        if not old.adaptation.learns_lateness or _differ(_known(old), _known(self.config)):
+        if not (old.adaptation.learns_lateness and self.config.adaptation.learns_lateness) or _differ(
+            _known(old), _known(self.config)
+        ):
             forget_lateness(self.state)
         if _differ(before, self._demanding):
             expect_handover(self.state)

@@ -1,8 +1,8 @@
 """Friction that the controller does not compensate yet, found while the arm moves.
 
-The disturbance d of the observer is an acceleration; -H d is the effort that the model lacks, see extended_state.py.
-Friction is the part of it that changes its sign with the velocity. Per joint, a recursive least-squares fit with
-exponential forgetting explains what is lacking by
+With the disturbance d of the observer, the model lacks the effort -H d, see lacking.py. Friction is the part of it
+that changes its sign with the velocity. Per joint, a recursive least-squares fit with exponential forgetting explains
+what is lacking by
 
     hard tanh(q' / v0) + soft tanh(q' / (10 v0)) + viscous q' + constant + stiffness q_d + inertia q_d''
 
@@ -13,9 +13,7 @@ up is slow against a reversal of friction. The regressors pass the three poles o
 has passed them. So does what compensates Coulomb friction already, which is added to what is lacking: the fit finds the
 whole friction, whose sign follows the true velocity, and not an error of a compensation that follows the desired one.
 
-At a reversal the disturbance changes quickly, and the observer's velocity is wrong by 3 d' / w^2, its position by
-d' / w^3 (see extended_state.py). The velocity of the regressors therefore has 3 w times the error of the position
-added, which cancels that of d' as far as w is slow against the rate, and one more pole at w, which bounds the noise.
+At a reversal the disturbance changes quickly, and the observer's velocity is wrong; see lacking.py for its correction.
 
 The fit estimates its own uncertainty from what it leaves unexplained. The controller compensates the estimate minus
 its standard deviation, so it changes nothing on an arm without friction, or where the data are inconclusive. The
@@ -36,10 +34,9 @@ from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.effort import REVERSAL, coulomb_friction, held_back
+from pidtsm_core.control.lacking import is_known
 from pidtsm_core.control.state import FITTED, ControllerState, Friction, part
-from pidtsm_core.estimators import DISTURBANCE
-from pidtsm_core.robots import inverse_dynamics
-from pidtsm_core.signals import Mode, Signal, Status
+from pidtsm_core.signals import Mode, Status
 
 _MEMORY = 4.0
 """s in which evidence fades to a third, while the joint moves."""
@@ -83,18 +80,16 @@ _POLES = 3
 
 @part
 def learn_friction(config: ControllerConfig, state: ControllerState, dt: float) -> None:
-    """Update what is known of the friction after dt (s), from the estimates of this sample, and what is compensated.
+    """Update what is known of the friction after dt (s), from what `find_lacking` has found, and what is compensated.
 
     The result is in ``state.friction``, see `Friction`.
     """
-    write_lacking(config, state)
-    lacking = state.scratch[0]
     follows = state.status[Status.MODE] == Mode.FOLLOWING and state.status[Status.FAULT] == 0
     learns = follows and not in_contact(config, state)
-    for j in range(lacking.size):
-        if not math.isfinite(lacking[j] + state.signals[Signal.VELOCITY, j] + state.measured[j]):
+    for j in range(state.lacking.size):
+        if not is_known(state, j):
             continue
-        _filter(config, state, j, lacking[j], dt)
+        _filter(config, state, j, dt)
         moves = abs(state.friction_inputs[_POLES + 1, j * _INPUTS + Regressor.HARD]) > _RESTS
         settled = state.friction_inputs[_POLES - 1, j * _INPUTS + Regressor.CONSTANT] > _SETTLED
         if learns and moves and settled and not held_back(config, state, j):
@@ -111,21 +106,7 @@ def forget_friction(state: ControllerState) -> None:
 
 
 @inlined
-def write_lacking(config: ControllerConfig, state: ControllerState) -> None:
-    """Write the effort that the model lacks, -H d, to ``state.scratch[0]``, shape (joints,), N m."""
-    motion, efforts = state.motion, state.scratch
-    for j in range(state.net.size):
-        motion[0, j] = 0.0
-        motion[1, j] = state.estimator[j, DISTURBANCE]
-        motion[2, j] = 0.0
-    y = state.signals
-    inverse_dynamics(config.model, y[Signal.POSITION], motion[2], motion[:2], efforts[:2])
-    for j in range(state.net.size):
-        efforts[0, j] -= efforts[1, j]
-
-
-@inlined
-def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: float, dt: float) -> None:
+def _filter(config: ControllerConfig, state: ControllerState, j: int, dt: float) -> None:
     """Filter the regressors of joint j like the observer, add what is lacking, and remove what is slow.
 
     The result is in the last row of ``state.friction_inputs``.
@@ -133,9 +114,7 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
     rows, first = state.friction_inputs, j * _INPUTS
     gone = -math.expm1(-config.adaptation.bandwidth[j] * dt)
     slow = -math.expm1(-_SLOW * dt)
-    velocity = corrected_velocity(config, state, j)
-    state.friction[Friction.VELOCITY, j] += gone * (velocity - state.friction[Friction.VELOCITY, j])
-    velocity = state.friction[Friction.VELOCITY, j]
+    velocity = state.learnt_velocity[j]
     compensated = acting_compensation(config, state, j)
     for k in range(_INPUTS):
         value = compensated
@@ -155,16 +134,9 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
             rows[pole, first + k] += gone * (value - rows[pole, first + k])
             value = rows[pole, first + k]
         if k == _INPUTS - 1:
-            value += lacking
+            value += state.lacking[j]
         rows[_POLES, first + k] += slow * (value - rows[_POLES, first + k])
         rows[_POLES + 1, first + k] = value - rows[_POLES, first + k]
-
-
-@inlined
-def corrected_velocity(config: ControllerConfig, state: ControllerState, j: int) -> float:
-    """The velocity of joint j without what a disturbance that changes quickly makes of it, rad/s; it has more noise."""
-    behind = state.measured[j] - state.signals[Signal.POSITION, j]
-    return state.signals[Signal.VELOCITY, j] + 3.0 * config.adaptation.bandwidth[j] * behind
 
 
 @inlined

@@ -23,9 +23,9 @@ adaptive, and PDE systems", 2009, chapter 4.
 import math
 
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.bank import LATE
+from pidtsm_core.control.bank import MOST_UNDER_WAY
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.state import Condition, ControllerState, Count, Late, Lateness, Moved, part
+from pidtsm_core.control.state import Condition, ControllerState, Count, Lateness, Predicted, UnderWay, part
 from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.references import extrapolate
 from pidtsm_core.robots import forward_dynamics
@@ -58,52 +58,61 @@ def remaining(config: ControllerConfig, state: ControllerState) -> float:
     return delay_of(config, state) + left
 
 
+@inlined
+def lagging(behind: float, lag: float, dt: float) -> tuple[float, float]:
+    """How far a drive is behind a command on average over dt (s), and at its end, if it was `behind` (N m) at first."""
+    if lag <= 0.0:
+        return 0.0, 0.0
+    ratio = dt / lag
+    return behind * -math.expm1(-ratio) / ratio, behind * math.exp(-ratio)
+
+
 @part
 def deliver(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Write what the drives have delivered since the last tick, dt (s) ago, to ``state.net`` and ``state.delivered``.
 
     The command of the last tick becomes the newest one under way.
     """
-    rows, moved, acceleration, joints = state.late, state.moved, state.scratch[0], state.net.size
-    newest = int(state.late_newest[0] + 1) % LATE
+    rows, predicted, acceleration, joints = state.under_way, state.predicted, state.scratch[0], state.net.size
+    newest = int(state.under_way_newest[0] + 1) % MOST_UNDER_WAY
     for j in range(joints):
-        sent, lag = state.commanded[j], lag_of(config, state, j)
-        mean = sent
-        if lag > 0.0:
-            behind = state.drive[j] - sent
-            mean += behind * -math.expm1(-dt / lag) * lag / dt
-            state.drive[j] = sent + behind * math.exp(-dt / lag)
-        else:
-            state.drive[j] = sent
-        rows[newest, Late.EFFORT, j] = mean
-        rows[newest, Late.ADDED, j] = state.added[j]
-        state.net[j] = mean - state.added[j] + _damping(config, state, j, moved[Moved.VELOCITY, j], state.ahead[1, j])
+        sent = state.commanded[j]
+        mean, last = lagging(state.drive[j] - sent, lag_of(config, state, j), dt)
+        mean += sent
+        state.drive[j] = sent + last
+        rows[newest, UnderWay.EFFORT, j] = mean
+        rows[newest, UnderWay.ADDED, j] = state.added[j]
+        state.net[j] = (
+            mean - state.added[j] + _damping(config, state, j, predicted[Predicted.VELOCITY, j], state.ahead[1, j])
+        )
     # The arm will be where it is predicted to be when they act.
-    forward_dynamics(config.model, moved[Moved.POSITION], moved[Moved.VELOCITY], state.net, acceleration)
+    forward_dynamics(
+        config.model, predicted[Predicted.POSITION], predicted[Predicted.VELOCITY], state.net, acceleration
+    )
     for j in range(joints):
-        rows[newest, Late.ACCELERATION, j] = acceleration[j] if math.isfinite(acceleration[j]) else 0.0
-    state.late_newest[0] = newest
-    state.late_held[newest] = dt
+        rows[newest, UnderWay.ACCELERATION, j] = acceleration[j] if math.isfinite(acceleration[j]) else 0.0
+    state.under_way_newest[0] = newest
+    state.under_way_held[newest] = dt
     _write_acting(config, state, dt)
 
 
 @inlined
 def _write_acting(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Average what acted over the last dt (s): the efforts of commands that are older by the delay."""
-    rows, delivered, net = state.late, state.delivered, state.net
+    rows, delivered, net = state.under_way, state.delivered, state.net
     for j in range(net.size):
         delivered[j] = net[j] = 0.0
     age, first = 0.0, delay_of(config, state)
     last = first + dt
-    for back in range(LATE):
-        i = (int(state.late_newest[0]) - back) % LATE
+    for back in range(MOST_UNDER_WAY):
+        i = (int(state.under_way_newest[0]) - back) % MOST_UNDER_WAY
         begin = age
-        age += state.late_held[i]
+        age += state.under_way_held[i]
         share = (min(age, last) - max(begin, first)) / dt
         if share > 0.0:
             for j in range(net.size):
-                delivered[j] += share * rows[i, Late.EFFORT, j]
-                net[j] -= share * rows[i, Late.ADDED, j]
+                delivered[j] += share * rows[i, UnderWay.EFFORT, j]
+                net[j] -= share * rows[i, UnderWay.ADDED, j]
         if age >= last:
             break
     for j in range(net.size):
@@ -121,29 +130,29 @@ def _damping(config: ControllerConfig, state: ControllerState, joint: int, veloc
 
 @part
 def predict(config: ControllerConfig, state: ControllerState) -> None:
-    """Write the motion after the delay to ``state.moved``, and the desired one to ``state.ahead``."""
-    y, rows, moved, delay = state.signals, state.late, state.moved, delay_of(config, state)
-    newest = int(state.late_newest[0])
-    for j in range(moved.shape[1]):
+    """Write the motion after the delay to ``state.predicted``, and the desired one to ``state.ahead``."""
+    y, rows, predicted, delay = state.signals, state.under_way, state.predicted, delay_of(config, state)
+    newest = int(state.under_way_newest[0])
+    for j in range(predicted.shape[1]):
         d = state.estimator[j, DISTURBANCE]
-        moved[Moved.POSITION, j] = y[Signal.POSITION, j] + delay * (y[Signal.VELOCITY, j] + 0.5 * delay * d)
-        moved[Moved.VELOCITY, j] = y[Signal.VELOCITY, j] + delay * d
-        moved[Moved.ACCELERATION, j] = y[Signal.ACCELERATION, j]
+        predicted[Predicted.POSITION, j] = y[Signal.POSITION, j] + delay * (y[Signal.VELOCITY, j] + 0.5 * delay * d)
+        predicted[Predicted.VELOCITY, j] = y[Signal.VELOCITY, j] + delay * d
+        predicted[Predicted.ACCELERATION, j] = y[Signal.ACCELERATION, j]
         if delay > 0.0:
-            moved[Moved.ACCELERATION, j] = rows[newest, Late.ACCELERATION, j] + d
+            predicted[Predicted.ACCELERATION, j] = rows[newest, UnderWay.ACCELERATION, j] + d
     age = 0.0
-    for back in range(LATE):
+    for back in range(MOST_UNDER_WAY):
         if age >= delay:
             break
-        i = (newest - back) % LATE
-        begin, age = age, min(age + state.late_held[i], delay)
-        for j in range(moved.shape[1]):
-            acceleration = rows[i, Late.ACCELERATION, j]
-            moved[Moved.POSITION, j] += 0.5 * (age * age - begin * begin) * acceleration
-            moved[Moved.VELOCITY, j] += (age - begin) * acceleration
+        i = (newest - back) % MOST_UNDER_WAY
+        begin, age = age, min(age + state.under_way_held[i], delay)
+        for j in range(predicted.shape[1]):
+            acceleration = rows[i, UnderWay.ACCELERATION, j]
+            predicted[Predicted.POSITION, j] += 0.5 * (age * age - begin * begin) * acceleration
+            predicted[Predicted.VELOCITY, j] += (age - begin) * acceleration
     extrapolate(state.desired, delay, state.ahead)
-    for j in range(moved.shape[1]):
-        damping = _damping(config, state, j, moved[Moved.VELOCITY, j], state.ahead[1, j])
+    for j in range(predicted.shape[1]):
+        damping = _damping(config, state, j, predicted[Predicted.VELOCITY, j], state.ahead[1, j])
         state.undamped[j] = -damping if config.rejects else 0.0
 
 
@@ -177,17 +186,17 @@ def command_drives(config: ControllerConfig, state: ControllerState, dt: float) 
 @inlined
 def _begin_at_rest(state: ControllerState) -> None:
     """Assume that the effort of the first tick has acted for long."""
-    state.late_held[:] = 0.0
-    newest = int(state.late_newest[0])
-    state.late_held[newest] = _LONG
+    state.under_way_held[:] = 0.0
+    newest = int(state.under_way_newest[0])
+    state.under_way_held[newest] = _LONG
     for j in range(state.drive.size):
         effort = state.sent[j]
         state.drive[j] = state.delivered[j] = effort
         for i in range(state.bank.drives.shape[0]):
             state.bank.drives[i, j] = state.bank.efforts[newest, i, j] = effort
-        state.late[newest, Late.EFFORT, j] = effort
-        state.late[newest, Late.ADDED, j] = state.added[j]
-        state.late[newest, Late.ACCELERATION, j] = 0.0
+        state.under_way[newest, UnderWay.EFFORT, j] = effort
+        state.under_way[newest, UnderWay.ADDED, j] = state.added[j]
+        state.under_way[newest, UnderWay.ACCELERATION, j] = 0.0
 
 
 def refusal_of_freedrive(config: ControllerConfig, state: ControllerState) -> str:
@@ -203,13 +212,15 @@ def refusal_of_freedrive(config: ControllerConfig, state: ControllerState) -> st
 
 def begin_lateness(state: ControllerState) -> None:
     """Begin to make up for late drives while the arm moves: what was sent last is assumed to have acted for long."""
-    newest = int(state.late_newest[0])
-    state.late_held[:] = 0.0
-    state.late_held[newest] = _LONG
+    newest = int(state.under_way_newest[0])
+    state.under_way_held[:] = 0.0
+    state.under_way_held[newest] = _LONG
     state.drive[:] = state.delivered[:] = state.commanded[:] = state.sent
     state.bank.drives[:] = state.bank.efforts[newest] = state.sent
-    state.late[newest, Late.EFFORT] = state.sent
-    state.late[newest, Late.ADDED] = state.added
-    state.late[newest, Late.ACCELERATION] = state.signals[Signal.ACCELERATION] - state.estimator[:, DISTURBANCE]
-    state.moved[:] = state.signals[: Signal.POSITION_ERROR]
+    state.under_way[newest, UnderWay.EFFORT] = state.sent
+    state.under_way[newest, UnderWay.ADDED] = state.added
+    state.under_way[newest, UnderWay.ACCELERATION] = (
+        state.signals[Signal.ACCELERATION] - state.estimator[:, DISTURBANCE]
+    )
+    state.predicted[:] = state.signals[: Signal.POSITION_ERROR]
     state.ahead[:] = state.desired

@@ -1,8 +1,8 @@
 """How late the drives are, found while the arm moves.
 
 A bank of hypotheses, each a delay and a lag beyond ``drive.delay`` and ``drive.lag``, is judged by what the observer
-finds. With its disturbance d, an acceleration, the model lacks the effort -H d (see friction_learning.py). If the
-drives deliver x_h by hypothesis h, and the observer was given x, then
+finds. With its disturbance d, an acceleration, the model lacks the effort -H d (see lacking.py). If the drives
+deliver x_h by hypothesis h, and the observer was given x, then
 
     -H d + x_h - x
 
@@ -31,11 +31,13 @@ from enum import IntEnum
 import numpy as np
 
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.control.bank import BANK_DELAYS, BANK_LAGS, HYPOTHESES, NUISANCES
+from pidtsm_core.control.bank import BANK_DELAYS, BANK_LAGS, FILTERED, HYPOTHESES, NUISANCES, POLES
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.effort import REVERSAL
-from pidtsm_core.control.friction_learning import SOFTER, corrected_velocity, write_lacking
+from pidtsm_core.control.friction_learning import SOFTER
+from pidtsm_core.control.lacking import is_known
+from pidtsm_core.control.lateness import lagging
 from pidtsm_core.control.state import ControllerState, Count, Lateness, part
 from pidtsm_core.signals import Mode, Signal, Status
 
@@ -51,6 +53,8 @@ _MISTAKEN = 0.7
 """Logarithm of how much more a hypothesis may explain because the model is wrong elsewhere: half of what is left."""
 _TAKEN_IN = 0.1
 """s; time constant of the lateness that is used."""
+_NOTHING = 1e-6
+"""s; less is nothing."""
 _UNKNOWN = 0.7
 """s of motion before which nothing is known."""
 _ASSUMED = 0.012
@@ -62,7 +66,6 @@ _SETTLED = 0.99
 """Output of a filter for an input of 1; before, the observer has not found the motion of the arm either."""
 _COARSE, _RELATIVE = 0.006, 0.2
 """s, and a share: deviation of the lateness, because the hypotheses are that far apart, and none is a real drive."""
-_POLES, _HIGH = 3, 2
 _LEAST = 1e-12
 """Square of the share of the effort limit that is always left unexplained."""
 _DELAYS, _LAGS = np.array(BANK_DELAYS), np.array(BANK_LAGS)
@@ -86,16 +89,14 @@ def learn_lateness(config: ControllerConfig, state: ControllerState, dt: float) 
     The result is in ``state.lateness``, see `Lateness`.
     """
     _note_efforts(config, state, dt)
-    write_lacking(config, state)
     follows = state.status[Status.MODE] == Mode.FOLLOWING and state.status[Status.FAULT] == 0
     learns = follows and not in_contact(config, state)
     state.lateness[Lateness.OBSERVED] += dt if follows else 0.0
     for j in range(state.net.size):
-        lacking = state.scratch[0, j]
-        if not math.isfinite(lacking + state.signals[Signal.VELOCITY, j] + state.measured[j]):
+        if not is_known(state, j):
             continue
-        _filter(config, state, j, lacking, dt)
-        settled = state.bank.known[j, _POLES - 1, Nuisance.CONSTANT] > _SETTLED
+        _filter(config, state, j, dt)
+        settled = state.bank.known[j, POLES - 1, Nuisance.CONSTANT] > _SETTLED
         if learns and settled:
             _weigh(state, j, dt)
     _fit(state, state.counts[Count.ANSWERED] % state.net.size)
@@ -117,8 +118,9 @@ def _take_in(config: ControllerConfig, state: ControllerState, dt: float) -> Non
     elif config.adaptation.uses_lateness and state.lateness[Lateness.OBSERVED] < _UNKNOWN:
         delay = _ASSUMED
     pace = -math.expm1(-dt / _TAKEN_IN)
-    state.lateness[Lateness.DELAY] += pace * (delay - state.lateness[Lateness.DELAY])
-    state.lateness[Lateness.LAG] += pace * (lag - state.lateness[Lateness.LAG])
+    for place, wanted in ((Lateness.DELAY, delay), (Lateness.LAG, lag)):
+        used = state.lateness[place] + pace * (wanted - state.lateness[place])
+        state.lateness[place] = used if used > _NOTHING else 0.0
 
 
 def forget_lateness(state: ControllerState) -> None:
@@ -131,35 +133,31 @@ def forget_lateness(state: ControllerState) -> None:
 @inlined
 def _note_efforts(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Note what the drives deliver for the last command with each lag, and find the rows of each delay."""
-    newest = int(state.late_newest[0])
+    newest = int(state.under_way_newest[0])
     for i in range(_LAGS.size):
         for j in range(state.net.size):
             sent, lag = state.commanded[j], config.drive.lag[j] + _LAGS[i]
-            behind = state.bank.drives[i, j] - sent
-            mean = sent
-            if lag > 0.0:
-                mean += behind * -math.expm1(-dt / lag) * lag / dt
-                state.bank.drives[i, j] = sent + behind * math.exp(-dt / lag)
-            state.bank.efforts[newest, i, j] = mean
+            mean, last = lagging(state.bank.drives[i, j] - sent, lag, dt)
+            state.bank.efforts[newest, i, j] = sent + mean
+            state.bank.drives[i, j] = sent + last
     age, back = 0.0, 0
     for i in range(_DELAYS.size):
         acts = config.drive.delay + _DELAYS[i]
-        row = (newest - back) % state.late_held.size
-        while age + state.late_held[row] <= acts and back < state.late_held.size - 1:
-            age += state.late_held[row]
+        row = (newest - back) % state.under_way_held.size
+        while age + state.under_way_held[row] <= acts and back < state.under_way_held.size - 1:
+            age += state.under_way_held[row]
             back += 1
-            row = (newest - back) % state.late_held.size
+            row = (newest - back) % state.under_way_held.size
         state.bank.rows[i] = row
 
 
 @inlined
-def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: float, dt: float) -> None:
-    """Filter the inputs of joint j like the observer, add what is `lacking` (N m), and remove what is slow."""
+def _filter(config: ControllerConfig, state: ControllerState, j: int, dt: float) -> None:
+    """Filter the inputs of joint j like the observer, add what is lacking, and remove what is slow."""
     known, left = state.bank.known[j], state.bank.filters[j]
     bandwidth, limit = config.adaptation.bandwidth[j], config.limits.effort[j]
     gone, slow = -math.expm1(-bandwidth * dt), -math.expm1(-_FAST * dt)
-    state.bank.velocity[j] += gone * (corrected_velocity(config, state, j) - state.bank.velocity[j])
-    velocity = state.bank.velocity[j]
+    velocity = state.learnt_velocity[j]
     for k in range(NUISANCES):
         value = 1.0
         if k == Nuisance.HARD:
@@ -170,30 +168,30 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, lacking: f
             value = velocity
         elif k == Nuisance.ACCELERATION:
             value = state.signals[Signal.ACCELERATION, j]
-        for pole in range(_POLES):
+        for pole in range(POLES):
             known[pole, k] += gone * (value - known[pole, k])
             value = known[pole, k]
-        for pole in range(_POLES, _POLES + _HIGH):
+        for pole in range(POLES, FILTERED):
             known[pole, k] += slow * (value - known[pole, k])
             value -= known[pole, k]
-        known[_POLES + _HIGH, k] = value
+        known[FILTERED, k] = value
     given = state.applied[j] if config.feeds_back else state.delivered[j]
     for h in range(_DELAY_OF.size):
         value = state.bank.efforts[state.bank.rows[_DELAY_OF[h]], _LAG_OF[h], j] - given
-        left[0, h] += gone * (value - left[0, h])
-        left[1, h] += gone * (left[0, h] - left[1, h])
-        left[2, h] += gone * (left[1, h] - left[2, h])
-        value = (left[2, h] + lacking) / limit
-        left[3, h] += slow * (value - left[3, h])
-        value -= left[3, h]
-        left[4, h] += slow * (value - left[4, h])
-        left[5, h] = value - left[4, h]
+        for pole in range(POLES):
+            left[pole, h] += gone * (value - left[pole, h])
+            value = left[pole, h]
+        value = (value + state.lacking[j]) / limit
+        for pole in range(POLES, FILTERED):
+            left[pole, h] += slow * (value - left[pole, h])
+            value -= left[pole, h]
+        left[FILTERED, h] = value
 
 
 @inlined
 def _weigh(state: ControllerState, j: int, dt: float) -> None:
     """Add dt (s) of evidence to the normal equations of joint j, and forget a little of what was before."""
-    known, left = state.bank.known[j, _POLES + _HIGH], state.bank.filters[j, _POLES + _HIGH]
+    known, left = state.bank.known[j, FILTERED], state.bank.filters[j, FILTERED]
     normal, mixed, squares = state.bank.normal[j], state.bank.mixed[j], state.bank.squares[j]
     kept = math.exp(-dt / _MEMORY)
     for a in range(NUISANCES):

@@ -256,7 +256,7 @@ DRIVE = (
 LEARNT_LATENESS = Parameter(
     "adaptation.lateness",
     "none",
-    "find how late the drives are beyond drive.* while the arm moves. learn: make up for what is likely; warn: only "
+    "find how late the drives are beyond drive.* while the arm moves. learn: compensate what is likely; warn: only "
     "report it. Needs estimator.name: extended_state_observer",
     choices=("none", "warn", "learn"),
 )

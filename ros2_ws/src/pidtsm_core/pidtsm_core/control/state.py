@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.compiling.memory import Layout
-from pidtsm_core.control.bank import LATE, Bank, new_bank
+from pidtsm_core.control.bank import MOST_UNDER_WAY, Bank, new_bank
 from pidtsm_core.control.configuration import ControllerConfig, example_config
 from pidtsm_core.laws import STATE_SLOTS
 from pidtsm_core.parameters.family import SLOTS
@@ -141,10 +141,9 @@ class Friction(IntEnum):
     SQUARES = 6  # integral of the square of the effort that the model lacks, (N m)^2 s
     SOFT = 7  # the part of COULOMB that grows slowly with the velocity, N m
     SHARE = 8  # its share of USED
-    VELOCITY = 9  # measured and filtered, rad/s
 
 
-class Late(IntEnum):
+class UnderWay(IntEnum):
     """Rows of what is known of a command that may still be under way, per joint; see lateness.py."""
 
     EFFORT = 0  # that the drive delivers for it, N m
@@ -152,7 +151,7 @@ class Late(IntEnum):
     ACCELERATION = 2  # of the model under the rest, rad/s^2
 
 
-class Moved(IntEnum):
+class Predicted(IntEnum):
     """Rows of the motion that is predicted for the time at which the command acts."""
 
     POSITION = 0  # rad
@@ -220,18 +219,20 @@ class ControllerState(NamedTuple):
     handover: Array  # what is left of the difference that a change of the controller made, shape (joints,), N m
     external: Array  # effort that acts on the arm from outside, see `External`, shape (len(External), joints)
     friction: Array  # what is known of it, see `Friction`, shape (len(Friction), joints)
+    lacking: Array  # effort that the model lacks, see lacking.py, shape (joints,), N m
+    learnt_velocity: Array  # velocity for what is learnt, likewise, rad/s
     friction_inputs: Array  # filtered regressors, a row for each filter, see friction_learning.py
     friction_evidence: Array  # normal equations: FITTED rows for each joint, shape (FITTED joints, FITTED + 1)
     friction_solution: Array  # scratch: their factor and solutions, shape (FITTED + 2, FITTED)
     commanded: Array  # `sent`, with what makes up for the lag of the drives, shape (joints,), N m
     drive: Array  # effort that the drives deliver for the last command, when it acts, shape (joints,), N m
-    late: Array  # commands that may be under way, a ring, see `Late`, shape (LATE, len(Late), joints)
-    late_held: Array  # for how long each of them was held, shape (LATE,), s
-    late_newest: NDArray[np.int64]  # which of them is the newest, shape (1,)
+    under_way: Array  # commands that may be under way, a ring, see `UnderWay`, shape (MOST_UNDER_WAY, 3, joints)
+    under_way_held: Array  # for how long each of them was held, shape (MOST_UNDER_WAY,), s
+    under_way_newest: NDArray[np.int64]  # which of them is the newest, shape (1,)
     delivered: Array  # effort that acted before the sample, by the model of the drives, shape (joints,), N m
     damped: Array  # what viscous friction beyond its compensation adds to it, by the parameters, likewise
     undamped: Array  # effort that makes up for it when the command acts, likewise
-    moved: Array  # motion when the command acts, see `Moved`, shape (len(Moved), joints)
+    predicted: Array  # motion when the command acts, see `Predicted`, shape (len(Predicted), joints)
     ahead: Array  # desired motion then, shape (3, joints)
     lateness: Array  # what is known of it, see `Lateness`
     bank: Bank  # hypotheses about the lateness
@@ -263,18 +264,30 @@ class ControllerMemory(NamedTuple):
     signals: Array  # likewise, shape (len(Signal), joints), rows of any distance: those of a message
 
 
+def _learnt(joints: int) -> dict[str, Any]:
+    """The arrays of lacking.py and friction_learning.py, by name; shapes as in `ControllerState`."""
+    return {
+        "friction": np.zeros((len(Friction), joints)),
+        "lacking": np.zeros(joints),
+        "learnt_velocity": np.zeros(joints),
+        "friction_inputs": np.zeros((5, (FITTED + 1) * joints)),
+        "friction_evidence": np.zeros((FITTED * joints, FITTED + 1)),
+        "friction_solution": np.zeros((FITTED + 2, FITTED)),
+    }
+
+
 def _late_drives(joints: int) -> dict[str, Any]:
     """The arrays of lateness.py, by name; shapes as in `ControllerState`."""
     return {
         "commanded": np.zeros(joints),
         "drive": np.zeros(joints),
-        "late": np.zeros((LATE, len(Late), joints)),
-        "late_held": np.zeros(LATE),
-        "late_newest": np.zeros(1, np.int64),
+        "under_way": np.zeros((MOST_UNDER_WAY, len(UnderWay), joints)),
+        "under_way_held": np.zeros(MOST_UNDER_WAY),
+        "under_way_newest": np.zeros(1, np.int64),
         "delivered": np.zeros(joints),
         "damped": np.zeros(joints),
         "undamped": np.zeros(joints),
-        "moved": np.zeros((len(Moved), joints)),
+        "predicted": np.zeros((len(Predicted), joints)),
         "ahead": np.zeros((3, joints)),
         "lateness": np.zeros(len(Lateness)),
     }
@@ -324,10 +337,7 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         history_efforts=np.zeros((HISTORY, joints)),
         handover=np.zeros(joints),
         external=np.zeros((len(External), joints)),
-        friction=np.zeros((len(Friction), joints)),
-        friction_inputs=np.zeros((5, (FITTED + 1) * joints)),
-        friction_evidence=np.zeros((FITTED * joints, FITTED + 1)),
-        friction_solution=np.zeros((FITTED + 2, FITTED)),
+        **_learnt(joints),
         **_late_drives(joints),
         bank=new_bank(joints),
         rejected=np.zeros(joints),

@@ -6,9 +6,10 @@ from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact, sense_contact
 from pidtsm_core.control.effort import feed_offset, friction, held_back, limit_effort, write_net_effort
 from pidtsm_core.control.friction_learning import learn_friction
+from pidtsm_core.control.lacking import find_lacking
 from pidtsm_core.control.lateness import deliver, predict
 from pidtsm_core.control.lateness_learning import learn_lateness
-from pidtsm_core.control.state import Condition, ControllerState, Friction, Handover, Time, part
+from pidtsm_core.control.state import Condition, ControllerState, Friction, Handover, Predicted, Time, part
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
 from pidtsm_core.robots import inverse_dynamics
@@ -90,7 +91,8 @@ def demand_again(config: ControllerConfig, state: ControllerState, dt: float) ->
     """
     motion, desired = state.signals[: Signal.POSITION_ERROR], state.desired
     if config.drive.late:
-        motion, desired = state.moved, state.ahead
+        predict(config, state)  # What is known of the drives may have changed, too.
+        motion, desired = state.predicted, state.ahead
     _command(config, state, motion, desired, dt)
     _add(config, state, desired)
     _actuate(config, state, dt, False)
@@ -112,7 +114,8 @@ def _actuate(config: ControllerConfig, state: ControllerState, dt: float, senses
     elif config.uses_model and not config.drive.late:
         inverse_dynamics(config.model, q_hat, dq_hat, motion[:2], efforts[:2])
     if config.drive.late:
-        inverse_dynamics(config.model, state.moved[0], state.moved[1], motion[:2], efforts[:2])
+        q, dq = state.predicted[Predicted.POSITION], state.predicted[Predicted.VELOCITY]
+        inverse_dynamics(config.model, q, dq, motion[:2], efforts[:2])
     for j in range(y.shape[1]):
         added = state.added[j]
         if config.drive.late:
@@ -153,11 +156,13 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
         deliver(config, state, dt)
     sample = Sample(state.measured, state.truth, dt, state.net, config.model)
     estimate(config.estimator.address, sample, config.estimator.parameters, state.estimator, motion)
+    if config.adaptation.learns:
+        find_lacking(config, state, dt)
     if config.adaptation.learns_lateness and dt > 0.0:
         learn_lateness(config, state, dt)
     if config.drive.late:
         predict(config, state)
-        motion, desired = state.moved, state.ahead
+        motion, desired = state.predicted, state.ahead
     if config.adaptation.learns_friction:
         learn_friction(config, state, dt)
     if config.rejects:

@@ -111,6 +111,24 @@ def test_switching_it_makes_no_step_of_the_torque() -> None:
         assert np.abs(loop.errors).max() < 0.05
 
 
+def test_what_was_learnt_is_not_used_once_it_is_switched_off() -> None:
+    loop = CoreLoop("ur5", {**LEARNS, "drive.delay": 0.01}, {**REAL, "delay.samples": 40})
+    loop.advance(3000)
+    state = loop.controller.state
+    assert state.lateness[Lateness.DELAY] > 0.005
+    loop.controller.set_parameters({**loop.values, "adaptation.lateness": "none"})
+    loop.advance(1)
+    assert not state.lateness.any()
+
+
+def test_what_is_assumed_at_first_ends() -> None:
+    loop = CoreLoop("panda", LEARNS, REAL)
+    loop.advance(300)
+    assert loop.controller.state.lateness[Lateness.DELAY] > 0.005
+    loop.advance(2700)
+    assert loop.controller.state.lateness[Lateness.DELAY] == 0.0
+
+
 def test_other_knowledge_begins_anew() -> None:
     loop = CoreLoop("ur5", LEARNS, {**REAL, "delay.samples": 30})
     loop.advance(3000)

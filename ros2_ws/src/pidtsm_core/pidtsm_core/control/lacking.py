@@ -1,0 +1,40 @@
+"""What the observer tells about the arm, for what the controller learns: the effort that the model lacks, and velocity.
+
+The disturbance d of the observer is an acceleration; -H d is the effort that the model lacks, see extended_state.py. If
+d changes at the rate d', the observer's velocity is wrong by 3 d' / w^2 and its position by d' / w^3. Adding 3 w times
+the error of the position cancels that of the velocity, as far as w is slow against the rate; one more pole at w bounds
+the noise.
+"""
+
+import math
+
+from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.state import ControllerState, part
+from pidtsm_core.estimators import DISTURBANCE
+from pidtsm_core.robots import inverse_dynamics
+from pidtsm_core.signals import Signal
+
+
+@part
+def find_lacking(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Write ``state.lacking`` and ``state.learnt_velocity``, dt (s) after the last tick, from this tick's estimates."""
+    motion, efforts, y = state.motion, state.scratch, state.signals
+    for j in range(state.lacking.size):
+        motion[0, j] = 0.0
+        motion[1, j] = state.estimator[j, DISTURBANCE]
+        motion[2, j] = 0.0
+    inverse_dynamics(config.model, y[Signal.POSITION], motion[2], motion[:2], efforts[:2])
+    for j in range(state.lacking.size):
+        bandwidth = config.adaptation.bandwidth[j]
+        velocity = y[Signal.VELOCITY, j] + 3.0 * bandwidth * (state.measured[j] - y[Signal.POSITION, j])
+        state.lacking[j] = efforts[0, j] - efforts[1, j]
+        if math.isfinite(state.lacking[j] + velocity):
+            gone = -math.expm1(-bandwidth * dt)
+            state.learnt_velocity[j] += gone * (velocity - state.learnt_velocity[j])
+
+
+@inlined
+def is_known(state: ControllerState, joint: int) -> bool:
+    """Whether the last estimates of a joint can be learnt from: they are finite."""
+    return math.isfinite(state.lacking[joint] + state.signals[Signal.VELOCITY, joint] + state.measured[joint])
