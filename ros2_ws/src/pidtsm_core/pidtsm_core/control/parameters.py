@@ -225,34 +225,33 @@ LEARNT_FRICTION = Parameter(
     "warn: only report it. Needs estimator.name: extended_state_observer",
     choices=("none", "warn", "learn"),
 )
-DRIVE = (
-    Parameter(
-        "drive.delay",
-        0.0,
-        "time from the stamp of the joint state until the command that answers it acts, as far as it is known: the law "
-        "sees the motion predicted for that time",
-        "s",
-        minimum=0.0,
-        maximum=0.1,
-    ),
-    Parameter(
-        "drive.lag",
-        0.0,
-        "time constant with which the effort of a drive follows its command, as far as it is known",
-        "s",
-        minimum=0.0,
-        maximum=0.2,
-        per_joint=True,
-    ),
-    Parameter(
-        "drive.inversion",
-        4.0,
-        "how many times faster than with drive.lag the effort follows; noise is amplified as much. 1: the lag stays",
-        minimum=1.0,
-        maximum=50.0,
-        per_joint=True,
-    ),
+_DELAY = Parameter(
+    "drive.delay",
+    0.0,
+    "time from the stamp of the joint state until the command that answers it acts, as far as it is known: the law "
+    "sees the motion predicted for that time",
+    "s",
+    minimum=0.0,
+    maximum=0.1,
 )
+_LAG = Parameter(
+    "drive.lag",
+    0.0,
+    "time constant with which the effort of a drive follows its command, as far as it is known",
+    "s",
+    minimum=0.0,
+    maximum=0.2,
+    per_joint=True,
+)
+_INVERSION = Parameter(
+    "drive.inversion",
+    4.0,
+    "how many times faster than with drive.lag the effort follows; noise is amplified as much. 1: the lag stays",
+    minimum=1.0,
+    maximum=50.0,
+    per_joint=True,
+)
+DRIVE = (_DELAY, _LAG, _INVERSION)
 LEARNT_LATENESS = Parameter(
     "adaptation.lateness",
     "none",
@@ -329,7 +328,7 @@ def _check_observer(settings: Mapping[str, object], estimator: Estimator) -> Non
     uses = {
         REJECTION: settings.get(REJECTION.name) is True,
         **{p: settings.get(p.name, "none") != "none" for p in (LEARNT_FRICTION, LEARNT_LATENESS)},
-        **{p: np.any(np.asarray(settings.get(p.name, 0.0), object) != 0.0) for p in DRIVE[:2]},
+        **{p: np.any(np.asarray(settings.get(p.name, 0.0), object) != 0.0) for p in (_DELAY, _LAG)},
     }
     for parameter, used in uses.items():
         if used and not estimator.finds_disturbance:
