@@ -29,10 +29,8 @@ def is_large(before: Any, after: Any) -> bool:
     if old.size != new.size and 1 not in (old.size, new.size):
         return True
     old, new = np.broadcast_arrays(old, new)
-    small = (old == new) | (
-        (old * new > 0.0) & (np.abs(new) <= LARGE * np.abs(old)) & (np.abs(old) <= LARGE * np.abs(new))
-    )
-    return not bool(small.all())
+    near = (np.abs(new) <= LARGE * np.abs(old)) & (np.abs(old) <= LARGE * np.abs(new))
+    return not bool(((old == new) | (near & (np.sign(old) == np.sign(new)))).all())
 
 
 def _numeric(value: Any) -> bool:

@@ -156,23 +156,27 @@ class Page:
 
     # Actions.
 
+    # A change that starts a node again is over before it is asked whether the node runs.
+
     async def _start_again(self, node: str) -> None:
-        if node in self._forms:
-            await self._forms[node].start_again()
-        elif self._recorded is not None and node == "recorder":
-            await self._recorded.start()
-        elif self._desk.nodes is not None and node in self._desk.nodes.parameters:
-            await self._desk.nodes.start_again(node)
-            self._desk.system.lives.begin(node)
-            self._desk.system.note(f"{node} started again")
+        async with self._desk.changing:
+            if node in self._forms:
+                await self._forms[node].start_again()
+            elif self._recorded is not None and node == "recorder":
+                await self._recorded.start()
+            elif self._desk.nodes is not None and node in self._desk.nodes.parameters:
+                await self._desk.nodes.start_again(node)
+                self._desk.system.lives.begin(node)
+                self._desk.system.note(f"{node} started again")
 
     async def _activate(self) -> None:
-        nodes = self._desk.nodes
-        if nodes is not None and not nodes.runs("controller"):
-            await self._forms["controller"].start_again()
-        else:
-            await self._desk.system.activate("controller")
-            self._desk.system.note("controller activated")
+        async with self._desk.changing:
+            nodes = self._desk.nodes
+            if nodes is not None and not nodes.runs("controller"):
+                await self._forms["controller"].start_again()
+            else:
+                await self._desk.system.activate("controller")
+                self._desk.system.note("controller activated")
 
     async def _deactivate(self) -> None:
         await self._desk.system.deactivate("controller")

@@ -42,6 +42,7 @@ _AGAIN = 1.0
 """s without an answer after which a request is repeated: a service is there before its answers find the way."""
 _REPEATABLE = (ListParameters, DescribeParameters, GetParameters, SetParametersAtomically, GetState, SetBool)
 """Services that do the same when they are called twice."""
+_READINGS = 5  # of the parameters of a node that is started again meanwhile
 _POLL = 0.01  # s
 _SPIN = 0.002  # s
 _EVENTS = 8
@@ -299,17 +300,18 @@ class System:
         """Every parameter of a node.
 
         Raises:
-            RefusedError: see `call`.
+            RefusedError: the node has other parameters at each answer, or see `call`.
         """
-        listed = await self.call(ListParameters, f"{node}/list_parameters", ListParameters.Request())
-        names = sorted(listed.result.names)
-        sent = DescribeParameters.Request(names=names)
-        described = await self.call(DescribeParameters, f"{node}/describe_parameters", sent)
-        values = await self.call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
-        return [
-            Described(descriptor, plain(value))
-            for descriptor, value in zip(described.descriptors, values.values, strict=True)
-        ]
+        for _ in range(_READINGS):
+            listed = await self.call(ListParameters, f"{node}/list_parameters", ListParameters.Request())
+            names = sorted(listed.result.names)
+            what = DescribeParameters.Request(names=names)
+            described = await self.call(DescribeParameters, f"{node}/describe_parameters", what)
+            values = await self.call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
+            # A node that was started anew meanwhile answers nothing if it does not know one of the names.
+            if len(described.descriptors) == len(values.values) == len(names):
+                return list(map(Described, described.descriptors, map(plain, values.values)))
+        raise RefusedError(f"the parameters of {node} changed whenever they were read; is it started again and again?")
 
     async def set(self, node: str, values: Mapping[str, Any]) -> None:
         """Set parameters of a node together, or none of them.
