@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.control.parameters import LEARNT_FRICTION, LEARNT_LATENESS, REJECTION
+from pidtsm_core.control.parameters import LEARNT_FRICTION, LEARNT_LATENESS, REJECTION, ROUGHNESS, SOFTENING
 from pidtsm_core.estimators import ESTIMATORS, estimator_address
 from pidtsm_core.laws import LAWS, LawConfig, make_law
 from pidtsm_core.parameters import Value, as_float, joint_array
@@ -92,6 +92,9 @@ class AdaptationConfig(NamedTuple):
     compensates_friction: bool  # what it has learnt
     learns_lateness: bool
     uses_lateness: bool  # what it has learnt
+    watches_roughness: bool  # of its commands
+    softens: bool  # joints whose commands are rough
+    roughness: Array  # what the drives bear, shape (joints,), a share of the effort limit
     bandwidth: Array  # of the observer that it learns from, shape (joints,), rad/s
 
 
@@ -284,7 +287,8 @@ def _freedrive(values: Mapping[str, Value], limits: LimitsConfig) -> FreedriveCo
 
 
 def _adaptation(values: Mapping[str, Value], joints: int) -> AdaptationConfig:
-    friction, lateness = (values.get(p.name, "none") for p in (LEARNT_FRICTION, LEARNT_LATENESS))
+    adapts = (LEARNT_FRICTION, LEARNT_LATENESS, SOFTENING)
+    friction, lateness, softening = (values.get(p.name, "none") for p in adapts)
     learns = friction != "none" or lateness != "none"
     return AdaptationConfig(
         learns=learns,
@@ -292,6 +296,9 @@ def _adaptation(values: Mapping[str, Value], joints: int) -> AdaptationConfig:
         compensates_friction=friction == "learn",
         learns_lateness=lateness != "none",
         uses_lateness=lateness == "learn",
+        watches_roughness=softening != "none",
+        softens=softening == "act",
+        roughness=joint_array(values.get(ROUGHNESS.name, 0.0), joints),
         bandwidth=joint_array(values["estimator.bandwidth"], joints) if learns else np.zeros(joints),
     )
 

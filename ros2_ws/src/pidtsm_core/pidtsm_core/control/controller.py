@@ -23,6 +23,7 @@ from pidtsm_core.control.state import (
     ControllerMemory,
     Friction,
     Lateness,
+    Softness,
     Time,
     arrays_of,
     new_state,
@@ -95,6 +96,8 @@ class Controller:
         self._memory.write(self.memory)
         if not old.adaptation.learns_friction or _differ(old.compensation, self.config.compensation):
             forget_friction(self.state)
+        if not self.config.adaptation.softens:
+            self.state.softness[Softness.SOFTENED] = 0.0
         if self.config.drive.late and not old.drive.late:
             begin_lateness(self.state)
         if not (old.adaptation.learns_lateness and self.config.adaptation.learns_lateness) or _differ(
@@ -111,7 +114,7 @@ class Controller:
         # A copy, because models have scratch space. A payload that changes needs another effort.
         model = config.firmware.parameters.copy()
         own = config.law.gains, config.law.integers, config.estimator.parameters
-        adapts = np.array([config.adaptation.compensates_friction, config.adaptation.uses_lateness])
+        adapts = np.array([config.adaptation.compensates_friction, config.adaptation.uses_lateness, config.adaptation.softens])
         self._demanding = (model, *own, *config.compensation, adapts, *_known(config), config.drive.inversion)
 
     def reset(self) -> None:
@@ -250,6 +253,17 @@ class Controller:
     def late(self) -> bool:
         """Whether the drives were found to be later than ``drive`` says."""
         return bool(self.state.lateness[Lateness.LATE])
+
+    @property
+    def softness(self) -> Array:
+        """How rough the commands of the joints are, and how much that has slowed the joints down, see softening.py.
+
+        Returns:
+            Mean change from sample to sample as a share of the effort limit, and bandwidth relative to that of the
+            parameters, shape (2, joints).
+        """
+        rows = self.state.softness
+        return np.array([rows[Softness.ROUGHNESS], np.exp(-rows[Softness.SOFTENED])])
 
     @property
     def commanded(self) -> bool:

@@ -16,11 +16,14 @@ whole friction, whose sign follows the true velocity, and not an error of a comp
 At a reversal the disturbance changes quickly, and the observer's velocity is wrong; see lacking.py for its correction.
 
 The fit estimates its own uncertainty from what it leaves unexplained. The controller compensates the estimate minus
-its standard deviation, so it changes nothing on an arm without friction, or where the data are inconclusive. The
+its standard deviation, so it changes nothing on an arm without friction, or where the data are inconclusive. Samples
+that the fit cannot explain, as when a payload is picked up, count for less; those of a noisy velocity not at all. The
 compensation follows the reference's velocity, which is free of noise, and is bounded, so the closed loop sees a bounded
 and slowly changing feedforward. While the arm does not follow, touches something, is held back or rests, nothing is
 learnt and nothing forgotten.
 
+Weights of unusual samples: Huber, "Robust estimation of a location parameter", Annals of Mathematical Statistics
+35(1), 1964.
 Recursive least squares with forgetting: Astrom and Wittenmark, "Adaptive Control", 2nd edition, 1995, chapter 2.
 Learning friction from a disturbance observer: Le Tien, Albu-Schaeffer, De Luca and Hirzinger, "Friction observer and
 compensation for control of robots with joint torque measurement", IROS 2008.
@@ -34,7 +37,7 @@ from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.effort import REVERSAL, coulomb_friction, held_back
-from pidtsm_core.control.lacking import is_known
+from pidtsm_core.control.lacking import is_known, velocity_noise
 from pidtsm_core.control.state import FITTED, ControllerState, Friction, part
 from pidtsm_core.signals import Mode, Status
 
@@ -51,11 +54,17 @@ _TAKEN_IN, _TAKEN_BACK = 0.7, 0.1
 friction, but what is too much does harm."""
 SOFTER = 10.0
 """How much faster a joint must move until its soft friction is there."""
+_UNUSUAL = 3.0
+"""Standard deviations of what is left unexplained, beyond which a sample counts for less."""
+_LONG = 1.0
+"""s of evidence, before which every sample counts."""
 _LARGEST = 0.35
 """Largest compensated friction, a share of the effort limit."""
 _RESTS = 0.1
 """Filtered sign of the velocity below which the motion of a joint shows nothing of its friction: it rests, or has moved
 in one direction for long."""
+_NOISY = REVERSAL
+"""rad/s; with more noise of the velocity, its sign is not known, and friction looks smaller than it is."""
 _SETTLED = 0.99
 """Output of a filter for an input of 1; before, the observer has not found the motion of the arm either."""
 
@@ -92,7 +101,8 @@ def learn_friction(config: ControllerConfig, state: ControllerState, dt: float) 
         _filter(config, state, j, dt)
         moves = abs(state.friction_inputs[_POLES + 1, j * _INPUTS + Regressor.HARD]) > _RESTS
         settled = state.friction_inputs[_POLES - 1, j * _INPUTS + Regressor.CONSTANT] > _SETTLED
-        if learns and moves and settled and not held_back(config, state, j):
+        quiet = velocity_noise(config, state, j, dt) < _NOISY
+        if learns and moves and settled and quiet and not held_back(config, state, j):
             _weigh(state, j, dt)
             _fit(state, j, config.compensation.coulomb[j])
             state.friction[Friction.COULOMB, j] -= config.compensation.coulomb[j]
@@ -103,6 +113,7 @@ def forget_friction(state: ControllerState) -> None:
     """Begin anew: what was found was beyond another ``compensation``."""
     state.friction[:] = 0.0
     state.friction_evidence[:] = 0.0
+    state.friction_fit[:] = 0.0
 
 
 @inlined
@@ -112,7 +123,7 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, dt: float)
     The result is in the last row of ``state.friction_inputs``.
     """
     rows, first = state.friction_inputs, j * _INPUTS
-    gone = -math.expm1(-config.adaptation.bandwidth[j] * dt)
+    gone = -math.expm1(-state.pace[j] * config.adaptation.bandwidth[j] * dt)
     slow = -math.expm1(-_SLOW * dt)
     velocity = state.learnt_velocity[j]
     compensated = acting_compensation(config, state, j)
@@ -146,12 +157,24 @@ def _weigh(state: ControllerState, j: int, dt: float) -> None:
     inputs, first, row = state.friction_inputs[_POLES + 1], j * _INPUTS, j * FITTED
     kept = math.exp(-dt / _MEMORY)
     lacking = inputs[first + FITTED]
+    new = dt * _weight(state, j, lacking)
     for a in range(FITTED):
         for b in range(FITTED):
-            known[row + a, b] = kept * known[row + a, b] + dt * inputs[first + a] * inputs[first + b]
-        known[row + a, FITTED] = kept * known[row + a, FITTED] + dt * inputs[first + a] * lacking
-    found[Friction.SQUARES, j] = kept * found[Friction.SQUARES, j] + dt * lacking * lacking
-    found[Friction.EVIDENCE, j] = kept * found[Friction.EVIDENCE, j] + dt
+            known[row + a, b] = kept * known[row + a, b] + new * inputs[first + a] * inputs[first + b]
+        known[row + a, FITTED] = kept * known[row + a, FITTED] + new * inputs[first + a] * lacking
+    found[Friction.SQUARES, j] = kept * found[Friction.SQUARES, j] + new * lacking * lacking
+    found[Friction.EVIDENCE, j] = kept * found[Friction.EVIDENCE, j] + new
+
+
+@inlined
+def _weight(state: ControllerState, j: int, lacking: float) -> float:
+    """Weight of a sample of joint j: less than 1 if the fit leaves much of it unexplained (Huber)."""
+    fit, inputs, first = state.friction_fit[j], state.friction_inputs[_POLES + 1], j * _INPUTS
+    left = lacking
+    for a in range(FITTED):
+        left -= fit[a] * inputs[first + a]
+    usual = _UNUSUAL * fit[FITTED]
+    return usual / abs(left) if 0.0 < usual < abs(left) else 1.0
 
 
 @inlined
@@ -183,6 +206,10 @@ def _fit(state: ControllerState, j: int, promised: float) -> None:
     variance = 2.0 * _CORRELATED * max(unexplained, 0.0) / found[Friction.EVIDENCE, j]
     hard, soft = right[0, Regressor.HARD], right[0, Regressor.SOFT]
     found[Friction.COULOMB, j], found[Friction.SOFT, j] = hard + soft, soft
+    for a in range(FITTED):
+        state.friction_fit[j, a] = right[0, a]
+    if found[Friction.EVIDENCE, j] > _LONG:
+        state.friction_fit[j, FITTED] = math.sqrt(max(unexplained, 0.0) / found[Friction.EVIDENCE, j])
     found[Friction.VISCOUS, j] = right[0, Regressor.VELOCITY]
     spread = right[1, Regressor.HARD] + right[1, Regressor.SOFT]
     found[Friction.DEVIATION, j] = math.sqrt(variance * max(spread, 0.0))

@@ -3,17 +3,23 @@
 The disturbance d of the observer is an acceleration; -H d is the effort that the model lacks, see extended_state.py. If
 d changes at the rate d', the observer's velocity is wrong by 3 d' / w^2 and its position by d' / w^3. Adding 3 w times
 the error of the position cancels that of the velocity, as far as w is slow against the rate; one more pole at w bounds
-the noise.
+the noise. White noise of standard deviation n of the measured position at the period T then is noise of
+1.3 n w sqrt(w T) of the velocity; n is known from how the error of the position changes between two samples.
 """
 
 import math
 
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.state import ControllerState, part
+from pidtsm_core.control.state import ControllerState, Noise, part
 from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal
+
+_AMPLIFIED = 1.3
+"""See above."""
+_MEAN = 0.2
+"""s, over which the noise is averaged."""
 
 
 @part
@@ -26,12 +32,24 @@ def find_lacking(config: ControllerConfig, state: ControllerState, dt: float) ->
         motion[2, j] = 0.0
     inverse_dynamics(config.model, y[Signal.POSITION], motion[2], motion[:2], efforts[:2])
     for j in range(state.lacking.size):
-        bandwidth = config.adaptation.bandwidth[j]
-        velocity = y[Signal.VELOCITY, j] + 3.0 * bandwidth * (state.measured[j] - y[Signal.POSITION, j])
+        bandwidth = state.pace[j] * config.adaptation.bandwidth[j]
+        error = state.measured[j] - y[Signal.POSITION, j]
+        velocity = y[Signal.VELOCITY, j] + 3.0 * bandwidth * error
         state.lacking[j] = efforts[0, j] - efforts[1, j]
         if math.isfinite(state.lacking[j] + velocity):
             gone = -math.expm1(-bandwidth * dt)
             state.learnt_velocity[j] += gone * (velocity - state.learnt_velocity[j])
+            change = error - state.noise[Noise.ERROR, j]
+            state.noise[Noise.ERROR, j] = error
+            variance = 0.5 * change * change - state.noise[Noise.VARIANCE, j]
+            state.noise[Noise.VARIANCE, j] += -math.expm1(-dt / _MEAN) * variance
+
+
+@inlined
+def velocity_noise(config: ControllerConfig, state: ControllerState, joint: int, dt: float) -> float:
+    """Standard deviation of the noise of ``state.learnt_velocity`` of a joint, rad/s; dt is the period, s."""
+    bandwidth = state.pace[joint] * config.adaptation.bandwidth[joint]
+    return _AMPLIFIED * bandwidth * math.sqrt(bandwidth * dt * state.noise[Noise.VARIANCE, joint])
 
 
 @inlined

@@ -259,6 +259,24 @@ LEARNT_LATENESS = Parameter(
     "report it. Needs estimator.name: extended_state_observer",
     choices=("none", "warn", "learn"),
 )
+SOFTENING = Parameter(
+    "adaptation.softening",
+    "none",
+    "watch how rough the command of each joint is. act: slow the law and the observer of a rough joint down until it "
+    "is quiet; warn: only report it. Needs estimator.name: extended_state_observer",
+    choices=("none", "warn", "act"),
+)
+ROUGHNESS = Parameter(
+    "adaptation.roughness",
+    0.005,
+    "mean change of the command from one sample to the next, beside what moves the arm, that the drive of a joint "
+    "bears, as a share of limits.effort",
+    minimum=0.0,
+    exclusive=True,
+    maximum=0.1,
+    per_joint=True,
+)
+_ADAPTATION = (LEARNT_FRICTION, LEARNT_LATENESS, SOFTENING)
 _TOUCH = 0.25
 """Share of the effort limit of a joint that only contact exerts, not a payload or an error of the model."""
 FRICTION = (
@@ -327,7 +345,7 @@ def _check_observer(settings: Mapping[str, object], estimator: Estimator) -> Non
     """Check that the estimator finds the disturbance that other parameters use."""
     uses = {
         REJECTION: settings.get(REJECTION.name) is True,
-        **{p: settings.get(p.name, "none") != "none" for p in (LEARNT_FRICTION, LEARNT_LATENESS)},
+        **{p: settings.get(p.name, "none") != "none" for p in _ADAPTATION},
         **{p: np.any(np.asarray(settings.get(p.name, 0.0), object) != 0.0) for p in (_DELAY, _LAG)},
     }
     for parameter, used in uses.items():
@@ -352,7 +370,7 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     return (
         LAW_NAME,
         *prefixed("law", law.parameters(settings)),
-        *((REJECTION, LEARNT_FRICTION, LEARNT_LATENESS, *DRIVE) if law.uses_model else ()),
+        *((REJECTION, *_ADAPTATION, ROUGHNESS, *DRIVE) if law.uses_model else ()),
         ESTIMATOR_NAME,
         *prefixed("estimator", estimator.parameters),
         *robot_schema(settings, robot),

@@ -171,6 +171,22 @@ class Lateness(IntEnum):
     OBSERVED = 6  # for how long the arm has followed its reference so far
 
 
+class Noise(IntEnum):
+    """Rows of what is known of the noise of a measured position, see lacking.py."""
+
+    ERROR = 0  # of the estimated position at the last sample, rad
+    VARIANCE = 1  # rad^2
+
+
+class Softness(IntEnum):
+    """Rows of what is known of the roughness of a joint's command, see softening.py."""
+
+    SENT = 0  # the last command, N m
+    TREND = 1  # its change from sample to sample, filtered, as a share of the effort limit
+    ROUGHNESS = 2  # mean of what the change is beyond that, likewise
+    SOFTENED = 3  # logarithm of how much slower the joint is
+
+
 FITTED = 6
 """Number of coefficients that friction is fitted with."""
 
@@ -221,8 +237,10 @@ class ControllerState(NamedTuple):
     friction: Array  # what is known of it, see `Friction`, shape (len(Friction), joints)
     lacking: Array  # effort that the model lacks, see lacking.py, shape (joints,), N m
     learnt_velocity: Array  # velocity for what is learnt, likewise, rad/s
+    noise: Array  # of the measured positions, see `Noise`, shape (len(Noise), joints)
     friction_inputs: Array  # filtered regressors, a row for each filter, see friction_learning.py
     friction_evidence: Array  # normal equations: FITTED rows for each joint, shape (FITTED joints, FITTED + 1)
+    friction_fit: Array  # coefficients of the fit, and what it leaves unexplained (N m), shape (joints, FITTED + 1)
     friction_solution: Array  # scratch: their factor and solutions, shape (FITTED + 2, FITTED)
     commanded: Array  # `sent`, with what makes up for the lag of the drives, shape (joints,), N m
     drive: Array  # effort that the drives deliver for the last command, when it acts, shape (joints,), N m
@@ -236,6 +254,8 @@ class ControllerState(NamedTuple):
     ahead: Array  # desired motion then, shape (3, joints)
     lateness: Array  # what is known of it, see `Lateness`
     bank: Bank  # hypotheses about the lateness
+    softness: Array  # of each joint, see `Softness`, shape (len(Softness), joints)
+    pace: Array  # how fast the time of each joint's law and observer passes, see softening.py, shape (joints,)
     rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of a simulation, shape (joints,), N m
@@ -270,8 +290,10 @@ def _learnt(joints: int) -> dict[str, Any]:
         "friction": np.zeros((len(Friction), joints)),
         "lacking": np.zeros(joints),
         "learnt_velocity": np.zeros(joints),
+        "noise": np.zeros((len(Noise), joints)),
         "friction_inputs": np.zeros((5, (FITTED + 1) * joints)),
         "friction_evidence": np.zeros((FITTED * joints, FITTED + 1)),
+        "friction_fit": np.zeros((joints, FITTED + 1)),
         "friction_solution": np.zeros((FITTED + 2, FITTED)),
     }
 
@@ -340,6 +362,8 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         **_learnt(joints),
         **_late_drives(joints),
         bank=new_bank(joints),
+        softness=np.zeros((len(Softness), joints)),
+        pace=np.zeros(joints),
         rejected=np.zeros(joints),
         truth=np.zeros((2, joints)),
         torque=np.zeros(joints),

@@ -9,6 +9,7 @@ from pidtsm_core.control.friction_learning import learn_friction
 from pidtsm_core.control.lacking import find_lacking
 from pidtsm_core.control.lateness import deliver, predict
 from pidtsm_core.control.lateness_learning import learn_lateness
+from pidtsm_core.control.softening import soften, write_pace
 from pidtsm_core.control.state import Condition, ControllerState, Friction, Handover, Predicted, Time, part
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
 from pidtsm_core.laws import Interval, advance, command
@@ -31,7 +32,7 @@ def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> Non
             y[Signal.SLIDING_VARIABLE, j],
             y[Signal.MANIFOLD_VARIABLE, j],
             state.law[j],
-            Interval(dt, frozen, adaptation),
+            Interval(state.pace[j] * dt, frozen, adaptation),
         )
 
 
@@ -54,15 +55,19 @@ def _command(config: ControllerConfig, state: ControllerState, motion: Array, de
         e = motion[0, j] - desired[0, j]
         de = motion[1, j] - desired[1, j]
         dde = motion[2, j] - desired[2, j]
-        a_cmd, a_eq, s, sigma, gain, tau_sw = command(config.law, j, e, de, dde, desired[2, j], state.law[j], dt)
+        pace = state.pace[j]
+        slow, square = 1.0 / pace, pace * pace
+        a_cmd, a_eq, s, sigma, gain, tau_sw = command(
+            config.law, j, e, slow * de, slow * slow * dde, slow * slow * desired[2, j], state.law[j], pace * dt
+        )
         y[Signal.POSITION_ERROR, j] = e
         y[Signal.VELOCITY_ERROR, j] = de
         y[Signal.SLIDING_VARIABLE, j] = s
         y[Signal.MANIFOLD_VARIABLE, j] = sigma
         y[Signal.ADAPTIVE_GAIN, j] = gain
-        y[Signal.SWITCHING_TERM, j] = tau_sw
-        state.accelerations[0, j] = a_eq - state.rejected[j]
-        state.accelerations[1, j] = a_cmd - state.rejected[j]
+        y[Signal.SWITCHING_TERM, j] = square * tau_sw
+        state.accelerations[0, j] = square * a_eq - state.rejected[j]
+        state.accelerations[1, j] = square * a_cmd - state.rejected[j]
 
 
 @inlined
@@ -90,6 +95,7 @@ def demand_again(config: ControllerConfig, state: ControllerState, dt: float) ->
         dt: as for the last `tick`.
     """
     motion, desired = state.signals[: Signal.POSITION_ERROR], state.desired
+    write_pace(config, state)
     if config.drive.late:
         predict(config, state)  # What is known of the drives may have changed, too.
         motion, desired = state.predicted, state.ahead
@@ -148,13 +154,16 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """
     y, desired = state.signals, state.desired
     motion = y[: Signal.POSITION_ERROR]
+    if config.adaptation.watches_roughness and dt > 0.0:
+        soften(config, state, dt)
+    write_pace(config, state)
     if dt > 0.0 and state.times[Time.FREED] == 0:
         _advance(config, state, dt)
     if not config.drive.late:
         write_net_effort(state, state.applied if config.feeds_back else y[Signal.EFFORT])
     elif dt > 0.0:
         deliver(config, state, dt)
-    sample = Sample(state.measured, state.truth, dt, state.net, config.model)
+    sample = Sample(state.measured, state.truth, dt, state.net, config.model, state.pace)
     estimate(config.estimator.address, sample, config.estimator.parameters, state.estimator, motion)
     if config.adaptation.learns:
         find_lacking(config, state, dt)

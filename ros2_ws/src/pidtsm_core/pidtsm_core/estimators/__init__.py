@@ -19,7 +19,7 @@ __all__ = ["DISTURBANCE", "ESTIMATORS", "Estimator", "Sample", "estimate", "esti
 ESTIMATORS: Family[Estimator] = Family.of(Estimator, globals())
 
 _MODEL = pointer_to(Model(0, 0, 0, np.zeros(1)))
-_ESTIMATE = Interface(NOTHING(Pointer(types.NamedTuple((ROW, ROWS, FLOAT, ROW, _MODEL), Sample)), ROWS, ROWS, ROWS))
+_ESTIMATE = Interface(NOTHING(Pointer(types.NamedTuple((ROW, ROWS, FLOAT, ROW, _MODEL, ROW), Sample)), ROWS, ROWS, ROWS))
 _estimate = _ESTIMATE.call
 
 
@@ -31,5 +31,5 @@ def estimator_address(estimator: Estimator) -> int:
 @njit
 def estimate(address: int, sample: Sample, p: Array, x: Array, estimates: Array) -> None:
     """Write q, q', q'': see `Estimator.estimate`; `address` is that of `estimator_address`."""
-    own = Sample(sample.q, sample.truth, sample.dt, sample.effort, lend(sample.model))
+    own = Sample(sample.q, sample.truth, sample.dt, sample.effort, lend(sample.model), sample.pace)
     _estimate(address, lend(own), p, x, estimates)

@@ -36,8 +36,8 @@ PRACTICAL = "practical"
 """Name of the parameter set for real sensors and drives."""
 ADAPTIVE = "adaptive"
 """Name of the set that is `PRACTICAL` and finds out about the arm while it moves."""
-ADAPTS = {"adaptation.friction": "learn", "adaptation.lateness": "learn"}
-ADAPTS_ON_HARDWARE = {"adaptation.lateness": "learn"}
+ADAPTS_ON_HARDWARE = {"adaptation.lateness": "learn", "adaptation.softening": "act"}
+ADAPTS = {"adaptation.friction": "learn", **ADAPTS_ON_HARDWARE}
 """What `ADAPTIVE` switches on, and what with a class of hardware, whose friction the rule compensates already."""
 TUNED = "tuned_"
 """Prefix of the names of tuned parameter sets; a class of hardware follows."""

@@ -1,0 +1,77 @@
+"""Softening: a joint whose torque is rougher than its drive bears follows in a slower time, until it is quiet.
+
+Let e'' = -u(e, e', int e) be the error that a law leaves. With a pace 0 < f <= 1, the error of
+
+    -u_f(e, e', int e) = -f^2 u(e, e'/f, f int e)
+
+is the same in a time that passes f times as fast (substitute t f for t). So every law, linear or not, is f times slower
+and exactly as well damped; its own states advance with the period f dt, and the acceleration of the reference, which is
+fed forward, is not scaled. The observer gets f times its bandwidth. Noise of the position then causes f^3 times the
+change of the torque from one sample to the next, because the disturbance that the observer finds has the gain w^3.
+
+The roughness of a joint is the mean change of its command from one sample to the next, without the slow part, which
+moves the arm, as a share of the effort limit. What one sample counts for is bounded, so a reversal of friction, a push
+or a collision is not rough. Above ``adaptation.roughness``, the pace falls as fast as the mean can follow, by the cube
+root of what is too much. Below a fifth of it, the pace returns within some ten seconds; in between it stays, so it does
+not oscillate: returning by what the mean may have missed cannot make the torque five times as rough.
+
+The same idea, for the gain of an axis: the slew rate limiter of ArduPilot (AC_PID). Scaling time: Hollerbach, "Dynamic
+scaling of manipulator trajectories", Journal of Dynamic Systems, Measurement, and Control 106(1), 1984.
+"""
+
+import math
+
+from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.state import ControllerState, Softness, part
+from pidtsm_core.signals import Mode, Status
+
+_SLOW = 0.005
+"""s; changes that last longer move the arm."""
+_MEAN = 0.2
+"""s, over which the roughness is averaged."""
+_AT_MOST = 4.0
+"""What a single sample counts for at most, relative to ``adaptation.roughness``."""
+_QUIET = 0.2
+"""Roughness relative to the same, below which the pace returns."""
+_RETURNS = 10.0
+"""s, in which the pace grows by the factor e."""
+_EXPONENT = 3.0
+"""Of the pace, in the roughness."""
+_SLOWEST = math.log(8.0)
+"""Largest softening: an eighth of the pace."""
+
+
+@part
+def soften(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Judge the last command, which was sent dt (s) ago, and adapt the pace of each joint: ``state.softness``."""
+    works = state.status[Status.FAULT] == 0 and state.status[Status.MODE] != Mode.FREEDRIVE
+    sent = state.commanded if config.drive.late else state.sent
+    for j in range(sent.size):
+        bears = config.adaptation.roughness[j]
+        change = (sent[j] - state.softness[Softness.SENT, j]) / config.limits.effort[j]
+        state.softness[Softness.SENT, j] = sent[j]
+        if not works:
+            continue
+        slow = -math.expm1(-dt / _SLOW)
+        state.softness[Softness.TREND, j] += slow * (change - state.softness[Softness.TREND, j])
+        rough = min(abs(change - state.softness[Softness.TREND, j]), _AT_MOST * bears)
+        mean = state.softness[Softness.ROUGHNESS, j]
+        mean += -math.expm1(-dt / _MEAN) * (rough - mean)
+        state.softness[Softness.ROUGHNESS, j] = mean
+        if not config.adaptation.softens:
+            continue
+        softened = state.softness[Softness.SOFTENED, j]
+        if mean > bears:
+            softened += dt / _MEAN * math.log(mean / bears) / _EXPONENT
+        elif mean < _QUIET * bears:
+            softened -= dt / _RETURNS
+        state.softness[Softness.SOFTENED, j] = min(max(softened, 0.0), _SLOWEST)
+
+
+@inlined
+def write_pace(config: ControllerConfig, state: ControllerState) -> None:
+    """Write ``state.pace``: how fast the time of each joint's law and observer passes; 1 if it is not softened."""
+    for j in range(state.pace.size):
+        softens = config.adaptation.softens
+        state.pace[j] = math.exp(-state.softness[Softness.SOFTENED, j]) if softens else 1.0
