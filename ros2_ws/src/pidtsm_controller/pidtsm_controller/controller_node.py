@@ -98,7 +98,7 @@ class ControllerNode(ManagedNode):
         self._states = self.advertise(ControllerState, "~/state")
         self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
         self._payload = PayloadWatch(self, self._controller) if self.values[PAYLOAD_OBSERVED.name] else None
-        self._adaptation = AdaptationWatch(self._controller, joints, find_robot(self.values).units)
+        self._adaptation = AdaptationWatch(self._controller)
         self._activity = ActivityWatch(self, topic.name) if topic.message_type is Float64MultiArray else None
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset_fault", self._reset_fault)

@@ -1,20 +1,17 @@
 """What was found is logged once, and again when it has changed."""
 
-import numpy as np
-
 from pidtsm_controller.adaptation_watch import AdaptationWatch
 from pidtsm_core.control import Controller, controller_schema
-from pidtsm_core.control.state import Friction, Lateness
+from pidtsm_core.control.state import Friction, Lateness, Softness
 from pidtsm_core.parameters import resolve
-from pidtsm_core.robots import find_robot
 
 WARNS = {"estimator.name": "extended_state_observer", "adaptation.friction": "warn"}
 
 
 def test_what_is_certain_is_logged_once_and_again_when_it_has_changed() -> None:
     values = resolve(controller_schema, WARNS, 2)
-    controller, robot = Controller(values), find_robot(values)
-    watch = AdaptationWatch(controller, robot.joints, robot.units)
+    controller = Controller(values)
+    watch = AdaptationWatch(controller)
     assert watch.news() == []
     known = controller.state.friction
     known[Friction.EVIDENCE] = 1.0
@@ -28,15 +25,15 @@ def test_what_is_certain_is_logged_once_and_again_when_it_has_changed() -> None:
     known[Friction.COULOMB] *= 2.0
     assert [line[:21] for line in watch.news()] == ["joint1: found 11 ± 1 "]
     values_by_name = {reading.name: (reading.value, reading.unit) for reading in watch.readings()}
-    assert values_by_name["deviation of the friction of joint1"] == (1.0, "N m")
-    np.testing.assert_allclose(values_by_name["friction found of joint2"][0], 0.05 * 1.1 * 2.0)
+    assert values_by_name["found friction of joint1, deviation"] == (1.0, "N m")
+    assert "found friction of joint2" not in values_by_name  # It is too small to be certain.
 
 
 def test_lateness_is_logged_once_it_is_sure_and_again_when_it_has_changed() -> None:
     given = {"estimator.name": "extended_state_observer", "adaptation.lateness": "learn"}
     values = resolve(controller_schema, given, 2)
-    controller, robot = Controller(values), find_robot(values)
-    watch, known = AdaptationWatch(controller, robot.joints, robot.units), controller.state.lateness
+    controller = Controller(values)
+    watch, known = AdaptationWatch(controller), controller.state.lateness
     known[[Lateness.FOUND_DELAY, Lateness.FOUND_LAG, Lateness.DEVIATION]] = 0.02, 0.01, 0.004
     assert watch.news() == []
     assert watch.readings() == []
@@ -47,4 +44,18 @@ def test_lateness_is_logged_once_it_is_sure_and_again_when_it_has_changed() -> N
     known[Lateness.FOUND_DELAY] = 0.03
     assert [news[:23] for news in watch.news()] == ["the drives are 40 ± 4 m"]
     values_by_name = {reading.name: (reading.value, reading.unit) for reading in watch.readings()}
-    assert values_by_name["lag of the drives found"] == (0.01, "s")
+    assert values_by_name["found lag"] == (0.01, "s")
+
+
+def test_a_rough_command_is_logged_and_that_it_is_quiet_again() -> None:
+    given = {"estimator.name": "extended_state_observer", "adaptation.softening": "act"}
+    controller = Controller(resolve(controller_schema, given, 2))
+    watch, known = AdaptationWatch(controller), controller.state.softness
+    known[Softness.ROUGHNESS], known[Softness.SOFTENED] = [0.006, 0.001], [0.7, 0.0]
+    what = "joint1: the command was rougher than adaptation.roughness; law and observer have 50 % of their bandwidth"
+    assert watch.news() == [f"{what}, softened"]
+    assert watch.news() == []
+    assert {reading.name for reading in watch.readings()} == {"found roughness of joint1", "found pace of joint1"}
+    known[:] = 0.0
+    assert watch.news() == ["joint1: the command is quiet again"]
+    assert watch.news() == []

@@ -86,13 +86,20 @@ def report(rejected: Mapping[str, str]) -> Any:
     """A message on /diagnostics.
 
     Args:
-        rejected: number of rejected messages by node name.
+        rejected: number of rejected messages by node name; the controller has also found friction.
     """
     types = typestore().types
     pair, status = types["diagnostic_msgs/msg/KeyValue"], types["diagnostic_msgs/msg/DiagnosticStatus"]
     header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), "")
+    found = [pair("found friction of joint1 (N m)", "6.1"), pair("found friction of joint1, deviation (N m)", "0.3")]
     statuses = [
-        status(0, f"{node}: loop", "running", "", [pair("rate (1/s)", "1"), pair(REJECTED, count)])
+        status(
+            0,
+            f"{node}: loop",
+            "running",
+            "",
+            [pair("rate (1/s)", "1"), pair(REJECTED, count), *(found if node.endswith("controller") else [])],
+        )
         for node, count in rejected.items()
     ]
     return types["diagnostic_msgs/msg/DiagnosticArray"](header, statuses)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.control.parameters import LEARNT_FRICTION, LEARNT_LATENESS, REJECTION, ROUGHNESS, SOFTENING
+from pidtsm_core.control.parameters import ADAPTATION, LEARNT_LATENESS, REJECTION, ROUGHNESS
 from pidtsm_core.estimators import ESTIMATORS, estimator_address
 from pidtsm_core.laws import LAWS, LawConfig, make_law
 from pidtsm_core.parameters import Value, as_float, joint_array
@@ -287,8 +287,7 @@ def _freedrive(values: Mapping[str, Value], limits: LimitsConfig) -> FreedriveCo
 
 
 def _adaptation(values: Mapping[str, Value], joints: int) -> AdaptationConfig:
-    adapts = (LEARNT_FRICTION, LEARNT_LATENESS, SOFTENING)
-    friction, lateness, softening = (values.get(p.name, "none") for p in adapts)
+    friction, lateness, softening = (values.get(p.name, "none") for p in ADAPTATION)
     learns = friction != "none" or lateness != "none"
     return AdaptationConfig(
         learns=learns,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.events import first_compilation
 from pidtsm_core.control.configuration import ControllerConfig, make_config
+from pidtsm_core.control.findings import Finding, findings
 from pidtsm_core.control.freedrive import refusal as cannot_be_free
 from pidtsm_core.control.friction_learning import forget_friction
 from pidtsm_core.control.handover import expect_handover
@@ -226,6 +227,11 @@ class Controller:
     def fault(self) -> int:
         """The latched fault, see `Fault`."""
         return int(self.state.status[Status.FAULT])
+
+    @property
+    def found(self) -> tuple[Finding, ...]:
+        """Everything that the controller has found out about its arm, and is certain of."""
+        return findings(self.config, self.state, self._names, self._units)
 
     @property
     def friction(self) -> Array:

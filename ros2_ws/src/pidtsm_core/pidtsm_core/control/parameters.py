@@ -276,7 +276,8 @@ ROUGHNESS = Parameter(
     maximum=0.1,
     per_joint=True,
 )
-_ADAPTATION = (LEARNT_FRICTION, LEARNT_LATENESS, SOFTENING)
+ADAPTATION = (LEARNT_FRICTION, LEARNT_LATENESS, SOFTENING)
+"""What the controller finds out."""
 _TOUCH = 0.25
 """Share of the effort limit of a joint that only contact exerts, not a payload or an error of the model."""
 FRICTION = (
@@ -345,7 +346,7 @@ def _check_observer(settings: Mapping[str, object], estimator: Estimator) -> Non
     """Check that the estimator finds the disturbance that other parameters use."""
     uses = {
         REJECTION: settings.get(REJECTION.name) is True,
-        **{p: settings.get(p.name, "none") != "none" for p in _ADAPTATION},
+        **{p: settings.get(p.name, "none") != "none" for p in ADAPTATION},
         **{p: np.any(np.asarray(settings.get(p.name, 0.0), object) != 0.0) for p in (_DELAY, _LAG)},
     }
     for parameter, used in uses.items():
@@ -370,7 +371,7 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     return (
         LAW_NAME,
         *prefixed("law", law.parameters(settings)),
-        *((REJECTION, *_ADAPTATION, ROUGHNESS, *DRIVE) if law.uses_model else ()),
+        *((REJECTION, *ADAPTATION, ROUGHNESS, *DRIVE) if law.uses_model else ()),
         ESTIMATOR_NAME,
         *prefixed("estimator", estimator.parameters),
         *robot_schema(settings, robot),

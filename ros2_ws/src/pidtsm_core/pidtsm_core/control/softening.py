@@ -73,5 +73,7 @@ def soften(config: ControllerConfig, state: ControllerState, dt: float) -> None:
 def write_pace(config: ControllerConfig, state: ControllerState) -> None:
     """Write ``state.pace``: how fast the time of each joint's law and observer passes; 1 if it is not softened."""
     for j in range(state.pace.size):
-        softens = config.adaptation.softens
-        state.pace[j] = math.exp(-state.softness[Softness.SOFTENED, j]) if softens else 1.0
+        state.pace[j] = 1.0
+    if config.adaptation.softens:
+        for j in range(state.pace.size):
+            state.pace[j] = math.exp(-state.softness[Softness.SOFTENED, j])

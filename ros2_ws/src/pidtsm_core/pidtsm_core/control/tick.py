@@ -56,7 +56,7 @@ def _command(config: ControllerConfig, state: ControllerState, motion: Array, de
         de = motion[1, j] - desired[1, j]
         dde = motion[2, j] - desired[2, j]
         pace = state.pace[j]
-        slow, square = 1.0 / pace, pace * pace
+        slow, square = 1.0 if pace == 1.0 else 1.0 / pace, pace * pace  # A division takes long.
         a_cmd, a_eq, s, sigma, gain, tau_sw = command(
             config.law, j, e, slow * de, slow * slow * dde, slow * slow * desired[2, j], state.law[j], pace * dt
         )

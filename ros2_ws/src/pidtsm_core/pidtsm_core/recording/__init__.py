@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.control.findings import Finding, as_json
 from pidtsm_core.recording.metrics import finite, metrics, tracking_error
 from pidtsm_core.recording.outcome import GROUND_TRUTH, happenings, time_at_limits
 from pidtsm_core.robots import DESCRIPTION
@@ -61,6 +62,7 @@ class Recording:
         continuous: whether each joint turns without end; empty: none does, or it is not known.
         robot: parameters of the simulated arm, for `find_robot`; empty if the bag does not contain them.
         truth: what position, velocity and effort are: `GROUND_TRUTH`, or, if the bag has none, what was measured.
+        found: what the controller has found out about its arm by the end; None if nothing, or if it is not known.
         lacking: topics that the bag does not have; what they would contain is 0 above.
         sliding_variable, manifold_variable, adaptive_gain, switching_term: rows of `signals` by name, shape
             (samples, joints) each; `Signal` has their units.
@@ -90,6 +92,7 @@ class Recording:
     robot: Mapping[str, object] = field(default_factory=dict)
     truth: str = GROUND_TRUTH
     lacking: tuple[str, ...] = ()
+    found: tuple[Finding, ...] | None = None
 
     estimated_position = _OfController(Signal.POSITION)
     estimated_velocity = _OfController(Signal.VELOCITY)
@@ -159,6 +162,7 @@ class Recording:
             **time_at_limits(self),
             "adaptive_gain": self.adaptive_gain[-1].tolist(),
             "lost": dict(self.lost),
+            "found": None if self.found is None else [as_json(each) for each in self.found],
             "rejected": None if self.rejected is None else dict(self.rejected),
             "timing": {
                 "rate": 1e9 / float(np.mean(periods)) if periods.size else None,

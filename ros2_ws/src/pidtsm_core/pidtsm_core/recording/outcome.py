@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.control.configuration import LIMITS
+from pidtsm_core.control.findings import from_json, statements
 from pidtsm_core.control.report import cause
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.recording.metrics import STEADY_SHARE
@@ -191,6 +192,8 @@ def what_happened(metrics: Mapping[str, Any]) -> list[str]:
     events = list(sources(metrics))
     events += [] if metrics["outcome"] == FOLLOWED else [_outcome(metrics)]
     events += [_fault(fault) for fault in metrics["faults"]]
+    found = map(from_json, metrics.get("found") or ())  # Metrics of older versions lack it.
+    events += [each.text for each in statements(found)]
     for violation in metrics["violations"]:
         limit, time, duration = (violation[key] for key in ("limit", "time", "duration"))
         events.append(f"a joint was beyond limits.{limit} for {duration:.4g} s, first at {time:.4g} s")

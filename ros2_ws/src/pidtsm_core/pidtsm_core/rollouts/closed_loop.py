@@ -13,6 +13,7 @@ from pidtsm_core.compiling.addresses import lend
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.compiling.events import first_compilation
 from pidtsm_core.control import Controller, ControllerConfig, ControllerState, copy_signals, step
+from pidtsm_core.control.findings import findings
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.experiment import Experiment, make_experiment
 from pidtsm_core.experiment.definition import MEASUREMENT
@@ -217,7 +218,7 @@ def rollout(
     if done < samples.time.size:
         raise DivergedError(f"the loop is not finite any more after {seconds(done * loop.period):g} s")
     _reorder(samples, {node: names(values[node]["joints"]) for node in values})
-    arm = find_robot(values["simulator"])
+    arm, driven = (find_robot(values[node]) for node in ("simulator", "controller"))
     return Recording(
         joints=names(values["simulator"]["joints"]),
         **samples._asdict(),
@@ -230,6 +231,7 @@ def rollout(
         slides=arm.slides,
         continuous=arm.continuous,
         robot=robot_parameters(values["simulator"]),
+        found=findings(loop.controller, loop.state, names(values["controller"]["joints"]), driven.units) or None,
     )
 
 

@@ -14,7 +14,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.recording import Codes, Stamps
 from pidtsm_core.signals import Status
 from pidtsm_experiments.bags.errors import RecordingError, damaged
-from pidtsm_experiments.bags.rejections import rejections
+from pidtsm_experiments.bags.reports import Reported, reported
 from pidtsm_experiments.bags.topics import DIAGNOSTICS, MEASURED, REFERENCE, STATE, TRUTH, WantedTopic
 from pidtsm_ros.cdr import DOUBLE, ENCODING, STAMP_END, Layout, NumberTable, end_of_empty, layout_of, stamps_of
 
@@ -150,7 +150,7 @@ def read_columns(
     connections_of: Mapping[WantedTopic, Sequence[Connection]],
     only: frozenset[str] | None,
     namespace: str,
-) -> tuple[tuple[str, ...], dict[WantedTopic, Columns], dict[str, int] | None]:
+) -> tuple[tuple[str, ...], dict[WantedTopic, Columns], Reported]:
     """Read the topics of a run.
 
     Args:
@@ -161,7 +161,7 @@ def read_columns(
 
     Returns:
         Joint names of the ground truth, or of the joint states if there is none; every topic of samples, sorted by
-        stamp, each stamp once; and the number of messages rejected by each node, None if no node reports it.
+        stamp, each stamp once; and what the nodes have reported.
 
     Raises:
         RecordingError: messages are damaged, have no values, or have values that are not finite.
@@ -185,7 +185,7 @@ def read_columns(
             reports.append(messages.parse(data, DIAGNOSTICS))
     columns = {topic: decoder.finish() for topic, decoder in decoders.items()}
     own = namespace or connections_of[motion][0].topic.removesuffix(motion.name).strip("/")
-    return joints, columns, rejections(reports, own)
+    return joints, columns, reported(reports, own)
 
 
 def read_topic(

@@ -58,7 +58,7 @@ def _read(path: Path, only: frozenset[str] | None) -> Recording:
     with readable(path) as bag, closing(open_bag(path, bag)) as reader:
         connections_of = find_topics(reader.connections)
         metadata = run_metadata(path, bag)
-        joints, columns, rejected = read_columns(reader, connections_of, only, metadata.namespace)
+        joints, columns, reports = read_columns(reader, connections_of, only, metadata.namespace)
     if bag.flaws:
         warnings.warn(UnfinishedBag(f"{path}: {_missing(bag, columns)}"), stacklevel=3)
     true, source = (columns[TRUTH], GROUND_TRUTH) if TRUTH in columns else measured_motion(columns)
@@ -95,7 +95,8 @@ def _read(path: Path, only: frozenset[str] | None) -> Recording:
         clock=metadata.clock,
         event_time=metadata.event_time,
         lost=_lost(moments, unsent, answers, known),
-        rejected=rejected,
+        rejected=reports.rejected,
+        found=reports.found,
         slides=tuple(joint in metadata.sliding for joint in joints),
         continuous=tuple(joint in metadata.continuous for joint in joints),
         robot=metadata.robot,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pidtsm_core.control.findings import as_json, from_json
 from pidtsm_core.errors import UsageError
 from pidtsm_core.parameters import Value
 from pidtsm_core.parameters.files import NODES, Settings, load_ros_parameters, ros_parameters
@@ -26,7 +27,8 @@ def save_recording(recording: Recording, file: Path) -> None:
     """Write a recording; its arrays have their names in the file, everything else is JSON under ``text``."""
     values = {each.name: getattr(recording, each.name) for each in fields(recording)}
     arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
-    text = json.dumps({name: value for name, value in values.items() if name not in arrays})
+    found = None if recording.found is None else [as_json(each) for each in recording.found]
+    text = json.dumps({**{name: value for name, value in values.items() if name not in arrays}, "found": found})
     np.savez(file, allow_pickle=False, **arrays, **{_TEXT: np.array(text)})
 
 
@@ -41,6 +43,8 @@ def load_recording(file: Path) -> Recording:
             arrays: dict[str, Any] = {name: content[name] for name in content.files if name != _TEXT}
             values: dict[str, Any] = json.loads(str(content[_TEXT]))
         values.update((name, tuple(values[name])) for name in _TUPLES if name in values)
+        if found := values.get("found"):
+            values["found"] = tuple(from_json(each) for each in found)
         return Recording(**arrays, **values)
     except Exception as error:  # A damaged file causes many kinds of exceptions.
         raise UsageError(f"{file}: not the recording of a rollout: {error}") from None

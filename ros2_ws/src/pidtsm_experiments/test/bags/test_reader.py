@@ -23,6 +23,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS
 from pidtsm_core.parameters import resolve
 from pidtsm_core.recording import Recording
+from pidtsm_core.recording.outcome import what_happened
 from pidtsm_core.references import ReferenceMotion
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Fault, Mode, Status
@@ -475,11 +476,21 @@ def test_rejected_messages_are_the_last_count_of_the_own_nodes(tmp_path: Path, r
     assert alone.rejected == {"controller": 7}
 
 
+def test_what_the_controller_has_found_is_in_the_metrics(tmp_path: Path, run: Recording, write_bag: Any) -> None:
+    bag = write_bag(tmp_path / "bag", rows(run, slice(3)), reports=[{"simulator": "0", "controller": "0"}])
+    metrics = read_recording(bag).metrics()
+    friction = {"what": "friction", "joint": "joint1", "value": 6.1, "deviation": 0.3, "unit": "N m"}
+    assert metrics["found"] == [friction]
+    assert "joint1: found 6.1 ± 0.3 N m of friction beyond compensation.coulomb" in what_happened(metrics)
+
+
 @pytest.mark.parametrize("reports", [(), [{"other/controller": "3"}]])
 def test_without_diagnostics_of_the_nodes_rejections_are_unknown(
     tmp_path: Path, run: Recording, write_bag: Any, reports: Any
 ) -> None:
-    assert read_recording(write_bag(tmp_path / "bag", rows(run, slice(3)), reports=reports)).rejected is None
+    recording = read_recording(write_bag(tmp_path / "bag", rows(run, slice(3)), reports=reports))
+    assert recording.rejected is None
+    assert recording.found is None
 
 
 # Unreadable bags: how each is made from an intact one, and the expected error text.
