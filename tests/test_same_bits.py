@@ -18,6 +18,7 @@ from sensor_msgs.msg import JointState
 from pidtsm_controller.controller_node import ControllerNode
 from pidtsm_controller.trajectory_node import TrajectoryNode
 from pidtsm_core.arrays import Array
+from pidtsm_core.control.findings import What
 from pidtsm_core.control.parameters import LAW_NAME
 from pidtsm_core.experiment import ADAPTS, Experiment, make_experiment
 from pidtsm_core.experiment.hardware_classes import hardware_settings
@@ -267,14 +268,9 @@ CONDITIONS: dict[str, Any] = {
         },
         "simulator": {"delay.samples": 5, "delay.command_samples": 7, "actuator.lag": 0.02, "encoder.bits": 18},
     },
-    "lateness and friction that are learnt": {
-        "controller": {
-            "estimator.name": "extended_state_observer",
-            "estimator.bandwidth": 100.0,
-            "adaptation.friction": "learn",
-            "adaptation.lateness": "learn",
-        },
-        "simulator": {"delay.samples": 12, "actuator.lag": 0.02, "encoder.bits": 18, "friction.coulomb": [2.0, 1.0]},
+    "lateness and friction that are learnt, softened joints": {
+        "controller": {"estimator.name": "extended_state_observer", "estimator.bandwidth": 100.0, **ADAPTS},
+        "simulator": {"delay.samples": 12, "actuator.lag": 0.02, "noise.std": 2e-3, "friction.coulomb": [2.0, 1.0]},
     },
     "measurements that cannot be": {"simulator": {"noise.std": 0.015}},
     "elastic joints, encoders on the motors": {
@@ -372,6 +368,8 @@ def test_the_conditions_are_what_they_are_called() -> None:
     assert max(status("limits that warn", Status.VIOLATIONS)) > 0
     assert Fault.MEASUREMENT in status("measurements that cannot be", Status.FAULT)
     assert (runs["brakes"].effort[250:290] == 0.0).all()
+    softened = {each.what for each in runs["lateness and friction that are learnt, softened joints"].found or ()}
+    assert What.PACE in softened
     learns = CONDITIONS["friction that is learnt"]
     warns = {**learns, "controller": {**learns["controller"], "adaptation.friction": "warn"}}
     warned = rollout(**warns, duration=SAMPLES * 1e-3)

@@ -4,6 +4,7 @@ They know the documented topics and standard messages, not what the nodes do ins
 """
 
 import math
+import signal
 from typing import Any
 
 import numpy as np
@@ -26,10 +27,11 @@ from support.strangersplant import (
     mass_matrix,
     seconds,
     start,
+    start_controller,
 )
-from support.testbed import Testbed
+from support.testbed import DEADLINE, Testbed
 
-from pidtsm_core.experiment import make_experiment
+from pidtsm_core.experiment import ADAPTS, make_experiment
 
 
 class StrangersController:
@@ -120,17 +122,39 @@ def test_our_controller_finds_out_that_a_strangers_drives_are_late(testbed: Test
         name.replace(".", "__"): value for name, value in values.items() if name.startswith(("law.", "estimator."))
     }
     given: dict[str, Any] = {name: list(value) if isinstance(value, tuple) else value for name, value in gains.items()}
-    nodes = start(testbed, plant, **given, adaptation__lateness="learn" if learns else "none")
-    plant.go_on(9.0)
-    settled = np.array(plant.times) >= 6.0
+    given |= {name.replace(".", "__"): value for name, value in ADAPTS.items()} if learns else {}
+    nodes = start(testbed, plant, **given)
+    plant.go_on(7.0)
+    settled = np.array(plant.times) >= 5.0
     error = np.abs(np.array(plant.positions) - article(np.array(plant.times)))[settled].max()
     if not learns:
         assert error > 0.02
         return
     assert error < 0.01
-    assert plant.largest_step(np.flatnonzero(settled)[0]) < 10.0
     said = "ms later than drive.delay and drive.lag"
     testbed.spin_until(lambda: said in nodes["controller"].log.read_text(), "what it has found")
+
+    # Suspended for 80 ms, in which the arm moves on; then killed, whereupon the brakes engage; started again at drives
+    # that are 35 ms late.
+    process = nodes["controller"].process
+    process.send_signal(signal.SIGSTOP)
+    for _ in range(20):
+        plant.state()
+        plant.move()
+    process.send_signal(signal.SIGCONT)
+    plant.go_on(1.0)
+    process.kill()
+    process.wait(DEADLINE)
+    plant.v, plant.late = np.zeros(2), round(0.035 / plant.period)
+    assert plant.largest_step(np.flatnonzero(settled)[0]) < 10.0
+    restarted = len(plant.times)
+    again = start_controller(testbed, **given)
+    plant.meet()
+    plant.go_on(6.0)
+    assert plant.largest_step(restarted) < 10.0
+    times = np.array(plant.times[-250:])
+    assert np.abs(np.array(plant.positions[-250:]) - article(times)).max() < 0.01
+    testbed.spin_until(lambda: said in again.log.read_text(), "what it has found anew")
 
 
 def test_where_a_strangers_clock_is_set_the_arm_stays_until_it_is_told_to_go_on(testbed: Testbed) -> None:

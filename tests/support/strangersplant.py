@@ -1,6 +1,7 @@
 """Somebody else's plant: an arm written from the documented topics and standard messages alone, joint2 first."""
 
 import math
+import time
 from typing import Any
 
 import numpy as np
@@ -91,16 +92,28 @@ class StrangersPlant:
         self.last = self.epoch + self.now
         self.publish(self.last, self.q + self.off)
 
+    def answered(self) -> bool:
+        """Whether there are command and reference for the last state: nobody need be faster than the latter."""
+        newest = [heard[-1] if heard else None for heard in (self.answers, self.references)]
+        return all(m and nanoseconds(m.header.stamp) == self.last for m in newest)
+
+    def meet(self) -> None:
+        """Measure at rest until a controller that has just been started answers."""
+
+        def measured() -> bool:
+            self.now += MS
+            self.state()
+            end = time.monotonic() + 0.5
+            while not self.answered() and time.monotonic() < end:
+                self.testbed.executor.spin_once(timeout_sec=0.02)
+            return self.answered()
+
+        self.testbed.spin_until(measured, "an answer of the new controller")
+
     def step(self) -> None:
         """A state, its command, and the arm's motion under it until the next."""
         self.state()
-
-        def answered() -> bool:
-            # Faster than the trajectory node can answer nobody need be.
-            newest = [heard[-1] if heard else None for heard in (self.answers, self.references)]
-            return all(m and nanoseconds(m.header.stamp) == self.last for m in newest)
-
-        self.testbed.spin_until(answered, f"a command at {self.now / SECOND} s")
+        self.testbed.spin_until(self.answered, f"a command at {self.now / SECOND} s")
         self.times.append(self.now / SECOND)
         self.positions.append(self.q)
         self.efforts.append(in_order(self.answers[-1], self.answers[-1].effort))
@@ -142,6 +155,21 @@ class StrangersPlant:
         return float(np.abs(np.diff(self.efforts[since:], axis=0)).max())
 
 
+_RELIABLE = "qos_overrides./{}.subscription.reliability:=reliable"
+"""The test needs every answer."""
+
+
+def start_controller(testbed: Testbed, recorders: int = 0, **parameters: object) -> Process:
+    """Our controller in realtime; arguments as for `start`."""
+    given = {"watchdog.state_stop": 5.0, **{name.replace("__", "."): value for name, value in parameters.items()}}
+    return testbed.start(
+        "controller",
+        f"start.subscribers:={1 + recorders}",
+        *(f"{name}:={value}" for name, value in given.items()),
+        *(_RELIABLE.format(topic) for topic in ("joint_states", "reference")),
+    )
+
+
 def start(testbed: Testbed, plant: StrangersPlant, recorders: int = 0, **parameters: object) -> dict[str, Process]:
     """Our controller and trajectory in realtime, which the plant's time has nothing to do with.
 
@@ -151,23 +179,15 @@ def start(testbed: Testbed, plant: StrangersPlant, recorders: int = 0, **paramet
         recorders: number of recorders that have been started; they get every message.
         parameters: of the controller, and of the trajectory node those of the reference; ``__`` for a dot.
     """
-    given = {"watchdog.state_stop": 5.0, **{name.replace("__", "."): value for name, value in parameters.items()}}
-    reference = {name: given.pop(name) for name in list(given) if name.startswith("reference.")}
-    # The test needs every answer.
-    reliable = "qos_overrides./{}.subscription.reliability:=reliable"
+    reference = {name: parameters.pop(name) for name in list(parameters) if name.startswith("reference__")}
     nodes = {
-        "controller": testbed.start(
-            "controller",
-            f"start.subscribers:={1 + recorders}",
-            *(f"{name}:={value}" for name, value in given.items()),
-            *(reliable.format(topic) for topic in ("joint_states", "reference")),
-        ),
+        "controller": start_controller(testbed, recorders, **parameters),
         # It waits for the controller and the test, so that no reference is lost.
         "trajectory": testbed.start(
             "trajectory",
-            reliable.format("joint_states"),
+            _RELIABLE.format("joint_states"),
             f"start.subscribers:={2 + recorders}",
-            *(f"{name}:={value}" for name, value in reference.items()),
+            *(f"{name.replace('__', '.')}:={value}" for name, value in reference.items()),
         ),
     }
     readers = 2 + recorders
