@@ -4,10 +4,11 @@ With the disturbance d of the observer, the model lacks the effort -H d, see lac
 that changes its sign with the velocity. Per joint, a recursive least-squares fit with exponential forgetting explains
 what is lacking by
 
-    hard tanh(q' / v0) + soft tanh(q' / (10 v0)) + viscous q' + constant + stiffness q_d + inertia q_d''
+    hard tanh(q' / v0) + middle tanh(q' / (3 v0)) + soft tanh(q' / (10 v0))
+    + viscous q' + constant + stiffness q_d + inertia q_d''
 
-The first two are Coulomb friction, which is there at once or within some tenths of a radian per second; only they are
-compensated. The last three stand for a payload and for errors of the model, which must not be taken for friction, and
+The first three are Coulomb friction, which is there at once or within some tenths of a radian per second; only they are
+compensated, in the shape that was found. The last three stand for a payload and for errors of the model, which must not be taken for friction, and
 the lag of a drive looks like viscous friction. For the same reason everything is high-passed: a payload that is picked
 up is slow against a reversal of friction. The regressors pass the three poles of the observer first, as what it finds
 has passed them. So does what compensates Coulomb friction already, which is added to what is lacking: the fit finds the
@@ -52,8 +53,8 @@ _CAUTION = 1.0
 _TAKEN_IN, _TAKEN_BACK = 0.7, 0.1
 """s; time constants of the compensated friction while it grows, and while it shrinks: a short push must not pass for
 friction, but what is too much does harm."""
-SOFTER = 10.0
-"""How much faster a joint must move until its soft friction is there."""
+MIDDLE, SOFTER = 3.0, 10.0
+"""How much faster a joint must move until the other parts of its friction are there."""
 _UNUSUAL = 3.0
 """Standard deviations of what is left unexplained, beyond which a sample counts for less."""
 _LONG = 1.0
@@ -73,14 +74,15 @@ class Regressor(IntEnum):
     """What the fit explains the lacking effort by; its coefficients are in N m per unit."""
 
     HARD = 0  # tanh(q' / v0)
-    SOFT = 1  # tanh(q' / (10 v0))
-    VELOCITY = 2  # rad/s
-    CONSTANT = 3
-    POSITION = 4  # rad
-    ACCELERATION = 5  # rad/s^2
+    MIDDLE = 1  # tanh(q' / (3 v0))
+    SOFT = 2  # tanh(q' / (10 v0))
+    VELOCITY = 3  # rad/s
+    CONSTANT = 4
+    POSITION = 5  # rad
+    ACCELERATION = 6  # rad/s^2
 
 
-_PRIOR = (2e-3, 2e-3, 2e-2, 2e-4, 2e-3, 2e-3)
+_PRIOR = (2e-3, 2e-3, 2e-3, 2e-2, 2e-4, 2e-3, 2e-3)
 """Evidence (s) for the promised friction, and for no other effort, so that there is always a solution."""
 _INPUTS = len(Regressor) + 1
 """Filtered together: the regressors, and the compensated effort (afterwards: what the model lacks)."""
@@ -131,6 +133,8 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, dt: float)
         value = compensated
         if k == Regressor.HARD:
             value = math.tanh(velocity / REVERSAL)
+        elif k == Regressor.MIDDLE:
+            value = math.tanh(velocity / (MIDDLE * REVERSAL))
         elif k == Regressor.SOFT:
             value = math.tanh(velocity / (SOFTER * REVERSAL))
         elif k == Regressor.VELOCITY:
@@ -204,14 +208,15 @@ def _fit(state: ControllerState, j: int, promised: float) -> None:
         expected = promised if a == Regressor.HARD else 0.0
         unexplained -= right[0, a] * (known[row + a, FITTED] + _PRIOR[a] * (right[0, a] - expected))
     variance = 2.0 * _CORRELATED * max(unexplained, 0.0) / found[Friction.EVIDENCE, j]
-    hard, soft = right[0, Regressor.HARD], right[0, Regressor.SOFT]
-    found[Friction.COULOMB, j], found[Friction.SOFT, j] = hard + soft, soft
+    middle, soft = right[0, Regressor.MIDDLE], right[0, Regressor.SOFT]
+    found[Friction.COULOMB, j] = right[0, Regressor.HARD] + middle + soft
+    found[Friction.MIDDLE, j], found[Friction.SOFT, j] = middle, soft
     for a in range(FITTED):
         state.friction_fit[j, a] = right[0, a]
     if found[Friction.EVIDENCE, j] > _LONG:
         state.friction_fit[j, FITTED] = math.sqrt(max(unexplained, 0.0) / found[Friction.EVIDENCE, j])
     found[Friction.VISCOUS, j] = right[0, Regressor.VELOCITY]
-    spread = right[1, Regressor.HARD] + right[1, Regressor.SOFT]
+    spread = right[1, Regressor.HARD] + right[1, Regressor.MIDDLE] + right[1, Regressor.SOFT]
     found[Friction.DEVIATION, j] = math.sqrt(variance * max(spread, 0.0))
 
 
@@ -241,9 +246,11 @@ def _take_in(config: ControllerConfig, state: ControllerState, j: int, dt: float
     promised = config.compensation.coulomb[j]
     grows = abs(promised + used) > abs(promised + known[Friction.USED, j])
     pace = -math.expm1(-dt / (_TAKEN_IN if grows else _TAKEN_BACK))
-    soft = min(max(known[Friction.SOFT, j] / found, 0.0), 1.0) if found != 0.0 else 0.0
     known[Friction.USED, j] += pace * (used - known[Friction.USED, j])
-    known[Friction.SHARE, j] += pace * (soft - known[Friction.SHARE, j])
+    middle = min(max(known[Friction.MIDDLE, j] / found, 0.0), 1.0) if found != 0.0 else 0.0
+    soft = min(max(known[Friction.SOFT, j] / found, 0.0), 1.0 - middle) if found != 0.0 else 0.0
+    known[Friction.MIDDLE_SHARE, j] += pace * (middle - known[Friction.MIDDLE_SHARE, j])
+    known[Friction.SOFT_SHARE, j] += pace * (soft - known[Friction.SOFT_SHARE, j])
     known[Friction.EFFORT, j] = _compensation(state, j, state.ahead[1, j] if config.drive.late else state.desired[1, j])
 
 
@@ -259,6 +266,7 @@ def acting_compensation(config: ControllerConfig, state: ControllerState, j: int
 @inlined
 def _compensation(state: ControllerState, j: int, velocity: float) -> float:
     """What compensates the friction of joint j at a desired velocity (rad/s), N m."""
-    v, share = velocity / REVERSAL, state.friction[Friction.SHARE, j]
-    shape = (1.0 - share) * math.tanh(v) + share * math.tanh(v / SOFTER)
-    return state.friction[Friction.USED, j] * shape
+    v, known = velocity / REVERSAL, state.friction
+    middle, soft = known[Friction.MIDDLE_SHARE, j], known[Friction.SOFT_SHARE, j]
+    shape = (1.0 - middle - soft) * math.tanh(v) + middle * math.tanh(v / MIDDLE) + soft * math.tanh(v / SOFTER)
+    return known[Friction.USED, j] * shape

@@ -11,13 +11,15 @@ import math
 
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.state import ControllerState, Noise, part
+from pidtsm_core.control.state import ControllerState, Friction, Noise, part
 from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal
 
 _AMPLIFIED = 1.3
 """See above."""
+_LITTLE = 0.02
+"""Friction with which the velocity is corrected fully, a share of the effort limit."""
 _MEAN = 0.2
 """s, over which the noise is averaged."""
 
@@ -36,6 +38,12 @@ def find_lacking(config: ControllerConfig, state: ControllerState, dt: float) ->
         error = state.measured[j] - y[Signal.POSITION, j]
         velocity = y[Signal.VELOCITY, j] + 3.0 * bandwidth * error
         state.lacking[j] = efforts[0, j] - efforts[1, j]
+        if math.isfinite(error):
+            wanted = 3.0 * bandwidth * error * _rubs(config, state, j)
+            correction = state.noise[Noise.CORRECTION, j]
+            correction += -math.expm1(-bandwidth * dt) * (wanted - correction)
+            state.noise[Noise.CORRECTION, j] = correction
+            y[Signal.VELOCITY, j] += correction
         if math.isfinite(state.lacking[j] + velocity):
             gone = -math.expm1(-bandwidth * dt)
             state.learnt_velocity[j] += gone * (velocity - state.learnt_velocity[j])
@@ -43,6 +51,15 @@ def find_lacking(config: ControllerConfig, state: ControllerState, dt: float) ->
             state.noise[Noise.ERROR, j] = error
             variance = 0.5 * change * change - state.noise[Noise.VARIANCE, j]
             state.noise[Noise.VARIANCE, j] += -math.expm1(-dt / _MEAN) * variance
+
+
+@inlined
+def _rubs(config: ControllerConfig, state: ControllerState, j: int) -> float:
+    """1 if joint j has friction that is found and compensated, 0 if not; in between if it is little."""
+    if not config.adaptation.compensates_friction:
+        return 0.0
+    friction = config.compensation.coulomb[j] + state.friction[Friction.USED, j]
+    return min(friction / (_LITTLE * config.limits.effort[j]), 1.0)
 
 
 @inlined

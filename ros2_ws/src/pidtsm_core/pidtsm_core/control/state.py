@@ -139,8 +139,10 @@ class Friction(IntEnum):
     EFFORT = 4  # that compensates it at this sample, N m
     EVIDENCE = 5  # for how long it was observed, s
     SQUARES = 6  # integral of the square of the effort that the model lacks, (N m)^2 s
-    SOFT = 7  # the part of COULOMB that grows slowly with the velocity, N m
-    SHARE = 8  # its share of USED
+    MIDDLE = 7  # the part of COULOMB that grows with the velocity, N m
+    SOFT = 8  # the part of COULOMB that grows slowly with it, N m
+    MIDDLE_SHARE = 9  # share of the former of USED
+    SOFT_SHARE = 10  # share of the latter
 
 
 class UnderWay(IntEnum):
@@ -176,6 +178,7 @@ class Noise(IntEnum):
 
     ERROR = 0  # of the estimated position at the last sample, rad
     VARIANCE = 1  # rad^2
+    CORRECTION = 2  # what corrects the estimated velocity, rad/s
 
 
 class Softness(IntEnum):
@@ -187,7 +190,7 @@ class Softness(IntEnum):
     SOFTENED = 3  # logarithm of how much slower the joint is
 
 
-FITTED = 6
+FITTED = 7
 """Number of coefficients that friction is fitted with."""
 
 

@@ -121,7 +121,9 @@ def test_the_fit_is_that_of_scipy(promised: float) -> None:
     solution = lstsq(a, b)[0]
     squares = ((np.array(regressors) @ solution - lacking) ** 2).sum()
     found = state.friction[[Friction.COULOMB, Friction.SOFT, Friction.VISCOUS], 0]
-    np.testing.assert_allclose(found, [solution[0] + solution[1], *solution[1:3]], rtol=1e-9)
+    of = learning.Regressor
+    coulomb = solution[[of.HARD, of.MIDDLE, of.SOFT]].sum()
+    np.testing.assert_allclose(found, [coulomb, solution[of.SOFT], solution[of.VELOCITY]], rtol=1e-9)
     evidence = state.friction[Friction.EVIDENCE, 0]
     deviation = np.sqrt(0.8 * squares / evidence * np.linalg.inv(a.T @ a)[:2, :2].sum())
     np.testing.assert_allclose(state.friction[Friction.DEVIATION, 0], deviation, rtol=1e-6)
