@@ -115,7 +115,9 @@ class Controller:
         # A copy, because models have scratch space. A payload that changes needs another effort.
         model = config.firmware.parameters.copy()
         own = config.law.gains, config.law.integers, config.estimator.parameters
-        adapts = np.array([config.adaptation.compensates_friction, config.adaptation.uses_lateness, config.adaptation.softens])
+        adapts = np.array(
+            [config.adaptation.compensates_friction, config.adaptation.uses_lateness, config.adaptation.softens]
+        )
         self._demanding = (model, *own, *config.compensation, adapts, *_known(config), config.drive.inversion)
 
     def reset(self) -> None:

@@ -38,7 +38,7 @@ from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.effort import REVERSAL, coulomb_friction, held_back
-from pidtsm_core.control.lacking import is_known, velocity_noise
+from pidtsm_core.control.lacking import is_known, is_noisy
 from pidtsm_core.control.state import FITTED, ControllerState, Friction, part
 from pidtsm_core.signals import Mode, Status
 
@@ -64,8 +64,6 @@ _LARGEST = 0.35
 _RESTS = 0.1
 """Filtered sign of the velocity below which the motion of a joint shows nothing of its friction: it rests, or has moved
 in one direction for long."""
-_NOISY = REVERSAL
-"""rad/s; with more noise of the velocity, its sign is not known, and friction looks smaller than it is."""
 _SETTLED = 0.99
 """Output of a filter for an input of 1; before, the observer has not found the motion of the arm either."""
 
@@ -103,7 +101,7 @@ def learn_friction(config: ControllerConfig, state: ControllerState, dt: float) 
         _filter(config, state, j, dt)
         moves = abs(state.friction_inputs[_POLES + 1, j * _INPUTS + Regressor.HARD]) > _RESTS
         settled = state.friction_inputs[_POLES - 1, j * _INPUTS + Regressor.CONSTANT] > _SETTLED
-        quiet = velocity_noise(config, state, j, dt) < _NOISY
+        quiet = not is_noisy(config, state, j, dt)
         if learns and moves and settled and quiet and not held_back(config, state, j):
             _weigh(state, j, dt)
             _fit(state, j, config.compensation.coulomb[j])

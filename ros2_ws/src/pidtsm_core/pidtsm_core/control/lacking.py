@@ -3,21 +3,26 @@
 The disturbance d of the observer is an acceleration; -H d is the effort that the model lacks, see extended_state.py. If
 d changes at the rate d', the observer's velocity is wrong by 3 d' / w^2 and its position by d' / w^3. Adding 3 w times
 the error of the position cancels that of the velocity, as far as w is slow against the rate; one more pole at w bounds
-the noise. White noise of standard deviation n of the measured position at the period T then is noise of
-1.3 n w sqrt(w T) of the velocity; n is known from how the error of the position changes between two samples.
+the noise. Where friction is compensated, the law sees a velocity that is corrected likewise: at a reversal, the
+disturbance changes so quickly that the arm would follow the error of the velocity.
+
+White noise of standard deviation n of the position at the period T becomes noise of 1.3 n w sqrt(w T) of the velocity;
+n is known from how the error of the position changes between two samples. A noisy velocity is neither corrected nor
+learnt from.
 """
 
 import math
 
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.effort import REVERSAL
 from pidtsm_core.control.state import ControllerState, Friction, Noise, part
 from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal
 
 _AMPLIFIED = 1.3
-"""See above."""
+"""See above. With more noise than REVERSAL, friction looks smaller than it is."""
 _LITTLE = 0.02
 """Friction with which the velocity is corrected fully, a share of the effort limit."""
 _MEAN = 0.2
@@ -39,7 +44,7 @@ def find_lacking(config: ControllerConfig, state: ControllerState, dt: float) ->
         velocity = y[Signal.VELOCITY, j] + 3.0 * bandwidth * error
         state.lacking[j] = efforts[0, j] - efforts[1, j]
         if math.isfinite(error):
-            wanted = 3.0 * bandwidth * error * _rubs(config, state, j)
+            wanted = 3.0 * bandwidth * error * _rubs(config, state, j, dt)
             correction = state.noise[Noise.CORRECTION, j]
             correction += -math.expm1(-bandwidth * dt) * (wanted - correction)
             state.noise[Noise.CORRECTION, j] = correction
@@ -54,19 +59,20 @@ def find_lacking(config: ControllerConfig, state: ControllerState, dt: float) ->
 
 
 @inlined
-def _rubs(config: ControllerConfig, state: ControllerState, j: int) -> float:
-    """1 if joint j has friction that is found and compensated, 0 if not; in between if it is little."""
-    if not config.adaptation.compensates_friction:
+def _rubs(config: ControllerConfig, state: ControllerState, j: int, dt: float) -> float:
+    """1 if joint j has friction that is found and compensated, 0 if not or in noise; in between if it is little."""
+    if not config.adaptation.compensates_friction or is_noisy(config, state, j, dt):
         return 0.0
     friction = config.compensation.coulomb[j] + state.friction[Friction.USED, j]
     return min(friction / (_LITTLE * config.limits.effort[j]), 1.0)
 
 
 @inlined
-def velocity_noise(config: ControllerConfig, state: ControllerState, joint: int, dt: float) -> float:
-    """Standard deviation of the noise of ``state.learnt_velocity`` of a joint, rad/s; dt is the period, s."""
+def is_noisy(config: ControllerConfig, state: ControllerState, joint: int, dt: float) -> bool:
+    """Whether ``state.learnt_velocity`` of a joint does not tell its direction; dt is the period, s."""
     bandwidth = state.pace[joint] * config.adaptation.bandwidth[joint]
-    return _AMPLIFIED * bandwidth * math.sqrt(bandwidth * dt * state.noise[Noise.VARIANCE, joint])
+    noise = _AMPLIFIED * bandwidth * math.sqrt(bandwidth * dt * state.noise[Noise.VARIANCE, joint])
+    return noise > REVERSAL
 
 
 @inlined

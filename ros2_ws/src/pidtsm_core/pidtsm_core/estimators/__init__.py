@@ -19,7 +19,9 @@ __all__ = ["DISTURBANCE", "ESTIMATORS", "Estimator", "Sample", "estimate", "esti
 ESTIMATORS: Family[Estimator] = Family.of(Estimator, globals())
 
 _MODEL = pointer_to(Model(0, 0, 0, np.zeros(1)))
-_ESTIMATE = Interface(NOTHING(Pointer(types.NamedTuple((ROW, ROWS, FLOAT, ROW, _MODEL, ROW), Sample)), ROWS, ROWS, ROWS))
+_ESTIMATE = Interface(
+    NOTHING(Pointer(types.NamedTuple((ROW, ROWS, FLOAT, ROW, _MODEL, ROW), Sample)), ROWS, ROWS, ROWS)
+)
 _estimate = _ESTIMATE.call
 
 

@@ -125,8 +125,26 @@ def test_the_fit_is_that_of_scipy(promised: float) -> None:
     coulomb = solution[[of.HARD, of.MIDDLE, of.SOFT]].sum()
     np.testing.assert_allclose(found, [coulomb, solution[of.SOFT], solution[of.VELOCITY]], rtol=1e-9)
     evidence = state.friction[Friction.EVIDENCE, 0]
-    deviation = np.sqrt(0.8 * squares / evidence * np.linalg.inv(a.T @ a)[:2, :2].sum())
+    deviation = np.sqrt(0.8 * squares / evidence * np.linalg.inv(a.T @ a)[:3, :3].sum())
     np.testing.assert_allclose(state.friction[Friction.DEVIATION, 0], deviation, rtol=1e-6)
+
+
+def test_what_the_fit_cannot_explain_counts_for_less() -> None:
+    state, j = CoreLoop("two_link", LEARNS, {}).controller.state, 1
+    assert learning._weight(state, j, 100.0) == 1.0  # Nothing is known yet.
+    state.friction_fit[j, learning.Regressor.HARD], state.friction_fit[j, -1] = 2.0, 0.1
+    state.friction_inputs[-1, len(learning.Regressor) + 1 + learning.Regressor.HARD] = 1.0
+    assert [learning._weight(state, j, lacking) for lacking in (2.0, 2.29, 2.6, 1.4)] == pytest.approx([1, 1, 0.5, 0.5])
+
+
+def test_nothing_is_learnt_from_noise() -> None:
+    found = {}
+    for std in (1e-4, 4e-3):
+        loop = CoreLoop("xarm7", LEARNS, {"noise.std": std})
+        loop.advance(6_000)
+        found[std] = loop.controller.state.friction[Friction.EVIDENCE]
+    assert (found[1e-4] > 1.0).all()
+    assert (found[4e-3] < 0.3).all()  # Until it is known how noisy it is.
 
 
 @pytest.mark.parametrize("robot", ["z1", "xarm7"])

@@ -21,7 +21,12 @@ NOISE = {"noise.std": 4e-3}
 QUIET = {
     "14 bits, 1 ms": {"encoder.bits": 14, "delay.samples": 1},
     "payload": {"encoder.bits": 14, "payload.mass": 2.0, "payload.time": 1.0},
-    "push": {"encoder.bits": 14, "push.effort": [0.0, 60.0, 0.0, 0.0, 0.0, 0.0, 0.0], "push.time": 1.0, "push.duration": 0.3},
+    "push": {
+        "encoder.bits": 14,
+        "push.effort": [0.0, 60.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        "push.time": 1.0,
+        "push.duration": 0.3,
+    },
     "friction": {"encoder.bits": 14, "friction.coulomb": 9.0},
     "samples lost": {"encoder.bits": 14, "dropout.probability": 0.3},
 }
@@ -81,7 +86,11 @@ def test_a_softened_joint_does_the_same_in_a_slower_time(law: str) -> None:
 
     def moved(softened: float) -> Array:
         given = {**ACT, "law.name": law, "adaptation.roughness": 0.09}
-        push = {"push.time": 2.0, "push.effort": [0.0, 0.0, 0.0, 20.0 * softened**2, 0.0, 0.0, 0.0], "push.duration": 0.02 / softened}
+        push = {
+            "push.time": 2.0,
+            "push.effort": [0.0, 0.0, 0.0, 20.0 * softened**2, 0.0, 0.0, 0.0],
+            "push.duration": 0.02 / softened,
+        }
         loop = CoreLoop("panda", given, push)
         loop.controller.state.softness[Softness.SOFTENED] = -math.log(softened)
         errors = []
