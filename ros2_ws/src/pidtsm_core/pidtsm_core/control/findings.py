@@ -63,7 +63,7 @@ def _found(
     known, late, adapts = state.friction, state.lateness, config.adaptation
     if adapts.learns_friction:
         certain = np.abs(known[Friction.COULOMB]) - known[Friction.DEVIATION]
-        for j in np.flatnonzero(certain > _WORTH_A_LINE * config.limits.effort):
+        for j in np.flatnonzero(certain > _WORTH_A_LINE * config.limits.effort).tolist():
             coulomb, deviation = float(known[Friction.COULOMB, j]), float(known[Friction.DEVIATION, j])
             yield Finding(What.FRICTION, joints[j], coulomb, deviation, units[j].effort)
     if adapts.learns_lateness and late[Lateness.LATE]:
@@ -73,7 +73,7 @@ def _found(
         yield Finding(What.LAG, "", lag, None, "s")
     if adapts.watches_roughness:
         rough, pace = state.softness[Softness.ROUGHNESS], np.exp(-state.softness[Softness.SOFTENED])
-        for j in np.flatnonzero((rough > adapts.roughness) | (pace < _SOFTENED)):
+        for j in np.flatnonzero((rough > adapts.roughness) | (pace < _SOFTENED)).tolist():
             yield Finding(What.ROUGHNESS, joints[j], float(rough[j]), None, "")
             if adapts.softens:
                 yield Finding(What.PACE, joints[j], float(pace[j]), None, "")

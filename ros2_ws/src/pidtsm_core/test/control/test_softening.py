@@ -18,7 +18,7 @@ from pidtsm_core.rollouts.closed_loop import rollout
 SOFTENING = "adaptation.softening"
 ACT, WARN = {SOFTENING: "act"}, {SOFTENING: "warn"}
 NOISE = {"noise.std": 4e-3}
-QUIET = {
+QUIET: dict[str, dict[str, Any]] = {
     "14 bits, 1 ms": {"encoder.bits": 14, "delay.samples": 1},
     "payload": {"encoder.bits": 14, "payload.mass": 2.0, "payload.time": 1.0},
     "push": {
