@@ -18,7 +18,7 @@ from pidtsm_core.messages.arrivals import Arrivals, Stamp
 from pidtsm_core.messages.gaps import Continuation, continuation
 from pidtsm_core.parameters import as_float, names
 from pidtsm_core.parameters.joints import MessageError
-from pidtsm_core.robots import find_robot, robot_joints
+from pidtsm_core.robots import robot_joints
 from pidtsm_core.signals import Fault, Mode, Request, Signal, Status
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.cdr import serialized_nanoseconds

@@ -8,11 +8,12 @@ what is lacking by
     + viscous q' + constant + stiffness q_d + inertia q_d''
 
 The first three are Coulomb friction, which is there at once or within some tenths of a radian per second; only they are
-compensated, in the shape that was found. The last three stand for a payload and for errors of the model, which must not be taken for friction, and
-the lag of a drive looks like viscous friction. For the same reason everything is high-passed: a payload that is picked
-up is slow against a reversal of friction. The regressors pass the three poles of the observer first, as what it finds
-has passed them. So does what compensates Coulomb friction already, which is added to what is lacking: the fit finds the
-whole friction, whose sign follows the true velocity, and not an error of a compensation that follows the desired one.
+compensated, in the shape that was found. The last three stand for a payload and for errors of the model, which must not
+be taken for friction, and the lag of a drive looks like viscous friction. For the same reason everything is
+high-passed: a payload that is picked up is slow against a reversal of friction. The regressors pass the three poles of
+the observer first, as what it finds has passed them. So does what compensates Coulomb friction already, which is added
+to what is lacking: the fit finds the whole friction, whose sign follows the true velocity, and not an error of a
+compensation that follows the desired one.
 
 At a reversal the disturbance changes quickly, and the observer's velocity is wrong; see lacking.py for its correction.
 

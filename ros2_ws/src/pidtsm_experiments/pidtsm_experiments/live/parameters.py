@@ -1,15 +1,18 @@
 """Parameters of a node as in its descriptors, and values as a person writes them."""
 
+from collections.abc import Awaitable, Callable
 from typing import Any, NamedTuple
 
 import yaml
 from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.parameter import parameter_value_to_python
 
 from pidtsm_core.parameters.files import read_yaml
 from pidtsm_experiments.live.errors import RefusedError
 
 _CHOICES = "one of "
+_READINGS = 5  # of a node that is started again meanwhile
 
 
 class Described(NamedTuple):
@@ -80,3 +83,24 @@ def written(text: str) -> Any:
     if value is None or isinstance(value, dict) or (isinstance(value, list) and len({type(v) for v in value}) != 1):
         raise RefusedError(f"{text!r} is not a number, a text, or a list of either")
     return value
+
+
+async def read_parameters(call: Callable[[Any, str, Any], Awaitable[Any]], node: str) -> list[Described]:
+    """Every parameter of a node.
+
+    Args:
+        call: calls a service: its type, its name, and the request.
+        node: the node.
+
+    Raises:
+        RefusedError: the node has other parameters at each answer, or `call` raises it.
+    """
+    for _ in range(_READINGS):
+        listed = await call(ListParameters, f"{node}/list_parameters", ListParameters.Request())
+        names = sorted(listed.result.names)
+        known = await call(DescribeParameters, f"{node}/describe_parameters", DescribeParameters.Request(names=names))
+        got = await call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
+        # A node that was started anew meanwhile answers nothing if it does not know one of the names.
+        if len(known.descriptors) == len(got.values) == len(names):
+            return list(map(Described, known.descriptors, map(plain, got.values)))
+    raise RefusedError(f"the parameters of {node} changed whenever they were read; is it started again and again?")

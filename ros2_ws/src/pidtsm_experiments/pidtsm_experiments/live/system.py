@@ -23,10 +23,11 @@ from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.control.findings import Finding, from_readings
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.live.lives import REPORTS_WITHIN, SAMPLES_WITHIN, Condition, Lives, Source, time_of_day
 from pidtsm_experiments.live.messages import one_point
-from pidtsm_experiments.live.parameters import Described, plain
+from pidtsm_experiments.live.parameters import Described, plain, read_parameters
 from pidtsm_experiments.live.stream import Batch, StateStream, by_name
 from pidtsm_experiments.live.words import Known
 from pidtsm_msgs.msg import ControllerState
@@ -42,7 +43,6 @@ _AGAIN = 1.0
 """s without an answer after which a request is repeated: a service is there before its answers find the way."""
 _REPEATABLE = (ListParameters, DescribeParameters, GetParameters, SetParametersAtomically, GetState, SetBool)
 """Services that do the same when they are called twice."""
-_READINGS = 5  # of the parameters of a node that is started again meanwhile
 _POLL = 0.01  # s
 _SPIN = 0.002  # s
 _EVENTS = 8
@@ -62,6 +62,7 @@ class System:
         events: what the nodes warned of, and what the page did, the newest first: time of day and text.
         lives: what is known of each node.
         source: where the joint states come from.
+        found: what the controller states on /diagnostics to have found out about its arm.
         changed: the parameters that have changed since the page last looked: node and values of each change.
     """
 
@@ -79,6 +80,7 @@ class System:
         self._reports: dict[str, str] = {}
         self._mode = -1
         self._held: bool | None = None
+        self.found: tuple[Finding, ...] = ()
         self.changed: list[tuple[str, dict[str, Any]]] = []
         self._clients: dict[str, Client] = {}
         self._states = StateStream(self._listener)
@@ -230,6 +232,7 @@ class System:
                 self._reports[name] = status.message
                 if name == "controller":
                     self._held = _HELD in status.message
+                    self.found = from_readings((pair.key, pair.value) for pair in status.values)
                 self.lives.note_message(name, REPORTS_WITHIN)
 
     def _on_log(self, message: Log) -> None:
@@ -300,18 +303,9 @@ class System:
         """Every parameter of a node.
 
         Raises:
-            RefusedError: the node has other parameters at each answer, or see `call`.
+            RefusedError: see `call` and `read_parameters`.
         """
-        for _ in range(_READINGS):
-            listed = await self.call(ListParameters, f"{node}/list_parameters", ListParameters.Request())
-            names = sorted(listed.result.names)
-            what = DescribeParameters.Request(names=names)
-            described = await self.call(DescribeParameters, f"{node}/describe_parameters", what)
-            values = await self.call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
-            # A node that was started anew meanwhile answers nothing if it does not know one of the names.
-            if len(described.descriptors) == len(values.values) == len(names):
-                return list(map(Described, described.descriptors, map(plain, values.values)))
-        raise RefusedError(f"the parameters of {node} changed whenever they were read; is it started again and again?")
+        return await read_parameters(self.call, node)
 
     async def set(self, node: str, values: Mapping[str, Any]) -> None:
         """Set parameters of a node together, or none of them.

@@ -10,6 +10,7 @@ import numpy as np
 from viser import GuiTabHandle
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.control.findings import What, statements
 from pidtsm_core.recording.metric import MEAN_EFFORT, RMSE, Metric
 from pidtsm_core.signals import Signal
 from pidtsm_core.units import JointUnits, either
@@ -93,7 +94,9 @@ class Watching:
             desk.button("Mark", self._mark, "measure RMSE and ECI from now on")
             again = "start the built-in motion again, and measure from now on"
             desk.button("Start the motion again, and mark", self._again, again, moves=True)
+            self._found = gui.add_html("")
             self._events = gui.add_html("")
+        self._told: set[tuple[What, str]] = set()
 
     def add(self, batch: Batch) -> None:
         """Take new samples."""
@@ -137,8 +140,20 @@ class Watching:
             columns = [("RMSE of A", RMSE, kept.rmse), ("RMSE", RMSE, now.rmse)]
             columns += [("ECI of A", MEAN_EFFORT, kept.eci), ("ECI", MEAN_EFFORT, now.eci)]
             self._compared.content = metrics_table(self._joints, self._units, columns)
+        self._tell_found()
         lines = "".join(f"<div>{time} {escape(text)}</div>" for time, text in self._desk.system.events)
         self._events.content = f'<div id="events" style="padding:0.5em 0.75em;font-size:0.8em">{lines}</div>'
+
+    def _tell_found(self) -> None:
+        """Show what the controller has found out; what is new is an event, too."""
+        stated = statements(self._desk.system.found)
+        for each in stated:
+            if (each.what, each.joint) not in self._told:
+                self._told.add((each.what, each.joint))
+                self._desk.system.note(each.text)
+        lines = "".join(f"<div>{escape(each.text)}</div>" for each in stated)
+        style = "padding:0.5em 0.75em 0;font-size:0.8em;overflow-wrap:anywhere"
+        self._found.content = f'<div id="found" style="{style}"><b>Found out</b>{lines}</div>' if stated else ""
 
     async def _mark(self) -> None:
         self._measured = Measurement()

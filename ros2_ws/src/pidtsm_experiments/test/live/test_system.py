@@ -2,15 +2,18 @@
 
 import asyncio
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.srv import DescribeParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from pidtsm_core.control.findings import Finding, What
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_experiments.live.system import System
 from pidtsm_experiments.runs.domain import own_domain
@@ -62,6 +65,22 @@ def _described(happens: Callable[[], None]) -> dict[str, Any]:
         system.close()
     assert all(each.descriptor.name == each.name for each in found)
     return {each.name: each.value for each in found}
+
+
+def test_what_the_controller_states_on_diagnostics_is_known(node: Node) -> None:
+    publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    values = [KeyValue(key="rate (1/s)", value="1000"), KeyValue(key="found friction of elbow (N m)", value="6.1")]
+    stated = DiagnosticArray(status=[DiagnosticStatus(name="somewhere/controller: loop", values=values)])
+    other = DiagnosticArray(status=[DiagnosticStatus(name="elsewhere/controller: loop")])
+    system, end = System("/somewhere"), time.monotonic() + 60.0
+    try:
+        while not system.found and time.monotonic() < end:
+            publisher.publish(stated)
+            publisher.publish(other)
+            system.spin()
+        assert system.found == (Finding(What.FRICTION, "elbow", 6.1, None, "N m"),)
+    finally:
+        system.close()
 
 
 def test_a_node_that_is_another_one_halfway_is_read_anew(node: Node) -> None:
