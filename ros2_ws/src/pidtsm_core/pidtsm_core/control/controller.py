@@ -268,7 +268,7 @@ class Controller:
 
         Returns:
             Mean change from sample to sample as a share of the effort limit, and bandwidth relative to that of the
-            parameters, shape (2, joints).
+            parameters, both dimensionless, shape (2, joints).
         """
         rows = self.state.softness
         return np.array([rows[Softness.ROUGHNESS], np.exp(-rows[Softness.SOFTENED])])

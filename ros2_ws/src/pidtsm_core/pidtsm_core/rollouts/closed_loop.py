@@ -197,8 +197,7 @@ def rollout(
         duration: s; None: that of the scenario.
         controller: parameters that override all others, by name, such as ``{"law.k1": 3.0}``; a joint's parameter is
             one number for all joints, or one for each. Parameters that only a node has change nothing.
-        simulator: likewise.
-        trajectory: likewise.
+        simulator, trajectory: likewise.
 
     Returns:
         All arrays of the run, with rows of shape (joints,) in the order of the simulator.
