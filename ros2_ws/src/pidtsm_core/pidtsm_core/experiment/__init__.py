@@ -36,9 +36,9 @@ PRACTICAL = "practical"
 """Name of the parameter set for real sensors and drives."""
 ADAPTIVE = "adaptive"
 """Name of the set that is `PRACTICAL` and finds out about the arm while it moves."""
-ADAPTS_ON_HARDWARE = {"adaptation.lateness": "learn", "adaptation.softening": "act"}
-ADAPTS = {"adaptation.friction": "learn", **ADAPTS_ON_HARDWARE}
-"""What `ADAPTIVE` switches on, and what with a class of hardware, whose friction the rule compensates already."""
+ADAPTS_ON_HARDWARE = {"adaptation.friction": "learn"}
+ADAPTS = {**ADAPTS_ON_HARDWARE, "adaptation.lateness": "learn", "adaptation.softening": "act"}
+"""What `ADAPTIVE` switches on; with a class of hardware only the former, see docs/adaptation.md."""
 TUNED = "tuned_"
 """Prefix of the names of tuned parameter sets; a class of hardware follows."""
 _SCENARIOS, _PARAMETERS = (Path(__file__).with_name(folder) for folder in ("scenarios", "params"))
