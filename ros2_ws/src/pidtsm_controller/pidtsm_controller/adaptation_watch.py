@@ -7,6 +7,8 @@ from pidtsm_ros.diagnostics import Reading
 _NEWS = 0.25
 """Share by which a value must have changed since the last line."""
 
+_OF_ROUGHNESS = (What.ROUGHNESS, What.PACE)
+
 
 class AdaptationWatch:
     """Readings for /diagnostics, and lines for the log where something new was found."""
@@ -28,16 +30,16 @@ class AdaptationWatch:
             if abs(each.value - told) > _NEWS * abs(told):
                 self._told[each.what, each.joint] = each.value
                 lines.append(f"{each.text}, {self._done(each.what)}")
-        quiet = [joint for what, joint in self._told if what is What.ROUGHNESS]
-        for joint in set(quiet) - {each.joint for each in now if each.what is What.ROUGHNESS}:
-            del self._told[What.ROUGHNESS, joint]
-            lines.append(f"{joint}: the command is quiet again")
+        for what, joint in set(self._told) - {(each.what, each.joint) for each in now}:
+            del self._told[what, joint]
+            if what in _OF_ROUGHNESS:
+                lines.append(f"{joint}: the command is quiet again" if joint else "law and observer are as before")
         return lines
 
     def _done(self, what: What) -> str:
         """What the controller does about it."""
         adapts = self._controller.config.adaptation
-        if what is What.ROUGHNESS:
+        if what in _OF_ROUGHNESS:
             return "softened" if adapts.softens else "not softened (adaptation.softening: warn)"
         friction = what is What.FRICTION
         if adapts.compensates_friction if friction else adapts.uses_lateness:

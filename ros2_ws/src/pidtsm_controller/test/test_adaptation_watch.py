@@ -1,5 +1,7 @@
 """What was found is logged once, and again when it has changed."""
 
+import numpy as np
+
 from pidtsm_controller.adaptation_watch import AdaptationWatch
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.control.state import Friction, Lateness, Softness
@@ -47,15 +49,29 @@ def test_lateness_is_logged_once_it_is_sure_and_again_when_it_has_changed() -> N
     assert values_by_name["found lag"] == (0.01, "s")
 
 
-def test_a_rough_command_is_logged_and_that_it_is_quiet_again() -> None:
-    given = {"estimator.name": "extended_state_observer", "adaptation.softening": "act"}
-    controller = Controller(resolve(controller_schema, given, 2))
-    watch, known = AdaptationWatch(controller), controller.state.softness
-    known[Softness.ROUGHNESS], known[Softness.SOFTENED] = [0.006, 0.001], [0.7, 0.0]
-    what = "joint1: the command was rougher than adaptation.roughness; law and observer have 50 % of their bandwidth"
+def watched(softening: str) -> Controller:
+    given = {"estimator.name": "extended_state_observer", "adaptation.softening": softening}
+    return Controller(resolve(controller_schema, given, 2))
+
+
+def test_an_arm_that_is_softened_is_logged_and_that_it_is_quiet_again() -> None:
+    controller = watched("act")
+    watch = AdaptationWatch(controller)
+    controller.state.softened[0] = np.log(2.0)
+    what = "commands were rougher than adaptation.roughness; law and observer have 50 % of their bandwidth"
     assert watch.news() == [f"{what}, softened"]
     assert watch.news() == []
-    assert {reading.name for reading in watch.readings()} == {"found roughness of joint1", "found pace of joint1"}
-    known[:] = 0.0
-    assert watch.news() == ["joint1: the command is quiet again"]
+    assert [(reading.name, reading.value) for reading in watch.readings()] == [("found pace", 0.5)]
+    controller.state.softened[0] = 0.0
+    assert watch.news() == ["law and observer are as before"]
     assert watch.news() == []
+
+
+def test_a_rough_command_is_logged_and_that_it_is_quiet_again() -> None:
+    controller = watched("warn")
+    watch = AdaptationWatch(controller)
+    controller.state.softness[Softness.ROUGHNESS] = 0.008, 0.001
+    what = "joint1: the command changes by 0.8 % of its limit from sample to sample, more than adaptation.roughness"
+    assert watch.news() == [f"{what}, not softened (adaptation.softening: warn)"]
+    controller.state.softness[Softness.ROUGHNESS] = 0.0
+    assert watch.news() == ["joint1: the command is quiet again"]

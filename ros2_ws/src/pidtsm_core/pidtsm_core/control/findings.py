@@ -4,6 +4,7 @@ A finding is stated once it is certain: friction once it exceeds its standard de
 the lateness of the drives once they are surely late, roughness once it is more than the drives bear.
 """
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
@@ -18,7 +19,7 @@ from pidtsm_core.units import JointUnits
 _WORTH_A_LINE = 0.02
 """Certain friction that is stated, a share of the effort limit."""
 _SOFTENED = 0.99
-"""Pace of a joint below which it is called softened."""
+"""Pace below which an arm is called softened."""
 _KEY = re.compile(r"found (?P<what>\w+)(?: of (?P<joint>.+?))?(?P<deviation>, deviation)?(?: \((?P<unit>[^()]*)\))?")
 
 
@@ -30,7 +31,7 @@ class What(str, Enum):
     LAG = "lag"  # of the drives beyond ``drive.lag``, s
     LATENESS = "lateness"  # their sum, s
     ROUGHNESS = "roughness"  # of the command of a joint, a share of its limit, see softening.py
-    PACE = "pace"  # of a joint that was softened, relative to 1
+    PACE = "pace"  # of law and observer, which were softened, relative to 1
 
 
 class Finding(NamedTuple):
@@ -72,11 +73,11 @@ def _found(
         yield Finding(What.DELAY, "", delay, None, "s")
         yield Finding(What.LAG, "", lag, None, "s")
     if adapts.watches_roughness:
-        rough, pace = state.softness[Softness.ROUGHNESS], np.exp(-state.softness[Softness.SOFTENED])
-        for j in np.flatnonzero((rough > adapts.roughness) | (pace < _SOFTENED)).tolist():
+        rough, pace = state.softness[Softness.ROUGHNESS], math.exp(-float(state.softened[0]))
+        for j in np.flatnonzero((rough > adapts.roughness) & ~adapts.softens).tolist():
             yield Finding(What.ROUGHNESS, joints[j], float(rough[j]), None, "")
-            if adapts.softens:
-                yield Finding(What.PACE, joints[j], float(pace[j]), None, "")
+        if pace < _SOFTENED:
+            yield Finding(What.PACE, "", pace, None, "")
 
 
 # As text.
@@ -102,8 +103,11 @@ def statements(found: Iterable[Finding]) -> list[Statement]:
         elif what is What.LATENESS:
             text = _lateness(each, [by_name[part, ""] for part in (What.DELAY, What.LAG) if (part, "") in by_name])
         elif what is What.ROUGHNESS:
-            pace = by_name.get((What.PACE, joint))
-            value, text = (value if pace is None else pace.value), _roughness(each, pace)
+            share = f"{100.0 * value:.2g} % of its limit"
+            text = f"{joint}: the command changes by {share} from sample to sample, more than adaptation.roughness"
+        elif what is What.PACE:
+            left = f"{100.0 * value:.0f} % of their bandwidth"
+            text = f"commands were rougher than adaptation.roughness; law and observer have {left}"
         if text:
             stated.append(Statement(what, joint, value, text))
     return stated
@@ -117,14 +121,6 @@ def _number(found: Finding, digits: int, factor: float = 1.0) -> str:
 def _lateness(total: Finding, parts: Sequence[Finding]) -> str:
     known = ", ".join(f"{each.what.value} {1e3 * each.value:.0f} ms" for each in parts)
     return f"the drives are {_number(total, 2, 1e3)} ms later than drive.delay and drive.lag{known and f' ({known})'}"
-
-
-def _roughness(found: Finding, pace: Finding | None) -> str:
-    if pace is None or pace.value >= _SOFTENED:
-        share = f"{100.0 * found.value:.2g} % of its limit"
-        return f"{found.joint}: the command changes by {share} from sample to sample, more than adaptation.roughness"
-    left = f"{100.0 * pace.value:.0f} % of their bandwidth"
-    return f"{found.joint}: the command was rougher than adaptation.roughness; law and observer have {left}"
 
 
 # As values of metrics.json.

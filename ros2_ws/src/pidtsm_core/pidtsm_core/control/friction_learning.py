@@ -124,7 +124,7 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, dt: float)
     The result is in the last row of ``state.friction_inputs``.
     """
     rows, first = state.friction_inputs, j * _INPUTS
-    gone = -math.expm1(-state.pace[j] * config.adaptation.bandwidth[j] * dt)
+    gone = -math.expm1(-state.pace[0] * config.adaptation.bandwidth[j] * dt)
     slow = -math.expm1(-_SLOW * dt)
     velocity = state.learnt_velocity[j]
     compensated = acting_compensation(config, state, j)

@@ -39,7 +39,7 @@ def find_lacking(config: ControllerConfig, state: ControllerState, dt: float) ->
         motion[2, j] = 0.0
     inverse_dynamics(config.model, y[Signal.POSITION], motion[2], motion[:2], efforts[:2])
     for j in range(state.lacking.size):
-        bandwidth = state.pace[j] * config.adaptation.bandwidth[j]
+        bandwidth = state.pace[0] * config.adaptation.bandwidth[j]
         error = state.measured[j] - y[Signal.POSITION, j]
         velocity = y[Signal.VELOCITY, j] + 3.0 * bandwidth * error
         state.lacking[j] = efforts[0, j] - efforts[1, j]
@@ -70,7 +70,7 @@ def _rubs(config: ControllerConfig, state: ControllerState, j: int, dt: float) -
 @inlined
 def is_noisy(config: ControllerConfig, state: ControllerState, joint: int, dt: float) -> bool:
     """Whether ``state.learnt_velocity`` of a joint does not tell its direction; dt is the period, s."""
-    bandwidth = state.pace[joint] * config.adaptation.bandwidth[joint]
+    bandwidth = state.pace[0] * config.adaptation.bandwidth[joint]
     noise = _AMPLIFIED * bandwidth * math.sqrt(bandwidth * dt * state.noise[Noise.VARIANCE, joint])
     return noise > REVERSAL
 

@@ -155,7 +155,7 @@ def _note_efforts(config: ControllerConfig, state: ControllerState, dt: float) -
 def _filter(config: ControllerConfig, state: ControllerState, j: int, dt: float) -> None:
     """Filter the inputs of joint j like the observer, add what is lacking, and remove what is slow."""
     known, left = state.bank.known[j], state.bank.filters[j]
-    bandwidth, limit = state.pace[j] * config.adaptation.bandwidth[j], config.limits.effort[j]
+    bandwidth, limit = state.pace[0] * config.adaptation.bandwidth[j], config.limits.effort[j]
     gone, slow = -math.expm1(-bandwidth * dt), -math.expm1(-_FAST * dt)
     velocity = state.learnt_velocity[j]
     for k in range(NUISANCES):

@@ -1,4 +1,4 @@
-"""Softening: a joint whose torque is rougher than its drive bears follows in a slower time, until it is quiet.
+"""Softening: an arm whose torque is rougher than its drives bear follows in a slower time, until it is quiet.
 
 Let e'' = -u(e, e', int e) be the error that a law leaves. With a pace 0 < f <= 1, the error of
 
@@ -8,12 +8,14 @@ is the same in a time that passes f times as fast (substitute t f for t). So eve
 and exactly as well damped; its own states advance with the period f dt, and the acceleration of the reference, which is
 fed forward, is not scaled. The observer gets f times its bandwidth. Noise of the position then causes f^3 times the
 change of the torque from one sample to the next, because the disturbance that the observer finds has the gain w^3.
+All joints have the same pace: the inertia matrix passes the noise of one on to the torque of the others.
 
 The roughness of a joint is the mean change of its command from one sample to the next, without the slow part, which
 moves the arm, as a share of the effort limit. What one sample counts for is bounded, so a reversal of friction, a push
-or a collision is not rough. Above ``adaptation.roughness``, the pace falls as fast as the mean can follow, by the cube
-root of what is too much. Below a fifth of it, the pace returns within some ten seconds; in between it stays, so it does
-not oscillate: returning by what the mean may have missed cannot make the torque five times as rough.
+or a collision is not rough. If a joint exceeds ``adaptation.roughness``, the pace falls as fast as the mean can follow,
+by the cube root of what is too much. Once all are below a fifth of it, the pace returns within some ten seconds; in
+between it stays, so it does not oscillate: returning by what the mean may have missed cannot make the torque five
+times as rough. The pace never falls below a quarter: an arm that is rough for another reason must not go limp.
 
 The same idea, for the gain of an axis: the slew rate limiter of ArduPilot (AC_PID). Scaling time: Hollerbach, "Dynamic
 scaling of manipulator trajectories", Journal of Dynamic Systems, Measurement, and Control 106(1), 1984.
@@ -38,42 +40,36 @@ _RETURNS = 10.0
 """s, in which the pace grows by the factor e."""
 _EXPONENT = 3.0
 """Of the pace, in the roughness."""
-_SLOWEST = math.log(8.0)
-"""Largest softening: an eighth of the pace."""
+_SLOWEST = math.log(4.0)
+"""Largest softening: a quarter of the pace."""
 
 
 @part
 def soften(config: ControllerConfig, state: ControllerState, dt: float) -> None:
-    """Judge the last command, which was sent dt (s) ago, and adapt the pace of each joint: ``state.softness``."""
+    """Judge the last command, which was sent dt (s) ago: ``state.softness``; and adapt the pace."""
     works = state.status[Status.FAULT] == 0 and state.status[Status.MODE] != Mode.FREEDRIVE
     sent = state.commanded if config.drive.late else state.sent
+    slow, gone, roughest = -math.expm1(-dt / _SLOW), -math.expm1(-dt / _MEAN), 0.0
     for j in range(sent.size):
         bears = config.adaptation.roughness[j]
         change = (sent[j] - state.softness[Softness.SENT, j]) / config.limits.effort[j]
         state.softness[Softness.SENT, j] = sent[j]
-        if not works:
-            continue
-        slow = -math.expm1(-dt / _SLOW)
-        state.softness[Softness.TREND, j] += slow * (change - state.softness[Softness.TREND, j])
-        rough = min(abs(change - state.softness[Softness.TREND, j]), _AT_MOST * bears)
-        mean = state.softness[Softness.ROUGHNESS, j]
-        mean += -math.expm1(-dt / _MEAN) * (rough - mean)
-        state.softness[Softness.ROUGHNESS, j] = mean
-        if not config.adaptation.softens:
-            continue
-        softened = state.softness[Softness.SOFTENED, j]
-        if mean > bears:
-            softened += dt / _MEAN * math.log(mean / bears) / _EXPONENT
-        elif mean < _QUIET * bears:
+        if works:
+            state.softness[Softness.TREND, j] += slow * (change - state.softness[Softness.TREND, j])
+            rough = min(abs(change - state.softness[Softness.TREND, j]), _AT_MOST * bears)
+            mean = state.softness[Softness.ROUGHNESS, j]
+            state.softness[Softness.ROUGHNESS, j] += gone * (rough - mean)
+            roughest = max(roughest, state.softness[Softness.ROUGHNESS, j] / bears)
+    if works and config.adaptation.softens:
+        softened = state.softened[0]
+        if roughest > 1.0:
+            softened += dt / _MEAN * math.log(roughest) / _EXPONENT
+        elif roughest < _QUIET:
             softened -= dt / _RETURNS
-        state.softness[Softness.SOFTENED, j] = min(max(softened, 0.0), _SLOWEST)
+        state.softened[0] = min(max(softened, 0.0), _SLOWEST)
 
 
 @inlined
 def write_pace(config: ControllerConfig, state: ControllerState) -> None:
-    """Write ``state.pace``: how fast the time of each joint's law and observer passes; 1 if it is not softened."""
-    for j in range(state.pace.size):
-        state.pace[j] = 1.0
-    if config.adaptation.softens:
-        for j in range(state.pace.size):
-            state.pace[j] = math.exp(-state.softness[Softness.SOFTENED, j])
+    """Write ``state.pace``: how fast the time of law and observer passes; 1 if the arm is not softened."""
+    state.pace[0] = math.exp(-state.softened[0]) if config.adaptation.softens else 1.0

@@ -187,7 +187,6 @@ class Softness(IntEnum):
     SENT = 0  # the last command, N m
     TREND = 1  # its change from sample to sample, filtered, as a share of the effort limit
     ROUGHNESS = 2  # mean of what the change is beyond that, likewise
-    SOFTENED = 3  # logarithm of how much slower the joint is
 
 
 FITTED = 7
@@ -257,8 +256,9 @@ class ControllerState(NamedTuple):
     ahead: Array  # desired motion then, shape (3, joints)
     lateness: Array  # what is known of it, see `Lateness`
     bank: Bank  # hypotheses about the lateness
-    softness: Array  # of each joint, see `Softness`, shape (len(Softness), joints)
-    pace: Array  # how fast the time of each joint's law and observer passes, see softening.py, shape (joints,)
+    softness: Array  # what is known of the roughness of each joint, see `Softness`, shape (len(Softness), joints)
+    softened: Array  # logarithm of how much slower the arm follows, shape (1,)
+    pace: Array  # how fast the time of law and observer passes therefore, see softening.py, shape (1,)
     rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of a simulation, shape (joints,), N m
@@ -366,7 +366,8 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         **_late_drives(joints),
         bank=new_bank(joints),
         softness=np.zeros((len(Softness), joints)),
-        pace=np.zeros(joints),
+        softened=np.zeros(1),
+        pace=np.zeros(1),
         rejected=np.zeros(joints),
         truth=np.zeros((2, joints)),
         torque=np.zeros(joints),

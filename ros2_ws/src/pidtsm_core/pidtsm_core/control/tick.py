@@ -20,7 +20,7 @@ from pidtsm_core.signals import Signal, Status
 @inlined
 def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Advance the states of the law over dt (s) with the values of the last tick, eqs. (10), (25), (27)."""
-    y = state.signals
+    y, pace = state.signals, state.pace[0]
     adaptation = state.conditions[Condition.ADAPTATION]
     stopped = state.status[Status.FAULT] != 0 or in_contact(config, state)
     for j in range(y.shape[1]):
@@ -32,7 +32,7 @@ def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> Non
             y[Signal.SLIDING_VARIABLE, j],
             y[Signal.MANIFOLD_VARIABLE, j],
             state.law[j],
-            Interval(state.pace[j] * dt, frozen, adaptation),
+            Interval(pace * dt, frozen, adaptation),
         )
 
 
@@ -50,13 +50,12 @@ def _reject(config: ControllerConfig, state: ControllerState) -> None:
 @inlined
 def _command(config: ControllerConfig, state: ControllerState, motion: Array, desired: Array, dt: float) -> None:
     """Write the law's signals and accelerations for a motion and a desired one, both of shape (3, joints)."""
-    y = state.signals
+    y, pace = state.signals, state.pace[0]
+    slow, square = 1.0 / pace, pace * pace
     for j in range(y.shape[1]):
         e = motion[0, j] - desired[0, j]
         de = motion[1, j] - desired[1, j]
         dde = motion[2, j] - desired[2, j]
-        pace = state.pace[j]
-        slow, square = 1.0 if pace == 1.0 else 1.0 / pace, pace * pace  # A division takes long.
         a_cmd, a_eq, s, sigma, gain, tau_sw = command(
             config.law, j, e, slow * de, slow * slow * dde, slow * slow * desired[2, j], state.law[j], pace * dt
         )
@@ -163,7 +162,7 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
         write_net_effort(state, state.applied if config.feeds_back else y[Signal.EFFORT])
     elif dt > 0.0:
         deliver(config, state, dt)
-    sample = Sample(state.measured, state.truth, dt, state.net, config.model, state.pace)
+    sample = Sample(state.measured, state.truth, dt, state.net, config.model, state.pace[0])
     estimate(config.estimator.address, sample, config.estimator.parameters, state.estimator, motion)
     if config.adaptation.learns:
         find_lacking(config, state, dt)

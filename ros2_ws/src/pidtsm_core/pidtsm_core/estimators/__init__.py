@@ -20,7 +20,7 @@ ESTIMATORS: Family[Estimator] = Family.of(Estimator, globals())
 
 _MODEL = pointer_to(Model(0, 0, 0, np.zeros(1)))
 _ESTIMATE = Interface(
-    NOTHING(Pointer(types.NamedTuple((ROW, ROWS, FLOAT, ROW, _MODEL, ROW), Sample)), ROWS, ROWS, ROWS)
+    NOTHING(Pointer(types.NamedTuple((ROW, ROWS, FLOAT, ROW, _MODEL, FLOAT), Sample)), ROWS, ROWS, ROWS)
 )
 _estimate = _ESTIMATE.call
 

@@ -20,7 +20,7 @@ class Sample(NamedTuple):
     dt: float  # time since the last sample, s; 0 at the first one
     effort: Array  # commanded at the last sample, or measured (feedback.effort), shape (joints,), N m
     model: Model  # of the controller's robot
-    pace: Array  # how fast the time of each joint passes for its bandwidths, 1 or less, shape (joints,)
+    pace: float  # how fast time passes for its bandwidths, 1 or less
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,7 @@ def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
     if known:
         _predict(sample, x, position, velocity, acceleration)
         for j in range(q.size):
-            of_q, of_dq, of_d = _correct(q[j] - position[j], dt, sample.pace[j] * p[j, 0])
+            of_q, of_dq, of_d = _correct(q[j] - position[j], dt, sample.pace * p[j, 0])
             position[j] += of_q
             velocity[j] += of_dq
             x[j, 0] = position[j]

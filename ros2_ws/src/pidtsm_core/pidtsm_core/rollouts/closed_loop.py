@@ -197,15 +197,15 @@ def rollout(
         duration: s; None: that of the scenario.
         controller: parameters that override all others, by name, such as ``{"law.k1": 3.0}``; a joint's parameter is
             one number for all joints, or one for each. Parameters that only a node has change nothing.
-        simulator, trajectory: likewise.
+        simulator: likewise.
+        trajectory: likewise.
 
     Returns:
         All arrays of the run, with rows of shape (joints,) in the order of the simulator.
 
     Raises:
         UsageError: an unknown name, an unreadable file, or (`ParameterError`) a refused value, joints that differ, a
-            start that the controller refuses, a duration that is no finite time of at least one sample, or a rollout
-            that does not fit in memory.
+            refused start, a duration that is no finite time of at least one sample, or too long for the memory.
         DivergedError: a value of the loop is no longer finite.
     """
     given = {"controller": controller or {}, "simulator": simulator or {}, "trajectory": trajectory or {}}
@@ -217,7 +217,7 @@ def rollout(
     if done < samples.time.size:
         raise DivergedError(f"the loop is not finite any more after {seconds(done * loop.period):g} s")
     _reorder(samples, {node: names(values[node]["joints"]) for node in values})
-    arm, driven = (find_robot(values[node]) for node in ("simulator", "controller"))
+    arm, units = find_robot(values["simulator"]), find_robot(values["controller"]).units
     return Recording(
         joints=names(values["simulator"]["joints"]),
         **samples._asdict(),
@@ -230,7 +230,7 @@ def rollout(
         slides=arm.slides,
         continuous=arm.continuous,
         robot=robot_parameters(values["simulator"]),
-        found=findings(loop.controller, loop.state, names(values["controller"]["joints"]), driven.units) or None,
+        found=findings(loop.controller, loop.state, names(values["controller"]["joints"]), units) or None,
     )
 
 

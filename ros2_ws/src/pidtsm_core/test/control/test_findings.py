@@ -15,7 +15,7 @@ EVERYTHING = (
     Finding(What.DELAY, "", 0.03125, None, "s"),
     Finding(What.LAG, "", 0.0, None, "s"),
     Finding(What.ROUGHNESS, "wrist", 0.0078125, None, ""),
-    Finding(What.PACE, "wrist", 0.5, None, ""),
+    Finding(What.PACE, "", 0.5, None, ""),
 )
 
 

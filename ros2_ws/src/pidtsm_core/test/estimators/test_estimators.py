@@ -32,7 +32,7 @@ def run(estimator: Estimator, arm: Arm, positions: Array, dts: Array, truth: Arr
     address, effort = estimator_address(estimator), np.zeros(joints)
     for k, q in enumerate(positions):
         dt = float(dts[k]) if k else 0.0
-        estimate(address, Sample(q, truth[k], dt, effort, arm.free, np.ones(len(q))), p, x, estimates[k])
+        estimate(address, Sample(q, truth[k], dt, effort, arm.free, 1.0), p, x, estimates[k])
     return estimates
 
 

@@ -30,7 +30,7 @@ def observe(times: Floats, positions: Floats, efforts: Array, model: Model, band
     estimates, truth = np.zeros((len(times), 3, joints)), np.zeros((2, joints))
     for k, q in enumerate(positions):
         dt, held = (float(times[k] - times[k - 1]), efforts[k - 1]) if k else (0.0, efforts[0])
-        EXTENDED_STATE_OBSERVER.estimate(Sample(q, truth, dt, held, model, np.ones(len(q))), p, x, estimates[k])
+        EXTENDED_STATE_OBSERVER.estimate(Sample(q, truth, dt, held, model, 1.0), p, x, estimates[k])
     return estimates
 
 

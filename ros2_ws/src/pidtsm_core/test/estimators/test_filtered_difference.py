@@ -32,9 +32,7 @@ def run(
     estimates = np.zeros((len(positions), 3, arm.joints))
     for k, q in enumerate(np.outer(positions, shares)):
         dt = float(times[k] - times[k - 1]) if k else 0.0
-        FILTERED_DIFFERENCE.estimate(
-            Sample(q, unused[:2], dt, unused[2], arm.free, np.ones(len(q))), p, x, estimates[k]
-        )
+        FILTERED_DIFFERENCE.estimate(Sample(q, unused[:2], dt, unused[2], arm.free, 1.0), p, x, estimates[k])
     np.testing.assert_array_equal(estimates[:, 0, -1], positions)
     return estimates[:, 1, -1], estimates[:, 2, -1]
 

@@ -27,9 +27,7 @@ def run(arm: Arm, times: Floats, positions: Floats, jerk: float) -> tuple[Array,
     unused, estimates = np.zeros((3, arm.joints)), np.zeros((len(times), 3, arm.joints))
     for k, q in enumerate(np.outer(positions, shares)):
         dt = float(times[k] - times[k - 1]) if k else 0.0
-        ROBUST_DIFFERENTIATOR.estimate(
-            Sample(q, unused[:2], dt, unused[2], arm.free, np.ones(len(q))), p, x, estimates[k]
-        )
+        ROBUST_DIFFERENTIATOR.estimate(Sample(q, unused[:2], dt, unused[2], arm.free, 1.0), p, x, estimates[k])
     return estimates[:, 0, -1], estimates[:, 1, -1], estimates[:, 2, -1]
 
 
