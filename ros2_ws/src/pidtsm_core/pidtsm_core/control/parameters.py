@@ -262,8 +262,8 @@ LEARNT_LATENESS = Parameter(
 SOFTENING = Parameter(
     "adaptation.softening",
     "none",
-    "watch how rough the command of each joint is. act: slow the law and the observer of a rough joint down until it "
-    "is quiet; warn: only report it. Needs estimator.name: extended_state_observer",
+    "watch how rough the command of each joint is. act: slow law and observer down until all are quiet; warn: only "
+    "report it. Needs estimator.name: extended_state_observer",
     choices=("none", "warn", "act"),
 )
 ROUGHNESS = Parameter(
