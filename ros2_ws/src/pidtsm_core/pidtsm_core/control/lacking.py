@@ -25,6 +25,8 @@ _AMPLIFIED = 1.3
 """See above. With more noise than REVERSAL, friction looks smaller than it is."""
 _LITTLE = 0.02
 """Friction with which the velocity is corrected fully, a share of the effort limit."""
+_ABSURD = 1.0
+"""rad; error of an estimated position that corrects nothing."""
 _MEAN = 0.2
 """s, over which the noise is averaged."""
 
@@ -43,16 +45,13 @@ def find_lacking(config: ControllerConfig, state: ControllerState, dt: float) ->
         error = state.measured[j] - y[Signal.POSITION, j]
         velocity = y[Signal.VELOCITY, j] + 3.0 * bandwidth * error
         state.lacking[j] = efforts[0, j] - efforts[1, j]
-        if math.isfinite(error):
-            wanted = 3.0 * bandwidth * error * _rubs(config, state, j, dt)
-            correction = state.noise[Noise.CORRECTION, j]
-            correction += -math.expm1(-bandwidth * dt) * (wanted - correction)
-            state.noise[Noise.CORRECTION, j] = correction
-            y[Signal.VELOCITY, j] += correction
+        gone = -math.expm1(-bandwidth * dt)
+        wanted = 3.0 * bandwidth * error * _rubs(config, state, j, dt) if abs(error) < _ABSURD else 0.0
+        state.noise[Noise.CORRECTION, j] += gone * (wanted - state.noise[Noise.CORRECTION, j])
+        y[Signal.VELOCITY, j] += state.noise[Noise.CORRECTION, j]
         if math.isfinite(state.lacking[j] + velocity):
-            gone = -math.expm1(-bandwidth * dt)
             state.learnt_velocity[j] += gone * (velocity - state.learnt_velocity[j])
-            change = error - state.noise[Noise.ERROR, j]
+            change = min(abs(error - state.noise[Noise.ERROR, j]), _ABSURD)
             state.noise[Noise.ERROR, j] = error
             variance = 0.5 * change * change - state.noise[Noise.VARIANCE, j]
             state.noise[Noise.VARIANCE, j] += -math.expm1(-dt / _MEAN) * variance
