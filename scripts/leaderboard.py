@@ -16,6 +16,8 @@ _KEPT = ("tournament.json", "score/**/score.json", "tune/**/params.yaml", "tune/
 def main(tournament: Path) -> None:
     """Replace the published tournament by the one in a result folder."""
     shutil.rmtree(DATA, ignore_errors=True)
+    for old in DOCS.glob(_TABLES[-1]):
+        old.unlink()
     for patterns, target in ((_TABLES, DOCS), (_KEPT, DATA)):
         for file in sorted(found for pattern in patterns for found in tournament.glob(pattern)):
             copy = target / file.relative_to(tournament)
