@@ -117,7 +117,8 @@ def test_our_nodes_track_on_a_strangers_plant_whatever_its_rate_and_its_stamps(
 def test_our_controller_finds_out_that_a_strangers_drives_are_late(testbed: Testbed, learns: bool) -> None:
     """Commands act 60 ms later, and no parameter tells it."""
     plant = StrangersPlant(testbed, 250, 0.1, late=0.06)
-    values = make_experiment("case1", params="practical").values["controller"]
+    # Not piddtsm, whose torque has a spike of its own where the error passes through zero.
+    values = make_experiment("case1", "computed_torque", params="practical").values["controller"]
     gains = {
         name.replace(".", "__"): value for name, value in values.items() if name.startswith(("law.", "estimator."))
     }

@@ -179,7 +179,8 @@ def start(testbed: Testbed, plant: StrangersPlant, recorders: int = 0, **paramet
         recorders: number of recorders that have been started; they get every message.
         parameters: of the controller, and of the trajectory node those of the reference; ``__`` for a dot.
     """
-    reference = {name: parameters.pop(name) for name in list(parameters) if name.startswith("reference__")}
+    parameters = {name.replace("__", "."): value for name, value in parameters.items()}
+    reference = {name: parameters.pop(name) for name in list(parameters) if name.startswith("reference.")}
     nodes = {
         "controller": start_controller(testbed, recorders, **parameters),
         # It waits for the controller and the test, so that no reference is lost.
@@ -187,7 +188,7 @@ def start(testbed: Testbed, plant: StrangersPlant, recorders: int = 0, **paramet
             "trajectory",
             _RELIABLE.format("joint_states"),
             f"start.subscribers:={2 + recorders}",
-            *(f"{name.replace('__', '.')}:={value}" for name, value in reference.items()),
+            *(f"{name}:={value}" for name, value in reference.items()),
         ),
     }
     readers = 2 + recorders
