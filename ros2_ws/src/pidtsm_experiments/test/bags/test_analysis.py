@@ -47,6 +47,7 @@ KEYS = [
     "time_at_rate_limit",
     "adaptive_gain",
     "lost",
+    "found",
     "rejected",
     "timing",
 ]
