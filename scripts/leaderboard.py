@@ -9,14 +9,15 @@ from pathlib import Path
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 DATA = DOCS / "tournament"
-_TABLES = ("leaderboard.md", "tournament.md", "images/leaderboard-*.png")
+_FIGURES = "images/leaderboard-*.png"
+_TABLES = ("leaderboard.md", "tournament.md", _FIGURES)
 _KEPT = ("tournament.json", "score/**/score.json", "tune/**/params.yaml", "tune/**/tuning.json")
 
 
 def main(tournament: Path) -> None:
     """Replace the published tournament by the one in a result folder."""
     shutil.rmtree(DATA, ignore_errors=True)
-    for old in DOCS.glob(_TABLES[-1]):
+    for old in DOCS.glob(_FIGURES):
         old.unlink()
     for patterns, target in ((_TABLES, DOCS), (_KEPT, DATA)):
         for file in sorted(found for pattern in patterns for found in tournament.glob(pattern)):
