@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
@@ -127,6 +128,7 @@ def test_our_controller_finds_out_that_a_strangers_drives_are_late(testbed: Test
     }
     given: dict[str, Any] = {name: list(value) if isinstance(value, tuple) else value for name, value in gains.items()}
     given |= {name.replace(".", "__"): value for name, value in ADAPTS.items()} if learns else {}
+    reports: list[DiagnosticArray] = testbed.hear(DiagnosticArray, "/diagnostics")
     nodes = start(testbed, plant, **given)
     plant.go_on(7.0)
     settled = np.array(plant.times) >= 5.0
@@ -137,6 +139,9 @@ def test_our_controller_finds_out_that_a_strangers_drives_are_late(testbed: Test
     assert error < 0.01
     said = "ms later than drive.delay and drive.lag"
     testbed.spin_until(lambda: said in nodes["controller"].log.read_text(), "what it has found")
+    statuses = [each for report in reports for each in report.status if each.name.endswith("controller: loop")]
+    stated = {pair.key: float(pair.value) for pair in statuses[-1].values}
+    assert stated["found lateness (s)"] == pytest.approx(0.06, rel=0.25)
 
     # Suspended for 80 ms, in which the arm moves on; then killed, whereupon the brakes engage; started again at drives
     # that are 35 ms late.

@@ -7,8 +7,6 @@ from pidtsm_ros.diagnostics import Reading
 _NEWS = 0.25
 """Share by which a value must have changed since the last line."""
 
-_OF_ROUGHNESS = (What.ROUGHNESS, What.PACE)
-
 
 class AdaptationWatch:
     """Readings for /diagnostics, and lines for the log where something new was found."""
@@ -30,16 +28,16 @@ class AdaptationWatch:
             if abs(each.value - told) > _NEWS * abs(told):
                 self._told[each.what, each.joint] = each.value
                 lines.append(f"{each.text}, {self._done(each.what)}")
-        for what, joint in set(self._told) - {(each.what, each.joint) for each in now}:
-            del self._told[what, joint]
-            if what in _OF_ROUGHNESS:
-                lines.append(f"{joint}: the command is quiet again" if joint else "law and observer are as before")
+        softened = (What.PACE, "")
+        if softened in self._told and all(each.what is not What.PACE for each in now):
+            del self._told[softened]
+            lines.append("law and observer are as before")
         return lines
 
     def _done(self, what: What) -> str:
         """What the controller does about it."""
         adapts = self._controller.config.adaptation
-        if what in _OF_ROUGHNESS:
+        if what in (What.ROUGHNESS, What.PACE):
             return "softened" if adapts.softens else "not softened (adaptation.softening: warn)"
         friction = what is What.FRICTION
         if adapts.compensates_friction if friction else adapts.uses_lateness:

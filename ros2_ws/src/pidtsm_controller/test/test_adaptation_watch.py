@@ -1,7 +1,5 @@
 """What was found is logged once, and again when it has changed."""
 
-import numpy as np
-
 from pidtsm_controller.adaptation_watch import AdaptationWatch
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.control.state import Friction, Lateness, Softness
@@ -57,21 +55,24 @@ def watched(softening: str) -> Controller:
 def test_an_arm_that_is_softened_is_logged_and_that_it_is_quiet_again() -> None:
     controller = watched("act")
     watch = AdaptationWatch(controller)
-    controller.state.softened[0] = np.log(2.0)
+    controller.state.pace[0] = 0.5
     what = "commands were rougher than adaptation.roughness; law and observer have 50 % of their bandwidth"
     assert watch.news() == [f"{what}, softened"]
     assert watch.news() == []
     assert [(reading.name, reading.value) for reading in watch.readings()] == [("found pace", 0.5)]
-    controller.state.softened[0] = 0.0
+    controller.state.pace[0] = 1.0
     assert watch.news() == ["law and observer are as before"]
     assert watch.news() == []
 
 
-def test_a_rough_command_is_logged_and_that_it_is_quiet_again() -> None:
+def test_a_rough_command_is_logged_once() -> None:
     controller = watched("warn")
     watch = AdaptationWatch(controller)
-    controller.state.softness[Softness.ROUGHNESS] = 0.008, 0.001
-    what = "joint1: the command changes by 0.8 % of its limit from sample to sample, more than adaptation.roughness"
-    assert watch.news() == [f"{what}, not softened (adaptation.softening: warn)"]
-    controller.state.softness[Softness.ROUGHNESS] = 0.0
-    assert watch.news() == ["joint1: the command is quiet again"]
+    for rough in (0.008, 0.001, 0.0081):  # Near the bound it comes and goes.
+        controller.state.softness[Softness.ROUGHNESS] = rough, 0.001
+        lines = watch.news()
+        if rough == 0.008:
+            what = "the command changes by 0.8 % of its limit from sample to sample, more than adaptation.roughness"
+            assert lines == [f"joint1: {what}, not softened (adaptation.softening: warn)"]
+        else:
+            assert lines == []

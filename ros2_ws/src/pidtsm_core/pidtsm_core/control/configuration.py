@@ -93,7 +93,7 @@ class AdaptationConfig(NamedTuple):
     learns_lateness: bool
     uses_lateness: bool  # what it has learnt
     watches_roughness: bool  # of its commands
-    softens: bool  # joints whose commands are rough
+    softens: bool  # while a command is rough
     roughness: Array  # what the drives bear, shape (joints,), a share of the effort limit
     bandwidth: Array  # of the observer that it learns from, shape (joints,), rad/s
 

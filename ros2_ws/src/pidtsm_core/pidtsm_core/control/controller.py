@@ -1,6 +1,5 @@
 """The controller as an object: checked parameters in, efforts out."""
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -25,7 +24,6 @@ from pidtsm_core.control.state import (
     ControllerMemory,
     Friction,
     Lateness,
-    Softness,
     Time,
     arrays_of,
     new_state,
@@ -99,7 +97,7 @@ class Controller:
         if not old.adaptation.learns_friction or _differ(old.compensation, self.config.compensation):
             forget_friction(self.state)
         if not self.config.adaptation.softens:
-            self.state.softened[0] = 0.0
+            self.state.softened[0] = self.state.spared[0] = 0.0
         if self.config.drive.late and not old.drive.late:
             begin_lateness(self.state)
         if not (old.adaptation.learns_lateness and self.config.adaptation.learns_lateness) or _differ(
@@ -264,19 +262,9 @@ class Controller:
         return bool(self.state.lateness[Lateness.LATE])
 
     @property
-    def roughness(self) -> Array:
-        """How rough the commands of the joints are, see softening.py.
-
-        Returns:
-            Mean change from sample to sample as a share of the effort limit, dimensionless, shape (joints,).
-        """
-        found: Array = self.state.softness[Softness.ROUGHNESS]
-        return found
-
-    @property
     def pace(self) -> float:
         """How fast the time of law and observer passes, dimensionless: less than 1 while the arm is softened."""
-        return math.exp(-float(self.state.softened[0]))
+        return float(self.state.pace[0]) or 1.0
 
     @property
     def commanded(self) -> bool:

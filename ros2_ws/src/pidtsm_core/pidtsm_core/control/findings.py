@@ -4,7 +4,6 @@ A finding is stated once it is certain: friction once it exceeds its standard de
 the lateness of the drives once they are surely late, roughness once it is more than the drives bear.
 """
 
-import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
@@ -15,6 +14,7 @@ import numpy as np
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.state import ControllerState, Friction, Lateness, Softness
 from pidtsm_core.units import JointUnits
+from pidtsm_core.written import number
 
 _WORTH_A_LINE = 0.02
 """Certain friction that is stated, a share of the effort limit."""
@@ -73,10 +73,11 @@ def _found(
         yield Finding(What.DELAY, "", delay, None, "s")
         yield Finding(What.LAG, "", lag, None, "s")
     if adapts.watches_roughness:
-        rough, pace = state.softness[Softness.ROUGHNESS], math.exp(-float(state.softened[0]))
-        for j in np.flatnonzero((rough > adapts.roughness) & ~adapts.softens).tolist():
-            yield Finding(What.ROUGHNESS, joints[j], float(rough[j]), None, "")
-        if pace < _SOFTENED:
+        rough, pace = state.softness[Softness.ROUGHNESS], float(state.pace[0])
+        if not adapts.softens:
+            for j in np.flatnonzero(rough > adapts.roughness).tolist():
+                yield Finding(What.ROUGHNESS, joints[j], float(rough[j]), None, "")
+        elif 0.0 < pace < _SOFTENED:  # 0 before the first sample.
             yield Finding(What.PACE, "", pace, None, "")
 
 
@@ -99,28 +100,29 @@ def statements(found: Iterable[Finding]) -> list[Statement]:
     for (what, joint), each in by_name.items():
         value, text = each.value, ""
         if what is What.FRICTION:
-            text = f"{joint}: found {_number(each, 3)} {each.unit} of friction beyond compensation.coulomb"
+            text = f"{joint}: found {_with_deviation(each)} {each.unit} of friction beyond compensation.coulomb"
         elif what is What.LATENESS:
             text = _lateness(each, [by_name[part, ""] for part in (What.DELAY, What.LAG) if (part, "") in by_name])
         elif what is What.ROUGHNESS:
-            share = f"{100.0 * value:.2g} % of its limit"
+            share = f"{number(100.0 * value, 2)} % of its limit"
             text = f"{joint}: the command changes by {share} from sample to sample, more than adaptation.roughness"
         elif what is What.PACE:
-            left = f"{100.0 * value:.0f} % of their bandwidth"
+            left = f"{number(100.0 * value, 2)} % of their bandwidth"
             text = f"commands were rougher than adaptation.roughness; law and observer have {left}"
         if text:
             stated.append(Statement(what, joint, value, text))
     return stated
 
 
-def _number(found: Finding, digits: int, factor: float = 1.0) -> str:
-    deviation = "" if found.deviation is None else f" ± {factor * found.deviation:.{digits - 1}g}"
-    return f"{factor * found.value:.{digits}g}{deviation}"
+def _with_deviation(found: Finding, factor: float = 1.0) -> str:
+    deviation = "" if found.deviation is None else f" ± {number(factor * found.deviation, 2)}"
+    return f"{number(factor * found.value)}{deviation}"
 
 
 def _lateness(total: Finding, parts: Sequence[Finding]) -> str:
-    known = ", ".join(f"{each.what.value} {1e3 * each.value:.0f} ms" for each in parts)
-    return f"the drives are {_number(total, 2, 1e3)} ms later than drive.delay and drive.lag{known and f' ({known})'}"
+    known = ", ".join(f"{each.what.value} {number(1e3 * each.value, 2)} ms" for each in parts)
+    late = f"{_with_deviation(total, 1e3)} ms later than drive.delay and drive.lag"
+    return f"the drives are {late}{known and f' ({known})'}"
 
 
 # As values of metrics.json.
