@@ -102,8 +102,7 @@ def learn_friction(config: ControllerConfig, state: ControllerState, dt: float) 
         _filter(config, state, j, dt)
         moves = abs(state.friction_inputs[_POLES + 1, j * _INPUTS + Regressor.HARD]) > _RESTS
         settled = state.friction_inputs[_POLES - 1, j * _INPUTS + Regressor.CONSTANT] > _SETTLED
-        quiet = not is_noisy(config, state, j, dt)
-        if learns and moves and settled and quiet and not held_back(config, state, j):
+        if learns and moves and settled and not held_back(config, state, j):
             _weigh(state, j, dt)
             _fit(state, j, config.compensation.coulomb[j])
             state.friction[Friction.COULOMB, j] -= config.compensation.coulomb[j]
@@ -126,7 +125,7 @@ def _filter(config: ControllerConfig, state: ControllerState, j: int, dt: float)
     rows, first = state.friction_inputs, j * _INPUTS
     gone = -math.expm1(-state.pace[0] * config.adaptation.bandwidth[j] * dt)
     slow = -math.expm1(-_SLOW * dt)
-    velocity = state.learnt_velocity[j]
+    velocity = state.desired[1, j] if is_noisy(config, state, j, dt) else state.learnt_velocity[j]
     compensated = acting_compensation(config, state, j)
     for k in range(_INPUTS):
         value = compensated

@@ -29,6 +29,8 @@ _ABSURD = 1.0
 """rad; error of an estimated position that corrects nothing."""
 _MEAN = 0.2
 """s, over which the noise is averaged."""
+_LATELY = 3.0
+"""s, in which large noise is forgotten."""
 
 
 @part
@@ -51,10 +53,20 @@ def find_lacking(config: ControllerConfig, state: ControllerState, dt: float) ->
         y[Signal.VELOCITY, j] += state.noise[Noise.CORRECTION, j]
         if math.isfinite(state.lacking[j] + velocity):
             state.learnt_velocity[j] += gone * (velocity - state.learnt_velocity[j])
+
+
+@part
+def find_noise(state: ControllerState, dt: float) -> None:
+    """Write ``state.noise``, dt (s) after the last tick, from this tick's estimates."""
+    for j in range(state.measured.size):
+        error = state.measured[j] - state.signals[Signal.POSITION, j]
+        if math.isfinite(error):
             change = min(abs(error - state.noise[Noise.ERROR, j]), _ABSURD)
             state.noise[Noise.ERROR, j] = error
             variance = 0.5 * change * change - state.noise[Noise.VARIANCE, j]
             state.noise[Noise.VARIANCE, j] += -math.expm1(-dt / _MEAN) * variance
+            lately = state.noise[Noise.LATELY, j] * math.exp(-dt / _LATELY)
+            state.noise[Noise.LATELY, j] = max(lately, state.noise[Noise.VARIANCE, j])
 
 
 @inlined
@@ -70,7 +82,7 @@ def _rubs(config: ControllerConfig, state: ControllerState, j: int, dt: float) -
 def is_noisy(config: ControllerConfig, state: ControllerState, joint: int, dt: float) -> bool:
     """Whether ``state.learnt_velocity`` of a joint does not tell its direction; dt is the period, s."""
     bandwidth = state.pace[0] * config.adaptation.bandwidth[joint]
-    noise = _AMPLIFIED * bandwidth * math.sqrt(bandwidth * dt * state.noise[Noise.VARIANCE, joint])
+    noise = _AMPLIFIED * bandwidth * math.sqrt(bandwidth * dt * state.noise[Noise.LATELY, joint])
     return noise > REVERSAL
 
 

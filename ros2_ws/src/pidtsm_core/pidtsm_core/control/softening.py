@@ -15,7 +15,9 @@ moves the arm, as a share of the effort limit. What one sample counts for is bou
 or a collision is not rough. If a joint exceeds ``adaptation.roughness``, the pace falls as fast as the mean can follow,
 by the cube root of what is too much. Once all are below a fifth of it, the pace returns within some ten seconds; in
 between it stays, so it does not oscillate: returning by what the mean may have missed cannot make the torque five
-times as rough. The pace never falls below a quarter: an arm that is rough for another reason must not go limp.
+times as rough. The pace never falls below a quarter: an arm that is rough for another reason must not go limp. And an
+arm that strays by more than noise explains, because its friction is not known for example, is stiffened again: there,
+to follow matters more than to be quiet.
 
 The same idea, for the gain of an axis: the slew rate limiter of ArduPilot (AC_PID). Scaling time: Hollerbach, "Dynamic
 scaling of manipulator trajectories", Journal of Dynamic Systems, Measurement, and Control 106(1), 1984.
@@ -25,8 +27,8 @@ import math
 
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.state import ControllerState, Softness, part
-from pidtsm_core.signals import Mode, Status
+from pidtsm_core.control.state import ControllerState, Noise, Softness, part
+from pidtsm_core.signals import Mode, Signal, Status
 
 _SLOW = 0.005
 """s; changes that last longer move the arm."""
@@ -40,6 +42,12 @@ _RETURNS = 10.0
 """s, in which the pace grows by the factor e."""
 _EXPONENT = 3.0
 """Of the pace, in the roughness."""
+_AVERAGED = 0.2
+"""s, over which the error is averaged, so that ringing does not count."""
+_FAR, _FAR_AT_LEAST = 5.0, 2e-3
+"""Standard deviations of the noise of a position, and rad, beyond which a joint strays."""
+_STIFFENS, _FORGIVES = 0.2, 30.0
+"""s, in which an arm that strays may be softened less by the factor e, and more again if it does not."""
 _SLOWEST = math.log(4.0)
 """Largest softening: a quarter of the pace."""
 
@@ -61,12 +69,28 @@ def soften(config: ControllerConfig, state: ControllerState, dt: float) -> None:
             state.softness[Softness.ROUGHNESS, j] += gone * (rough - mean)
             roughest = max(roughest, state.softness[Softness.ROUGHNESS, j] / bears)
     if works and config.adaptation.softens:
+        spared = state.spared[0] + (dt / _STIFFENS if _strays(state, dt) else -dt / _FORGIVES)
+        state.spared[0] = min(max(spared, 0.0), _SLOWEST)
         softened = state.softened[0]
         if roughest > 1.0:
             softened += dt / _MEAN * math.log(roughest) / _EXPONENT
         elif roughest < _QUIET:
             softened -= dt / _RETURNS
-        state.softened[0] = min(max(softened, 0.0), _SLOWEST)
+        state.softened[0] = min(max(softened, 0.0), _SLOWEST - state.spared[0])
+
+
+@inlined
+def _strays(state: ControllerState, dt: float) -> bool:
+    """Whether a joint is away from its reference by more than noise explains; a ringing joint is not."""
+    astray = False
+    for j in range(state.measured.size):
+        mean, error = state.softness[Softness.ASTRAY, j], state.signals[Signal.POSITION_ERROR, j]
+        if math.isfinite(error):
+            mean += -math.expm1(-dt / _AVERAGED) * (error - mean)
+            state.softness[Softness.ASTRAY, j] = mean
+        noise = math.sqrt(state.noise[Noise.LATELY, j])
+        astray = astray or abs(mean) > max(_FAR * noise, _FAR_AT_LEAST)
+    return astray
 
 
 @inlined

@@ -178,7 +178,8 @@ class Noise(IntEnum):
 
     ERROR = 0  # of the estimated position at the last sample, rad
     VARIANCE = 1  # rad^2
-    CORRECTION = 2  # what corrects the estimated velocity, rad/s
+    LATELY = 2  # largest variance lately, rad^2: the steps of a coarse encoder are rare while it moves slowly
+    CORRECTION = 3  # what corrects the estimated velocity, rad/s
 
 
 class Softness(IntEnum):
@@ -187,6 +188,7 @@ class Softness(IntEnum):
     SENT = 0  # the last command, N m
     TREND = 1  # its change from sample to sample, filtered, as a share of the effort limit
     ROUGHNESS = 2  # mean of what the change is beyond that, likewise
+    ASTRAY = 3  # mean of the estimated error, rad
 
 
 FITTED = 7
@@ -258,6 +260,7 @@ class ControllerState(NamedTuple):
     bank: Bank  # hypotheses about the lateness
     softness: Array  # what is known of the roughness of each joint, see `Softness`, shape (len(Softness), joints)
     softened: Array  # logarithm of how much slower the arm follows, shape (1,)
+    spared: Array  # by how much less it may be softened, because it has strayed, likewise
     pace: Array  # how fast the time of law and observer passes therefore, see softening.py, shape (1,)
     rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
@@ -367,6 +370,7 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         bank=new_bank(joints),
         softness=np.zeros((len(Softness), joints)),
         softened=np.zeros(1),
+        spared=np.zeros(1),
         pace=np.zeros(1),
         rejected=np.zeros(joints),
         truth=np.zeros((2, joints)),

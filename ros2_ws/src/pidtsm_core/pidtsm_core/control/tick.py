@@ -6,7 +6,7 @@ from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact, sense_contact
 from pidtsm_core.control.effort import feed_offset, friction, held_back, limit_effort, write_net_effort
 from pidtsm_core.control.friction_learning import learn_friction
-from pidtsm_core.control.lacking import find_lacking
+from pidtsm_core.control.lacking import find_lacking, find_noise
 from pidtsm_core.control.lateness import deliver, predict
 from pidtsm_core.control.lateness_learning import learn_lateness
 from pidtsm_core.control.softening import soften, write_pace
@@ -164,6 +164,8 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
         deliver(config, state, dt)
     sample = Sample(state.measured, state.truth, dt, state.net, config.model, state.pace[0])
     estimate(config.estimator.address, sample, config.estimator.parameters, state.estimator, motion)
+    if config.adaptation.learns or config.adaptation.softens:
+        find_noise(state, dt)
     if config.adaptation.learns:
         find_lacking(config, state, dt)
     if config.adaptation.learns_lateness and dt > 0.0:

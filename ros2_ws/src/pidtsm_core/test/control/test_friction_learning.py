@@ -137,14 +137,11 @@ def test_what_the_fit_cannot_explain_counts_for_less() -> None:
     assert [learning._weight(state, j, lacking) for lacking in (2.0, 2.29, 2.6, 1.4)] == pytest.approx([1, 1, 0.5, 0.5])
 
 
-def test_nothing_is_learnt_from_noise() -> None:
-    found = {}
-    for std in (1e-4, 4e-3):
-        loop = CoreLoop("xarm7", LEARNS, {"noise.std": std})
-        loop.advance(6_000)
-        found[std] = loop.controller.state.friction[Friction.EVIDENCE]
-    assert (found[1e-4] > 1.0).all()
-    assert (found[4e-3] < 0.3).all()  # Until it is known how noisy it is.
+@pytest.mark.parametrize("robot", ["xarm7", "z1"])
+def test_noise_is_not_taken_for_less_friction(robot: str) -> None:
+    """A noisy velocity makes friction look smaller than it is; where it is noisy, the desired one takes its place."""
+    errors = [late_error(run(each, robot, **{"noise.std": 1.6e-3})) for each in ({}, LEARNS)]
+    assert errors[1] < 1.5 * errors[0]
 
 
 @pytest.mark.parametrize("robot", ["z1", "xarm7"])
