@@ -36,7 +36,7 @@ def run(quick: bool) -> Iterator[Row]:
     times = [statistics.median(each) for each in reversed(taken.values())]
     yield _speed(f"recorded lockstep run of the {ROBOT} on MuJoCo", seconds, times, ">= 0.5")
     long = 2.0 if quick else 60.0
-    missed = [_missed(_experiment(engine, long)) for engine in reversed(ENGINE.choices)]
+    missed = [_missed(_experiment(engine, long)) for engine in reversed(tuple(ENGINE.choices))]
     ratio = (missed[0] + _MISSES) / (missed[1] + _MISSES)
     note = f"{long:g} s at 1 kHz, recorded; {_MISSES:g} is added to both for the ratio"
     yield Row(

@@ -28,6 +28,7 @@ ROSDEP_KEYS = {
 """Of Python packages, as in rosdep/python.yaml of rosdistro; ROS packages are declared by their names."""
 WITHOUT_KEY = {
     "axe_core_python",
+    "cloudpickle",
     "cma",
     "llvmlite",
     "mcap",
@@ -38,7 +39,8 @@ WITHOUT_KEY = {
     "trimesh",
     "viser",
 }
-"""llvmlite comes with numba. The ROS package ruckig has no Python module. The key of trimesh is one of pip."""
+"""llvmlite comes with numba, cloudpickle with joblib; the ROS package ruckig has no Python module. The key of trimesh
+is one of pip."""
 OPTIONAL = {"OpenGL", "av", "casadi", "dask", "distributed", "glfw", "pinocchio", "pyarrow", "rerun"}
 """Imported only where they are installed."""
 HELPERS = {"support"}

@@ -39,6 +39,8 @@ from pidtsm_ros.stop import Stop
 from two_link_sim.simulator_node import SimulatorNode
 
 SAMPLES = 600
+RUBS = {"friction.coulomb": [2.0, 1.0], "initial_position": [0.396, -0.004]}
+"""At the start of the reference, because an arm that is away from it is not softened."""
 MS = 1_000_000
 JUDGED = {"simulator/ground_truth": JointState, "controller/state": ControllerState, "reference": JointReference}
 TOPICS = {**JUDGED, "joint_commands": JointState, "joint_states": JointState}
@@ -270,7 +272,7 @@ CONDITIONS: dict[str, Any] = {
     },
     "lateness and friction that are learnt, softened joints": {
         "controller": {"estimator.name": "extended_state_observer", "estimator.bandwidth": 100.0, **ADAPTS},
-        "simulator": {"delay.samples": 12, "actuator.lag": 0.02, "noise.std": 2e-3, "friction.coulomb": [2.0, 1.0]},
+        "simulator": {"delay.samples": 12, "actuator.lag": 0.02, "noise.std": 2e-3, **RUBS},
     },
     "measurements that cannot be": {"simulator": {"noise.std": 0.015}},
     "elastic joints, encoders on the motors": {

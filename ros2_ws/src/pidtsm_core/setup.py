@@ -36,6 +36,7 @@ setup(
         # Its internals are used; a new version is tried before it is allowed.
         "numba>=0.60,<0.69",
         "joblib>=1.3",
+        "cloudpickle>=3",
         "scipy>=1.11",
         "ruckig>=0.15",
         "pyyaml>=6",

@@ -15,14 +15,27 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pidtsm_core.control.controller import Controller
-    from pidtsm_core.errors import UsageError
-    from pidtsm_core.experiment import Experiment, make_experiment, scenario_names
-    from pidtsm_core.parameters import ParameterError
+    from pidtsm_core.errors import MemberError, UsageError
+    from pidtsm_core.estimators.base import Estimator
+    from pidtsm_core.experiment import make_experiment, scenario_names
+    from pidtsm_core.experiment.definition import Experiment
+    from pidtsm_core.laws.base import Law
+    from pidtsm_core.laws.own import own_law
+    from pidtsm_core.laws.reaching.base import ReachingLaw
+    from pidtsm_core.laws.sliding_mode import compose
+    from pidtsm_core.laws.surfaces.base import Surface
+    from pidtsm_core.parameters import Parameter, ParameterError
     from pidtsm_core.recording import Recording
+    from pidtsm_core.references.base import Reference
+    from pidtsm_core.references.sampled import sampled_reference
+    from pidtsm_core.registration import register
+    from pidtsm_core.robots.base import Robot
     from pidtsm_core.robots.definition import ArmDefinition
     from pidtsm_core.rollouts.batches import BatchResult, Trajectory, batch
     from pidtsm_core.rollouts.closed_loop import DivergedError, make_controller, rollout
     from pidtsm_core.signals import Fault, Limited, Mode, Signal, Status
+    from pidtsm_core.simulation.disturbances.base import Disturbance
+    from pidtsm_core.simulation.disturbances.sampled import sampled_disturbance
 
 __version__ = "0.2.0"
 """Defined here alone; a test compares the versions of the packages with it."""
@@ -31,21 +44,35 @@ _MODULES = {
     "ArmDefinition": "robots.definition",
     "BatchResult": "rollouts.batches",
     "Controller": "control.controller",
+    "Disturbance": "simulation.disturbances.base",
     "DivergedError": "rollouts.closed_loop",
+    "Estimator": "estimators.base",
     "Experiment": "experiment.definition",
     "Fault": "signals",
+    "Law": "laws.base",
     "Limited": "signals",
+    "MemberError": "errors",
     "Mode": "signals",
+    "Parameter": "parameters",
     "ParameterError": "parameters",
+    "ReachingLaw": "laws.reaching.base",
     "Recording": "recording",
+    "Reference": "references.base",
+    "Robot": "robots.base",
     "Signal": "signals",
     "Status": "signals",
+    "Surface": "laws.surfaces.base",
     "Trajectory": "rollouts.batches",
     "UsageError": "errors",
     "batch": "rollouts.batches",
+    "compose": "laws.sliding_mode",
     "make_controller": "rollouts.closed_loop",
     "make_experiment": "experiment",
+    "own_law": "laws.own",
+    "register": "registration",
     "rollout": "rollouts.closed_loop",
+    "sampled_disturbance": "simulation.disturbances.sampled",
+    "sampled_reference": "references.sampled",
     "scenario_names": "experiment",
 }
 """Module of each public name: imported when it is first used, because importing the compiler takes half a second."""
@@ -54,21 +81,35 @@ __all__ = [
     "ArmDefinition",
     "BatchResult",
     "Controller",
+    "Disturbance",
     "DivergedError",
+    "Estimator",
     "Experiment",
     "Fault",
+    "Law",
     "Limited",
+    "MemberError",
     "Mode",
+    "Parameter",
     "ParameterError",
+    "ReachingLaw",
     "Recording",
+    "Reference",
+    "Robot",
     "Signal",
     "Status",
+    "Surface",
     "Trajectory",
     "UsageError",
     "batch",
+    "compose",
     "make_controller",
     "make_experiment",
+    "own_law",
+    "register",
     "rollout",
+    "sampled_disturbance",
+    "sampled_reference",
     "scenario_names",
 ]
 

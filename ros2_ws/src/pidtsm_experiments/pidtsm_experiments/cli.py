@@ -35,6 +35,7 @@ _COMMANDS = {
     "limit": "compute the smallest RMSE that any controller of the two-link arm can reach (needs CasADi)",
     "score": "measure how much imperfection of sensors, drives and model a controller tolerates on an arm",
     "leaderboard": "put all scores into one page and one document",
+    "new": "write the files of a law, or of another part, of your own",
     "nodes": "start controller and trajectory node in your ROS domain, and operate them: parameters, faults, recording",
     "move": "move the arm of a running system to a posture",
     "replay-motion": "let the arm of a running system repeat the motion in a bag",

@@ -59,7 +59,7 @@ def compare_engines(experiment: Experiment) -> EngineComparison:
     given = experiment.settings["simulator"]
     rigid = {f"robot.{name}": value for name, value in find_robot(given).rigid.items()}
     ours = {name: value for name, value in given.items() if not name.startswith(f"{MUJOCO}.")}
-    settings = {ENGINE.choices[0]: ours, MUJOCO: given}
+    settings = {str(ENGINE.default): ours, MUJOCO: given}
     runs = {
         engine: rollout(_with_simulator(experiment, {**simulator, **rigid, ENGINE.name: engine}))
         for engine, simulator in settings.items()

@@ -26,7 +26,7 @@ from numba.extending import infer_getattr, intrinsic, lower_builtin, lower_getat
 from numba.np.arrayobj import make_array
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.compiling.decorators import INSIDE, compiled
+from pidtsm_core.compiling.decorators import INSIDE, compiled, is_own
 
 FLOAT, INTEGER, ROW, ROWS = types.float64, types.int64, types.float64[::1], types.float64[:, ::1]
 """Numba's types for signatures; an array of numbers has one dimension (`ROW`) or two (`ROWS`)."""
@@ -126,7 +126,8 @@ class Alone:
                 signature = self._signature()
                 # Numba makes arrays of pointers only where it counts references.
                 options = {**INSIDE, "_nrt": POINTER in signature.args}
-                self._kept = compiled(_renamed(self.function), signature, **options)
+                stored = is_own(self.function)
+                self._kept = compiled(_renamed(self.function), signature, stored=stored, **options)
                 (result,) = self._kept.overloads.values()
                 self._address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
                 self.compiled.append(self)

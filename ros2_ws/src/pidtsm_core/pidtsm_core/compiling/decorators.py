@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from types import FunctionType
 from typing import Any, TypeVar, cast
 
 import numba
@@ -83,17 +84,17 @@ def cache_folder() -> Path:
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
-_OPTIONS = {"error_model": "numpy", "_nrt": False, "forceinline": True}
-INSIDE = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "forceinline": True}
+INSIDE: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """For functions that only compiled code calls: without wrappers for Python, they compile in 2/3 of the time."""
 
 
-def compiled(function: _Function, *signature: Any, **options: Any) -> Any:
+def compiled(function: _Function, *signature: Any, stored: bool = True, **options: Any) -> Any:
     """Compile `function` as `njit` does, but with other options, and now if there is a signature."""
     OWN_OPTIONS.functions.add(function.__code__)
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
     try:
-        return numba.njit(*signature, cache=True, nogil=True, **options)(function)
+        return numba.njit(*signature, cache=stored, nogil=True, **options)(function)
     finally:
         numba.config.CACHE_DIR = before
 
@@ -116,13 +117,36 @@ def subroutine(function: _Function) -> _Function:
     return cast(_Function, compiled(function, **{**_OPTIONS, "forceinline": False}))
 
 
+_INLINED: set[Callable[..., Any]] = set()
+"""The functions that `inlined` was given."""
+
+
 def inlined(function: _Function) -> _Function:
     """Compile `function` into each compiled function that calls it; called from Python, it runs as Python.
 
     It is not stored, because its callers are.
     """
     OWN_OPTIONS.functions.add(function.__code__)
+    _INLINED.add(function)
     return cast(_Function, register_jitable(**INSIDE)(function))
+
+
+def callable_inside(function: _Function) -> _Function:
+    """The function as compiled code can call it: a Python function is `inlined`, one of Numba's stays as it is."""
+    if hasattr(function, "py_func") or function in _INLINED:
+        return function
+    return inlined(function)
+
+
+def is_own(function: Any) -> bool:
+    """Whether a function and those in its closure are of this package.
+
+    Others are not stored: an edit of a file that they use would go unnoticed.
+    """
+    function = getattr(function, "py_func", function)
+    held = [cell.cell_contents for cell in function.__closure__ or ()]
+    inside = [each for each in held if isinstance(each, FunctionType) or hasattr(each, "py_func")]
+    return str(function.__module__).partition(".")[0] == __name__.partition(".")[0] and all(map(is_own, inside))
 
 
 _Result = TypeVar("_Result")

@@ -213,7 +213,7 @@ def example_config() -> ControllerConfig:
     """A configuration of one joint, of which only the types matter."""
     one, table = np.zeros(1), np.zeros((1, 1))
     by_kind: dict[Any, Any] = {bool: False, int: 0, float: 0.0, Array: one}
-    by_kind[Model] = Model(0, 0, 0, one)
+    by_kind[Model] = Model(0, 0, 0, 0, one)
     by_kind[LawConfig] = LawConfig(0, 0, np.zeros(1, np.int64), table)
     by_kind[EstimatorConfig] = EstimatorConfig(0, table)
     groups = (

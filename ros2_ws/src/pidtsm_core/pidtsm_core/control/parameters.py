@@ -11,12 +11,12 @@ from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Parameter, ParameterError, chosen, prefixed
 from pidtsm_core.robots import GRAVITY, Robot, find_robot, payload_schema, robot_schema
 
-LAW_NAME = Parameter("law.name", "piddtsm", "control law", choices=LAWS.names, read_only=True)
+LAW_NAME = Parameter("law.name", "piddtsm", "control law", choices=LAWS, read_only=True)
 ESTIMATOR_NAME = Parameter(
     "estimator.name",
     "filtered_difference",
     "state estimator; exact works in a rollout only, the node rejects it",
-    choices=ESTIMATORS.names,
+    choices=ESTIMATORS,
     read_only=True,
 )
 

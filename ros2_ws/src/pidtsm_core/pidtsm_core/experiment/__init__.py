@@ -20,7 +20,7 @@ from pidtsm_core.experiment.law_gains import RULED
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import ParameterError, as_float, did_you_mean
 from pidtsm_core.parameters.files import NODES, Settings, flatten, load_mapping, load_ros_parameters, read_yaml
-from pidtsm_core.robots import DESCRIPTION, NAMES, OF_ARM, ROBOTS, TreeRobot, find_robot
+from pidtsm_core.robots import DESCRIPTION, NAMES, OF_ARM, TreeRobot, find_robot
 from pidtsm_core.robots.definition import ArmDefinition, GripperLockedWarning, find_arm, joints_sentence
 from pidtsm_core.simulation.plant_parameters import RATE
 from pidtsm_core.timing import LONGEST_RUN
@@ -215,7 +215,7 @@ def _usual(
     name = law or given.get("law.name", LAW_NAME.default)
     if purpose.usual and name == LAW_NAME.default:
         return [purpose.usual]
-    of_file = source is not None and source not in (*NAMES, *ROBOTS.names)
+    of_file = source is not None and source not in NAMES
     return [PRACTICAL] if (of_file or hardware) and not chosen and name in RULED else []
 
 
@@ -315,7 +315,7 @@ def practical_settings(
     if hardware is not None:
         gains = hardware_gains(controller, settings["simulator"], name)
         return {"controller": {gain.name: gain.value for gain in gains}}
-    if _robot(settings) in ROBOTS.names and name == LAW_NAME.default:
+    if _robot(settings) == DEFAULT_ROBOT and name == LAW_NAME.default:
         return load_ros_parameters(PRACTICAL_FILE)
     rate = as_float(RATE.check(settings["simulator"].get("rate", RATE.default), 1))
     return {"controller": {gain.name: gain.value for gain in first_gains(controller, rate=rate, law=name)}}

@@ -81,7 +81,7 @@ def _of_the_controller(controller: Mapping[str, Value], schema: Schema, given: M
     for name in known & set(_SHARED) & set(controller):
         value = controller[name]
         shared[name] = [value[joints.index(each)] for each in order] if isinstance(value, tuple) else value
-    if tuple(order) != joints and shared.get(DESCRIPTION.name) in ROBOTS.names:
+    if tuple(order) != joints and shared.get(DESCRIPTION.name) in ROBOTS:
         del shared[DESCRIPTION.name]  # A closed form has no names by which another order could be known.
     return shared
 

@@ -1,6 +1,7 @@
 """Common parts of the laws without sliding mode."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,6 +10,23 @@ from pidtsm_core.laws.base import OWN_INTEGERS, Advance, Command, Integers, Kern
 from pidtsm_core.laws.sliding_mode import ANTI_WINDUP
 from pidtsm_core.parameters import Parameter, Value
 from pidtsm_core.parameters.family import Member
+
+
+@dataclass(frozen=True)
+class LawOfMember:
+    """What laws without parts of their own have in common, see `Law`."""
+
+    member: Member
+
+    def parameters(self, _settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+        return (*self.member.parameters, ANTI_WINDUP)
+
+    def integers(self, _values: Mapping[str, Value]) -> Integers:
+        return np.zeros(OWN_INTEGERS, dtype=np.int64)
+
+    def pack(self, values: Mapping[str, Value], joints: int) -> Array:
+        """See `Member.pack`."""
+        return self.member.pack(values, "law", joints)
 
 
 def baseline(
@@ -29,18 +47,6 @@ def baseline(
         advance: see `Kernel`.
         uses_model: see `Law.uses_model`.
     """
-    member = Member(name, summary, parameters)
-
-    def of_group(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-        return (*parameters, ANTI_WINDUP)
-
-    def integers(values: Mapping[str, Value]) -> Integers:
-        return np.zeros(OWN_INTEGERS, dtype=np.int64)
-
-    def pack(values: Mapping[str, Value], joints: int) -> Array:
-        return member.pack(values, "law", joints)
-
-    def kernel(_chosen: Integers) -> Kernel:
-        return Kernel(command, advance)
-
-    return Law(name, summary, of_group, integers, pack, kernel, uses_model)
+    own = LawOfMember(Member(name, summary, parameters))
+    kernel = Kernel(command, advance)
+    return Law(name, summary, own.parameters, own.integers, own.pack, lambda _integers: kernel, uses_model)

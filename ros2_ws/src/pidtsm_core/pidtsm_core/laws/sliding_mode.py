@@ -13,13 +13,14 @@ The formulas are eqs. (10), (15), (16), (20), (21) of the article solved for q''
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.compiling.decorators import callable_inside, inlined
 from pidtsm_core.laws.base import Integers, Kernel, Law
 from pidtsm_core.laws.reaching import REACHING_LAWS, Interval, ReachingLaw
 from pidtsm_core.laws.surfaces import SURFACES, Surface
@@ -52,9 +53,10 @@ ANTI_WINDUP = Parameter(
     choices=("conditional", "none"),
 )
 # Defaults: sliding mode as textbooks have it (Slotine and Li 1991, section 7.2).
-_SURFACE = Parameter("surface", "linear", "sliding surface", choices=SURFACES.names, read_only=True)
+_SURFACE = Parameter("surface", "linear", "sliding surface", choices=SURFACES, read_only=True)
 _MANIFOLD_CHOICE = Parameter("manifold", "none", "sigma = s, or PID of s, eq. (10)", choices=MANIFOLDS, read_only=True)
-_REACHING_CHOICE = Parameter("reaching", "boundary_layer", "reaching law", choices=REACHING_LAWS.names, read_only=True)
+_REACHING_CHOICE = Parameter("reaching", "boundary_layer", "reaching law", choices=REACHING_LAWS, read_only=True)
+_CHOICES = (_SURFACE, _MANIFOLD_CHOICE, _REACHING_CHOICE)
 
 
 @inlined
@@ -65,9 +67,11 @@ def _finite(acceleration: float) -> float:
     return min(max(acceleration, -ACCELERATION_BOUND), ACCELERATION_BOUND)
 
 
+@cache
 def _kernel(surface: Surface, reaching: ReachingLaw) -> Kernel:
     """Functions of the laws with these parts, see `Law`: what is known when a law is chosen is compiled into them."""
-    evaluate, switch, advance_reaching = surface.evaluate, reaching.switch, reaching.advance
+    evaluate, switch = callable_inside(surface.evaluate), callable_inside(reaching.switch)
+    advance_reaching = callable_inside(reaching.advance)
 
     def command(
         e: float, de: float, dde: float, ddq_d: float, integers: Integers, p: Array, x: Array, dt: float
@@ -101,10 +105,6 @@ def _kernel(surface: Surface, reaching: ReachingLaw) -> Kernel:
         advance_reaching(sigma, p[_REACHING:], x[_REACHING_STATE:], interval)
 
     return Kernel(command, advance)
-
-
-KERNELS = [[_kernel(surface, reaching) for reaching in REACHING_LAWS.members] for surface in SURFACES.members]
-"""The kernels, by surface and reaching law."""
 
 
 class _Parts(NamedTuple):
@@ -147,6 +147,31 @@ def _pack(parts: _Parts, values: Mapping[str, Value], joints: int) -> Array:
     return packed
 
 
+@dataclass(frozen=True)
+class _Composition:
+    """A law's parts, and its functions, see `Law`; an object, not closures, so that processes can exchange laws."""
+
+    fixed: tuple[str | None, str | None, str | None]  # None: a parameter of the law chooses the part
+    defaults: Mapping[str, Value]
+
+    def parts(self, settings: Mapping[str, object]) -> _Parts:
+        named = zip(prefixed("law", _CHOICES), self.fixed, strict=True)
+        return _Parts(*(part or chosen(settings, choice) for choice, part in named))
+
+    def parameters(self, settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+        left_out = (choice for choice, part in zip(_CHOICES, self.fixed, strict=True) if part is None)
+        return (*left_out, *_parameters(self.parts(settings), self.defaults), ANTI_WINDUP)
+
+    def integers(self, values: Mapping[str, Value]) -> Integers:
+        return _integers(self.parts(values))
+
+    def pack(self, values: Mapping[str, Value], joints: int) -> Array:
+        return _pack(self.parts(values), values, joints)
+
+    def kernel(self, integers: Integers) -> Kernel:
+        return _kernel(SURFACES.members[integers[0]], REACHING_LAWS.members[integers[2]])
+
+
 def compose(
     name: str,
     summary: str,
@@ -165,27 +190,8 @@ def compose(
         reaching: name in `REACHING_LAWS`.
         defaults: values that differ from the parts' own defaults.
     """
-    fixed = (surface, manifold, reaching)
-    choices = (_SURFACE, _MANIFOLD_CHOICE, _REACHING_CHOICE)
-    left_out = [choice for choice, part in zip(choices, fixed, strict=True) if part is None]
-
-    def parts(settings: Mapping[str, object]) -> _Parts:
-        named = zip(prefixed("law", choices), fixed, strict=True)
-        return _Parts(*(part or chosen(settings, choice) for choice, part in named))
-
-    def parameters(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-        return (*left_out, *_parameters(parts(settings), defaults or {}), ANTI_WINDUP)
-
-    def integers(values: Mapping[str, Value]) -> Integers:
-        return _integers(parts(values))
-
-    def pack(values: Mapping[str, Value], joints: int) -> Array:
-        return _pack(parts(values), values, joints)
-
-    def kernel(chosen: Integers) -> Kernel:
-        return KERNELS[chosen[0]][chosen[2]]
-
-    return Law(name, summary, parameters, integers, pack, kernel)
+    parts = _Composition((surface, manifold, reaching), defaults or {})
+    return Law(name, summary, parts.parameters, parts.integers, parts.pack, parts.kernel)
 
 
 SLIDING_MODE = compose("sliding_mode", "any surface, manifold and reaching law, chosen by parameter")

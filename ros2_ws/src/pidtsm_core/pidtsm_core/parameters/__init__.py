@@ -9,7 +9,7 @@ import difflib
 import functools
 import math
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -63,7 +63,7 @@ class Parameter:
     minimum: float | None = None
     maximum: float | None = None
     exclusive: bool = False
-    choices: tuple[str, ...] = ()
+    choices: Collection[str] = ()
     per_joint: bool = False
     length: int = 0
     read_only: bool = False
@@ -219,8 +219,8 @@ def _other_choices(schema: Schema, settings: Mapping[str, object], steps: int) -
                 continue
             try:
                 after = {p.name for p in schema(changed)}
-            except ParameterError:
-                continue  # Nodes reject choices that work in rollouts only.
+            except UsageError:
+                continue  # Nodes reject choices that work in rollouts only, and members from outside may not compile.
             if steps == 1:
                 yield changed
             elif after != before:

@@ -3,18 +3,21 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import numpy as np
+
 from pidtsm_core.arrays import Array
-from pidtsm_core.compiling.addresses import FLOAT, NOTHING, ROWS, Interface
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.parameters import Parameter, Value, as_float, chosen, joint_array, names, prefixed
 from pidtsm_core.parameters.family import Family
 from pidtsm_core.references.article import ARTICLE
 from pidtsm_core.references.base import Reference
+from pidtsm_core.references.calls import evaluate_reference, reference_address
 from pidtsm_core.references.chirp import CHIRP
 from pidtsm_core.references.csv import CSV
 from pidtsm_core.references.minimum_jerk import MINIMUM_JERK
 from pidtsm_core.references.pick_and_place import PICK_AND_PLACE
 from pidtsm_core.references.sines import SINES
+from pidtsm_core.references.trial import try_reference
 from pidtsm_core.timing import sum_of_times
 
 __all__ = [
@@ -29,9 +32,10 @@ __all__ = [
     "reference_schema",
 ]
 
-REFERENCES: Family[Reference] = Family.of(Reference, globals())
+REFERENCES: Family[Reference] = Family.of(Reference, "references", globals())
+REFERENCES.tries(try_reference)
 
-_NAME = Parameter("reference.name", "article", "desired motion", choices=REFERENCES.names, read_only=True)
+_NAME = Parameter("reference.name", "article", "desired motion", choices=REFERENCES, read_only=True)
 _JOINTS = Parameter(
     "joints",
     ("joint1", "joint2"),
@@ -82,10 +86,6 @@ def reference_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     )
 
 
-_EVALUATE = Interface(NOTHING(FLOAT, ROWS, ROWS))
-_evaluate = _EVALUATE.call
-
-
 @njit
 def extrapolate(desired: Array, dt: float, later: Array) -> None:
     """Write to `later` q_d, q_d', q_d'' (shape (3, joints)) extrapolated by dt seconds with constant q_d''."""
@@ -110,7 +110,7 @@ class MotionConfig(NamedTuple):
 @njit
 def evaluate_motion(config: MotionConfig, t: float, desired: Array) -> None:
     """Write q_d, q_d', q_d'' at t (s from the start) to desired, shape (3, joints), rad, rad/s, rad/s^2."""
-    _evaluate(config.reference, t, config.parameters, desired)
+    evaluate_reference(config.reference, t, config.parameters, desired)
     if t >= config.jump_time:
         for j in range(desired.shape[1]):
             desired[0, j] += config.jump[j]
@@ -143,8 +143,8 @@ class ReferenceMotion:
         self.joints = len(names(values["joints"]))
         begin = as_float(values["dropout.time"])
         self.config = MotionConfig(
-            reference=_EVALUATE.address(reference.evaluate),
-            parameters=reference.pack(values, "reference", self.joints),
+            reference=reference_address(reference),
+            parameters=np.ascontiguousarray(reference.pack(values, "reference", self.joints), np.float64),
             jump=joint_array(values["jump.position"], self.joints),
             jump_time=as_float(values["jump.time"]),
             dropout_begin=begin,

@@ -12,7 +12,7 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import Parameter, ParameterError, Value, names
 from pidtsm_core.references.base import Reference
-from pidtsm_core.references.piecewise import evaluate, piecewise
+from pidtsm_core.references.piecewise import evaluate, through
 
 _KINDS = ("q", "dq", "ddq")
 _SEPARATORS = (",", ";", "\t")
@@ -41,8 +41,7 @@ class _FromFile(Reference):
     def _joined(times: Array, samples: Array, where: str, parameter: str) -> Array:
         """The motion through the samples; see `pack`."""
         with suppress(ValueError), np.errstate(all="ignore"):
-            knots = _complete(times, samples)
-            packed = piecewise(times, knots[:-1], knots[1:])
+            packed = through(times, samples)
             if np.isfinite(packed).all():
                 return packed
         raise ParameterError(f"{where}: its numbers are too large, or its times too close", parameter)
@@ -139,21 +138,6 @@ def _kinds(header: list[str], joints: tuple[str, ...], where: str) -> tuple[str,
         f"{where}: the columns are {_shown(header) or 'none'}; wanted are time, {wanted}, "
         "in any order, and for all joints dq_, or dq_ and ddq_, where they are known"
     )
-
-
-def _complete(times: Array, samples: Array) -> Array:
-    """q, q', q'' at every time, shape (rows, 3, joints); missing derivatives are those of a cubic spline.
-
-    The quintic between two samples of a cubic spline equals that spline.
-    """
-    from scipy.interpolate import CubicSpline  # This import takes longer than that of the rest of the core.
-
-    known = samples.shape[1]
-    if known == 3:
-        return samples
-    spline = CubicSpline(times, samples[:, -1])
-    missing = [spline(times, order) for order in range(1, 4 - known)]
-    return np.concatenate([samples, np.stack(missing, axis=1)], axis=1)
 
 
 CSV = _FromFile(

@@ -29,6 +29,27 @@ def piecewise(times: Array, starts: Array, ends: Array) -> Array:
     return motion
 
 
+def through(times: Array, samples: Array) -> Array:
+    """Compute a motion through samples.
+
+    Args:
+        times: s, increasing, at least two, shape (n,).
+        samples: q, or q and q', or q, q', q'', shape (n, 1 to 3, joints), rad, rad/s, rad/s^2; missing derivatives are
+            those of a cubic spline, and the quintic between two samples of such a spline equals it.
+
+    Returns:
+        The motion, shape (joints, 7 (n - 1) + 1), for `evaluate`.
+    """
+    from scipy.interpolate import CubicSpline  # This import takes longer than that of the rest of the core.
+
+    known = samples.shape[1]
+    if known < 3:
+        spline = CubicSpline(times, samples[:, -1])
+        missing = [spline(times, order) for order in range(1, 4 - known)]
+        samples = np.concatenate([samples, np.stack(missing, axis=1)], axis=1)
+    return piecewise(times, samples[:-1], samples[1:])
+
+
 @njit
 def _fill(durations: Array, starts: Array, ends: Array, motion: Array) -> None:
     """Write the coefficients of all segments; compiled, because a trajectory may have thousands."""

@@ -9,13 +9,15 @@ from pidtsm_core.compiling.decorators import dispatch, njit
 from pidtsm_core.parameters import Parameter, ParameterError, Value, prefixed
 from pidtsm_core.parameters.family import Family
 from pidtsm_core.robots.base import Dynamics, Model, Robot, Tool
+from pidtsm_core.robots.calls import dynamics_addresses, forward_at, inverse_at, spread_address, spread_at
 from pidtsm_core.robots.description import Description, read_description
 from pidtsm_core.robots.effort_differences import spread_of_differences
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.payload import check_payload, payload_of, payload_parameters
 from pidtsm_core.robots.source import ARMS, read_source
 from pidtsm_core.robots.tree import effort_spread as tree_effort_spread
-from pidtsm_core.robots.tree_robot import TreeRobot, forward_tree, inverse_tree, tree_addresses, tree_robot
+from pidtsm_core.robots.tree_robot import TREE, TreeRobot, tree_robot
+from pidtsm_core.robots.trial import try_robot
 from pidtsm_core.robots.two_link import TWO_LINK
 
 __all__ = [
@@ -39,6 +41,7 @@ __all__ = [
     "find_description",
     "find_robot",
     "forward_dynamics",
+    "has_name",
     "inverse_dynamics",
     "make_model",
     "payload_of",
@@ -49,10 +52,11 @@ __all__ = [
     "xacro_arguments",
 ]
 
-ROBOTS: Family[Robot] = Family.of(Robot, globals())
+ROBOTS: Family[Robot] = Family.of(Robot, "robots", globals())
+ROBOTS.tries(try_robot)
 """Robots with a closed form."""
 
-NAMES = (*ROBOTS.names, *ARMS)
+NAMES = (*(robot.name for robot in ROBOTS.own), *ARMS)
 """Names of the arms that come with the package."""
 
 FROM_TOPIC = "topic"
@@ -91,6 +95,11 @@ GRAVITY = Parameter(
 )
 
 
+def has_name(source: str) -> bool:
+    """Whether a description is the name of an arm that comes with the package, or of a closed form from outside."""
+    return source in NAMES or source in ROBOTS
+
+
 def find_robot(settings: Mapping[str, object]) -> Robot:
     """The robot ``robot.description``, with the joints ``joints``.
 
@@ -98,7 +107,7 @@ def find_robot(settings: Mapping[str, object]) -> Robot:
         ParameterError: the description cannot be used; the message contains the link or joint.
     """
     source = str(DESCRIPTION.check(settings.get(DESCRIPTION.name, DESCRIPTION.default), 1))
-    if source in ROBOTS.names:
+    if source in ROBOTS:
         return ROBOTS[source]
     if source == FROM_TOPIC:
         raise ParameterError(f"{DESCRIPTION.name}: {FROM_TOPIC} works in nodes only", DESCRIPTION.name)
@@ -158,21 +167,18 @@ def xacro_arguments(settings: Mapping[str, object]) -> tuple[tuple[str, str], ..
     raise ParameterError(f"{XACRO.name}: {text!r} is not of the form NAME:=VALUE ...", XACRO.name)
 
 
-_CLOSED_FORMS = tuple(dict.fromkeys(robot.dynamics for robot in ROBOTS.members))
+_CLOSED_FORMS = tuple(dict.fromkeys(robot.dynamics for robot in ROBOTS.own))
 """Compiled code contains them: called by address, they make a rollout of two joints 11 % slower."""
 _BY_ADDRESS = len(_CLOSED_FORMS)
 """`Model.kind` of all others."""
 
 
 def make_model(robot: Robot, parameters: Array) -> Model:
-    """The model of a robot as compiled code reads it; `parameters` as `Robot.pack_model` returns them, shape (n,).
-
-    Raises:
-        ValueError: the robot has a closed form that no member of `ROBOTS` has, so compiled code does not contain it.
-    """
-    if isinstance(robot, TreeRobot):
-        return Model(_BY_ADDRESS, *tree_addresses(), parameters)
-    return Model(_CLOSED_FORMS.index(robot.dynamics), 0, 0, parameters)
+    """The model of a robot as compiled code reads it; `parameters` as `Robot.pack_model` returns them, shape (n,)."""
+    if robot.dynamics in _CLOSED_FORMS:
+        return Model(_CLOSED_FORMS.index(robot.dynamics), 0, 0, 0, parameters)
+    spread = 0 if robot.dynamics is TREE else spread_address(robot.dynamics)
+    return Model(_BY_ADDRESS, *dynamics_addresses(robot.dynamics), spread, parameters)
 
 
 def robot_joints(settings: Mapping[str, object]) -> int:
@@ -253,7 +259,7 @@ def inverse_dynamics(model: Model, q: Array, dq: Array, ddq: Array, effort: Arra
     """Efforts (N m) for each row of ddq: see `Dynamics.inverse_dynamics`."""
     p = model.parameters
     if model.kind == _BY_ADDRESS:
-        inverse_tree(model.inverse, q, dq, ddq, ddq.shape[0], q.size, p, p.size, effort)
+        inverse_at(model.inverse, q, dq, ddq, ddq.shape[0], q.size, p, p.size, effort)
     else:
         _inverse(model.kind, q, dq, ddq, p, effort)
 
@@ -263,7 +269,7 @@ def forward_dynamics(model: Model, q: Array, dq: Array, effort: Array, ddq: Arra
     """ddq (rad/s^2) under effort: see `Dynamics.forward_dynamics`."""
     p = model.parameters
     if model.kind == _BY_ADDRESS:
-        forward_tree(model.forward, q, dq, effort, q.size, p, p.size, ddq)
+        forward_at(model.forward, q, dq, effort, q.size, p, p.size, ddq)
     else:
         _forward(model.kind, q, dq, effort, p, ddq)
 
@@ -271,7 +277,9 @@ def forward_dynamics(model: Model, q: Array, dq: Array, effort: Array, ddq: Arra
 @njit
 def effort_spread(model: Model, q: Array, dq: Array, ddq: Array, box: Array, spread: Array) -> None:
     """How far the efforts (N m) are from those of q, q', q'' within a box: see `Dynamics.effort_spread`."""
-    if model.kind == _BY_ADDRESS:
+    if model.kind != _BY_ADDRESS:
+        _spread(model.kind, q, dq, ddq, box, model.parameters, spread)
+    elif model.spread == 0:
         tree_effort_spread(q, dq, ddq, box, model.parameters, spread)
     else:
-        _spread(model.kind, q, dq, ddq, box, model.parameters, spread)
+        spread_at(model.spread, q, dq, ddq, box, model.parameters, spread)

@@ -41,6 +41,7 @@ class Model(NamedTuple):
     kind: int  # place of its dynamics among those with a closed form; beyond the last: called by address
     inverse: int  # address of the inverse dynamics
     forward: int  # address of the forward dynamics
+    spread: int  # address of the effort spread; 0: that of a tree
     parameters: Array  # as `Robot.pack_model` returns them
 
 
@@ -124,7 +125,7 @@ class Robot(Member):
         for parameter in self.parameters:
             value = values[f"{group}.{parameter.name}"]
             if parameter.choices:
-                packed.append(float(parameter.choices.index(str(value))))
+                packed.append(float(tuple(parameter.choices).index(str(value))))
             else:
                 packed.append(as_float(value) * factor.get(parameter.name, 1.0))
         return np.array(packed)
@@ -135,7 +136,7 @@ class Robot(Member):
         return joint_units(self.slides, len(self.joints))
 
     def with_payload(self, model: Array, payload: Payload) -> Array:
-        """A copy of packed parameters, shape (parameters,), with a payload at the tool."""
+        """A copy of packed parameters, shape (parameters,), in SI units, with a payload at the tool."""
         loaded = model.copy()
         self.load(loaded, payload)
         return loaded

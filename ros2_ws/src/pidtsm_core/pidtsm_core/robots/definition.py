@@ -16,7 +16,6 @@ from pidtsm_core.parameters.files import load_mapping
 from pidtsm_core.robots import (
     DESCRIPTION,
     LOCKED,
-    NAMES,
     OF_ARM,
     ROBOTS,
     XACRO,
@@ -24,6 +23,7 @@ from pidtsm_core.robots import (
     Robot,
     find_description,
     find_robot,
+    has_name,
 )
 from pidtsm_core.robots.payload import CENTER, MASS, Payload
 from pidtsm_core.robots.stored import is_name, stored_file, stored_names
@@ -66,7 +66,7 @@ class ArmDefinition:
     @property
     def is_file(self) -> bool:
         """Whether a file or a text describes it, and not a name that this package knows."""
-        return self.description not in NAMES
+        return not has_name(self.description)
 
     def settings(self) -> dict[str, Any]:
         """Parameters of simulator and controller that differ from their defaults.
@@ -166,7 +166,7 @@ class ArmDefinition:
 
     def _check_closed_form(self) -> None:
         """Check that a closed form is not given what it cannot have."""
-        if self.description not in ROBOTS.names:
+        if self.description not in ROBOTS:
             return
         for what, given in (("locked joints", self.locked), ("xacro arguments", self.xacro)):
             if given:
@@ -196,7 +196,7 @@ class ArmDefinition:
 
 def resolved_description(robot: str) -> str:
     """``robot.description`` for a name or path: a path is absolute, because nodes may run in another folder."""
-    return str(Path(robot).resolve()) if robot not in NAMES and Path(robot).is_file() else robot
+    return str(Path(robot).resolve()) if not has_name(robot) and Path(robot).is_file() else robot
 
 
 def find_arm(robot: str | ArmDefinition) -> ArmDefinition:
@@ -207,7 +207,7 @@ def find_arm(robot: str | ArmDefinition) -> ArmDefinition:
     """
     if isinstance(robot, ArmDefinition):
         return robot
-    if robot in NAMES or robot not in stored_names():
+    if has_name(robot) or robot not in stored_names():
         return ArmDefinition(robot)
     file = stored_file(robot)
     return replace(_from_content(load_mapping(file), file), name=robot)
@@ -219,7 +219,7 @@ def check_name(name: str) -> None:
     Raises:
         UsageError: it is the name of an arm of this package, or not one that a file can have.
     """
-    if name in NAMES:
+    if has_name(name):
         raise UsageError(f"{name} is an arm that comes with pidtsm; choose another name")
     if not is_name(name):
         raise UsageError(

@@ -3,43 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numba import carray
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.compiling.addresses import INTEGER, NOTHING, POINTER, Interface
 from pidtsm_core.parameters import Parameter, Value, joint_array
 from pidtsm_core.robots import tree
 from pidtsm_core.robots.base import Dynamics, Robot, Tool
 from pidtsm_core.robots.description import Description, read_description
 from pidtsm_core.robots.payload import Payload
 from pidtsm_core.robots.tree.layout import Column, inertia_matrix, rows, set_inertia, steiner
-
-_INVERSE = Interface(NOTHING(POINTER, POINTER, POINTER, INTEGER, INTEGER, POINTER, INTEGER, POINTER))
-_FORWARD = Interface(NOTHING(POINTER, POINTER, POINTER, INTEGER, POINTER, INTEGER, POINTER))
-inverse_tree, forward_tree = _INVERSE.call, _FORWARD.call
-"""Called by compiled code with one of `tree_addresses`: the functions are long and have many callers."""
-
-
-def _inverse(q: Any, dq: Any, ddq: Any, rows: int, joints: int, p: Any, length: int, effort: Any) -> None:
-    shape = (rows, joints)
-    tree.inverse_dynamics(
-        carray(q, joints), carray(dq, joints), carray(ddq, shape), carray(p, length), carray(effort, shape)
-    )
-
-
-def _forward(q: Any, dq: Any, effort: Any, joints: int, p: Any, length: int, ddq: Any) -> None:
-    tree.forward_dynamics(
-        carray(q, joints), carray(dq, joints), carray(effort, joints), carray(p, length), carray(ddq, joints)
-    )
-
-
-def tree_addresses() -> tuple[int, int]:
-    """Addresses of inverse and forward dynamics; compiles them."""
-    return _INVERSE.address(_inverse), _FORWARD.address(_forward)
-
 
 TREE = Dynamics(tree.inverse_dynamics, tree.forward_dynamics, tree.energy, tree.effort_spread)
 

@@ -17,6 +17,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metrics import JointMetrics, metrics
+from pidtsm_core.registration.shipment import Parcel, packed, unpack
 from pidtsm_core.rollouts.closed_loop import DivergedError, rollout
 
 Settings: TypeAlias = Mapping[str, Any]
@@ -87,9 +88,10 @@ def batch(
     if keep_every < 0:
         raise ValueError(f"keep_every: {keep_every} must be 0 or positive")
     outcomes: list[_Outcome] = []
+    parcels = packed()
     with Parallel(n_jobs=workers, prefer="threads", return_as="generator") as parallel:
         for outcome in parallel(
-            delayed(_run)(each, duration, keep_every, measure, simulate or rollout) for each in settings
+            delayed(_run)(each, duration, keep_every, measure, simulate or rollout, parcels) for each in settings
         ):
             outcomes.append(outcome)
             if progress is not None:
@@ -110,8 +112,16 @@ class _Outcome:
     failure: str = ""
 
 
-def _run(settings: Settings, duration: float, keep_every: int, measure: Measure | None, simulate: Simulate) -> _Outcome:
+def _run(
+    settings: Settings,
+    duration: float,
+    keep_every: int,
+    measure: Measure | None,
+    simulate: Simulate,
+    parcels: tuple[Parcel, ...],
+) -> _Outcome:
     try:
+        unpack(parcels)
         run = simulate(**settings, duration=duration)
     except (UsageError, DivergedError) as reason:
         return _Outcome(failure=str(reason))

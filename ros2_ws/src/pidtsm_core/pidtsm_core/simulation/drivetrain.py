@@ -14,7 +14,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float, joint_array, names
 from pidtsm_core.robots import Model, Robot, inverse_dynamics
 from pidtsm_core.robots.base import unit_accelerations
-from pidtsm_core.simulation.disturbances import DISTURBANCES, disturbance_address
+from pidtsm_core.simulation.disturbances import DISTURBANCES, DisturbanceConfig, make_disturbance
 from pidtsm_core.simulation.gear_friction import GearFriction, gear_friction, is_active
 
 MOTOR, LINK = "motor", "link"
@@ -107,7 +107,7 @@ class Drivetrain(NamedTuple):
     stiffness: Array  # N m/rad, 0: rigid
     damping: Array  # N m s/rad
     friction: GearFriction
-    disturbance: int  # its address, see `add_disturbance`; it acts on the links
+    disturbance: DisturbanceConfig  # it acts on the links
 
 
 class DrivetrainState(NamedTuple):
@@ -164,7 +164,7 @@ def drivetrain(values: Mapping[str, Value], robot: Robot, model: Array) -> Drive
         stiffness=stiffness,
         damping=np.where(elastic, damping, 0.0),
         friction=friction,
-        disturbance=disturbance_address(DISTURBANCES[str(values["disturbance.name"])]),
+        disturbance=make_disturbance(DISTURBANCES[str(values["disturbance.name"])], values, joints),
     )
 
 
@@ -234,5 +234,5 @@ def example() -> tuple[Drivetrain, DrivetrainState, Model]:
     """Configuration, state and a model, for the compiler."""
     none = np.zeros(1)
     friction = GearFriction(*[none] * len(GearFriction._fields))
-    drives = Drivetrain(0, False, False, 0.0, none, none, none, none, friction, 0)
-    return drives, drivetrain_state(1), Model(0, 0, 0, none)
+    drives = Drivetrain(0, False, False, 0.0, none, none, none, none, friction, DisturbanceConfig(0, np.zeros((1, 1))))
+    return drives, drivetrain_state(1), Model(0, 0, 0, 0, none)

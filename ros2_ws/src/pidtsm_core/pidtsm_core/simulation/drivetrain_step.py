@@ -67,7 +67,7 @@ def move(
         middle[Middle.POSITION, j] = q[j] + 0.5 * dt * dq[j]
         middle[Middle.VELOCITY, j] = dq[j]
     for last in (False, True):
-        _prepare(config, state, model)
+        _prepare(config, state, model, t + 0.5 * dt)
         for k in range(config.substeps):
             _substep(config, state, q, dq, t + k * h, h, braked)
         if not last:
@@ -105,8 +105,8 @@ def _look_back(state: DrivetrainState, q: Array, dq: Array, dt: float) -> None:
 
 
 @inlined
-def _prepare(config: Drivetrain, state: DrivetrainState, model: Model) -> None:
-    """Compute M, and the external torques minus c, in the middle of the step."""
+def _prepare(config: Drivetrain, state: DrivetrainState, model: Model, t: float) -> None:
+    """Compute M, and the external torques minus c, in the middle of the step, which is at t (s)."""
     middle, efforts, net = state.middle, state.efforts, state.middle[Middle.NET]
     inverse_dynamics(model, middle[Middle.POSITION], middle[Middle.VELOCITY], state.rows, efforts)
     for i in range(net.size):
@@ -114,7 +114,7 @@ def _prepare(config: Drivetrain, state: DrivetrainState, model: Model) -> None:
         for j in range(i + 1):
             state.inertia[i, j] = 0.5 * (efforts[1 + i, j] - efforts[0, j] + efforts[1 + j, i] - efforts[0, i])
         state.inertia[i, i] -= config.rotor[i]
-    add_disturbance(config.disturbance, middle[Middle.POSITION], middle[Middle.VELOCITY], net)
+    add_disturbance(config.disturbance, t, middle[Middle.POSITION], middle[Middle.VELOCITY], net)
     for i in range(net.size):
         net[i] -= efforts[0, i]
 

@@ -19,7 +19,7 @@ def advance_motors(config: PlantConfig, state: PlantState, phase: int, t: float,
     motor, speed = gears.motor, gears.motor_velocity
     for j in range(q.size):
         net[j] = gears.external[j]
-    add_disturbance(drives.disturbance, q, dq, net)
+    add_disturbance(drives.disturbance, t, q, dq, net)
     for j in range(q.size):
         before[j] = motor[j]
         gears.transmitted[j] = torque[j]

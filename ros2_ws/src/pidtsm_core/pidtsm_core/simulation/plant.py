@@ -10,7 +10,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.compiling.memory import Layout
-from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float, joint_array, resolve
+from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float, chosen, joint_array, prefixed, resolve
 from pidtsm_core.robots import (
     Model,
     find_robot,
@@ -24,7 +24,7 @@ from pidtsm_core.robots.tree import add_wrench
 from pidtsm_core.simulation import drivetrain as drivetrains
 from pidtsm_core.simulation import friction as joint_friction
 from pidtsm_core.simulation import gear_friction
-from pidtsm_core.simulation.disturbances import DISTURBANCES, add_disturbance, disturbance_address
+from pidtsm_core.simulation.disturbances import DISTURBANCES, add_disturbance, make_disturbance
 from pidtsm_core.simulation.drivetrain import drivetrain, drivetrain_state, rest_at
 from pidtsm_core.simulation.drivetrain_step import move
 from pidtsm_core.simulation.friction import (
@@ -56,19 +56,21 @@ from pidtsm_core.timing import sum_of_times
 
 
 def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
-    """Parameters of the simulated arm; they depend on the robot."""
+    """Parameters of the simulated arm; they depend on the robot and ``disturbance.name``."""
     robot = find_robot(settings)
+    name = Parameter(
+        "disturbance.name",
+        robot.disturbance,
+        "torque that acts on the arm in addition to the torque of the motors",
+        choices=DISTURBANCES,
+        read_only=True,
+    )
     return (
         *engine_schema(settings, robot, robot_schema(settings, robot)),
         RATE,
         Parameter("initial_position", robot.initial_position, "joint positions at the start", "rad", per_joint=True),
-        Parameter(
-            "disturbance.name",
-            robot.disturbance,
-            "torque that acts on the arm in addition to the torque of the motors",
-            choices=DISTURBANCES.names,
-            read_only=True,
-        ),
+        name,
+        *prefixed("disturbance", DISTURBANCES[chosen(settings, name)].parameters),
         *payload_schema(settings, PAYLOAD, robot),
         *LOADS,
         *joint_friction.parameters(robot),
@@ -79,21 +81,21 @@ def plant_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
 
 
 @inlined
-def _net_effort(config: PlantConfig, q: Array, dq: Array, effort: Array, net: Array) -> None:
-    """Write the effort plus disturbance and friction to `net`, shape (joints,), N m."""
+def _net_effort(config: PlantConfig, t: float, q: Array, dq: Array, effort: Array, net: Array) -> None:
+    """Write the effort plus disturbance and friction at t (s) to `net`, shape (joints,), N m."""
     for j in range(effort.size):
         net[j] = effort[j]
-    add_disturbance(config.disturbance, q, dq, net)
+    add_disturbance(config.disturbance, t, q, dq, net)
     if not config.friction.none:
         add_friction(config.friction, dq, net)
 
 
 @inlined
 def _acceleration(
-    config: PlantConfig, model: Model, q: Array, dq: Array, effort: Array, net: Array, ddq: Array
+    config: PlantConfig, model: Model, t: float, q: Array, dq: Array, effort: Array, net: Array, ddq: Array
 ) -> None:
-    """ddq of eq. (5); `net` is scratch for the torque with disturbance and friction."""
-    _net_effort(config, q, dq, effort, net)
+    """ddq of eq. (5) at t (s); `net` is scratch for the torque with disturbance and friction."""
+    _net_effort(config, t, q, dq, effort, net)
     forward_dynamics(model, q, dq, net, ddq)
 
 
@@ -145,15 +147,15 @@ def _phase(config: PlantConfig, t: float) -> int:
 
 
 @part
-def _step_of_mujoco(config: PlantConfig, state: PlantState, t: float, effort: Array) -> None:
+def _step_of_mujoco(config: PlantConfig, state: PlantState, t: float, dt: float, effort: Array) -> None:
     """As `step`, by MuJoCo; disturbance and dry friction are those at the start of each of its steps."""
     q, dq, net = state.position, state.derivatives[0], state.work[0]
     phase = _phase(config, t)
-    for _ in range(config.mujoco.steps):
-        _net_effort(config, q, dq, effort, net)
+    for k in range(config.mujoco.steps):
+        _net_effort(config, t + k * dt / config.mujoco.steps, q, dq, effort, net)
         advance(config.mujoco, state.mujoco, phase, net, q, dq)
     if config.accelerations:
-        _net_effort(config, q, dq, effort, net)
+        _net_effort(config, t + dt, q, dq, effort, net)
         acceleration(config.mujoco, state.mujoco, phase, net, q, dq, state.derivatives[1])
 
 
@@ -228,29 +230,29 @@ def step(config: PlantConfig, state: PlantState, effort: Array, t: float, dt: fl
         _step_of_drives(config, state, torque, t, dt, False)
         return
     if config.mujoco.steps > 0:
-        _step_of_mujoco(config, state, t, torque)
+        _step_of_mujoco(config, state, t, dt, torque)
         return
 
     half = 0.5 * dt
-    _acceleration(config, model, q, dq, torque, net, k1)
+    _acceleration(config, model, t, q, dq, torque, net, k1)
     for j in range(joints):
         stage_q[j] = q[j] + half * dq[j]
         stage_dq[j] = dq[j] + half * k1[j]
-    _acceleration(config, model, stage_q, stage_dq, torque, net, k2)
+    _acceleration(config, model, t + half, stage_q, stage_dq, torque, net, k2)
     for j in range(joints):
         stage_q[j] = q[j] + half * (dq[j] + half * k1[j])
         stage_dq[j] = dq[j] + half * k2[j]
-    _acceleration(config, model, stage_q, stage_dq, torque, net, k3)
+    _acceleration(config, model, t + half, stage_q, stage_dq, torque, net, k3)
     for j in range(joints):
         stage_q[j] = q[j] + dt * (dq[j] + half * k2[j])
         stage_dq[j] = dq[j] + dt * k3[j]
-    _acceleration(config, model, stage_q, stage_dq, torque, net, k4)
+    _acceleration(config, model, t + dt, stage_q, stage_dq, torque, net, k4)
     for j in range(joints):
         # RK4 for q, with the velocities of its stages substituted.
         q[j] += dt * (dq[j] + dt * (k1[j] + k2[j] + k3[j]) / 6.0)
         dq[j] += dt * (k1[j] + 2.0 * k2[j] + 2.0 * k3[j] + k4[j]) / 6.0
     if config.accelerations:
-        _acceleration(config, model, q, dq, torque, net, state.derivatives[1])
+        _acceleration(config, model, t + dt, q, dq, torque, net, state.derivatives[1])
 
 
 @njit
@@ -338,7 +340,7 @@ class Plant:
             loaded_model=make_model(robot, robot.with_payload(model, payload_of(values))),
             payload_begin=picked_up,
             payload_end=sum_of_times(picked_up, carried) if carried else math.inf,
-            disturbance=disturbance_address(DISTURBANCES[str(values["disturbance.name"])]),
+            disturbance=make_disturbance(DISTURBANCES[str(values["disturbance.name"])], values, self.joints),
             effort_limit=joint_array(values["limits.effort"], self.joints),
             push=joint_array(values["push.effort"], self.joints),
             wrench=wrench_of(robot, values),

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.robots import Model, Tool
+from pidtsm_core.simulation.disturbances import DisturbanceConfig
 from pidtsm_core.simulation.drivetrain import Drivetrain, DrivetrainState
 from pidtsm_core.simulation.friction import FrictionConfig
 from pidtsm_core.simulation.mujoco_plant import MujocoConfig, MujocoState
@@ -16,7 +17,7 @@ class PlantConfig(NamedTuple):
     loaded_model: Model  # the same with payload
     payload_begin: float  # s
     payload_end: float  # s
-    disturbance: int  # its address, see `add_disturbance`
+    disturbance: DisturbanceConfig
     effort_limit: Array  # shape (joints,), N m
     push: Array  # on the joints, shape (joints,), N m
     wrench: Array  # of a push on the tool: force and torque in the axes of the base, shape (6,), N and N m

@@ -61,4 +61,4 @@ def test_pack_keeps_values_of_each_joint_apart() -> None:
 def test_two_members_of_one_name_are_refused() -> None:
     member = Member("same", "s", ())
     with pytest.raises(ValueError, match="same"):
-        Family(member, member)
+        Family(Member, "members", member, member)

@@ -217,9 +217,21 @@ def test_efforts_in_a_box_differ_by_no_more_than_their_spread(robot: Robot, boun
         assert (np.max(changes, axis=0) <= spread[0] + 1e-9 * (1.0 + np.abs(middle))).all()
 
 
-def test_a_closed_form_that_is_not_registered_is_refused() -> None:
-    """Compiled code does not contain it, and would take it for a tree."""
-    dynamics = TWO_LINK.dynamics
-    unknown = replace(TWO_LINK, dynamics=replace(dynamics, inverse_dynamics=dynamics.forward_dynamics))
-    with pytest.raises(ValueError, match="not in tuple"):
-        make_model(unknown, np.zeros(8))
+def test_a_closed_form_from_outside_moves_as_the_same_one_of_this_package() -> None:
+    """Compiled code contains the one, and calls the other by its address."""
+    known, dynamics = TWO_LINK.dynamics, replace(TWO_LINK.dynamics, energy=lambda q, dq, p: 0.0)
+    outside = replace(TWO_LINK, dynamics=dynamics)
+    p = TWO_LINK.pack_model({f"robot.{each.name}": each.default for each in TWO_LINK.parameters})
+    q, dq, ddq = np.random.default_rng(3).normal(size=(3, 2))
+    box = np.full((3, 2), 0.1)
+    results = []
+    for robot in (TWO_LINK, outside):
+        model = make_model(robot, p)
+        effort, back, spread = np.zeros((1, 2)), np.zeros(2), np.zeros((3, 2))
+        inverse_dynamics(model, q, dq, ddq.reshape(1, 2), effort)
+        forward_dynamics(model, q, dq, effort[0], back)
+        effort_spread(model, q, dq, ddq, box, spread)
+        results.append(np.vstack([effort, back, spread[0]]))
+    assert make_model(outside, p).kind != make_model(TWO_LINK, p).kind
+    assert known is not dynamics
+    np.testing.assert_array_equal(results[0], results[1])

@@ -34,7 +34,7 @@ def state(plant: Plant) -> Array:
 def acceleration(plant: Plant, q: Array, dq: Array, effort: Array) -> Array:
     """q'' under torque and disturbance, without the payload."""
     net, ddq = effort.copy(), np.zeros(q.size)
-    add_disturbance(plant.config.disturbance, q, dq, net)
+    add_disturbance(plant.config.disturbance, 0.0, q, dq, net)
     forward_dynamics(plant.config.model, q, dq, net, ddq)
     return ddq
 

@@ -40,7 +40,7 @@ def test_its_arm_is_that_of_the_rollouts(coriolis: str) -> None:
     for q, dq, effort in np.random.default_rng(1).normal(0.0, 1.0, (5, 3, 2)):
         found = acceleration(casadi, values, casadi.DM(q), casadi.DM(dq), casadi.DM(effort))
         total, expected = effort.copy(), np.zeros(2)
-        ARTICLE.add(q, dq, total)
+        ARTICLE.add(0.0, q, dq, np.zeros((2, 0)), total)
         forward_dynamics(model, q, dq, total, expected)
         np.testing.assert_allclose(np.asarray(found)[:, 0], expected, rtol=1e-12)
 

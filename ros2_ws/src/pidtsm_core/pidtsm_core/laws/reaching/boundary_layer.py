@@ -3,7 +3,6 @@
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.laws.reaching.base import ReachingLaw
-from pidtsm_core.laws.reaching.static import keep
 from pidtsm_core.parameters import Parameter
 
 
@@ -29,5 +28,4 @@ BOUNDARY_LAYER = ReachingLaw(
         ),
     ),
     switch=switch,
-    advance=keep,
 )

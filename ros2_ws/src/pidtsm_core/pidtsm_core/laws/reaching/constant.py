@@ -3,7 +3,7 @@
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.laws.reaching.base import ReachingLaw
-from pidtsm_core.laws.reaching.static import keep, sign
+from pidtsm_core.laws.reaching.static import sign
 from pidtsm_core.parameters import Parameter
 
 
@@ -18,5 +18,4 @@ CONSTANT = ReachingLaw(
     summary="-gain sign(sigma)",
     parameters=(Parameter("gain", 2.0, "switching gain", "unit of sigma / s", minimum=0.0, per_joint=True),),
     switch=switch,
-    advance=keep,
 )

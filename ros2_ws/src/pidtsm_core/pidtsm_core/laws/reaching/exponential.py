@@ -3,7 +3,7 @@
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.laws.reaching.base import ReachingLaw
-from pidtsm_core.laws.reaching.static import keep, sign
+from pidtsm_core.laws.reaching.static import sign
 from pidtsm_core.parameters import Parameter
 
 
@@ -21,5 +21,4 @@ EXPONENTIAL = ReachingLaw(
         Parameter("decay", 10.0, "rate of the proportional part", "1/s", minimum=0.0, per_joint=True),
     ),
     switch=switch,
-    advance=keep,
 )

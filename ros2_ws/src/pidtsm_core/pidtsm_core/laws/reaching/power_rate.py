@@ -5,7 +5,6 @@ import math
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.laws.reaching.base import ReachingLaw
-from pidtsm_core.laws.reaching.static import keep
 from pidtsm_core.parameters import Parameter
 
 
@@ -23,5 +22,4 @@ POWER_RATE = ReachingLaw(
         Parameter("exponent", 0.5, "exponent of |sigma|", minimum=0.0, maximum=1.0, exclusive=True),
     ),
     switch=switch,
-    advance=keep,
 )

@@ -41,7 +41,7 @@ def check_arm(settings: Mapping[str, object], rate: float = RATE) -> ArmCheck:
         rate: of the loop, Hz.
     """
     source = str(settings.get(DESCRIPTION.name, DESCRIPTION.default))
-    if source in ROBOTS.names:
+    if source in ROBOTS:
         return _closed_form(ROBOTS[source], settings, rate)
     lines = lines_of(source)
     found = ArmCheck(source, file_of(source), "", rate)

@@ -13,8 +13,10 @@ class Disturbance(Member):
 
     Attributes:
         joints: required number of joints; 0: any number.
-        add: compiled ``(q, dq, effort)``; adds F_d to effort, N m, shape (joints,).
+        add: compiled ``(t, q, dq, p, effort)``: t in s, q in rad and dq in rad/s of shape (joints,); p as `pack`
+            returns it, shape (joints, SLOTS) unless the disturbance packs more; adds F_d to effort, N m, shape
+            (joints,).
     """
 
     joints: int
-    add: Callable[[Array, Array, Array], None]
+    add: Callable[[float, Array, Array, Array, Array], None]

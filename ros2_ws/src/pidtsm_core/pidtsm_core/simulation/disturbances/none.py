@@ -6,7 +6,7 @@ from pidtsm_core.simulation.disturbances.base import Disturbance
 
 
 @njit
-def add(q: Array, dq: Array, effort: Array) -> None:
+def add(t: float, q: Array, dq: Array, p: Array, effort: Array) -> None:
     """Add nothing."""
 
 

@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.simulation.disturbances import DISTURBANCES, Disturbance, add_disturbance, disturbance_address
+from pidtsm_core.simulation.disturbances import DISTURBANCES, Disturbance, add_disturbance, make_disturbance
 
 EACH = pytest.mark.parametrize("disturbance", DISTURBANCES.members, ids=lambda d: d.name)
 
 
 def added(disturbance: Disturbance, q: Array, dq: Array, effort: Array | None = None) -> Array:
     effort = np.zeros(q.size) if effort is None else effort.copy()
-    add_disturbance(disturbance_address(disturbance), q, dq, effort)
+    add_disturbance(make_disturbance(disturbance, {}, q.size), 0.0, q, dq, effort)
     return effort
 
 

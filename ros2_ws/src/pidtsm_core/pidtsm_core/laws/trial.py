@@ -1,0 +1,45 @@
+"""Whether a law from outside can be used."""
+
+import math
+from itertools import product
+
+import numpy as np
+
+from pidtsm_core.compiling.trial import check_finite, compiles
+from pidtsm_core.errors import MemberError
+from pidtsm_core.laws.base import STATE_SLOTS, Law
+from pidtsm_core.laws.calls import advance, command, make_law
+from pidtsm_core.laws.reaching import Interval
+from pidtsm_core.parameters.family import SLOTS, check_parameters
+from pidtsm_core.signals import Adaptation
+
+_ERRORS = (0.0, 0.1, -0.3)
+_DT = 0.001
+
+
+def try_law(law: Law) -> None:
+    """Compile a law with its default parameters, and see what it commands for some errors.
+
+    Raises:
+        MemberError: its parameters do not fit, it does not compile, or it returns what is not finite.
+    """
+    what = f"law {law.name}"
+    try:
+        parameters = law.parameters({})
+    except KeyError as missing:
+        raise MemberError(f"{what} consists of {missing}, which is not known; register that first") from None
+    check_parameters(what, parameters, most=3 * SLOTS)
+    with compiles(what):
+        made = make_law(law, {f"law.{p.name}": p.default for p in parameters}, 1)
+    for e, de, dde in product(_ERRORS, repeat=3):
+        x = np.zeros(STATE_SLOTS)
+        for dt in (0.0, _DT):
+            given = f"e = {e:g}, e' = {de:g}, e'' = {dde:g}"
+            result = command(made, 0, e, de, dde, 0.5, x, dt)
+            check_finite(what, result, given)
+            advance(made, 0, e, result[2], result[3], x, Interval(_DT, False, Adaptation.NORMAL.value))
+            if not np.isfinite(x).all():
+                raise MemberError(f"{what}: its state becomes {x[x != 0.0].tolist()} for {given}")
+    far = command(made, 0, 1e3, 1e3, 0.0, 0.0, np.zeros(STATE_SLOTS), _DT)
+    if any(map(math.isnan, far)):
+        raise MemberError(f"{what} returns {far} for errors of 1000")
