@@ -16,9 +16,9 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "api.md"
 
 _HEAD = """# Python interface
 
-`scripts/api.py` generates this page from docstrings. [examples](../examples) has ten scripts and two notebooks that use
-this interface. An `Array` is a NumPy array of float64; a `Value` is a number, a text, a truth value or a sequence of
-them.
+`scripts/api.py` generates this page from docstrings. [examples](../examples) has twelve scripts and three notebooks
+that use this interface. An `Array` is a NumPy array of float64; a `Value` is a number, a text, a truth value or a
+sequence of them.
 """
 _SECTION = re.compile(r"(Args|Attributes|Returns|Raises):$")
 _ENTRY = re.compile(r"    ([\w, ]+): (.*)")

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from support.registered import forget
 
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.domain import own_domain
@@ -67,6 +68,7 @@ def environment(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Mo
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("configuration")))
     with own_domain() as domain:
         yield {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    forget()
 
 
 def run_script(script: str, folder: Path, environment: dict[str, str]) -> None:

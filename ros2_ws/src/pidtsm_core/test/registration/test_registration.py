@@ -10,6 +10,7 @@ import joblib
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from support.registered import forget
 
 import pidtsm_core as pidtsm
 from pidtsm_core.arrays import Array
@@ -29,10 +30,7 @@ DAMPING = pidtsm.Parameter("kd", 20.0, "gain", "1/s", minimum=0.0, per_joint=Tru
 def _forgotten() -> Iterator[None]:
     """Each test has only the members that it registers."""
     yield
-    for family in FAMILIES:
-        for name, origin in family.outside().items():
-            if origin.serial:
-                family.forget(name)
+    forget()
 
 
 def proportional(e: float, de: float, dde: float, ddq_d: float, p: Array, x: Array, dt: float) -> float:
