@@ -1,0 +1,18 @@
+"""Studies of controllers without ROS: the article, scores, tuning, reports, theory."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pidtsm_studies.theory.check import GainCheck, check_gains
+
+_MODULES = {"GainCheck": "theory.check", "check_gains": "theory.check"}
+"""Module of each public name: imported when it is first used, because importing the compiler takes half a second."""
+
+__all__ = ["GainCheck", "check_gains"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__} has no attribute {name}")
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
