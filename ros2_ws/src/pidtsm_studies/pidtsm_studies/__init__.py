@@ -1,4 +1,12 @@
-"""Studies of controllers without ROS: the article, scores, tuning, reports, theory."""
+"""Studies of controllers without ROS: the article, scores, tuning, reports, theory.
+
+    from pidtsm_studies import check_gains
+
+    check = check_gains("case1", controller={"law.k1": 4.0})
+    print(check, check.violated, check.bounds.settling)
+
+Units and the order of joints are those of `pidtsm_core`.
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
