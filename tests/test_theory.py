@@ -68,6 +68,35 @@ def test_the_figures_are_of_these_runs(ours: Recording, alone: Recording) -> Non
         assert (theory.IMAGES / f"theory-{name}.png").is_file()
 
 
+IN_TABLE = {
+    r"$\sup\lvert\Lambda\rvert$, eq. (17)": "disturbance",
+    r"$\Upsilon_d = \sup\lvert\dot\Lambda\rvert$, eq. (19)": "disturbance_rate",
+    r"jump of $\Lambda$ at the load step": "event_jump",
+    "gain demanded, (23), (24)": "gain_condition",
+    "gain needed": "gain_needed",
+    "gain at the end": "gain",
+    "reaching time (s)": "reaching_time",
+    "settling as printed, eq. (47) (s)": "printed",
+    "settling on $s = 0$, eq. (42) (s)": "settling_exact",
+    "settling measured, to 2 % (s)": "settling",
+}
+"""Attributes of the bounds by row of the table."""
+
+
+@pytest.mark.parametrize("case", ["case1", "case2"])
+def test_the_table_has_what_is_measured(case: str) -> None:
+    bounds = check_gains(case, controller=theory.IDEAL).bounds
+    assert bounds is not None
+    rows = [line.strip("| ").split(" | ") for line in (ROOT / "docs" / "theory.md").read_text("utf-8").splitlines()]
+    for row, name in IN_TABLE.items():
+        (cells,) = (cells for cells in rows if cells[0] == row)
+        text = cells[1 if case == "case1" or cells[2] == "the same" else 2]
+        if text != "none":
+            measured = bounds.gain[-1] if name == "gain" else getattr(bounds, name)
+            # Within what rounding leaves of two digits.
+            assert [float(each) for each in text.split(", ")] == pytest.approx(measured, rel=0.06), row
+
+
 def switched(disturbance: float, bound: float, k: float = 1.0, xi: float = 0.01) -> float:
     """|sigma| after 20 s with the reaching law (22) to (24) under a constant Lambda; `bound` is that of its rate."""
     dt, tau = 1e-3, 0.0

@@ -124,7 +124,7 @@ def gain(recording: Recording, bounds: Bounds) -> Figure:
         line(ax, recording.time, bounds.gain[:, j], 0, "switching gain")
         line(ax, *envelope(recording.time, need), 1, "needed", zorder=1.9)
         if np.isfinite(bounds.gain_condition[j]):
-            ax.axhline(bounds.gain_condition[j], color="0.35", linewidth=0.8, linestyle=":", label="(23), (24)")
+            ax.axhline(bounds.gain_condition[j], color=COLOURS[4], linewidth=0.8, linestyle="-.", label="(23), (24)")
         logarithmic(ax)
         ax.set_ylabel(f"{recording.joints[j]}\ngain (SI unit)")
     return finished(figure, table, recording)
