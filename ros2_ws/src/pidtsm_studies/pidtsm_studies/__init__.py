@@ -5,7 +5,8 @@
     check = check_gains("case1", controller={"law.k1": 4.0})
     print(check, check.violated, check.bounds.settling)
 
-Units and the order of joints are those of `pidtsm_core`.
+Where this package is installed, `pidtsm_core` has `check_gains` too. Units and the order of joints are those of
+`pidtsm_core`.
 """
 
 from importlib import import_module

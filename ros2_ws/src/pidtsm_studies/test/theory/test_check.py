@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+import pidtsm_core
 import pidtsm_studies
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollouts.closed_loop import rollout
@@ -17,6 +18,7 @@ def test_it_is_public_and_says_what_it_found() -> None:
     check = check_gains("case1", duration=0.2, controller={"law.kp": 0.0, "law.ki": 0.0})
     assert repr(check) == "<GainCheck of piddtsm: 8 conditions hold, 1 violated (manifold)>"
     assert [each.name for each in check.violated] == ["manifold"]
+    assert pidtsm_core.check_gains is check_gains
     with pytest.raises(AttributeError, match="nothing"):
         _ = pidtsm_studies.nothing
 
