@@ -1,4 +1,4 @@
-"""Generates docs/api.md from the docstrings of the public names of pidtsm_core.
+"""Generates docs/api.md from the docstrings of the public names of pidtsm_core and pidtsm_studies.
 
 ./pidtsm shell -c "python scripts/api.py"
 """
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pidtsm_core
+import pidtsm_studies
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "api.md"
 
@@ -30,6 +31,9 @@ def page() -> str:
     parts = [_HEAD, _text(inspect.getdoc(pidtsm_core) or "")]
     for name in pidtsm_core.__all__:
         parts += _described(name, getattr(pidtsm_core, name))
+    parts += ["# Studies", _text(inspect.getdoc(pidtsm_studies) or "")]
+    for name in pidtsm_studies.__all__:
+        parts += _described(name, getattr(pidtsm_studies, name))
     return "\n\n".join(part.strip("\n") for part in parts) + "\n"
 
 
@@ -84,7 +88,7 @@ def _plain(signature: inspect.Signature | inspect.Parameter) -> str:
     text = str(signature).replace(
         "bool | int | float | str | collections.abc.Sequence[bool | int | float | str]", "Value"
     )
-    text = re.sub(r"(?:collections\.abc|typing|pidtsm_core(?:\.\w+)*|numpy)\.", "", text)
+    text = re.sub(r"(?:collections\.abc|typing|pidtsm_(?:core|studies)(?:\.\w+)*|numpy)\.", "", text)
     return text.replace("'", "").replace("ndarray[tuple[Any, ...], dtype[float64]]", "Array")
 
 

@@ -31,6 +31,7 @@ setup(
         "video": ["av", "pyopengl"],
         "viewer": ["glfw", "pyopengl"],
     },
+    entry_points={"pidtsm_core.names": ["check_gains = pidtsm_studies.theory.check:check_gains"]},
     zip_safe=True,
     maintainer="pidtsm maintainers",
     maintainer_email="maintainers@pidtsm.example",

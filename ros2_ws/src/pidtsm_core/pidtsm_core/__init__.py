@@ -114,7 +114,16 @@ __all__ = [
 ]
 
 
+_OFFERED = ("check_gains",)
+"""Names that a package above this one offers, through the entry points `pidtsm_core.names` in its setup.py."""
+
+
 def __getattr__(name: str) -> Any:
+    if name in _OFFERED:
+        from importlib.metadata import entry_points  # Slow to import.
+
+        for offered in entry_points(group="pidtsm_core.names", name=name):
+            return offered.load()
     if name not in _MODULES:
         raise AttributeError(f"module {__name__} has no attribute {name}")
     return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -26,6 +26,7 @@ _COMMANDS = {
     "compare-engines": "simulate an experiment on both engines of the simulated arm, and show how far they differ",
     "check": "show what is understood of an arm, and what in its description looks like a mistake",
     "gains": "compute a first set of gains for an arm, with the reason for each number",
+    "check-gains": "check gains against the conditions of the theory, and a run with them against its bounds",
     "excite": "make a motion that shows inertias and friction of an arm",
     "identify": "correct the description of an arm from bags of its motions, with intervals",
     "identify-payload": "estimate mass, centre of mass and inertia of what an arm carries, from a bag",

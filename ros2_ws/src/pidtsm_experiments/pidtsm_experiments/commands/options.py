@@ -19,13 +19,14 @@ from pidtsm_core.experiment import DEFAULT_SCENARIO, PRACTICAL, Experiment, make
 from pidtsm_core.experiment.definition import MEASUREMENT, Purpose
 from pidtsm_core.experiment.hardware_classes import hardware_description, hardware_names
 from pidtsm_core.laws import LAWS
-from pidtsm_core.parameters import Value
+from pidtsm_core.parameters import Value, names
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.outcome import why_not_followed
 from pidtsm_core.simulation.mujoco_model import ENGINE
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.table import print_metrics
 from pidtsm_experiments.errors import RunError
+from pidtsm_studies.theory.conditions import violations
 
 CONSOLE = Console(stderr=True)
 """For progress and messages; results go to standard output."""
@@ -196,7 +197,8 @@ def warn(controller: Mapping[str, Value]) -> None:
     Args:
         controller: every parameter of the controller.
     """
-    for text in tight_rates(controller):
+    violated = violations(controller, len(names(controller["joints"])))
+    for text in (*tight_rates(controller), *violated):
         print(f"pidtsm: warning: {text}", file=sys.stderr)
 
 
