@@ -49,6 +49,14 @@ class LawConfig(NamedTuple):
     gains: Array  # as `Law.pack` returns them, shape (joints, parameters)
 
 
+class LawParts(NamedTuple):
+    """Names of what a sliding-mode law consists of."""
+
+    surface: str
+    manifold: str
+    reaching: str
+
+
 @dataclass(frozen=True)
 class Law:
     """A control law of one joint: from errors to a commanded acceleration, which the robot model converts to torque.
@@ -60,6 +68,7 @@ class Law:
         integers: the integers that its compiled functions read, shape (OWN_INTEGERS,).
         pack: the parameter values as the compiled functions read them, shape (joints, parameters).
         kernel: its functions for given `integers`.
+        parts: what it consists of, for given settings; None: it has a formula of its own.
         uses_model: False if a_cmd and a_eq are torques (N m), not accelerations; then the robot model is not used.
     """
 
@@ -70,3 +79,4 @@ class Law:
     pack: Callable[[Mapping[str, Value], int], Array]
     kernel: Callable[[Integers], Kernel]
     uses_model: bool = True
+    parts: Callable[[Mapping[str, object]], LawParts] | None = None

@@ -15,13 +15,12 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import callable_inside, inlined
-from pidtsm_core.laws.base import Integers, Kernel, Law
+from pidtsm_core.laws.base import Integers, Kernel, Law, LawParts
 from pidtsm_core.laws.reaching import REACHING_LAWS, Interval, ReachingLaw
 from pidtsm_core.laws.surfaces import SURFACES, Surface
 from pidtsm_core.parameters import Parameter, Value, chosen, joint_array, prefixed
@@ -107,15 +106,7 @@ def _kernel(surface: Surface, reaching: ReachingLaw) -> Kernel:
     return Kernel(command, advance)
 
 
-class _Parts(NamedTuple):
-    """Names of the parts of a law."""
-
-    surface: str
-    manifold: str
-    reaching: str
-
-
-def _parameters(parts: _Parts, defaults: Mapping[str, Value]) -> Iterator[Parameter]:
+def _parameters(parts: LawParts, defaults: Mapping[str, Value]) -> Iterator[Parameter]:
     """Parameters of the parts, with the given defaults."""
     members = SURFACES[parts.surface].parameters
     members += _MANIFOLD_PARAMETERS if parts.manifold == "pid" else ()
@@ -123,7 +114,7 @@ def _parameters(parts: _Parts, defaults: Mapping[str, Value]) -> Iterator[Parame
     return (replace(p, default=defaults[p.name]) if p.name in defaults else p for p in members)
 
 
-def _integers(parts: _Parts) -> Integers:
+def _integers(parts: LawParts) -> Integers:
     """Indices of surface, manifold and reaching law, and whether a prescribed rate of sigma is integrated."""
     return np.array(
         [
@@ -136,7 +127,7 @@ def _integers(parts: _Parts) -> Integers:
     )
 
 
-def _pack(parts: _Parts, values: Mapping[str, Value], joints: int) -> Array:
+def _pack(parts: LawParts, values: Mapping[str, Value], joints: int) -> Array:
     """See `Law.pack`."""
     packed = np.zeros((joints, _REACHING + SLOTS))
     packed[:, :SLOTS] = SURFACES[parts.surface].pack(values, "law", joints)
@@ -154,9 +145,9 @@ class _Composition:
     fixed: tuple[str | None, str | None, str | None]  # None: a parameter of the law chooses the part
     defaults: Mapping[str, Value]
 
-    def parts(self, settings: Mapping[str, object]) -> _Parts:
+    def parts(self, settings: Mapping[str, object]) -> LawParts:
         named = zip(prefixed("law", _CHOICES), self.fixed, strict=True)
-        return _Parts(*(part or chosen(settings, choice) for choice, part in named))
+        return LawParts(*(part or chosen(settings, choice) for choice, part in named))
 
     def parameters(self, settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         left_out = (choice for choice, part in zip(_CHOICES, self.fixed, strict=True) if part is None)
@@ -190,8 +181,8 @@ def compose(
         reaching: name in `REACHING_LAWS`.
         defaults: values that differ from the parts' own defaults.
     """
-    parts = _Composition((surface, manifold, reaching), defaults or {})
-    return Law(name, summary, parts.parameters, parts.integers, parts.pack, parts.kernel)
+    made = _Composition((surface, manifold, reaching), defaults or {})
+    return Law(name, summary, made.parameters, made.integers, made.pack, made.kernel, parts=made.parts)
 
 
 SLIDING_MODE = compose("sliding_mode", "any surface, manifold and reaching law, chosen by parameter")

@@ -6,9 +6,6 @@ from typing import TypeAlias
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.laws import LAWS
-from pidtsm_core.laws.reaching import REACHING_LAWS
-from pidtsm_core.laws.sliding_mode import KERNELS, MANIFOLDS
-from pidtsm_core.laws.surfaces import SURFACES
 from pidtsm_core.parameters import Value, joint_array
 
 Gains: TypeAlias = Mapping[str, Array]
@@ -53,9 +50,4 @@ def parts_of(values: Mapping[str, Value], joints: int) -> Parts:
         for name, value in own.items()
         if not isinstance(value, (str, bool)) and name != "disturbance_rejection"
     }
-    surface, manifold, reaching, _ = (int(each) for each in law.integers(values))
-    # A law with a formula of its own has other functions.
-    if law.kernel(law.integers(values)) is not KERNELS[surface][reaching]:
-        return Parts(law.name, "", "", "", gains, joints)
-    names = (SURFACES.names[surface], MANIFOLDS[manifold], REACHING_LAWS.names[reaching])
-    return Parts(law.name, *names, gains, joints)
+    return Parts(law.name, *(law.parts(values) if law.parts else ("", "", "")), gains, joints)
