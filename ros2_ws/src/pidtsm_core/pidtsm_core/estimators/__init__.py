@@ -6,10 +6,8 @@ from pidtsm_core.estimators.exact import EXACT
 from pidtsm_core.estimators.extended_state import EXTENDED_STATE_OBSERVER
 from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE
 from pidtsm_core.estimators.robust_differentiator import ROBUST_DIFFERENTIATOR
-from pidtsm_core.estimators.trial import try_estimator
 from pidtsm_core.parameters.family import Family
 
 __all__ = ["DISTURBANCE", "ESTIMATORS", "Estimator", "Sample", "estimate", "estimator_address"]
 
-ESTIMATORS: Family[Estimator] = Family.of(Estimator, "estimators", globals())
-ESTIMATORS.tries(try_estimator)
+ESTIMATORS: Family[Estimator] = Family.of(Estimator, "estimators", globals(), "pidtsm_core.estimators.trial")

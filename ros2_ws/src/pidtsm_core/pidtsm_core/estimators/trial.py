@@ -25,7 +25,7 @@ def _rest(address: int, first: Sample, sample: Sample, count: int, p: Array, x: 
         estimate(address, sample, p, x, estimates)
 
 
-def try_estimator(estimator: Estimator) -> None:
+def try_member(estimator: Estimator) -> None:
     """Compile an estimator with its default parameters, and see what it makes of an arm at rest.
 
     Raises:

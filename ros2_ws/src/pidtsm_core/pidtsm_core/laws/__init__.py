@@ -10,10 +10,8 @@ from pidtsm_core.laws.pidnftsm import PIDNFTSM
 from pidtsm_core.laws.reaching import Interval
 from pidtsm_core.laws.sliding_mode import SLIDING_MODE
 from pidtsm_core.laws.super_twisting import SUPER_TWISTING
-from pidtsm_core.laws.trial import try_law
 from pidtsm_core.parameters.family import Family
 
 __all__ = ["LAWS", "STATE_SLOTS", "Integers", "Interval", "Law", "LawConfig", "advance", "command", "make_law"]
 
-LAWS: Family[Law] = Family.of(Law, "laws", globals())
-LAWS.tries(try_law)
+LAWS: Family[Law] = Family.of(Law, "laws", globals(), "pidtsm_core.laws.trial")

@@ -17,7 +17,7 @@ _ERRORS = (0.0, 0.1, -0.3)
 _DT = 0.001
 
 
-def try_law(law: Law) -> None:
+def try_member(law: Law) -> None:
     """Compile a law with its default parameters, and see what it commands for some errors.
 
     Raises:

@@ -2,8 +2,10 @@
 
 import keyword
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
@@ -89,13 +91,15 @@ class Family(Generic[_Member]):
         own: the members of this package.
     """
 
-    def __init__(self, kind: type[_Member], title: str, *own: _Member) -> None:
+    def __init__(self, kind: type[_Member], title: str, *own: _Member, trial: str = "") -> None:
         """Make a family.
 
         Args:
             kind: type of the members.
             title: what a user calls the family, such as ``laws``.
             own: the members of this package, in order.
+            trial: module whose function ``try_member`` tries a member from outside before it is first used, and raises
+                `MemberError`; imported only then.
 
         Raises:
             ValueError: two members have the same name.
@@ -104,15 +108,15 @@ class Family(Generic[_Member]):
         self._members = {member.name: member for member in own}
         if len(self._members) != len(own):
             raise ValueError(f"two members of a family share a name: {[member.name for member in own]}")
-        self._trial: Callable[[_Member], None] | None = None
+        self._trial = trial
         self._tried: dict[str, _Member] = {}
         self._origins: dict[str, Origin] = {}
         self._searched = False
 
     @classmethod
-    def of(cls, kind: type[_Member], title: str, namespace: Mapping[str, object]) -> "Family[_Member]":
+    def of(cls, kind: type[_Member], title: str, namespace: Mapping[str, object], trial: str = "") -> "Family[_Member]":
         """Collect the members of a kind from a module's names: a registry is a module that imports its members."""
-        return cls(kind, title, *(value for value in namespace.values() if isinstance(value, kind)))
+        return cls(kind, title, *(value for value in namespace.values() if isinstance(value, kind)), trial=trial)
 
     @property
     def members(self) -> tuple[_Member, ...]:
@@ -140,18 +144,13 @@ class Family(Generic[_Member]):
         """
         member = self._all()[name]
         if name in self._origins and self._tried.get(name) is not member:
-            if self._trial is not None:
-                self._trial(member)
+            if self._trial:
+                import_module(self._trial).try_member(member)
             self._tried[name] = member
         return member
 
     def index(self, name: str) -> int:
         return self.names.index(name)
-
-    def tries(self, trial: Callable[[_Member], None]) -> Callable[[_Member], None]:
-        """Decorate the function that tries a member from outside before it is first used; it raises `MemberError`."""
-        self._trial = trial
-        return trial
 
     def add(self, member: _Member, origin: "Origin") -> None:
         """Add a member from outside; from the same source, it replaces the one of its name.
@@ -202,7 +201,7 @@ class Family(Generic[_Member]):
         """The members by name, after those of installed packages have been found."""
         if not self._searched:
             self._searched = True  # First: the modules of the entry points may ask this family for names.
-            for point in entry_points(group=f"pidtsm.{self.title}"):
+            for point in _offers().select(group=f"pidtsm.{self.title}"):
                 self._load(point)
         return self._members
 
@@ -216,6 +215,12 @@ class Family(Generic[_Member]):
             reason = f"{type(error).__name__}: {error}" if not isinstance(error, MemberError) else str(error)
             text = f"{package} offers {self.title} that cannot be used ({point.value}): {reason}"
             warnings.warn(text, MemberWarning, stacklevel=2)
+
+
+@cache
+def _offers() -> Any:
+    """The entry points of all installed packages; to find them takes 30 ms."""
+    return entry_points()
 
 
 def offered(given: Any, kind: type[_Member]) -> Iterable[_Member]:

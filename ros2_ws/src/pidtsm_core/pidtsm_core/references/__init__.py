@@ -17,7 +17,6 @@ from pidtsm_core.references.csv import CSV
 from pidtsm_core.references.minimum_jerk import MINIMUM_JERK
 from pidtsm_core.references.pick_and_place import PICK_AND_PLACE
 from pidtsm_core.references.sines import SINES
-from pidtsm_core.references.trial import try_reference
 from pidtsm_core.timing import sum_of_times
 
 __all__ = [
@@ -32,8 +31,7 @@ __all__ = [
     "reference_schema",
 ]
 
-REFERENCES: Family[Reference] = Family.of(Reference, "references", globals())
-REFERENCES.tries(try_reference)
+REFERENCES: Family[Reference] = Family.of(Reference, "references", globals(), "pidtsm_core.references.trial")
 
 _NAME = Parameter("reference.name", "article", "desired motion", choices=REFERENCES, read_only=True)
 _JOINTS = Parameter(

@@ -16,7 +16,7 @@ _EXACT = 1e-3
 _ORDERS = ("q", "q'", "q''")
 
 
-def try_reference(reference: Reference) -> None:
+def try_member(reference: Reference) -> None:
     """Compile a reference with its default parameters, and compare its derivatives with differences.
 
     Raises:

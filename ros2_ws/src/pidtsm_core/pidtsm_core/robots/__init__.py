@@ -17,7 +17,6 @@ from pidtsm_core.robots.payload import check_payload, payload_of, payload_parame
 from pidtsm_core.robots.source import ARMS, read_source
 from pidtsm_core.robots.tree import effort_spread as tree_effort_spread
 from pidtsm_core.robots.tree_robot import TREE, TreeRobot, tree_robot
-from pidtsm_core.robots.trial import try_robot
 from pidtsm_core.robots.two_link import TWO_LINK
 
 __all__ = [
@@ -52,8 +51,7 @@ __all__ = [
     "xacro_arguments",
 ]
 
-ROBOTS: Family[Robot] = Family.of(Robot, "robots", globals())
-ROBOTS.tries(try_robot)
+ROBOTS: Family[Robot] = Family.of(Robot, "robots", globals(), "pidtsm_core.robots.trial")
 """Robots with a closed form."""
 
 NAMES = (*(robot.name for robot in ROBOTS.own), *ARMS)

@@ -12,7 +12,7 @@ _EXACT = 1e-6
 _MOST_PARAMETERS = 64
 
 
-def try_robot(robot: Robot) -> None:
+def try_member(robot: Robot) -> None:
     """Compile a robot with its default parameters, and compare its inverse with its forward dynamics.
 
     Raises:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, EntryPoints
 from typing import Any
 
 import joblib
@@ -237,7 +237,7 @@ def test_installed_packages_offer_members(monkeypatch: pytest.MonkeyPatch) -> No
             return offers[self.name]
 
     points = [Offer(name, "theirs:LAW", "pidtsm.laws") for name in offers]
-    monkeypatch.setattr(families, "entry_points", lambda group: points if group == "pidtsm.laws" else [])
+    monkeypatch.setattr(families, "_offers", lambda: EntryPoints(points))
     found: Family[pidtsm.Law] = Family(pidtsm.Law, "laws", COMPUTED_TORQUE, LAWS["pid"])
     with pytest.warns(MemberWarning) as warned:
         assert found.names == ("computed_torque", "pid", "offered", "first", "second")

@@ -7,10 +7,8 @@ from pidtsm_core.laws.reaching.constant import CONSTANT
 from pidtsm_core.laws.reaching.exponential import EXPONENTIAL
 from pidtsm_core.laws.reaching.power_rate import POWER_RATE
 from pidtsm_core.laws.reaching.super_twisting import SUPER_TWISTING
-from pidtsm_core.laws.reaching.trial import try_reaching
 from pidtsm_core.parameters.family import Family
 
 __all__ = ["REACHING_LAWS", "Interval", "ReachingLaw"]
 
-REACHING_LAWS: Family[ReachingLaw] = Family.of(ReachingLaw, "reaching", globals())
-REACHING_LAWS.tries(try_reaching)
+REACHING_LAWS: Family[ReachingLaw] = Family.of(ReachingLaw, "reaching", globals(), "pidtsm_core.laws.reaching.trial")

@@ -25,7 +25,7 @@ def _step(switch: int, advance: int, sigma: float, p: Array, x: Array, interval:
     return result
 
 
-def try_reaching(law: ReachingLaw) -> None:
+def try_member(law: ReachingLaw) -> None:
     """Compile a reaching law with its default parameters, and see what it returns for some values of sigma.
 
     Raises:

@@ -8,10 +8,8 @@ from pidtsm_core.laws.surfaces.integral import INTEGRAL
 from pidtsm_core.laws.surfaces.linear import LINEAR
 from pidtsm_core.laws.surfaces.nonsingular_terminal import NONSINGULAR_TERMINAL
 from pidtsm_core.laws.surfaces.terminal import TERMINAL
-from pidtsm_core.laws.surfaces.trial import try_surface
 from pidtsm_core.parameters.family import Family
 
 __all__ = ["SURFACES", "Surface"]
 
-SURFACES: Family[Surface] = Family.of(Surface, "surfaces", globals())
-SURFACES.tries(try_surface)
+SURFACES: Family[Surface] = Family.of(Surface, "surfaces", globals(), "pidtsm_core.laws.surfaces.trial")

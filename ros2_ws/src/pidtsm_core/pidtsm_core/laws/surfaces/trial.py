@@ -24,7 +24,7 @@ def _at(address: int, e: float, de: float, integral: float, p: Array) -> tuple[f
     return _evaluate(address, e, de, integral, p)
 
 
-def try_surface(surface: Surface) -> None:
+def try_member(surface: Surface) -> None:
     """Compile a surface with its default parameters, and compare g and h with the differences of s.
 
     Raises:

@@ -5,9 +5,8 @@ from pidtsm_core.simulation.disturbances.article import ARTICLE
 from pidtsm_core.simulation.disturbances.base import Disturbance
 from pidtsm_core.simulation.disturbances.calls import DisturbanceConfig, add_disturbance, make_disturbance
 from pidtsm_core.simulation.disturbances.none import NONE
-from pidtsm_core.simulation.disturbances.trial import try_disturbance
 
 __all__ = ["DISTURBANCES", "Disturbance", "DisturbanceConfig", "add_disturbance", "make_disturbance"]
 
-DISTURBANCES: Family[Disturbance] = Family.of(Disturbance, "disturbances", globals())
-DISTURBANCES.tries(try_disturbance)
+_TRIAL = "pidtsm_core.simulation.disturbances.trial"
+DISTURBANCES: Family[Disturbance] = Family.of(Disturbance, "disturbances", globals(), _TRIAL)

@@ -11,7 +11,7 @@ _JOINTS = 3
 """Of a disturbance for any number of joints."""
 
 
-def try_disturbance(disturbance: Disturbance) -> None:
+def try_member(disturbance: Disturbance) -> None:
     """Compile a disturbance with its default parameters, and see what it adds at some times and motions.
 
     Raises:
