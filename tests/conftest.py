@@ -10,6 +10,7 @@ from support.nursery import NurseryProcess
 from support.testbed import Testbed, open_testbed
 
 from pidtsm_experiments.runs import runner
+from pidtsm_studies.reports import figures
 
 # A shell's background jobs ignore SIGINT, and so would the processes that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -25,6 +26,14 @@ def pytest_collection_finish() -> None:
 def _forked_nodes() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner, "Process", NurseryProcess)
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_figure() -> Iterator[None]:
+    """A run in this process leaves one figure instead of five, as drawing takes long; test_command_line.py sees all."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "FIGURES", {"tracking": figures.tracking})
         yield
 
 

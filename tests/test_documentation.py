@@ -18,7 +18,6 @@ from support.nursery import forked_command
 
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.domain import own_domain
-from pidtsm_studies.reports import figures
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *ROOT.glob("docs/**/*.md")])
@@ -74,8 +73,7 @@ def named(document: Path) -> str:
 
 @pytest.fixture
 def environment(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, str]]:
-    """Of a reader who has stored no arm, and gets one figure of a run instead of five, as drawing takes long."""
-    monkeypatch.setattr(figures, "FIGURES", {"error": figures.error})
+    """Of a reader who has stored no arm."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("configuration")))
     with own_domain() as domain:
         yield {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}

@@ -366,7 +366,7 @@ def fuzz_parameters(testbed: Testbed, name: str) -> None:
         before = after
 
     change()
-    assert taken > 10 or name == "trajectory"
+    assert taken > 5 or name == "trajectory"
     back = [Parameter(name=key, value=start[key]) for key in own if before[key] != start[key]]
     assert call(SetParametersAtomically, parameters=back).result.successful
     assert get() == start

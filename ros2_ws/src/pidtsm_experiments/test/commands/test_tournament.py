@@ -2,19 +2,34 @@
 
 import json
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.commands.tournament_time import rollouts
 from pidtsm_experiments.runs.origin import commit, origin_of
+from pidtsm_studies.reports import figures
+from pidtsm_studies.score import criteria, leaderboard
 from pidtsm_studies.score.criteria import extent_of
 from pidtsm_studies.score.tasks import ON_HARDWARE, find_task
 from pidtsm_studies.tuning.search import Budget
 
 ARGUMENTS = ["tournament", "--robot", "two_link", "--law", "computed_torque", "--seeds", "2", "--quick"]
 BUDGET = ["--budget", "5"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _both_ends_of_every_range_and_empty_figures() -> Iterator[None]:
+    """Quicker than `--quick`; test_leaderboard.py of pidtsm_studies draws the figures."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            leaderboard, "save_figures", lambda drawn, to: figures.save_figures(dict.fromkeys(drawn, Figure), to)
+        )
+        patch.setattr(criteria, "QUICK_ON_HARDWARE", criteria.Extent(values=2, repeats=1))
+        yield
 
 
 @pytest.fixture(scope="module")
