@@ -81,7 +81,7 @@ def without_ros(folder: Path) -> Outcomes:
     """Outcome by file in the environment of the tests, of which only the library is to be found."""
     library = [path for path in sys.path if (Path(path) / "pidtsm_core").is_dir()]
     environment = {**os.environ, "MPLBACKEND": "Agg", "PYTHONPATH": os.pathsep.join(library)}
-    words = [sys.executable, RUNNER, "--without-ros", folder, *RUNS["of the tests"]]
+    words = [sys.executable, str(RUNNER), "--without-ros", str(folder), *map(str, RUNS["of the tests"])]
     done = subprocess.run(words, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     found: Outcomes = json.loads(done.stdout)
