@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 from matplotlib.figure import Figure
 
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.commands.tournament_time import rollouts
 from pidtsm_experiments.runs.origin import commit, origin_of
 from pidtsm_studies.reports import figures
-from pidtsm_studies.score import criteria, leaderboard
+from pidtsm_studies.score import criteria, leaderboard, tasks
 from pidtsm_studies.score.criteria import extent_of
 from pidtsm_studies.score.tasks import ON_HARDWARE, find_task
 from pidtsm_studies.tuning.search import Budget
@@ -22,13 +23,19 @@ BUDGET = ["--budget", "5"]
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _both_ends_of_every_range_and_empty_figures() -> Iterator[None]:
+def _short_runs_few_values_and_empty_figures(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Quicker than `--quick`; test_leaderboard.py of pidtsm_studies draws the figures."""
+    shorter = tmp_path_factory.mktemp("tasks") / "arms.yaml"
+    rows = yaml.safe_load(tasks._FILE.read_text("utf-8"))
+    for row in rows.values():
+        row |= {"duration": 5.0, "event": 2.0, "after": 4.0}
+    shorter.write_text(yaml.safe_dump(rows), encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tasks, "_FILE", shorter)
+        patch.setattr(criteria, "QUICK_ON_HARDWARE", criteria.Extent(values=2, repeats=1))
         patch.setattr(
             leaderboard, "save_figures", lambda drawn, to: figures.save_figures(dict.fromkeys(drawn, Figure), to)
         )
-        patch.setattr(criteria, "QUICK_ON_HARDWARE", criteria.Extent(values=2, repeats=1))
         yield
 
 
