@@ -2,12 +2,11 @@
 
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
 import yaml
-from matplotlib.figure import Figure
 
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.commands.tournament_time import rollouts
@@ -22,6 +21,10 @@ ARGUMENTS = ["tournament", "--robot", "two_link", "--law", "computed_torque", "-
 BUDGET = ["--budget", "5"]
 
 
+def _save_empty_figures(drawn: Iterable[str], folder: Path) -> list[Path]:
+    return figures.save_figures(dict.fromkeys(drawn, lambda: figures.panels(1)[0]), folder)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _short_runs_few_values_and_empty_figures(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Quicker than `--quick`; test_leaderboard.py of pidtsm_studies draws the figures."""
@@ -33,9 +36,7 @@ def _short_runs_few_values_and_empty_figures(tmp_path_factory: pytest.TempPathFa
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tasks, "_FILE", shorter)
         patch.setattr(criteria, "QUICK_ON_HARDWARE", criteria.Extent(values=2, repeats=1))
-        patch.setattr(
-            leaderboard, "save_figures", lambda drawn, to: figures.save_figures(dict.fromkeys(drawn, Figure), to)
-        )
+        patch.setattr(leaderboard, "save_figures", _save_empty_figures)
         yield
 
 
