@@ -8,8 +8,10 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from support.nursery import forked_command
 
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.commands import cluster
@@ -44,11 +46,11 @@ def start(*words: str, cwd: Path) -> "subprocess.Popen[str]":
     )
 
 
-def wait_for(path: Path, process: "subprocess.Popen[str]") -> None:
+def wait_for(path: Path, process: Any) -> None:
     end = time.monotonic() + DEADLINE
     while not path.exists():
         assert time.monotonic() < end, f"{path} did not appear"
-        assert process.poll() is None, process.communicate()
+        assert process.poll() is None, f"the command has ended before {path} appeared"
         time.sleep(0.02)
 
 
@@ -160,16 +162,17 @@ def test_mistake_in_a_scenario_file_is_named(change: tuple[str, str], cause: str
 
 
 def test_run_leaves_a_complete_result_while_another_is_refused_and_analyze_repeats_it(
-    tmp_path: Path, call: Call
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, call: Call
 ) -> None:
-    first = start("run", "--scenario", "case2", "--duration", "0.5", "--out", "mine", cwd=tmp_path)
+    log = tmp_path_factory.mktemp("log") / "run.log"
+    words = ("run", "--scenario", "case2", "--duration", "0.5", "--out", "mine")
+    first = forked_command(words, tmp_path, dict(os.environ), log)
     wait_for(tmp_path / "mine.unfinished", first)
     second = call("run", "--out", "mine")
     assert second.returncode == 2
     assert f"mine is being written by process {first.pid}" in second.stderr
-    out, err = first.communicate(timeout=DEADLINE)
-    assert first.returncode == 0, err
-    assert "RMSE" in out
+    assert first.wait(DEADLINE) == 0, log.read_text()
+    assert "RMSE" in log.read_text()
     folder = tmp_path / "mine"
     metrics = json.loads((folder / "metrics.json").read_text())
     assert (metrics["scenario"], metrics["law"], metrics["clock"]) == ("case2", "piddtsm", "lockstep")

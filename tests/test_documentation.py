@@ -6,6 +6,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from support.nursery import forked_command
 from support.registered import forget
 
 from pidtsm_experiments.cli import main
@@ -22,6 +24,8 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *ROOT.glob("docs/**/*.md")])
 DEADLINE = 300.0
 """s for the commands of one block; only a failing test takes that long."""
+ENDING = 10.0
+"""s; likewise."""
 
 _FENCE = re.compile(r"^```(\w+)[ \t]*([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _TITLE = re.compile(r'title="([^"]+)"')
@@ -29,8 +33,14 @@ _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _RECURSIVE = re.compile(r"^\./pidtsm test\b.*$", re.MULTILINE)
 # Take long; test_reproduction.py, test_closed_loop.py and the command's own test run them.
 _LONG = re.compile(r"^\./pidtsm (reproduce --out \S+|demo|score --quick .*|tune .*)$", re.MULTILINE)
-_PLAIN = re.compile(r"(\./pidtsm (?!shell|actions|live|move|nodes)[a-z]\S*( [^$&|;<>`\n]*)?\n|\s*\n)+")
-"""Commands that need no shell."""
+_PLAIN = re.compile(
+    r"(\./pidtsm (?!shell|actions|live|move)[a-z]\S*( [^$&|;<>`\n]*)?( \|\| (true|test \$\? = 1))?\n|\s*\n)+"
+)
+"""Commands that need no shell, also where they may fail."""
+_JOINS = re.compile(r"^\./pidtsm (nodes|replay-motion) ", re.MULTILINE)
+"""Commands that join a graph, for which they need a process of their own."""
+_SECONDS = re.compile(r"^(\./pidtsm (?:run|rollout|reproduce) .*--duration )[23]\b", re.MULTILINE)
+"""Runs that show nothing more in seconds than in half of one."""
 
 
 @dataclass(frozen=True)
@@ -106,15 +116,33 @@ def _end_session(session: int) -> bool:
     return True
 
 
-def _end_detached(folder: Path) -> bool:
-    """Kill the processes that work in a folder, whatever their session; returns whether there were any."""
-    found = False
+def _working_in(folder: Path) -> list[psutil.Process]:
+    """The processes that work in a folder, whatever their session, but for those of the test."""
+    # The one that forks nodes and commands for all tests of this process may have been started there.
+    own = psutil.Process()
+    spared, found = {own, *own.children(recursive=True)}, []
     for process in psutil.process_iter():
         with suppress(psutil.Error):
-            if process.cwd() == str(folder) and process.pid != os.getpid():
-                process.kill()
-                found = True
+            if process.cwd() == str(folder) and process not in spared:
+                found.append(process)
     return found
+
+
+def _end_detached(folder: Path) -> bool:
+    """Kill the processes that work in a folder; returns whether there were any."""
+    found = _working_in(folder)
+    for process in found:
+        with suppress(psutil.Error):
+            process.kill()
+    return bool(found)
+
+
+def _all_have_ended(folder: Path) -> bool:
+    """Whether, soon, no process works in a folder any more: what forked a command's nodes ends a moment after it."""
+    end = time.monotonic() + ENDING
+    while _working_in(folder) and time.monotonic() < end:
+        time.sleep(0.05)
+    return not _end_detached(folder)
 
 
 def commands(document: Path, *, ros2: bool) -> list[Block]:
@@ -131,7 +159,7 @@ def commands(document: Path, *, ros2: bool) -> list[Block]:
 def run_commands(document: Path, folder: Path, environment: dict[str, str], *, ros2: bool) -> None:
     """Run the blocks in their order, as if in a checkout, with the files that the text gives.
 
-    Plain commands and Python run in this process, which has imported everything.
+    Plain commands and Python run in this process, which has imported everything, or in one that is forked.
     """
     for name in ("pidtsm", "pyproject.toml", "ros2_ws", "tests"):
         (folder / name).symlink_to(ROOT / name)
@@ -144,12 +172,26 @@ def run_commands(document: Path, folder: Path, environment: dict[str, str], *, r
             continue
         for line in _RECURSIVE.findall(block.content):
             check_test_command(line)
-        script = _LONG.sub("", _RECURSIVE.sub("", block.content))
+        script = _SECONDS.sub(r"\g<1>0.5", _LONG.sub("", _RECURSIVE.sub("", block.content)))
         if _PLAIN.fullmatch(script):
-            for words in filter(None, map(shlex.split, script.splitlines())):
-                assert main(words[1:]) == (1 if block.information == "fails" else 0), words
+            for line in filter(str.strip, script.splitlines()):
+                command, _, failing = line.partition(" || ")
+                allowed = {"": (0,), "true": (0, 1), "test $? = 1": (1,)}[failing]
+                code = run_plain(shlex.split(command)[1:], folder, environment, alone=bool(_JOINS.search(script)))
+                assert code in ((1,) if block.information == "fails" else allowed), line
+            assert not _JOINS.search(script) or _all_have_ended(folder), f"still running after:\n{script}"
         else:
             run_script(script, folder, environment)
+
+
+def run_plain(words: list[str], folder: Path, environment: dict[str, str], *, alone: bool) -> int:
+    """The exit code of a command, in this process or, `alone`, in a forked one."""
+    if not alone:
+        return main(words)
+    log = folder / "output.txt"
+    code = forked_command(words, folder, environment, log).wait(DEADLINE)
+    print(log.read_text("utf-8"))
+    return code
 
 
 @pytest.mark.parametrize("document", [d for d in DOCUMENTS if commands(d, ros2=False)], ids=named)
@@ -194,6 +236,7 @@ def test_examples_of_new_members_work(tmp_path: Path, environment: dict[str, str
         "PYTHONPATH": os.pathsep.join(filter(None, (str(copy), environment.get("PYTHONPATH")))),
         # The caches of the real core stay as they are.
         "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "NUMBA_OPT": "0",  # What is compiled runs once.
     }
     scripts = [b.content for b in example if b.language == "bash" and "example" in b.information]
     assert len(scripts) == 5

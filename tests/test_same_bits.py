@@ -6,7 +6,7 @@ The nodes are real, and talk over DDS, but share this process with a witness of 
 import gc
 from collections.abc import Iterator
 from functools import partial
-from itertools import cycle, islice
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +77,7 @@ class Unsignalled(Stop):
         """Nothing is to be put off."""
 
     def finish(self) -> None:
-        """The process goes on, and what its nodes froze is collected again."""
-        gc.unfreeze()
+        """The process goes on."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -86,6 +85,8 @@ def domain() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch, own_domain() as domain:
         patch.setenv("ROS_DOMAIN_ID", str(domain))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        # What belongs to the nodes of a run is collected when it has ended; the rest stays frozen, see conftest.py.
+        patch.setattr(gc, "freeze", lambda: None)
         yield
 
 
@@ -298,10 +299,10 @@ OTHERS = cycle(law for law in LAWS.names if law != LAW_NAME.default)
 
 @pytest.mark.parametrize(
     ("condition", "law"),
-    [(condition, law) for condition in CONDITIONS for law in (LAW_NAME.default, *islice(OTHERS, 2))],
+    [(condition, law) for condition in CONDITIONS for law in (LAW_NAME.default, next(OTHERS))],
 )
 def test_nodes_and_rollout_agree(law: str, condition: str, tmp_path: Path) -> None:
-    """Each condition with the default law and with two others, whose turn it is."""
+    """Each condition with the default law and with another, whose turn it is."""
     settings = {node: dict(CONDITIONS[condition].get(node, {})) for node in ("simulator", "controller", "trajectory")}
     settings["controller"]["law.name"] = law
     if not LAWS[law].uses_model:  # Such a law recognises neither contact nor friction, and predicts nothing.

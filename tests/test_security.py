@@ -252,9 +252,10 @@ def unsafe_uses(source: str) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("file", sources(), ids=lambda file: str(file.relative_to(ROOT)))
-def test_no_source_runs_what_it_reads(file: Path) -> None:
-    assert unsafe_uses(file.read_text("utf-8")) == CONFINED.get(file.name, [])
+def test_no_source_runs_what_it_reads() -> None:
+    found = {str(file.relative_to(ROOT)): unsafe_uses(file.read_text("utf-8")) for file in sources()}
+    assert len(found) > 400
+    assert {file: uses for file, uses in found.items() if uses != CONFINED.get(Path(file).name, [])} == {}
 
 
 @pytest.mark.parametrize(

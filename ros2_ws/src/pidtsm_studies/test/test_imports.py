@@ -49,7 +49,9 @@ def test_both_packages_are_found() -> None:
     assert {file.name for file in FILES} >= {"closed_loop.py", "claims.py", "measure.py", "page.py"}
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: "/".join(file.parts[-2:]))
-def test_only_the_core_and_libraries_are_imported(file: Path) -> None:
-    of_pidtsm = {"pidtsm_core", "pidtsm_studies"} if PACKAGES[1] in file.parents else {"pidtsm_core"}
-    assert imported(file) <= of_pidtsm | LIBRARIES
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.name)
+def test_only_the_core_and_libraries_are_imported(package: Path) -> None:
+    of_pidtsm = {"pidtsm_core", package.name}
+    others = {str(file): imported(file) - of_pidtsm - LIBRARIES for file in FILES if package in file.parents}
+    assert others
+    assert {file: names for file, names in others.items() if names} == {}

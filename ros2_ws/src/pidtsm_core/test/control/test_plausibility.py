@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.pairs import paired
 from support.testarms import Arm
 
 from pidtsm_core.control import Count
@@ -16,9 +17,7 @@ RATE = pytest.mark.parametrize("rate", [100, 1000])
 
 
 @ESTIMATOR
-@RATE
-@pytest.mark.parametrize("samples", [1, TOLERATED])
-@pytest.mark.parametrize("off", [0.3, 1.0, -1e3])
+@paired("rate,off,samples", [100, 1000] * 3, [0.3, 1.0, -1e3], [1, 1, 1, TOLERATED, TOLERATED, TOLERATED])
 def test_a_few_samples_far_off_move_no_torque(
     loop_of: Any, estimator: str, rate: int, samples: int, off: float
 ) -> None:

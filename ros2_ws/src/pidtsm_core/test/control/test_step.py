@@ -4,11 +4,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from support.testarms import Arm
+from support.pairs import paired
+from support.testarms import ARMS, Arm
 
 from pidtsm_core.control import Condition, Controller, Time, controller_schema
 from pidtsm_core.laws import LAWS
@@ -56,8 +56,7 @@ CHANGES: dict[str, Callable[[Arm], dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("law", LAWS.names)
-@pytest.mark.parametrize("changes", CHANGES)
+@paired("changes,law,arm", [c for c in CHANGES for _ in LAWS.names], LAWS.names, ARMS)
 @hypothesis_settings(max_examples=10)
 @given(actions=ACTIONS)
 def test_the_torque_is_always_sound_and_the_status_consistent(

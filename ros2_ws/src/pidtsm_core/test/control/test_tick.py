@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from support.testarms import Arm, dotted
+from support.pairs import paired
+from support.testarms import ARMS, Arm, dotted
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema
@@ -25,7 +26,8 @@ PARTS = [DEFAULTS] + [
     for name in names
     if name != DEFAULTS[family]
 ]
-EACH = pytest.mark.parametrize("parts", PARTS, ids=lambda p: "-".join(p.values()))
+# Every part and every arm: what an arm does to a tick does not depend on the part.
+EACH = paired("parts,arm", PARTS, ARMS)
 DT = 0.001
 ERRORS = [Signal.POSITION_ERROR, Signal.SLIDING_VARIABLE, Signal.MANIFOLD_VARIABLE]
 OF_LAW = [Signal.SLIDING_VARIABLE, Signal.MANIFOLD_VARIABLE, Signal.ADAPTIVE_GAIN, Signal.SWITCHING_TERM]
@@ -100,9 +102,7 @@ def test_errors_are_estimate_minus_desired(arm: Arm, parts: dict[str, str]) -> N
     assert signals.shape == (len(positions), len(Signal), controller.joints)
 
 
-@pytest.mark.parametrize(
-    "parts", [p for p in PARTS if LAWS[p["law.name"]].uses_model], ids=lambda p: "-".join(p.values())
-)
+@paired("parts,arm", [p for p in PARTS if LAWS[p["law.name"]].uses_model], ARMS)
 def test_torque_is_the_inverse_dynamics_of_the_commanded_acceleration(arm: Arm, parts: dict[str, str]) -> None:
     controller = controller_of(arm, parts, **UNLIMITED, compensation__coulomb=0.0, compensation__viscous=0.0)
     for y in run(controller, *walk(controller.joints, 2)):

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from support.testarms import Arm
+from support.pairs import paired
+from support.testarms import ARMS, Arm
 
 from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.control import controller_schema
@@ -31,9 +32,9 @@ COMPOSED = [
     if surface == SURFACES.names[0] or reaching == REACHING_LAWS.names[0]
 ]
 NAMED = [{"law.name": name} for name in LAWS.names if name != "sliding_mode"]
-EACH = pytest.mark.parametrize("chosen", NAMED + COMPOSED, ids=lambda c: "-".join(c.values()))
 SLIDING = [c for c in NAMED + COMPOSED if c["law.name"] not in ("computed_torque", "pid")]
-EACH_SLIDING = pytest.mark.parametrize("chosen", SLIDING, ids=lambda c: "-".join(c.values()))
+# Every law and every arm: the arm decides where the gains of its last joint are, and the law what becomes of them.
+EACH, EACH_SLIDING = paired("chosen,arm", NAMED + COMPOSED, ARMS), paired("chosen,arm", SLIDING, ARMS)
 SPECIAL = [0.0, -0.0, 5e-324, -1e-200, 1e-12, -1.0, 1e6]
 
 

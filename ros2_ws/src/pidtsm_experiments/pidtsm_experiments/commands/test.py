@@ -1,6 +1,7 @@
 """``./pidtsm test``: ruff, mypy and pytest on the checkout."""
 
 import argparse
+import os
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -94,4 +95,6 @@ def _run(root: Path, module: str, *arguments: str) -> int:
 
 
 def _start(root: Path, module: str, *arguments: str, **options: Any) -> "subprocess.Popen[bytes]":
-    return subprocess.Popen([sys.executable, "-m", module, *arguments], cwd=root, **options)
+    # Each process of pytest imports all files of tests: they are compiled once, whatever the environment says.
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}
+    return subprocess.Popen([sys.executable, "-m", module, *arguments], cwd=root, env=environment, **options)

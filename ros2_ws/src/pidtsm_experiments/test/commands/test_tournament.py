@@ -2,19 +2,42 @@
 
 import json
 import shutil
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.commands.tournament_time import rollouts
 from pidtsm_experiments.runs.origin import commit, origin_of
+from pidtsm_studies.reports import figures
+from pidtsm_studies.score import criteria, leaderboard, tasks
 from pidtsm_studies.score.criteria import extent_of
 from pidtsm_studies.score.tasks import ON_HARDWARE, find_task
 from pidtsm_studies.tuning.search import Budget
 
 ARGUMENTS = ["tournament", "--robot", "two_link", "--law", "computed_torque", "--seeds", "2", "--quick"]
 BUDGET = ["--budget", "5"]
+
+
+def _save_empty_figures(drawn: Iterable[str], folder: Path) -> list[Path]:
+    return figures.save_figures(dict.fromkeys(drawn, lambda: figures.panels(1)[0]), folder)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_runs_few_values_and_empty_figures(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Quicker than `--quick`; test_leaderboard.py of pidtsm_studies draws the figures."""
+    shorter = tmp_path_factory.mktemp("tasks") / "arms.yaml"
+    rows = yaml.safe_load(tasks._FILE.read_text("utf-8"))
+    for row in rows.values():
+        row |= {"duration": 5.0, "event": 2.0, "after": 4.0}
+    shorter.write_text(yaml.safe_dump(rows), encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tasks, "_FILE", shorter)
+        patch.setattr(criteria, "QUICK_ON_HARDWARE", criteria.Extent(values=2, repeats=1))
+        patch.setattr(leaderboard, "save_figures", _save_empty_figures)
+        yield
 
 
 @pytest.fixture(scope="module")

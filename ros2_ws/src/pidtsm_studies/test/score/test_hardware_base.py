@@ -23,7 +23,7 @@ from pidtsm_studies.score.tasks import ON_HARDWARE, Task, effort_limits, find_ta
 from pidtsm_studies.score.variations import changes, scaled
 from pidtsm_studies.score.wording import title
 
-FEW = Extent(values=2, repeats=4)
+FEW = Extent(values=2, repeats=2)
 LIMITS = np.array([100.0, 50.0])
 
 

@@ -4,10 +4,10 @@ import math
 from functools import cache
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.testarms import Arm
+from support.pairs import paired
+from support.testarms import ARMS, Arm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import njit
@@ -17,7 +17,8 @@ from pidtsm_core.parameters.family import SLOTS
 from pidtsm_core.signals import Adaptation
 
 PROPERTY = settings(deadline=None, max_examples=15)
-EACH = pytest.mark.parametrize("law", REACHING_LAWS.members, ids=lambda r: r.name)
+LAWS = REACHING_LAWS.members
+EACH = paired("law,arm", LAWS, ARMS)
 SIGMAS = st.floats(-1e6, 1e6) | st.sampled_from([0.0, -0.0, 5e-324, -1e-200])
 DT = 0.001
 COMPILED = {law.name: (njit(law.switch), njit(law.advance)) for law in REACHING_LAWS.members}
@@ -55,13 +56,13 @@ def test_values_from_the_zero_state_are_finite_and_stay_so(arm: Arm, law: Reachi
 
 
 @EACH
-@pytest.mark.parametrize("sigma", [1e-3, 0.05, 1.0, 100.0])
-def test_the_switching_term_opposes_sigma_alike_on_both_sides(arm: Arm, law: ReachingLaw, sigma: float) -> None:
-    above, gain = hold(arm, law, sigma, np.zeros(SLOTS), 50)
-    below, gain_below = hold(arm, law, -sigma, np.zeros(SLOTS), 50)
-    assert above < 0.0
-    assert below == -above
-    assert gain_below == gain
+def test_the_switching_term_opposes_sigma_alike_on_both_sides(arm: Arm, law: ReachingLaw) -> None:
+    for sigma in (1e-3, 0.05, 1.0, 100.0):
+        above, gain = hold(arm, law, sigma, np.zeros(SLOTS), 50)
+        below, gain_below = hold(arm, law, -sigma, np.zeros(SLOTS), 50)
+        assert above < 0.0, sigma
+        assert below == -above, sigma
+        assert gain_below == gain, sigma
 
 
 @EACH
@@ -71,12 +72,12 @@ def test_without_sigma_nothing_is_switched(arm: Arm, law: ReachingLaw) -> None:
 
 
 @EACH
-@pytest.mark.parametrize("sigma", [0.3, -50.0])
-def test_a_frozen_law_does_not_adapt(arm: Arm, law: ReachingLaw, sigma: float) -> None:
-    x = np.zeros(SLOTS)
-    _, before = hold(arm, law, sigma, x, 10)
-    _, after = hold(arm, law, sigma, x, 10, frozen=True)
-    assert after == before
+def test_a_frozen_law_does_not_adapt(arm: Arm, law: ReachingLaw) -> None:
+    for sigma in (0.3, -50.0):
+        x = np.zeros(SLOTS)
+        _, before = hold(arm, law, sigma, x, 10)
+        _, after = hold(arm, law, sigma, x, 10, frozen=True)
+        assert after == before, sigma
 
 
 @EACH
