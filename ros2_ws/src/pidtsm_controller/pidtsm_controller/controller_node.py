@@ -10,10 +10,11 @@ from std_msgs.msg import Bool, Float64MultiArray
 
 from pidtsm_controller.activity_watch import ActivityWatch
 from pidtsm_controller.adaptation_watch import AdaptationWatch
+from pidtsm_controller.learnt_file import LearntFile
 from pidtsm_controller.payload_watch import PayloadWatch
 from pidtsm_controller.watchdog import CHECK, Watchdog
 from pidtsm_core.control import Condition, Controller, Count
-from pidtsm_core.experiment.node_parameters import PAYLOAD_OBSERVED, controller_node_schema
+from pidtsm_core.experiment.node_parameters import LEARNT_FILE, PAYLOAD_OBSERVED, controller_node_schema
 from pidtsm_core.messages.arrivals import Arrivals, Stamp
 from pidtsm_core.messages.gaps import Continuation, continuation
 from pidtsm_core.parameters import as_float, names
@@ -99,6 +100,8 @@ class ControllerNode(ManagedNode):
         self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
         self._payload = PayloadWatch(self, self._controller) if self.values[PAYLOAD_OBSERVED.name] else None
         self._adaptation = AdaptationWatch(self._controller)
+        kept = str(self.values[LEARNT_FILE.name])
+        self._learnt = LearntFile(kept, self._controller, tuple(joints), self.get_logger()) if kept else None
         self._activity = ActivityWatch(self, topic.name) if topic.message_type is Float64MultiArray else None
         self._diagnostics = Diagnostics(self)
         self.offer("~/reset_fault", self._reset_fault)
@@ -129,6 +132,8 @@ class ControllerNode(ManagedNode):
         # The first state is always published, regardless of state.decimation.
         self._unpublished = self._decimation - 1
         self._controller.reset()
+        if self._learnt is not None:
+            self._learnt.read()
         if self._payload is not None:
             self._payload.reset()
         if self._activity is not None:
@@ -146,6 +151,8 @@ class ControllerNode(ManagedNode):
         if self._controller.commanded and not self.lockstep and not self.outdone:
             self._controller.leave()
             self._publish_once_more()
+        if self._learnt is not None:
+            self._learnt.write()
 
     def parameters_changed(self) -> None:
         if self._diagnostics is None:  # Not configured: `configure` will read them.

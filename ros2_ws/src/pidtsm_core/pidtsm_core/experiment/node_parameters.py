@@ -140,6 +140,14 @@ PAYLOAD_OBSERVED = Parameter(
     read_only=True,
 )
 
+LEARNT_FILE = Parameter(
+    "adaptation.file",
+    "",
+    "file that keeps what was learnt (adaptation.friction, adaptation.lateness) when the node is deactivated, and from "
+    "which it goes on when it is activated again; empty: it begins anew",
+    read_only=True,
+)
+
 _CONTROLLER = (
     *_LOOP,
     *_thresholds(
@@ -162,6 +170,7 @@ _CONTROLLER = (
     _form_of_commands("output.type", "message type of the commands published"),
     _start("the commands", 1, "simulator"),
     Parameter("state.decimation", 1, "number of ticks per message on ~/state", minimum=1),
+    LEARNT_FILE,
     PAYLOAD_OBSERVED,
     Parameter(
         "payload.largest",
