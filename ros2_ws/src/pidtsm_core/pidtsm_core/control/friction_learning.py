@@ -49,8 +49,9 @@ _SLOW = 1.0
 """rad/s; slower changes are not friction."""
 _CORRELATED = 0.4
 """s in which what is left unexplained does not change."""
-_CAUTION = 1.0
-"""Standard deviations that are not compensated."""
+_CAUTION, _CAUTION_BELOW = 1.0, 2.0
+"""Standard deviations that are not compensated; and that do not count where there seems to be less friction than the
+parameters promise: in the first seconds, the fit takes a part of it for something else."""
 _TAKEN_IN, _TAKEN_BACK = 0.7, 0.1
 """s; time constants of the compensated friction while it grows, and while it shrinks: a short push must not pass for
 friction, but what is too much does harm."""
@@ -239,7 +240,8 @@ def _take_in(config: ControllerConfig, state: ControllerState, j: int, dt: float
     found, used = known[Friction.COULOMB, j], 0.0
     if config.adaptation.compensates_friction:
         # What the parameters compensate may be too much, but friction is never negative.
-        certain = max(abs(found) - _CAUTION * known[Friction.DEVIATION, j], 0.0)
+        caution = _CAUTION if found > 0.0 else _CAUTION_BELOW
+        certain = max(abs(found) - caution * known[Friction.DEVIATION, j], 0.0)
         used = max(math.copysign(min(certain, most), found), -config.compensation.coulomb[j])
     promised = config.compensation.coulomb[j]
     grows = abs(promised + used) > abs(promised + known[Friction.USED, j])
