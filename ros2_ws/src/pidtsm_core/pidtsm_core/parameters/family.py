@@ -144,10 +144,20 @@ class Family(Generic[_Member]):
         """
         member = self._all()[name]
         if name in self._origins and self._tried.get(name) is not member:
-            if self._trial:
-                import_module(self._trial).try_member(member)
+            self._try(member)
             self._tried[name] = member
         return member
+
+    def _try(self, member: _Member) -> None:
+        """Try a member from outside; see `MemberError`."""
+        if not self._trial:
+            return
+        try:
+            import_module(self._trial).try_member(member)
+        except UsageError:
+            raise
+        except Exception as error:  # What its functions raise.
+            raise MemberError(f"{self.kind.__name__} {member.name} raises {type(error).__name__}: {error}") from error
 
     def index(self, name: str) -> int:
         return self.names.index(name)

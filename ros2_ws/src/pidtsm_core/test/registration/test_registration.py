@@ -163,6 +163,7 @@ def wrong(result: str, arguments: str = "e, de, dde, ddq_d, p, x, dt") -> Any:
         (lambda: pidtsm.own_law("wrong", "", wrong("(e, de)")), "it returns .* not 6 floats"),
         (lambda: pidtsm.own_law("wrong", "", wrong("np.zeros(3)[0]")), "creates an array"),
         (lambda: pidtsm.own_law("wrong", "", wrong("math.log(e)")), "returns .*inf.* for e = 0, e' = 0"),
+        (lambda: pidtsm.own_law("wrong", "", refusing), "Law wrong raises ValueError: not at zero"),
         (lambda: pidtsm.compose("wrong", "", surface="nowhere"), "consists of 'nowhere', which is not known"),
         (
             lambda: pidtsm.Surface("wrong", "", (), lambda e, de, i, p: (de + 3.0 * e, 1.0, 2.0 * de)),
@@ -181,6 +182,13 @@ def test_what_cannot_be_used_is_refused_with_the_reason_and_nothing_changes(memb
     with pytest.raises(pidtsm.MemberError, match=reason):
         pidtsm.register(member())
     assert [family.members for family in FAMILIES] == before
+
+
+def refusing(e: float, de: float, dde: float, ddq_d: float, p: Array, x: Array, dt: float) -> float:
+    """A formula that raises an error."""
+    if e == 0.0:
+        raise ValueError("not at zero")
+    return ddq_d / e
 
 
 def slow(t: float, p: Array, desired: Array) -> None:
