@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pidtsm_core import __version__
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import lend
 from pidtsm_core.compiling.decorators import inlined, njit
@@ -231,6 +232,9 @@ def rollout(
         continuous=arm.continuous,
         robot=robot_parameters(values["simulator"]),
         found=findings(loop.controller, loop.state, names(values["controller"]["joints"]), units) or None,
+        parameters=values,
+        version=__version__,
+        recorded_commit=None,
     )
 
 

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from pidtsm_core.recording.provenance import commit
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.commands.tournament_time import rollouts
-from pidtsm_experiments.runs.origin import commit, origin_of
+from pidtsm_experiments.runs.origin import origin_of
 from pidtsm_studies.score.criteria import extent_of
 from pidtsm_studies.score.tasks import ON_HARDWARE, find_task
 from pidtsm_studies.tuning.search import Budget
