@@ -18,7 +18,7 @@ from pidtsm_core.recording.outcome import sources
 from pidtsm_core.units import joint_units
 from pidtsm_core.written import NOTHING
 from pidtsm_experiments.commands.options import CONSOLE, read
-from pidtsm_experiments.runs.origin import MadeOf
+from pidtsm_experiments.runs.origin import MadeOf, origin_of
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_experiments.runs.saved import read_parameters
 from pidtsm_studies.reports.comparison import check_comparable, differing_parameters, write_comparison
@@ -66,7 +66,8 @@ def execute(options: argparse.Namespace) -> int:
     ):
         (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
         runs = {name: (recordings[name], metrics[name]) for name in paths}
-        write_comparison(folder / "report.html", runs, parameters, known)
+        commands = {name: (origin_of(path) or {}).get("command", ()) for name, path in paths.items()}
+        write_comparison(folder / "report.html", runs, parameters, known, commands=commands)
     if options.json:
         print(text)
         return 0

@@ -2,7 +2,7 @@
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from pidtsm_experiments.runs.replay import (
     Agreement,
     Difference,
     agreement,
+    contradictions,
     experiment_of_result,
     new_parameters,
     origin_of_result,
@@ -89,7 +90,7 @@ def execute(options: argparse.Namespace) -> int:
             why = [f"made again, {error}", *reasons(origin, robot)]
         else:
             found = agreement(recording, again)
-            why = [*_of_parameters(origin["parameters"], experiment), *reasons(origin, robot)]
+            why = [*_of_parameters(origin, recording, experiment), *reasons(origin, robot)]
             if options.out:
                 _keep(experiment, again, options.out, result)
     agrees = found is not None and found.agrees
@@ -107,10 +108,13 @@ def _refused(error: ParameterError) -> str:
     return text
 
 
-def _of_parameters(parameters: Any, experiment: Experiment) -> list[str]:
-    if not (added := new_parameters(parameters, experiment)):
-        return []
-    return [f"the result does not have parameters of this version, whose defaults were used: {', '.join(added)}"]
+def _of_parameters(origin: Any, recording: Recording, experiment: Experiment) -> Iterator[str]:
+    """What is odd about the parameters of a result."""
+    parameters = origin["parameters"]
+    if added := new_parameters(parameters, experiment):
+        yield f"the result lacks parameters of this version, whose defaults were used: {', '.join(added)}"
+    if other := contradictions(parameters, recording.parameters):
+        yield f"run.json has other values than what was recorded: {', '.join(other)}"
 
 
 def _keep(experiment: Experiment, again: Recording, out: Path, result: Path) -> None:

@@ -65,20 +65,18 @@ def _of_environment(origin: Mapping[str, Any]) -> Iterator[str]:
             yield f"it was made with {name} {there.get(name) or 'that is not known'}; here is {here[name] or 'none'}"
     mathematics = there.get("mathematics", {})
     if differ := [name for name, digest in here["mathematics"].items() if mathematics.get(name) != digest]:
-        yield f"the C library gives other bits of {', '.join(differ)} ({_pair(there, here, 'libc')})"
-    lost, won = (sorted(set(a) - set(b)) for a, b in _features(there, here))
-    if lost or won:
-        text = [f"this processor has no {', '.join(lost)}"] * bool(lost) + [f"its had no {', '.join(won)}"] * bool(won)
-        yield f"{', and '.join(text)}, so compiled code computes otherwise ({_pair(there, here, 'processor')})"
+        same = there.get("libc") == here["libc"]
+        place = f"both {here['libc']}, which chooses by the processor" if same else _pair(there, here, "libc")
+        yield f"the C library here gives other bits of {', '.join(differ)} ({place})"
+    theirs, ours = set(there.get("features", [])), set(here["features"])
+    if theirs != ours:
+        lacks = [("this processor has", theirs - ours), ("its processor had", ours - theirs)]
+        text = ", ".join(f"{whose} no {', '.join(sorted(names))}" for whose, names in lacks if names)
+        yield f"{text}, so compiled code may compute otherwise ({_pair(there, here, 'processor')})"
     elif there.get("target") != here["target"]:
         yield f"it was compiled for another processor ({_pair(there, here, 'target')})"
     if there.get("python") != here["python"]:
         yield f"it was made with another Python ({_pair(there, here, 'python')})"
-
-
-def _features(there: Mapping[str, Any], here: Mapping[str, Any]) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-    ours, theirs = here["features"], there.get("features", [])
-    return (theirs, ours), (ours, theirs)
 
 
 def _pair(there: Mapping[str, Any], here: Mapping[str, Any], key: str) -> str:

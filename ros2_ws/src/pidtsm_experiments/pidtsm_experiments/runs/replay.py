@@ -19,9 +19,9 @@ from pidtsm_core.signals import Status
 from pidtsm_core.timing import NANOSECONDS, period_nanoseconds
 from pidtsm_experiments.runs.origin import ORIGIN, origin_of
 
-_DERIVED = "error"
-"""Computed from the others."""
 _OF_TRUTH = ("position", "velocity", "effort", "reference", "reference_velocity", "reference_acceleration")
+
+_STATUS = {place.name.lower() for place in Status}
 
 
 @dataclass(frozen=True)
@@ -125,10 +125,23 @@ def new_parameters(parameters: Mapping[str, Mapping[str, Any]], experiment: Expe
     ]
 
 
+def contradictions(parameters: Mapping[str, Mapping[str, Any]], others: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """``NODE.PARAMETER`` of those that two sources of one run have with different values."""
+    return [
+        f"{node}.{name}"
+        for node, values in others.items()
+        for name, value in values.items()
+        if name in parameters.get(node, {}) and _plain(parameters[node][name]) != _plain(value)
+    ]
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
 def agreement(recorded: Recording, again: Recording) -> Agreement:
-    """Compare two recordings bit for bit, where they have the same stamps."""
-    first = again.stamps_ns + (recorded.stamps_ns[0] - again.stamps_ns[0] if recorded.time[0] == 0.0 else 0)
-    _, ours, theirs = np.intersect1d(recorded.stamps_ns, first, assume_unique=True, return_indices=True)
+    """Compare two recordings of the same joints bit for bit, where they have the same stamps."""
+    _, ours, theirs = np.intersect1d(recorded.stamps_ns, again.stamps_ns, assume_unique=True, return_indices=True)
     here, there = _quantities(recorded), _quantities(again)
     found = [
         _difference(name, recorded, (values[ours], there[name][theirs]), ours)
@@ -145,12 +158,14 @@ def agreement(recorded: Recording, again: Recording) -> Agreement:
 
 
 def _quantities(recording: Recording) -> dict[str, Array]:
-    """Everything that a simulation decides, shape (samples, joints or 1) each."""
+    """Everything that a simulation decides, in the order in which it does, shape (samples, joints or 1) each."""
     arrays = recording.arrays()
-    if recording.lacking:
-        return {name: arrays[name] for name in _OF_TRUTH}
+    effort = arrays.pop("effort")
+    arrays.pop("error")  # Computed from the others.
     status = {place.name.lower(): recording.status[:, place, None].astype(np.float64) for place in Status}
-    return {name: np.ascontiguousarray(values) for name, values in arrays.items() if name != _DERIVED} | status
+    values = {**arrays, **status, "effort": effort}
+    known = _OF_TRUTH if recording.lacking else values
+    return {name: np.ascontiguousarray(each) for name, each in values.items() if name in known}
 
 
 def _difference(name: str, recorded: Recording, values: tuple[Array, Array], rows: Any) -> Difference:
@@ -166,6 +181,3 @@ def _difference(name: str, recorded: Recording, values: tuple[Array, Array], row
         again=float(theirs[row, column]),
         largest=float(np.abs(ours - theirs).max()),
     )
-
-
-_STATUS = {place.name.lower() for place in Status}
