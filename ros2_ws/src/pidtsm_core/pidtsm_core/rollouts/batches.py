@@ -6,6 +6,7 @@ Compiled code releases the GIL, so the workers are threads. A caller can choose 
         result = batch(settings, 30.0)
 """
 
+import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -15,6 +16,7 @@ from joblib import Parallel, delayed
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
+from pidtsm_core.parameters import did_you_mean
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metrics import JointMetrics, metrics
 from pidtsm_core.registration.shipment import Parcel, packed, unpack
@@ -74,7 +76,8 @@ def batch(
     and one rollout per worker. An iterator of settings is read only a few settings ahead.
 
     Args:
-        settings: of each run the arguments of `rollout` by name, except `duration`, such as ``{"law": "pid"}``.
+        settings: of each run the arguments of `rollout` by name, except `duration`, such as ``{"law": "pid"}``; a run
+            with another key fails.
         duration: duration of each run, s.
         workers: number of threads, or of another backend's workers; -1: one per core, -2: one core remains free.
         progress: called repeatedly with the number of finished runs, such as ``print``.
@@ -120,6 +123,8 @@ def _run(
     simulate: Simulate,
     parcels: tuple[Parcel, ...],
 ) -> _Outcome:
+    if reason := _unknown_argument(settings, simulate):
+        return _Outcome(failure=reason)
     try:
         unpack(parcels)
         run = simulate(**settings, duration=duration)
@@ -134,6 +139,18 @@ def _run(
     kept = slice(None, None, keep_every)
     # Copies: a view would keep the whole rollout.
     return _Outcome(found, Trajectory(run.time[kept].copy(), error[kept].copy(), run.effort[kept].copy()))
+
+
+def _unknown_argument(settings: Settings, simulate: Simulate) -> str:
+    """What is wrong with a key of the settings; empty if nothing is."""
+    parameters = inspect.signature(simulate).parameters
+    if any(each.kind is each.VAR_KEYWORD for each in parameters.values()):
+        return ""
+    known = [name for name in parameters if name != "duration"]
+    for key in map(str, settings):
+        if key not in known:
+            return f"unknown argument {key}; known: {', '.join(known)}{did_you_mean(key, known)}"
+    return ""
 
 
 def _table(outcomes: list[_Outcome]) -> dict[str, Array]:

@@ -167,3 +167,12 @@ except KeyboardInterrupt:
         assert rest[-1] == "interrupted"
         assert process.wait(timeout=30.0) == 0
         assert time.monotonic() - begin < 30.0
+
+
+def test_a_mistyped_key_fails_one_run_and_not_the_batch() -> None:
+    result = batch([{"law": "pid"}, {"lawr": "pid"}, {"law": "pid", "duration": 3.0}], 0.05, workers=1)
+    assert set(result.failed) == {1, 2}
+    assert result.failed[1].startswith("unknown argument lawr; known: scenario, law, params")
+    assert result.failed[1].endswith("did you mean law?")
+    assert "unknown argument duration" in result.failed[2]
+    assert np.isfinite(result.metrics["rmse"][0]).all()
