@@ -181,7 +181,7 @@ def test_every_tuned_set_is_chosen_by_its_hardware_and_accepted(file: Path) -> N
 )
 def test_a_tuned_set_that_does_not_exist_is_refused(robot: str, law: str | None, name: str) -> None:
     controller = {"controller": {"robot.description": robot}, "simulator": {"robot.description": robot}}
-    with pytest.raises(UsageError, match=rf"no set {name} for .* two_link-ideal"):
+    with pytest.raises(UsageError, match=rf"no set {name} for .* two_link-(ideal|direct_drive)"):
         make_experiment("case1", law, params=[name], overrides=controller)
 
 
