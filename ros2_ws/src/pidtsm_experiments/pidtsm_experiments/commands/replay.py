@@ -43,7 +43,7 @@ examples:
   ./pidtsm rollout --law pid --out results/pid
   ./pidtsm replay results/pid
   ./pidtsm replay results/pid/run.json --json
-  ./pidtsm replay colleague/arm --robot my_arm.urdf --out results/again
+  ./pidtsm replay colleague/arm --description my_arm.urdf --out results/again
   ./pidtsm compare colleague/arm results/again
 """
 _CHOICES = (
@@ -65,7 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "result", type=Path, metavar="RESULT", help="result folder of run, demo or rollout, its run.json or bag"
     )
     parser.add_argument(
-        "--robot", metavar="FILE", help="description of the arm, if the recorded path leads nowhere on this machine"
+        "--description",
+        metavar="FILE",
+        help="description of the arm, if the recorded path leads nowhere on this machine",
     )
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="keep what was made again, as a result folder of rollout"
@@ -76,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     result: Path = options.result.parent if options.result.name == "run.json" else options.result
     origin, recording = origin_of_result(result), read(result)
-    robot = None if options.robot is None else resolved_description(options.robot)
+    robot = None if options.description is None else resolved_description(options.description)
     again, found, why = None, None, []
     if recording.clock == "realtime":
         why = [REALTIME]

@@ -49,7 +49,9 @@ def _of_files(origin: Mapping[str, Any], robot: str | None) -> Iterator[str]:
     here = digests({"recorded": {file: file for file in recorded}})
     for file, digest in recorded.items():
         if file not in here:
-            yield f"{file}: is not on this machine" + (f"; {robot} was used" if robot else "; name it with --robot")
+            yield f"{file}: is not on this machine" + (
+                f"; {robot} was used" if robot else "; name it with --description"
+            )
         elif here[file] != digest:
             yield f"{file}: has changed since"
 

@@ -84,4 +84,4 @@ def test_files_that_parameters_name_are_known_by_their_content(tmp_path: Path) -
     arm.write_text("<robot />")
     assert reasons(origin() | {"files": files}) == [f"{arm}: has changed since"]
     arm.unlink()
-    assert reasons(origin() | {"files": files}) == [f"{arm}: is not on this machine; name it with --robot"]
+    assert reasons(origin() | {"files": files}) == [f"{arm}: is not on this machine; name it with --description"]
