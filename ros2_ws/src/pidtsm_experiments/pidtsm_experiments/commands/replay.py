@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--description",
         metavar="FILE",
-        help="description of the arm, if the recorded path leads nowhere on this machine",
+        help="of the arm, if the recorded path leads nowhere on this machine",
     )
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="keep what was made again, as a result folder of rollout"
