@@ -5,6 +5,7 @@
 
 import inspect
 import re
+import sys
 from collections.abc import Callable, Iterator
 from enum import IntEnum
 from pathlib import Path
@@ -19,10 +20,15 @@ _HEAD = """# Python interface
 
 `scripts/api.py` generates this page from docstrings. [examples](../examples) has twelve scripts and three notebooks
 that use this interface. An `Array` is a NumPy array of float64; a `Value` is a number, a text, a truth value or a
-sequence of them.
+sequence of them. The other types are in [Types](#types), those of Python, NumPy, Matplotlib, pandas and xarray in
+their own documentation.
+
+Without the checkout's environment, `pip install "./ros2_ws/src/pidtsm_core[plot,tables,dask,xacro]"` installs the core
+with all extras: `plot` (Matplotlib) is for `Recording.plot`, `tables` (pandas, xarray) for `Recording.to_pandas` and
+`Recording.to_xarray`, `dask` for `batch` on a [cluster](../examples/dask_cluster.py), `xacro` for arms in that format.
 """
 _SECTION = re.compile(r"(Args|Attributes|Returns|Raises):$")
-_ENTRY = re.compile(r"    ([\w, ]+): (.*)")
+_ENTRY = re.compile(r"    (\w[\w, ]*): (.*)")
 _MEMBER = re.compile(r"^    (\w+) = \d+(?:  # (.*))?$", re.MULTILINE)
 
 
@@ -34,7 +40,32 @@ def page() -> str:
     parts += ["# Studies", _text(inspect.getdoc(pidtsm_studies) or "")]
     for name in pidtsm_studies.__all__:
         parts += _described(name, getattr(pidtsm_studies, name))
+    parts += ["# Types", "What the signatures above name and no public name is."]
+    for name, each in other_types().items():
+        parts += [f"## {name}", f"`{each.__module__}.{each.__qualname__}`", _text(inspect.getdoc(each) or "")]
     return "\n\n".join(part.strip("\n") for part in parts) + "\n"
+
+
+def other_types() -> dict[str, type]:
+    """The project's classes in the annotations of what is public that are not public themselves, by name."""
+    public = {*pidtsm_core.__all__, *pidtsm_studies.__all__}
+    found: dict[str, type] = {}
+    for each in (getattr(package, name) for package in (pidtsm_core, pidtsm_studies) for name in package.__all__):
+        names = vars(sys.modules[each.__module__])
+        for word in sorted(set(re.findall(r"\b[A-Z]\w+", " ".join(_annotations(each))))):
+            kind = names.get(word)
+            if inspect.isclass(kind) and kind.__module__.startswith("pidtsm") and kind.__name__ not in public:
+                found[kind.__name__] = kind
+    return dict(sorted(found.items()))
+
+
+def _annotations(each: Any) -> Iterator[str]:
+    """The annotations of a function, or of a class with its public methods, as texts."""
+    owners = [each]
+    if inspect.isclass(each):
+        owners += [getattr(member, "__func__", getattr(member, "fget", member)) for member in members(each).values()]
+    for owner in owners:
+        yield from map(str, getattr(owner, "__annotations__", {}).values())
 
 
 def members(owner: type) -> dict[str, Any]:

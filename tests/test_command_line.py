@@ -89,7 +89,10 @@ BAD_USAGE = [
     (["run", "--set", "law.k1=1"], "must be NODE.PARAMETER=VALUE"),
     (["run", "--set", "controller.law.k1=[1"], "is not a valid value"),
     (["run", "--params", "nowhere.yaml"], "nowhere.yaml: No such file or directory"),
-    (["rollout", "--params", "adaptiv"], "neither a file nor one of article, practical, adaptive and tuned_14bit; did"),
+    (
+        ["rollout", "--params", "adaptiv"],
+        "one of article, practical, adaptive, tuned and tuned_14bit; did",
+    ),
     (["run", "--out", "occupied"], "contains other files (thesis.tex)"),
     (["run", "--set", "controller.state.decimation=10"], "a recorded run requires 1, not 10"),
     (

@@ -28,7 +28,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         # For `ros2 run ... --params-file`.
-        *((f"share/{NAME}/{folder}", files(folder)) for folder in ("params", "params/tuned")),
+        *((f"share/{NAME}/{folder}", files(folder)) for folder in ("params", "params/tuned", "params/tuned/laws")),
     ],
     python_requires=">=3.10",
     install_requires=[

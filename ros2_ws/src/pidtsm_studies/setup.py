@@ -6,7 +6,7 @@ setup(
     name=NAME,
     version="0.2.0",
     packages=find_packages(exclude=["test"]),
-    package_data={NAME: ["py.typed", "*/*.yaml", "*/templates/*", "*/templates/*/*"]},
+    package_data={NAME: ["py.typed", "*.mplstyle", "*/*.yaml", "*/templates/*", "*/templates/*/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -17,7 +17,7 @@ class Signal(IntEnum):
     SLIDING_VARIABLE = 5  # s, eq. (11)
     MANIFOLD_VARIABLE = 6  # sigma, eq. (10)
     ADAPTIVE_GAIN = 7  # Y, eq. (27)
-    SWITCHING_TERM = 8  # tau_sw in the unit of sigma, eq. (25)
+    SWITCHING_TERM = 8  # tau_sw in the unit of sigma, per s without a manifold, eq. (25)
     ACCELERATION_COMMAND = 9  # a_cmd, rad/s^2
     EQUIVALENT_EFFORT = 10  # a_cmd without the switching term, as torque, N m: -phi^-1 tau_eq of eq. (20)
     EFFORT = 11  # commanded effort within the limits, N m

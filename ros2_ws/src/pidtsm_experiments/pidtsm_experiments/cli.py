@@ -21,6 +21,7 @@ _COMMANDS = {
     "run": "run any scenario and law with the real nodes",
     "live": "run the real nodes in real time, and show and control them on a page in the browser",
     "rollout": "run the same loop without ROS",
+    "replay": "make a result again from what it records, and say whether the bits agree",
     "report": "make metrics, figures and report of a result folder anew",
     "compare": "compare runs: one report with curves over each other, metrics with differences, parameters that differ",
     "compare-engines": "simulate an experiment on both engines of the simulated arm, and show how far they differ",

@@ -41,6 +41,8 @@ ADAPTS = {**ADAPTS_ON_HARDWARE, "adaptation.lateness": "learn", "adaptation.soft
 """What `ADAPTIVE` switches on; with a class of hardware only the former, see docs/adaptation.md."""
 TUNED = "tuned_"
 """Prefix of the names of tuned parameter sets; a class of hardware follows."""
+OWN = "tuned"
+"""Name of the set that was tuned for the class of hardware that the arm has."""
 _SCENARIOS, _PARAMETERS = (Path(__file__).with_name(folder) for folder in ("scenarios", "params"))
 PRACTICAL_FILE = _PARAMETERS / f"{PRACTICAL}.yaml"
 _CHOICES = {"estimator.name", "law.surface", "law.manifold", "law.reaching"}
@@ -76,7 +78,8 @@ def make_experiment(
             hardware, unless the scenario has gains. ``article`` is the article's Table 1 for the law (`law` if given,
             else the one set by the earlier parts), ``practical`` the set for real sensors and drives
             (`practical_settings`), ``adaptive`` the same with ``adaptation.*`` switched on, for a law with a model,
-            ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm.
+            ``tuned_14bit`` (17bit, 12bit, ideal) one that ``./pidtsm tune`` made for the arm, ``tuned`` one of any law
+            for the arm's own hardware.
         overrides: texts ``NODE.PARAMETER=VALUE``, or values by node and name; groups may be nested.
         robot: the arm of simulator and controller: a name, also one under which the user has stored an arm, the path of
             a description, or an `ArmDefinition`; None: that of the scenario.
@@ -159,7 +162,7 @@ def _parameter_set(name: str, law: str | None, settings: Settings, hardware: str
         adapts = ADAPTS_ON_HARDWARE if hardware else ADAPTS
         adapts = adapts if name == ADAPTIVE else {}
         return {"controller": {**gains, **adapts}}, Path(name)
-    if name.startswith(TUNED):
+    if name == OWN or name.startswith(TUNED):
         source = tuned_parameters(name, law, settings)
     elif name == ARTICLE:
         source = article_parameters(law)
@@ -174,7 +177,7 @@ def _parameter_file(name: str) -> Path:
     Raises:
         UsageError: there is none; the message contains the named sets.
     """
-    sets = (ARTICLE, PRACTICAL, ADAPTIVE)
+    sets = (ARTICLE, PRACTICAL, ADAPTIVE, OWN)
     with suppress(OSError):  # The name is too long, or its folder is not readable.
         if not Path(name).exists():
             known = f"{', '.join(sets)} and {TUNED}14bit"
@@ -277,21 +280,27 @@ def tuned_parameters(name: str, law: str | None, settings: Mapping[str, Mapping[
     """ROS parameter file of a tuned set.
 
     Args:
-        name: of the set, such as ``tuned_14bit``.
+        name: of the set, such as ``tuned_14bit``; ``tuned``: that for the arm's own class of hardware.
         law: name of the law; None: the default law.
         settings: of the experiment without this set; the arm matters.
 
     Raises:
         UsageError: there is none for this arm, hardware and law.
     """
-    robot, hardware = _robot(settings), name.removeprefix(TUNED)
-    known = {file.stem: file for file in (_PARAMETERS / "tuned").glob("*.yaml")}
-    if law not in (None, LAW_NAME.default) or f"{robot}-{hardware}" not in known:
-        raise UsageError(
-            f"no set {name} for {law or LAW_NAME.default} on {robot}; make one with ./pidtsm tune, or choose one of "
-            f"{', '.join(sorted(known))} ({LAW_NAME.default})"
-        )
-    return known[f"{robot}-{hardware}"]
+    robot, wanted, hardware = _robot(settings), law or str(LAW_NAME.default), name.removeprefix(TUNED)
+    folder = _PARAMETERS / "tuned"
+    known = {file.stem: file for file in folder.glob("*.yaml") if wanted == LAW_NAME.default}
+    of_law = {file.stem: file for file in (folder / "laws").glob(f"*-{wanted}.yaml")}
+    if f"{robot}-{hardware}" in known:
+        return known[f"{robot}-{hardware}"]
+    begin = f"{robot}-" if name == OWN else f"{robot}-{hardware}-"
+    for stem, file in of_law.items():
+        if stem.startswith(begin):
+            return file
+    raise UsageError(
+        f"no set {name} for {wanted} on {robot}; make one with ./pidtsm tune, or choose another arm or hardware; for "
+        f"{wanted} there are {', '.join(sorted([*known, *of_law])) or 'none'}"
+    )
 
 
 def practical_settings(

@@ -57,6 +57,9 @@ _MANIFOLD_CHOICE = Parameter("manifold", "none", "sigma = s, or PID of s, eq. (1
 _REACHING_CHOICE = Parameter("reaching", "boundary_layer", "reaching law", choices=REACHING_LAWS, read_only=True)
 _CHOICES = (_SURFACE, _MANIFOLD_CHOICE, _REACHING_CHOICE)
 
+_UNITS_WITHOUT_MANIFOLD = {"kappa": "s^3"}
+"""tau_sw is then the rate of sigma, so the rate of the adaptive gain has another 1/s."""
+
 
 @inlined
 def _finite(acceleration: float) -> float:
@@ -111,7 +114,9 @@ def _parameters(parts: LawParts, defaults: Mapping[str, Value]) -> Iterator[Para
     members = SURFACES[parts.surface].parameters
     members += _MANIFOLD_PARAMETERS if parts.manifold == "pid" else ()
     members += REACHING_LAWS[parts.reaching].parameters
-    return (replace(p, default=defaults[p.name]) if p.name in defaults else p for p in members)
+    for p in members:
+        unit = p.unit if parts.manifold == "pid" else _UNITS_WITHOUT_MANIFOLD.get(p.name, p.unit)
+        yield replace(p, default=defaults.get(p.name, p.default), unit=unit)
 
 
 def _integers(parts: LawParts) -> Integers:

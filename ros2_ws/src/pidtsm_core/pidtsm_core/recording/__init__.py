@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control.findings import Finding, as_json
+from pidtsm_core.parameters import Value
 from pidtsm_core.recording.metrics import finite, metrics, tracking_error
 from pidtsm_core.recording.outcome import GROUND_TRUTH, happenings, time_at_limits
+from pidtsm_core.recording.provenance import commit_at_start
 from pidtsm_core.robots import DESCRIPTION
 from pidtsm_core.signals import Signal
 from pidtsm_core.units import SLIDES, JointUnits, joint_units
@@ -25,6 +27,9 @@ Stamps: TypeAlias = NDArray[np.int64]
 """ns."""
 
 Codes: TypeAlias = NDArray[np.uint8]
+
+_LAW = "law."
+"""Prefix of the names of a law's parameters, and of its own name."""
 
 
 class _OfController:
@@ -64,6 +69,10 @@ class Recording:
         truth: what position, velocity and effort are: `GROUND_TRUTH`, or, if the bag has none, what was measured.
         found: what the controller has found out about its arm by the end; None if nothing, or if it is not known.
         lacking: topics that the bag does not have; what they would contain is 0 above.
+        parameters: every parameter of every node as it was used, by node and name, such as
+            ``parameters["controller"]["law.k1"]``; empty if they are not known.
+        version: of pidtsm that made the run; None if it is not known.
+        recorded_commit: see `commit`; None: this process has made the run, empty: it is not known.
         sliding_variable, manifold_variable, adaptive_gain, switching_term: rows of `signals` by name, shape
             (samples, joints) each; `Signal` has their units.
         estimated_position, estimated_velocity, estimated_acceleration: likewise.
@@ -93,6 +102,9 @@ class Recording:
     truth: str = GROUND_TRUTH
     lacking: tuple[str, ...] = ()
     found: tuple[Finding, ...] | None = None
+    parameters: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
+    version: str | None = None
+    recorded_commit: str | None = ""
 
     estimated_position = _OfController(Signal.POSITION)
     estimated_velocity = _OfController(Signal.VELOCITY)
@@ -136,6 +148,27 @@ class Recording:
         if not np.any(np.asarray(self.robot.get("elasticity.stiffness", 0.0))):
             return ""
         return "link" if self.truth == GROUND_TRUTH else str(self.robot["elasticity.encoder"])
+
+    @property
+    def gains(self) -> dict[str, Value]:
+        """Parameters of the control law by name without ``law.``, such as ``gains["k1"]``; empty if not known.
+
+        Their units are those of the parameters; those of a joint are one number for all, or a sequence in the order of
+        the controller's joints.
+        """
+        values = self.parameters.get("controller", {})
+        return {name.removeprefix(_LAW): value for name, value in values.items() if name.startswith(_LAW)}
+
+    @property
+    def seed(self) -> int | None:
+        """Seed of all random numbers of the run; None if it is not known."""
+        seed = self.parameters.get("simulator", {}).get("seed")
+        return None if seed is None else int(str(seed))
+
+    @property
+    def commit(self) -> str | None:
+        """Commit of the source that made the run, with ``+changes`` if files differed from it; None if not known."""
+        return commit_at_start() if self.recorded_commit is None else self.recorded_commit or None
 
     def metrics(self) -> dict[str, Any]:
         """Metrics of the run, with the content and order of metrics.json; None for what is missing or not finite.
@@ -208,7 +241,8 @@ class Recording:
             {name: (("time", "joint"), array) for name, array in self.arrays().items()},
             {"time": self.time, "joint": list(self.joints), **units},
         )
-        return table.assign_attrs(scenario=str(self.scenario), law=str(self.law))
+        made = {"version": str(self.version), "commit": str(self.commit), "seed": str(self.seed)}
+        return table.assign_attrs(scenario=str(self.scenario), law=str(self.law), **made, gains=str(self.gains))
 
     def plot(self, figure: "Figure | None" = None) -> "Figure":
         """Draw position with reference, error and effort over time, one column of axes per joint.

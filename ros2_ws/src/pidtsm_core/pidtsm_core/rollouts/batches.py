@@ -6,7 +6,8 @@ Compiled code releases the GIL, so the workers are threads. A caller can choose 
         result = batch(settings, 30.0)
 """
 
-from collections.abc import Callable, Iterable, Mapping
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -15,11 +16,15 @@ from joblib import Parallel, delayed
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
+from pidtsm_core.latex import cell, escaped, grouped, spread, table
+from pidtsm_core.parameters import did_you_mean
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metrics import JointMetrics, metrics
 from pidtsm_core.registration.shipment import Parcel, packed, unpack
 from pidtsm_core.rollouts.closed_loop import DivergedError, rollout
 
+PRINTED = ("rmse", "max_error", "steady_state_error", "settling_time", "recovery_time", "eci", "torque_variation")
+"""Metrics of a table for a paper."""
 Settings: TypeAlias = Mapping[str, Any]
 """Arguments of `rollout` by name, without the duration."""
 Measure: TypeAlias = Callable[[Recording], JointMetrics]
@@ -58,6 +63,38 @@ class BatchResult:
     failed: dict[int, str]
     trajectories: list[Trajectory | None]
 
+    def to_latex(
+        self, labels: Sequence[str], metrics: Sequence[str] = PRINTED, joints: Sequence[str] = (), caption: str = ""
+    ) -> str:
+        """A LaTeX table with booktabs: a column per label, with mean and 95 % interval over its runs.
+
+        Intervals are Student's t over the runs of a label that have the value, which are taken as independent, as with
+        different seeds; a single run has none. Values are in SI units.
+
+        Args:
+            labels: of each run, such as ``[each["law"] for each in settings]``; equal ones are a group.
+            metrics: names in `metrics`, each with a row per joint; those that no run has are left out.
+            joints: names of the joints; empty: numbers from 1.
+            caption: a comment at the top of the table.
+
+        Raises:
+            ValueError: there is not one label for each run.
+        """
+        runs = len(next(iter(self.metrics.values()))) if self.metrics else len(self.failed)
+        if len(labels) != runs:
+            raise ValueError(f"labels: {len(labels)} given, but there are {runs} runs")
+        groups = grouped(labels)
+        rows = []
+        for name in (name for name in metrics if name in self.metrics):
+            values = self.metrics[name]
+            for j in range(values.shape[1]):
+                spreads = [spread(values[numbers, j]) for numbers in groups.values()]
+                joint = joints[j] if joints else str(j + 1)
+                cells = [cell(each.mean, each.half) for each in spreads]
+                rows.append([escaped(name.replace("_", " ")) if j == 0 else "", escaped(joint), *cells])
+        heads = [f"{escaped(label)} ($n = {len(numbers)}$)" for label, numbers in groups.items()]
+        return table(["metric", "joint", *heads], rows, 2, caption)
+
 
 def batch(
     settings: Iterable[Settings],
@@ -74,7 +111,8 @@ def batch(
     and one rollout per worker. An iterator of settings is read only a few settings ahead.
 
     Args:
-        settings: of each run the arguments of `rollout` by name, except `duration`, such as ``{"law": "pid"}``.
+        settings: of each run the arguments of `rollout` by name, except `duration`, such as ``{"law": "pid"}``; a run
+            with another key fails.
         duration: duration of each run, s.
         workers: number of threads, or of another backend's workers; -1: one per core, -2: one core remains free.
         progress: called repeatedly with the number of finished runs, such as ``print``.
@@ -120,6 +158,8 @@ def _run(
     simulate: Simulate,
     parcels: tuple[Parcel, ...],
 ) -> _Outcome:
+    if reason := _unknown_argument(settings, simulate):
+        return _Outcome(failure=reason)
     try:
         unpack(parcels)
         run = simulate(**settings, duration=duration)
@@ -134,6 +174,18 @@ def _run(
     kept = slice(None, None, keep_every)
     # Copies: a view would keep the whole rollout.
     return _Outcome(found, Trajectory(run.time[kept].copy(), error[kept].copy(), run.effort[kept].copy()))
+
+
+def _unknown_argument(settings: Settings, simulate: Simulate) -> str:
+    """What is wrong with a key of the settings; empty if nothing is."""
+    parameters = inspect.signature(simulate).parameters
+    if any(each.kind is each.VAR_KEYWORD for each in parameters.values()):
+        return ""
+    known = [name for name in parameters if name != "duration"]
+    for key in map(str, settings):
+        if key not in known:
+            return f"unknown argument {key}; known: {', '.join(known)}{did_you_mean(key, known)}"
+    return ""
 
 
 def _table(outcomes: list[_Outcome]) -> dict[str, Array]:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pidtsm_core import __version__
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import lend
 from pidtsm_core.compiling.decorators import inlined, njit
@@ -217,21 +218,7 @@ def rollout(
     if done < samples.time.size:
         raise DivergedError(f"the loop is not finite any more after {seconds(done * loop.period):g} s")
     _reorder(samples, {node: names(values[node]["joints"]) for node in values})
-    arm, units = find_robot(values["simulator"]), find_robot(values["controller"]).units
-    return Recording(
-        joints=names(values["simulator"]["joints"]),
-        **samples._asdict(),
-        stamps_ns=np.arange(samples.time.size) * loop.period,
-        compute_time=np.empty(0),
-        scenario=experiment.scenario,
-        law=experiment.law,
-        clock=None,
-        event_time=experiment.event_time,
-        slides=arm.slides,
-        continuous=arm.continuous,
-        robot=robot_parameters(values["simulator"]),
-        found=findings(loop.controller, loop.state, names(values["controller"]["joints"]), units) or None,
-    )
+    return _recording(experiment, values, loop, samples)
 
 
 def make_controller(
@@ -290,6 +277,30 @@ def _prepared(values: Mapping[str, Mapping[str, Value]], duration: float) -> tup
         period=period,
     )
     return loop, robot.randomness.draw(count), samples
+
+
+def _recording(
+    experiment: Experiment, values: Mapping[str, Mapping[str, Value]], loop: _Loop, samples: _Samples
+) -> Recording:
+    """The samples as a recording that knows what has made it; `values`: of the experiment."""
+    arm, units = find_robot(values["simulator"]), find_robot(values["controller"]).units
+    return Recording(
+        joints=names(values["simulator"]["joints"]),
+        **samples._asdict(),
+        stamps_ns=np.arange(samples.time.size) * loop.period,
+        compute_time=np.empty(0),
+        scenario=experiment.scenario,
+        law=experiment.law,
+        clock=None,
+        event_time=experiment.event_time,
+        slides=arm.slides,
+        continuous=arm.continuous,
+        robot=robot_parameters(values["simulator"]),
+        found=findings(loop.controller, loop.state, names(values["controller"]["joints"]), units) or None,
+        parameters=values,
+        version=__version__,
+        recorded_commit=None,
+    )
 
 
 def _reorder(samples: _Samples, joints: Mapping[str, tuple[str, ...]]) -> None:

@@ -13,6 +13,7 @@ import pidtsm_core
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment, scenario_names
 from pidtsm_core.experiment.node_parameters import NODE_SCHEMAS, SCHEMAS
+from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import ParameterError, resolve
 from pidtsm_core.parameters.files import load_ros_parameters
 
@@ -180,5 +181,15 @@ def test_every_tuned_set_is_chosen_by_its_hardware_and_accepted(file: Path) -> N
 )
 def test_a_tuned_set_that_does_not_exist_is_refused(robot: str, law: str | None, name: str) -> None:
     controller = {"controller": {"robot.description": robot}, "simulator": {"robot.description": robot}}
-    with pytest.raises(UsageError, match=rf"no set {name} for .* two_link-ideal"):
+    with pytest.raises(UsageError, match=rf"no set {name} for .* two_link-(ideal|direct_drive)"):
         make_experiment("case1", law, params=[name], overrides=controller)
+
+
+@pytest.mark.parametrize("law", LAWS.names)
+def test_every_law_has_the_sets_practical_and_tuned_by_name(law: str) -> None:
+    for name in ("practical", "tuned", "tuned_direct_drive"):
+        experiment = make_experiment("case1", law, 0.1, name)
+        assert experiment.values["controller"]["law.name"] == law
+        assert any(file.endswith((f"-{law}.yaml", "practical.yaml", "practical")) for file in experiment.files.values())
+    with pytest.raises(UsageError, match=f"no set tuned for {law} on xarm7; .*for {law} there are .*z1-geared-{law}"):
+        make_experiment(None, law, 0.1, "tuned", robot="xarm7")

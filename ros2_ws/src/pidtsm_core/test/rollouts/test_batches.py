@@ -10,6 +10,7 @@ from typing import Any
 import joblib
 import numpy as np
 import pytest
+from scipy import stats
 
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metrics import JointMetrics, metrics
@@ -167,3 +168,29 @@ except KeyboardInterrupt:
         assert rest[-1] == "interrupted"
         assert process.wait(timeout=30.0) == 0
         assert time.monotonic() - begin < 30.0
+
+
+def test_a_mistyped_key_fails_one_run_and_not_the_batch() -> None:
+    result = batch([{"law": "pid"}, {"lawr": "pid"}, {"law": "pid", "duration": 3.0}], 0.05, workers=1)
+    assert set(result.failed) == {1, 2}
+    assert result.failed[1].startswith("unknown argument lawr; known: scenario, law, params")
+    assert result.failed[1].endswith("did you mean law?")
+    assert "unknown argument duration" in result.failed[2]
+    assert np.isfinite(result.metrics["rmse"][0]).all()
+
+
+def test_a_batch_is_a_latex_table_with_intervals_over_its_seeds() -> None:
+    settings: list[dict[str, Any]] = [
+        {"law": law, "scenario": "noise", "simulator": {"seed": seed}} for law in ("pid", "dtsm") for seed in (1, 2, 3)
+    ]
+    result = batch(settings, 0.1)
+    text = result.to_latex([each["law"] for each in settings], ("rmse", "recovery_time"), ("a_1", "b"))
+    lines = [line for line in text.splitlines() if "&" in line]
+    assert lines[0] == r"metric & joint & pid ($n = 3$) & dtsm ($n = 3$) \\"
+    assert [line.split(" & ")[:2] for line in lines[1:]] == [["rmse", r"a\_1"], ["", "b"]]
+    rmse = result.metrics["rmse"][:3, 0]
+    low, high = stats.t.interval(0.95, 2, rmse.mean(), stats.sem(rmse))
+    mean, half = map(float, lines[1].split(" & ")[2].strip("$").split(r" \pm "))
+    assert (mean, half) == pytest.approx((rmse.mean(), (high - low) / 2), rel=0.05)
+    with pytest.raises(ValueError, match="labels: 1 given, but there are 6 runs"):
+        result.to_latex(["pid"])

@@ -18,12 +18,13 @@ from pidtsm_core.recording.outcome import sources
 from pidtsm_core.units import joint_units
 from pidtsm_core.written import NOTHING
 from pidtsm_experiments.commands.options import CONSOLE, read
-from pidtsm_experiments.runs.origin import MadeOf
+from pidtsm_experiments.runs.origin import MadeOf, comment, origin_of
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_experiments.runs.saved import read_parameters
 from pidtsm_studies.reports.comparison import check_comparable, differing_parameters, write_comparison
 from pidtsm_studies.reports.labels import difference_text
 from pidtsm_studies.reports.matrix import metric_text, metric_value
+from pidtsm_studies.reports.paper import comparison_table, write_paper_figures
 
 _TOGETHER = 3
 """Runs next to each other in 80 columns."""
@@ -31,7 +32,19 @@ _Metrics = Mapping[str, Mapping[str, Any]]
 """Metrics as in metrics.json, by run."""
 
 
+_EPILOG = """For papers: table.tex has the metrics as a LaTeX table (booktabs). Runs whose parameters differ only in
+the seed are one column, with mean and 95 % interval (Student's t). figures/ has position, error and effort as PDF and
+SVG, with the data that they draw as CSV, in the style that plt.style.use("pidtsm_studies.paper") gives to figures of
+your own.
+
+example:
+  for seed in 1 2 3; do ./pidtsm rollout --scenario noise --set simulator.seed=$seed --out results/seed$seed; done
+  ./pidtsm compare results/seed1 results/seed2 results/seed3 results/pid
+"""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.epilog = _EPILOG
     parser.add_argument(
         "runs",
         nargs="+",
@@ -66,7 +79,10 @@ def execute(options: argparse.Namespace) -> int:
     ):
         (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
         runs = {name: (recordings[name], metrics[name]) for name in paths}
-        write_comparison(folder / "report.html", runs, parameters, known)
+        commands = {name: (origin_of(path) or {}).get("command", ()) for name, path in paths.items()}
+        write_comparison(folder / "report.html", runs, parameters, known, commands=commands)
+        (folder / "table.tex").write_text(comparison_table(runs, known, comment().replace("# ", "")), encoding="utf-8")
+        write_paper_figures(runs, known, folder / "figures")
     if options.json:
         print(text)
         return 0
@@ -76,7 +92,7 @@ def execute(options: argparse.Namespace) -> int:
     for name, each in metrics.items():
         for text in sources(each):
             console.print(f"{name}: {text}", highlight=False, markup=False)
-    CONSOLE.print(f"{options.out}: report.html comparison.json", highlight=False)
+    CONSOLE.print(f"{options.out}: report.html comparison.json table.tex figures/", highlight=False)
     return 0
 
 

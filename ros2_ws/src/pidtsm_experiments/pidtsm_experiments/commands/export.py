@@ -3,18 +3,23 @@
 import argparse
 import csv
 import io
+import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 
 from pidtsm_core.errors import UsageError
+from pidtsm_core.recording import Recording
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.tables import Table, message_table, sample_table
 from pidtsm_experiments.commands.export_played import add_played_arguments, played_formats, write_played
 from pidtsm_experiments.commands.options import CONSOLE, read
 from pidtsm_experiments.runs.files import writable_file, write_file
+from pidtsm_experiments.runs.origin import origin_of
 from pidtsm_experiments.runs.saved import bag_of
 
 _EPILOG = """Tables. A run has one row per sample: time (s); position, velocity, error, effort, reference and signals of
@@ -25,6 +30,8 @@ sensor_msgs/JointState: topic, time (s, since the earliest stamp), stamp (ns), j
 such as position; cells are empty where a message lacks a field.
 
 Units are those of the messages: rad, rad/s, N m; m, m/s, N for a joint that slides. Numbers are exact to the last bit.
+Of a run whose origin is known, FILE-metadata.json beside the CSV has version, commit, command, seed and the gains of
+the law, in the form of the W3C for tables (CSVW); a Parquet file has them in its schema, under pidtsm.
 
 Played. --foxglove adds to the recorded topics what a viewer needs to draw the arm without robot_state_publisher; the
 frames of the reference begin with reference/. --rerun has the arm and its reference in motion, position, reference,
@@ -60,21 +67,56 @@ def execute(options: argparse.Namespace) -> int:
         for option, file in (("csv", options.csv), ("parquet", options.parquet))
         if file is not None
     }
+    if "csv" in places:
+        writable_file(_beside(places["csv"]), "--csv")
     if "parquet" in places:
         _pyarrow()
     for name, place in played.items():
         write_played(name, options, place)
     if not places:
         return 0
-    table, text = _table(options.run, options.messages)
+    table, text, origin = _table(options.run, options.messages)
     for option, place in places.items():
-        write_file(place, _csv(table) if option == "csv" else _parquet(table))
+        write_file(place, _csv(table) if option == "csv" else _parquet(table, origin))
+        if option == "csv" and origin:
+            write_file(_beside(place), _described(table, place.name, origin))
         CONSOLE.print(f"{getattr(options, option)}: {text}", highlight=False)
     return 0
 
 
-def _table(run: Path, messages: bool) -> tuple[Table, str]:
-    """The table, and what it has.
+def _beside(place: Path) -> Path:
+    """The file that describes a CSV file, with the name that CSVW specifies."""
+    return place.with_name(f"{place.name}-metadata.json")
+
+
+def _described(table: Table, name: str, origin: Mapping[str, Any]) -> str:
+    """What CSVW says of a table of numbers."""
+    columns = [{"name": quote(column, safe=""), "titles": column, "datatype": "double"} for column in table]
+    content = {
+        "@context": "http://www.w3.org/ns/csvw",
+        "url": quote(name),
+        "tableSchema": {"columns": columns},
+        "notes": [origin],
+    }
+    return json.dumps(content, indent=2) + "\n"
+
+
+def _origin(run: Path, recording: Recording) -> dict[str, Any]:
+    """What has made a run; empty if it is not known."""
+    if recording.version is None:
+        return {}
+    return {
+        "pidtsm": recording.version,
+        "commit": recording.commit,
+        "command": (origin_of(run) or {}).get("command"),
+        "seed": recording.seed,
+        "scenario": recording.scenario,
+        "gains": {f"law.{name}": value for name, value in recording.gains.items()},
+    }
+
+
+def _table(run: Path, messages: bool) -> tuple[Table, str, dict[str, Any]]:
+    """The table, what it has, and what has made it, see `_origin`.
 
     Raises:
         UsageError: it cannot be read.
@@ -83,7 +125,8 @@ def _table(run: Path, messages: bool) -> tuple[Table, str]:
     if not messages:
         try:
             recording = read(run)
-            return sample_table(recording), f"{recording.time.size} samples of {len(recording.joints)} joints"
+            text = f"{recording.time.size} samples of {len(recording.joints)} joints"
+            return sample_table(recording), text, _origin(run, recording)
         except UsageError as error:
             refused = str(error)
     bag = bag_of(run)
@@ -92,7 +135,7 @@ def _table(run: Path, messages: bool) -> tuple[Table, str]:
     except RecordingError as error:
         raise UsageError(refused or str(error)) from None
     why = "" if messages else f" (no run: {refused})"
-    return table, f"{len(table['topic'])} rows, one for each joint of a message{why}"
+    return table, f"{len(table['topic'])} rows, one for each joint of a message{why}", {}
 
 
 def _csv(table: Table) -> str:
@@ -113,7 +156,7 @@ def _cells(column: Any) -> Any:
     return column
 
 
-def _parquet(table: Table) -> bytes:
+def _parquet(table: Table, origin: Mapping[str, Any]) -> bytes:
     arrow = _pyarrow()
     from pyarrow import parquet
 
@@ -124,7 +167,7 @@ def _parquet(table: Table) -> bytes:
         else:
             columns[name] = arrow.array(column).dictionary_encode()
     text = io.BytesIO()
-    parquet.write_table(arrow.table(columns), text)
+    parquet.write_table(arrow.table(columns, metadata={"pidtsm": json.dumps(origin)} if origin else None), text)
     return text.getvalue()
 
 

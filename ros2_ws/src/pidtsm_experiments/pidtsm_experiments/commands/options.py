@@ -71,11 +71,11 @@ def add_parameter_arguments(parser: argparse.ArgumentParser) -> None:
         "--params",
         action="append",
         default=[],
-        metavar="article|practical|adaptive|tuned_14bit|FILE",
+        metavar="article|practical|adaptive|tuned|FILE",
         help="the article's Table 1, the set for real sensors and drives, the same with friction found and compensated "
-        "while the arm moves, one tuned for the arm and its encoders (tuned_ideal, 17bit, 14bit, 12bit), or a ROS "
-        "parameter file for any of the nodes; overrides the scenario; can be repeated, later files override earlier "
-        "ones (default: practical for an arm from a file)",
+        "while the arm moves, one tuned for the arm and its own hardware (tuned) or its encoders (tuned_ideal, 17bit, "
+        "14bit, 12bit), or a ROS parameter file for any of the nodes; overrides the scenario; can be repeated, later "
+        "files override earlier ones (default: practical for an arm from a file)",
     )
     parser.add_argument(
         "--set",

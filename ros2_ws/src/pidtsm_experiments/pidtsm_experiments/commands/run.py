@@ -1,8 +1,10 @@
 """``./pidtsm run``: an experiment with the real nodes."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
+from pidtsm_core import __version__
 from pidtsm_core.experiment import Experiment
 from pidtsm_core.recording import Recording
 from pidtsm_experiments.bags.errors import RecordingError
@@ -77,9 +79,10 @@ def run_and_report(
         bag = run(experiment, clock, folder, show, composed, announce)
         bar.update(task, completed=experiment.duration, description=f"{title}: analysing")
         try:
-            recording = read_recording(bag)
+            found = read_recording(bag)
         except RecordingError as error:
             raise RunError(str(error)) from None
+        recording = replace(found, parameters=parameters, version=__version__, recorded_commit=None)
         metrics = write_outputs(recording, folder)
         if video:
             bar.update(task, description=f"{title}: rendering")

@@ -13,6 +13,7 @@ import numpy as np
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment.hardware_classes import hardware_names
 from pidtsm_core.laws import LAWS
+from pidtsm_core.recording.provenance import commit
 from pidtsm_core.robots import NAMES
 from pidtsm_core.robots.definition import ArmDefinition, find_arm
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
@@ -23,7 +24,7 @@ from pidtsm_experiments.commands.tournament_time import say_time
 from pidtsm_experiments.commands.tune import budget, identity_of, natural, tune
 from pidtsm_experiments.runs.files import write_file
 from pidtsm_experiments.runs.locks import locked
-from pidtsm_experiments.runs.origin import MadeOf, commit
+from pidtsm_experiments.runs.origin import MadeOf
 from pidtsm_experiments.runs.results import renewed, result_folder, settled
 from pidtsm_studies.score.criteria import Extent, extent_of
 from pidtsm_studies.score.leaderboard import write_leaderboard

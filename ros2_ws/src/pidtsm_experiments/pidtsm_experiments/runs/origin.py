@@ -1,23 +1,24 @@
 """Where a result comes from: version, commit, command, seed, parameters, and the runs that it was made of."""
 
+import hashlib
 import json
+import os
 import shlex
-import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pidtsm_core
 from pidtsm_core import __version__
 from pidtsm_core.parameters import Value
 from pidtsm_core.parameters.files import load_ros_parameters
+from pidtsm_core.recording.provenance import commit, environment
 
 ORIGIN = "run.json"
 """File in every result folder."""
-_SOURCE = Path(pidtsm_core.__file__).resolve().parent
-_ANSWER_WITHIN = 5.0  # s
+_LONGEST_PATH = 4096
 _MAKING = ("version", "commit", "command")
 """Keys that describe how something was made."""
 
@@ -48,8 +49,9 @@ def making() -> dict[str, Any]:
 def write_origin(folder: Path, made_of: MadeOf = NOTHING, before: Path | None = None) -> None:
     """Write run.json to a result folder.
 
-    Seed and parameters are null if there are none. ``runs`` has, by its path, the content of run.json of each run that
-    was read; null if it has none. ``renewed`` names the commands that have made parts of the folder anew since.
+    ``environment`` has what the last bits depend on, ``files`` the digest of each file that a parameter names. Seed and
+    parameters are null if there are none. ``runs`` has, by its path, the content of run.json of each run that was read;
+    null if it has none. ``renewed`` names the commands that have made parts of the folder anew since.
 
     Args:
         folder: of the result.
@@ -63,10 +65,23 @@ def write_origin(folder: Path, made_of: MadeOf = NOTHING, before: Path | None = 
     only = next(iter(runs.values())) if len(runs) == 1 else None
     parameters: Mapping[str, Any] = made_of.parameters or _parameters(folder) or (only or {}).get("parameters") or {}
     seed = parameters.get("simulator", {}).get("seed") if made_of.seed is None else made_of.seed
-    origin = making() | {"seed": seed, "parameters": parameters or None} | ({"runs": runs} if runs else {})
+    about = {"environment": environment(), "seed": seed, "parameters": parameters or None}
+    if files := digests(parameters):
+        about["files"] = files
+    origin = making() | about | ({"runs": runs} if runs else {})
     if before is not None:
         origin = _added(origin_of(before), origin, _parameters(before))
     (folder / ORIGIN).write_text(json.dumps(origin, indent=2) + "\n", encoding="utf-8")
+
+
+def digests(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """SHA-256 of each file that a parameter of a node names, such as the description of the arm, by its path."""
+    texts = {value for values in parameters.values() for value in values.values() if isinstance(value, str)}
+    found = {}
+    for text in sorted(text for text in texts if os.sep in text and len(text) < _LONGEST_PATH):
+        with suppress(OSError, ValueError):
+            found[text] = hashlib.sha256(Path(text).read_bytes()).hexdigest()
+    return found
 
 
 def origin_of(run: Path) -> dict[str, Any] | None:
@@ -89,14 +104,6 @@ def comment() -> str:
     return f"# pidtsm {version}, commit {revision or 'unknown'}\n# {' '.join(words.split())}\n"
 
 
-def commit() -> str | None:
-    """The commit of the source, with ``+changes`` if files differ from it; None if it is not in a git repository."""
-    if not _git("ls-files", "--error-unmatch", "__init__.py"):
-        return None  # Installed, perhaps in the repository of somebody else.
-    head = _git("rev-parse", "HEAD")
-    return head + "+changes" if head and _git("status", "--porcelain", "--untracked-files=no") else head or None
-
-
 def _added(earlier: dict[str, Any] | None, now: dict[str, Any], parameters: Mapping[str, Any]) -> dict[str, Any]:
     """The origin of a folder of which parts are made anew."""
     if earlier is None:
@@ -115,14 +122,3 @@ def _parameters(folder: Path) -> dict[str, Any]:
     for file in sorted((folder / "params").glob("*.yaml")):
         parameters.update(load_ros_parameters(file))
     return parameters
-
-
-def _git(*words: str) -> str:
-    """What git prints about the source; empty if it fails."""
-    try:
-        done = subprocess.run(
-            ["git", "-C", str(_SOURCE), *words], capture_output=True, text=True, timeout=_ANSWER_WITHIN, check=False
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    return done.stdout.strip() if done.returncode == 0 else ""

@@ -5,6 +5,7 @@ from typing import Any
 
 from pidtsm_core.recording import Recording
 from pidtsm_core.recording.summary import write_metrics
+from pidtsm_experiments.runs.origin import making, origin_of
 from pidtsm_experiments.runs.saved import read_parameters
 from pidtsm_studies.reports.figures import write_figures
 from pidtsm_studies.reports.report import write_report
@@ -16,7 +17,8 @@ def write_outputs(recording: Recording, folder: Path, run: Path | None = None) -
     Args:
         recording: the run.
         folder: an existing folder.
-        run: where the parameters of the run are, see `read_parameters`; None: in `folder`.
+        run: where the parameters and the origin of the run are, see `read_parameters`; None: in `folder`, and this
+            command has made it.
 
     Returns:
         The metrics, as in metrics.json.
@@ -24,5 +26,7 @@ def write_outputs(recording: Recording, folder: Path, run: Path | None = None) -
     metrics = recording.metrics()
     write_metrics(metrics, folder / "metrics.json")
     write_figures(recording, folder / "figures")
-    write_report(folder / "report.html", (recording, metrics), parameters=read_parameters(run or folder))
+    command = making()["command"] if run is None else (origin_of(run) or {}).get("command", ())
+    known = read_parameters(run or folder)
+    write_report(folder / "report.html", (recording, metrics), parameters=known, command=command)
     return metrics

@@ -2,7 +2,8 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields
+from contextlib import suppress
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from pidtsm_core.parameters.files import NODES, Settings, load_ros_parameters, r
 from pidtsm_core.recording import Recording
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.reader import read_recording
+from pidtsm_experiments.runs.origin import origin_of
 
 RECORDING = "recording.npz"
 """File in the result folder of a rollout."""
@@ -28,7 +30,8 @@ def save_recording(recording: Recording, file: Path) -> None:
     values = {each.name: getattr(recording, each.name) for each in fields(recording)}
     arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
     found = None if recording.found is None else [as_json(each) for each in recording.found]
-    text = json.dumps({**{name: value for name, value in values.items() if name not in arrays}, "found": found})
+    others = {name: value for name, value in values.items() if name not in arrays}
+    text = json.dumps({**others, "found": found, "recorded_commit": recording.commit or ""})
     np.savez(file, allow_pickle=False, **arrays, **{_TEXT: np.array(text)})
 
 
@@ -45,9 +48,28 @@ def load_recording(file: Path) -> Recording:
         values.update((name, tuple(values[name])) for name in _TUPLES if name in values)
         if found := values.get("found"):
             values["found"] = tuple(from_json(each) for each in found)
-        return Recording(**arrays, **values)
+        values["parameters"] = _with_tuples(values.get("parameters", {}))
+        recording = Recording(**arrays, **values)
     except Exception as error:  # A damaged file causes many kinds of exceptions.
         raise UsageError(f"{file}: not the recording of a rollout: {error}") from None
+    return recording if recording.parameters else _with_origin(recording, file.parent)
+
+
+def _with_origin(recording: Recording, path: Path) -> Recording:
+    """The recording with what its result folder knows of what made it."""
+    origin, parameters = origin_of(path) or {}, {}
+    with suppress(UsageError):  # The run itself can be read.
+        parameters = _with_tuples(read_parameters(path) or origin.get("parameters") or {})
+    version, commit = origin.get("version"), origin.get("commit") or ""
+    return replace(recording, parameters=parameters, version=version, recorded_commit=commit)
+
+
+def _with_tuples(parameters: Mapping[str, Mapping[str, Any]]) -> Settings:
+    """Parameters by node, with the sequences of a file as those of a rollout."""
+    return {
+        node: {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+        for node, values in parameters.items()
+    }
 
 
 def is_result_folder(path: Path) -> bool:
@@ -56,7 +78,7 @@ def is_result_folder(path: Path) -> bool:
 
 
 def read_run(path: Path) -> Recording:
-    """Read a run from its result folder or its bag; warns with `UnfinishedBag` like `read_recording`.
+    """Read a run, with what made it, from its result folder or bag; warns with `UnfinishedBag` like `read_recording`.
 
     Args:
         path: a result folder, or a bag as for `read_recording`.
@@ -72,7 +94,7 @@ def read_run(path: Path) -> Recording:
     if bag.is_dir() and not any(file.suffix in _BAG_FILES or file.name == "metadata.yaml" for file in bag.iterdir()):
         raise UsageError(f"{path} is neither a result folder, which has {_BAG}/ or {RECORDING}, nor a bag")
     try:
-        return read_recording(bag)
+        return _with_origin(read_recording(bag), path)
     except RecordingError as error:
         raise UsageError(str(error)) from None
 

@@ -1,6 +1,7 @@
 """Runs and bags as tables, judged by the csv module and pyarrow."""
 
 import csv
+import json
 import sys
 from pathlib import Path
 
@@ -110,3 +111,19 @@ def test_without_pyarrow_it_shows_how_to_get_it(
     assert not (folder / "strange.parquet").exists()
     assert main(["export", str(strange)]) == 2
     assert "--csv or --parquet" in capsys.readouterr().err
+
+
+def test_a_table_of_a_run_has_a_description_beside_it(strange: Path, kept: Path, folder: Path) -> None:
+    assert main(["export", str(kept / "firm"), "--csv", "a b.csv"]) == 0
+    content = json.loads((folder / "a b.csv-metadata.json").read_text())
+    with (folder / "a b.csv").open(newline="") as file:
+        assert [column["titles"] for column in content["tableSchema"]["columns"]] == next(csv.reader(file))
+    (made,) = content["notes"]
+    origin = json.loads((kept / "firm" / "run.json").read_text())
+    assert content["url"] == "a%20b.csv"
+    assert [made[key] for key in ("pidtsm", "commit", "command", "seed")] == [
+        origin[key] for key in ("version", "commit", "command", "seed")
+    ]
+    assert made["gains"]["law.k1"] == 4.0
+    assert main(["export", str(strange), "--csv", "strange.csv"]) == 0
+    assert not (folder / "strange.csv-metadata.json").exists(), "nobody knows what made it"

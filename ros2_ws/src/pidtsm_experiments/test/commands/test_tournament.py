@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from pidtsm_core.recording.provenance import commit
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.commands.tournament_time import rollouts
-from pidtsm_experiments.runs.origin import commit, origin_of
+from pidtsm_experiments.runs.origin import origin_of
 from pidtsm_studies.reports import figures
 from pidtsm_studies.score import criteria, leaderboard, tasks
 from pidtsm_studies.score.criteria import extent_of

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 import pidtsm_core
+from pidtsm_core.recording.provenance import commit
 from pidtsm_experiments.cli import main
-from pidtsm_experiments.runs import origin
 from pidtsm_experiments.runs.results import result_folder
 from pidtsm_studies.reports import figures
 
@@ -43,12 +43,11 @@ def test_a_result_without_a_run_has_its_origin_too(tmp_path: Path) -> None:
     assert content["parameters"] is content["seed"] is None
 
 
-def test_the_repository_of_somebody_else_is_not_the_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_repository_of_somebody_else_is_not_the_source(tmp_path: Path) -> None:
     (tmp_path / "__init__.py").touch()
-    monkeypatch.setattr(origin, "_SOURCE", tmp_path)
-    assert origin.commit() is None
+    assert commit(tmp_path) is None
     subprocess.run(["git", "init", "--quiet", str(tmp_path)], check=True)
-    assert origin.commit() is None
+    assert commit(tmp_path) is None
 
 
 def test_the_command_line_prints_the_version(capsys: pytest.CaptureFixture[str]) -> None:
@@ -93,7 +92,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def content_of(folder: Path) -> dict[str, Any]:
     content = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     assert content["version"] == pidtsm_core.__version__
-    assert content["commit"] == origin.commit()
+    assert content["commit"] == commit()
     return dict(content)
 
 

@@ -1,6 +1,6 @@
 """Runs of any kind compared with each other: their differences, and the report."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from pidtsm_studies.reports.contrast import (
 )
 from pidtsm_studies.reports.labels import run_entries
 from pidtsm_studies.reports.page import Answer, Page, write_page
-from pidtsm_studies.reports.sections import events_of, happened_section, matrix_sections
+from pidtsm_studies.reports.sections import events_of, happened_section, made_section, matrix_sections
 from pidtsm_studies.reports.verdicts import extents, run_verdict, sentence
 from pidtsm_studies.reports.viewer import more_curves_section, viewer_data, viewer_section
 
@@ -81,6 +81,7 @@ def write_comparison(
     nodes: Mapping[str, Mapping[str, Mapping[str, Any]]] | None = None,
     title: str = "",
     apart: Answer | None = None,
+    commands: Mapping[str, Sequence[str]] | None = None,
 ) -> None:
     """Write the report of runs over each other; the same runs give the same file.
 
@@ -91,6 +92,7 @@ def write_comparison(
         nodes: parameters of every node by run, with the times of pushes and loads and with the limits.
         title: of the page; empty: the names of the runs.
         apart: how far the runs are apart, if this is the question, instead of which one follows best.
+        commands: words of the command that has made each run, as far as they are known.
     """
     entries = run_entries(runs)
     scenarios = {recording.scenario for recording, _ in runs.values()}
@@ -109,6 +111,7 @@ def write_comparison(
             {(case, name): name for name in runs}, {(case, name): each for name, each in metrics.items()}, happened
         ),
         more_curves_section(data),
+        made_section({name: recording for name, (recording, _) in runs.items()}, commands or {}),
     )
     verdict, state = contrast_verdict(found, metrics)
     answers = contrast_answers(

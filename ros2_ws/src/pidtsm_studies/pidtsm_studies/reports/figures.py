@@ -51,12 +51,14 @@ MARK: dict[str, Any] = {
 }
 """Line above a panel that marks time intervals."""
 
-# What follows the unit of the position in those of s, sigma and Y, which depend on the law's surface and manifold.
+# What follows the unit of the position in those of s, sigma, tau_sw and Y, which depend on the law's surface and
+# manifold: tau_sw is sigma with a manifold (eq. (32)), its rate without one.
 _PER_TIME = {
-    "piddtsm": ("/s", "/s$^2$", "/s$^3$"),
-    "dtsm": ("/s", "/s", "/s$^2$"),
-    "pidnftsm": ("", "/s", "/s$^2$"),
+    "piddtsm": ("/s", "/s$^2$", "/s$^2$", "/s$^3$"),
+    "dtsm": ("/s", "/s", "/s$^2$", "/s$^3$"),
+    "pidnftsm": ("", "/s", "/s", "/s$^2$"),
 }
+_WITH_UNITS = (Signal.SLIDING_VARIABLE, Signal.MANIFOLD_VARIABLE, Signal.SWITCHING_TERM, Signal.ADAPTIVE_GAIN)
 PARTS = 500
 """Number of parts of the time axis; a line keeps the extremes of each part."""
 
@@ -187,8 +189,7 @@ def _unit(recording: Recording, group: Sequence[int], signal: Signal) -> str:
     """Unit of a signal of the law for a group of joints with the same units."""
     if recording.law not in _PER_TIME:
         return "SI unit"
-    s, sigma, gain = (recording.units[group[0]].position + per_time for per_time in _PER_TIME[recording.law])
-    return {Signal.SLIDING_VARIABLE: s, Signal.ADAPTIVE_GAIN: gain}.get(signal, sigma)
+    return recording.units[group[0]].position + _PER_TIME[recording.law][_WITH_UNITS.index(signal)]
 
 
 def _start(recording: Recording) -> slice:

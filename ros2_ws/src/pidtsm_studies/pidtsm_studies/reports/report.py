@@ -12,7 +12,7 @@ from pidtsm_studies.article.claims import Comparison, Reproduction, Run
 from pidtsm_studies.reports.labels import label, law_entries
 from pidtsm_studies.reports.matrix import units_of
 from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer, Page, write_page
-from pidtsm_studies.reports.sections import events_of, happened_section, matrix_sections, section
+from pidtsm_studies.reports.sections import events_of, happened_section, made_section, matrix_sections, section
 from pidtsm_studies.reports.verdicts import extents, run_answers, run_verdict, state_of, worst_joint
 from pidtsm_studies.reports.viewer import case_name, more_curves_section, viewer_data, viewer_section
 
@@ -23,6 +23,7 @@ def write_report(
     comparisons: Sequence[Comparison] = (),
     notes: Sequence[str] = (),
     parameters: Mapping[str, Mapping[str, Any]] | None = None,
+    command: Sequence[str] = (),
 ) -> None:
     """Write the report; the same runs give the same file.
 
@@ -35,6 +36,7 @@ def write_report(
         notes: further notes on the deviations, each a sentence or a paragraph.
         parameters: of a single run by node: those of the simulated arm have the times of pushes and loads, those of the
             controller the limits.
+        command: words of the command that has made a single run; empty: not known.
     """
     reproduction = {_key(runs[0]): runs} if isinstance(runs, tuple) else runs
     done = {key: run for key, run in reproduction.items() if not isinstance(run, str)}
@@ -58,6 +60,7 @@ def write_report(
         ),
         happened_section({key: _run_name(*key) for key in metrics}, metrics, happened),
         *([more_curves_section(data)] if data else []),
+        *(made_section({"": recording}, {"": command}) for recording, _ in done.values() if single),
     )
     if single:
         key, each = single

@@ -1,16 +1,22 @@
 """Sections that pages of runs share: their content as plain data for the templates."""
 
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+from pidtsm_core.recording import Recording
 from pidtsm_core.recording.metric import METRICS
 from pidtsm_core.recording.outcome import what_happened
+from pidtsm_core.written import NOTHING
 from pidtsm_studies.reports.events import Event, events
 from pidtsm_studies.reports.labels import Entry
 from pidtsm_studies.reports.matrix import of_joints, of_runs
 from pidtsm_studies.reports.page import Section
 from pidtsm_studies.reports.viewer import Cases, case_name
 
+_LAUNCHED = ("cli.py", "pidtsm")
+"""Names under which the launcher starts the command line."""
 _FIRST = 2
 """Number of matrices of several runs that are open; the others are folded."""
 
@@ -53,6 +59,44 @@ def happened_section(
         if happened[key] or what_happened(each)
     ]
     return section("happened", "What happened", content, folded=True, template="events")
+
+
+def made_section(runs: Mapping[str, Recording], commands: Mapping[str, Sequence[str]]) -> Section:
+    """How runs were made: version, commit, command, seed and the gains of the law; what nobody knows is left out.
+
+    Args:
+        runs: by name; those of several are the columns.
+        commands: words of the command that has made each, by name, as far as they are known.
+    """
+    known = [
+        {
+            "pidtsm": each.version,
+            "commit": each.commit,
+            "command": command_text(commands.get(name, ())),
+            "seed": each.seed,
+        }
+        | {f"law.{gain}": value for gain, value in each.gains.items()}
+        for name, each in runs.items()
+    ]
+    rows = {}
+    for row in dict.fromkeys(row for each in known for row in each):
+        values = [each.get(row) for each in known]
+        if any(value not in (None, "") for value in values):
+            rows[row] = [NOTHING if value in (None, "") else _text(value) for value in values]
+    content = {"runs": list(runs) if len(runs) > 1 else ["value"], "rows": rows}
+    return section("made", "How it was made", content if rows else None, folded=True)
+
+
+def command_text(words: Sequence[str]) -> str:
+    """A command as a user types it; empty if there is none."""
+    if not words:
+        return ""
+    name = Path(words[0]).name
+    return " ".join(shlex.quote(word) for word in ("./pidtsm" if name in _LAUNCHED else name, *words[1:]))
+
+
+def _text(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
 def matrix_sections(cases: Cases, entries: Mapping[str, Entry], failures: list[str]) -> list[Section]:

@@ -34,6 +34,7 @@ def test_what_differs_comes_first(comparison: Path, compared: dict[str, Run]) ->
         "more-metrics",
         "happened",
         "curves",
+        "made",
     ]
     assert '<th scope="row">controller.law.k1</th><td>1.0</td><td>3.0</td>' in page
     (_, gentle), (_, firm) = compared.values()

@@ -144,7 +144,7 @@ def test_a_long_reproduction_stays_small(tmp_path: Path, run_of: RunOf) -> None:
 
 def test_a_single_run_has_no_comparison(arms: dict[str, Path]) -> None:
     outline = Outline(arms["two_link"])
-    assert outline.ids("h2") == ["motion", "metrics", *FOLDED]
+    assert outline.ids("h2") == ["motion", "metrics", *FOLDED, "made"]
     assert "Case 1, PIDDTSM" in outline.text
     assert ("input", "run") not in [(tag, attributes.get("name")) for tag, attributes in outline.tags]
 

@@ -64,7 +64,7 @@ ADAPTIVE_CONTINUOUS = ReachingLaw(
         Parameter(
             "kappa", 0.01, "inverse adaptation rate, eq. (27)", "s^2", minimum=0.0, exclusive=True, per_joint=True
         ),
-        Parameter("xi", 0.01, "margin of the switching gain, eq. (25)", minimum=0.0, per_joint=True),
+        Parameter("xi", 0.01, "margin of the switching gain, eq. (26)", minimum=0.0, per_joint=True),
         Parameter("upsilon", 0.2, "dead zone of the adaptation, eq. (30)", minimum=0.0, per_joint=True),
         Parameter(
             "leakage", 0.0, "rate at which the adaptive gain fades (sigma modification)", "1/s", 0.0, per_joint=True
@@ -73,7 +73,7 @@ ADAPTIVE_CONTINUOUS = ReachingLaw(
         Parameter(
             "layer",
             0.0,
-            "half width of the layer in which sigma / layer replaces sign(sigma); 0: no layer, eq. (25)",
+            "half width of the layer in which sigma / layer replaces sign(sigma); 0: no layer, eq. (26)",
             minimum=0.0,
             per_joint=True,
         ),
