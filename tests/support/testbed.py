@@ -84,10 +84,11 @@ class Testbed:
                 pytest.fail(f"not within {DEADLINE:g} s: {what}; exit codes {codes}\n{logs}")
             self.executor.spin_once(timeout_sec=0.02)
 
-    def call(self, service_type: Any, name: str, request: Any) -> Any:
+    def call(self, service_type: Any, name: str, request: Any, again: bool = False) -> Any:
         """Call a service and return its response.
 
-        A service is there a moment before its response finds the way back; what may be asked twice is asked again.
+        A service is there a moment before its response finds the way back; what may be asked twice is asked again:
+        the types in `REPEATABLE`, and what `again` says so of.
         """
         if name not in self._clients:
             self._clients[name] = self.node.create_client(service_type, name)
@@ -98,7 +99,7 @@ class Testbed:
 
         def answered() -> bool:
             nonlocal since
-            if service_type in REPEATABLE and time.monotonic() - since > ASK_AGAIN:
+            if (again or service_type in REPEATABLE) and time.monotonic() - since > ASK_AGAIN:
                 futures.append(client.call_async(request))
                 since = time.monotonic()
             return any(future.done() for future in futures)

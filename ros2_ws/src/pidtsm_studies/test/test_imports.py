@@ -18,6 +18,7 @@ LIBRARIES = {
     "cma",
     "glfw",
     "jinja2",
+    "cloudpickle",
     "joblib",
     "llvmlite",
     "matplotlib",

@@ -42,7 +42,7 @@ def test_what_is_shown_can_be_written_again(node: str) -> None:
     parameters = {parameter.name: parameter for parameter in schema({})}
     for name, value in resolve(schema, {}, 2).items():
         described = Described(descriptor(parameters[name]), value)
-        assert described.choices == parameters[name].choices
+        assert described.choices == tuple(parameters[name].choices)
         if not isinstance(value, str):
             assert parameters[name].check(written(shown(value)), 2) == value
 
