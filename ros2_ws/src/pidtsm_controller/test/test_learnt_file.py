@@ -10,7 +10,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 
 from pidtsm_controller.controller_node import ControllerNode
-from pidtsm_core.control.state import Lateness
+from pidtsm_core.control.state import Friction
 
 LEARNS = (
     "reference.match:=stamp",
@@ -40,14 +40,14 @@ def test_it_is_written_at_the_deactivation_and_read_at_the_next_activation(
     path = tmp_path / "kept" / "learnt.json"
     node = activated(graph, path)
     assert not path.exists()
-    node._controller.state.lateness[Lateness.OBSERVED] = 3.0
+    node._controller.state.friction[Friction.EVIDENCE] = 0.25
     assert node.trigger_deactivate() == TransitionCallbackReturn.SUCCESS
     content = json.loads(path.read_text(encoding="utf-8"))
     assert content["joints"] == ["joint1", "joint2"]
-    assert content["lateness"]["found"][Lateness.OBSERVED] == 3.0
+    assert content["friction"]["evidence"] == [0.25, 0.25]
     assert [each.name for each in path.parent.iterdir()] == ["learnt.json"]
     assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
-    assert node._controller.state.lateness[Lateness.OBSERVED] == 3.0
+    assert (node._controller.state.friction[Friction.EVIDENCE] == 0.25).all()
     assert f"adaptation.file: goes on from {path}" in capfd.readouterr().err
 
 
@@ -65,7 +65,7 @@ def test_a_file_that_cannot_be_used_is_named_and_the_controller_begins_anew(
     else:
         path.write_text(content, encoding="utf-8")
     node = activated(graph, path)
-    assert not node._controller.state.lateness.any()
+    assert not node._controller.state.friction.any()
     said = capfd.readouterr().err
     assert f"adaptation.file: {path} is not used, and the controller begins anew" in said
     assert reason in said

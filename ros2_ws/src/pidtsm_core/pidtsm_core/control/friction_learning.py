@@ -105,8 +105,7 @@ def learn_friction(config: ControllerConfig, state: ControllerState, dt: float) 
         settled = state.friction_inputs[_POLES - 1, j * _INPUTS + Regressor.CONSTANT] > _SETTLED
         if learns and moves and settled and not held_back(config, state, j):
             _weigh(state, j, dt)
-            _fit(state, j, config.compensation.coulomb[j])
-            state.friction[Friction.COULOMB, j] -= config.compensation.coulomb[j]
+            fit_friction(config, state, j)
         _take_in(config, state, j, dt)
 
 
@@ -178,6 +177,13 @@ def _weight(state: ControllerState, j: int, lacking: float) -> float:
         left -= fit[a] * inputs[first + a]
     usual = _UNUSUAL * fit[FITTED]
     return usual / abs(left) if 0.0 < usual < abs(left) else 1.0
+
+
+@inlined
+def fit_friction(config: ControllerConfig, state: ControllerState, j: int) -> None:
+    """Write what the evidence says about the friction of joint j beyond ``compensation``, and its deviation."""
+    _fit(state, j, config.compensation.coulomb[j])
+    state.friction[Friction.COULOMB, j] -= config.compensation.coulomb[j]
 
 
 @inlined

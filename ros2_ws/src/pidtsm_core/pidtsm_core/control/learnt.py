@@ -1,19 +1,29 @@
-"""What a controller has learnt about its arm, in a form that a file can keep: from one activation to the next one."""
+"""What a controller has learnt about its arm, in a form that a file can keep: from one activation to the next one.
 
+What is kept is the evidence: the normal equations of the fits of friction_learning.py and lateness_learning.py. All
+else follows from it. It counts as little evidence, so that an arm which has changed since is soon learnt anew.
+"""
+
+import hashlib
+import json
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.friction_learning import fit_friction
 from pidtsm_core.control.state import ControllerState, Friction
 from pidtsm_core.errors import UsageError
 
 _FORM = 1
 """Of the content; other numbers are those of other versions."""
-_USED = (Friction.USED, Friction.EFFORT, Friction.MIDDLE_SHARE, Friction.SOFT_SHARE)
-"""Rows that are not kept: what is used grows slowly from zero."""
+_COUNTS = 0.5
+"""s of evidence, as which the kept one counts at most."""
+_ABSURD = 1e12
+"""In any SI unit: more than anything that is learnt can be."""
 
 
 class LearntError(UsageError):
@@ -28,8 +38,12 @@ def learnt(config: ControllerConfig, state: ControllerState, joints: tuple[str, 
         state: likewise.
         joints: their names.
     """
-    kept = {group: {name: array.tolist() for name, array in arrays.items()} for group, arrays in _arrays(config, state)}
-    return {"form": _FORM, "joints": list(joints), "beyond": _beyond(config), **kept}
+    kept: dict[str, dict[str, Any]] = {
+        group: {name: array.tolist() for name, array in arrays.items()}
+        for group, arrays in _arrays(config, state).items()
+    }
+    content = {"form": _FORM, "joints": list(joints), "beyond": _beyond(config), **kept}
+    return {**content, "digest": _digest(content)}
 
 
 def recall(config: ControllerConfig, state: ControllerState, joints: tuple[str, ...], content: Any) -> None:
@@ -42,48 +56,69 @@ def recall(config: ControllerConfig, state: ControllerState, joints: tuple[str, 
         content: what `learnt` has returned.
 
     Raises:
-        LearntError: it is something else, of other joints, beyond other parameters, or has numbers that are not finite.
+        LearntError: it is something else, of other joints, beyond other parameters, or has absurd numbers.
     """
-    if not isinstance(content, Mapping) or content.get("form") != _FORM:
+    if (
+        not isinstance(content, Mapping)
+        or content.get("form") != _FORM
+        or not isinstance(content.get("beyond"), Mapping)
+    ):
         raise LearntError("it is not of the form that this version writes")
+    if content.get("digest") != _digest({name: value for name, value in content.items() if name != "digest"}):
+        raise LearntError("it was damaged or edited")
     if content.get("joints") != list(joints):
         raise LearntError(f"it is about the joints {content.get('joints')}, not {list(joints)}")
     for name, value in _beyond(config).items():
-        if (before := content.get("beyond", {}).get(name)) != value:
+        if (before := content["beyond"].get(name)) != value:
             raise LearntError(f"it was learnt beyond {name} {before}; now it is {value}")
-    found = []
-    for group, arrays in _arrays(config, state):
+    read = {
+        group: {name: _read(content, group, name, array.shape) for name, array in arrays.items()}
+        for group, arrays in _arrays(config, state).items()
+    }
+    for group, arrays in _arrays(config, state).items():
+        found = read[group]
+        share = np.minimum(_COUNTS / np.maximum(found["evidence"], _COUNTS), 1.0)
         for name, array in arrays.items():
-            found.append((array, _read(content, group, name, array.shape)))
-    for array, values in found:
-        array[:] = values
-    state.friction[list(_USED)] = 0.0
+            of_joints = found[name].reshape(share.size, -1)
+            array[:] = (share[:, np.newaxis] * of_joints).reshape(array.shape)
+    if config.adaptation.learns_friction:
+        for j in np.flatnonzero(state.friction[Friction.EVIDENCE] > 0.0).tolist():
+            fit_friction(config, state, j)
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    """SHA-256 of a content: evidence that nothing has shown would make an arm run away."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def _read(content: Mapping[str, Any], group: str, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """An array of the content.
 
     Raises:
-        LearntError: it is missing, has another shape, or a number that is not finite.
+        LearntError: it is missing, has another shape, or a number that is absurd.
     """
     try:
         values = np.array(content[group][name], dtype=np.float64)
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, OverflowError, TypeError, ValueError):
         raise LearntError(f"{group}.{name} is missing, or has something else than numbers") from None
-    if values.shape != shape or not np.isfinite(values).all():
-        raise LearntError(f"{group}.{name} has the shape {values.shape} instead of {shape}, or is not finite")
+    if values.shape != shape:
+        raise LearntError(f"{group}.{name} has the shape {values.shape} instead of {shape}")
+    if not (np.abs(values) < _ABSURD).all():
+        raise LearntError(f"{group}.{name} has absurd numbers")
     return values
 
 
-def _arrays(config: ControllerConfig, state: ControllerState) -> list[tuple[str, dict[str, NDArray[np.float64]]]]:
-    """The arrays that contain what is learnt, of any shape, by group and name."""
-    bank, groups = state.bank, []
+def _arrays(config: ControllerConfig, state: ControllerState) -> dict[str, dict[str, Array]]:
+    """The evidence by group and name; the first axis of each array is that of the joints; proportional to time."""
+    groups, bank = {}, state.bank
     if config.adaptation.learns_friction:
-        friction = {"found": state.friction, "evidence": state.friction_evidence, "fit": state.friction_fit}
-        groups.append(("friction", friction))
+        groups["friction"] = {
+            "normal": state.friction_evidence,
+            "squares": state.friction[Friction.SQUARES],
+            "evidence": state.friction[Friction.EVIDENCE],
+        }
     if config.adaptation.learns_lateness:
-        hypotheses = {name: getattr(bank, name) for name in ("normal", "mixed", "squares", "evidence", "left")}
-        groups.append(("lateness", {"found": state.lateness, **hypotheses}))
+        groups["lateness"] = {name: getattr(bank, name) for name in ("normal", "mixed", "squares", "evidence")}
     return groups
 
 

@@ -1,6 +1,7 @@
 """What was learnt survives: a new controller goes on from it, and refuses what does not fit."""
 
 import json
+import math
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from support.coreloop import CoreLoop
 
 from pidtsm_core.control.findings import What, findings
-from pidtsm_core.control.learnt import LearntError, learnt, recall
+from pidtsm_core.control.learnt import LearntError, _digest, learnt, recall
 from pidtsm_core.control.state import Friction
 from pidtsm_core.experiment import ADAPTS
 from pidtsm_core.robots import find_robot
@@ -46,11 +47,20 @@ def test_what_is_used_grows_slowly_from_zero() -> None:
     first = loop(RUBS)
     first.advance(10_000)
     second = loop(RUBS, kept(first))
-    state = second.controller.state
-    assert not state.friction[[Friction.USED, Friction.EFFORT]].any()
-    np.testing.assert_array_equal(state.friction[Friction.COULOMB], first.controller.state.friction[Friction.COULOMB])
+    assert not second.controller.state.friction[[Friction.USED, Friction.EFFORT]].any()
     steps = [np.abs(np.diff(each.advance(2_000), axis=0)).max(axis=0) for each in (second, loop(RUBS))]
     assert (steps[0] < 1.05 * steps[1] + 0.5).all()
+
+
+def test_an_arm_that_has_changed_is_learnt_anew_at_its_first_reversal() -> None:
+    """The file promises friction that there is none of any more."""
+    first = loop(RUBS)
+    first.advance(10_000)
+    second = loop({**RUBS, "friction.coulomb": 0.0}, kept(first))
+    second.advance(6_500)
+    second.advance(1_500)
+    assert np.abs(second.errors).max() < 5e-3
+    assert np.abs(second.controller.state.friction[Friction.USED]).max() < 0.1
 
 
 def test_it_states_what_it_knew() -> None:
@@ -63,10 +73,12 @@ def test_it_states_what_it_knew() -> None:
     assert [each.value for each in found if each.what is What.LATENESS] == pytest.approx([0.045], rel=0.25)
 
 
-def changed(**parts: Any) -> str:
+def changed(digest: bool = True, **parts: Any) -> str:
+    """A content with other parts; without a new digest, as if it was edited."""
     content = json.loads(kept(loop(RUBS)))
     content.update(parts)
-    return json.dumps(content)
+    content.pop("digest")
+    return json.dumps({**content, "digest": _digest(content) if digest else "0"})
 
 
 @pytest.mark.parametrize(
@@ -76,9 +88,14 @@ def changed(**parts: Any) -> str:
         (changed(form=0), "not of the form"),
         (changed(joints=["a"]), "about the joints"),
         (changed(beyond={"compensation.coulomb": [1.0] * 7}), "beyond compensation.coulomb"),
-        (changed(friction={}), "friction.found is missing"),
-        (changed(lateness={"found": "late"}), "lateness.found is missing, or has something else than numbers"),
-        (changed().replace("[[0.0,", "[[NaN,", 1), "is not finite"),
+        (changed(beyond=[1.0]), "not of the form"),
+        (changed(digest=False), "damaged or edited"),
+        (kept(loop(RUBS)).replace("0.0", "0.1", 1), "damaged or edited"),
+        (changed(friction={}), "friction.normal is missing"),
+        (changed(friction=[1.0]), "friction.normal is missing"),
+        (changed(lateness={"normal": "late"}), "lateness.normal is missing, or has something else than numbers"),
+        (changed(friction={"normal": [0.0]}), r"friction.normal has the shape \(1,\) instead of \(49, 8\)"),
+        *((changed(friction={"normal": [[each] * 8] * 49}), "absurd|else than") for each in (math.nan, 1e13, 10**400)),
     ],
 )
 def test_what_does_not_fit_is_refused_and_changes_nothing(content: str, reason: str) -> None:
