@@ -16,9 +16,9 @@ from joblib import Parallel, delayed
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
-from pidtsm_core.latex import cell, escaped, grouped, spread, table
 from pidtsm_core.parameters import did_you_mean
 from pidtsm_core.recording import Recording
+from pidtsm_core.recording.latex import cell, escaped, grouped, spread, table
 from pidtsm_core.recording.metrics import JointMetrics, metrics
 from pidtsm_core.registration.shipment import Parcel, packed, unpack
 from pidtsm_core.rollouts.closed_loop import DivergedError, rollout

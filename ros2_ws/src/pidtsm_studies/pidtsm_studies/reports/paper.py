@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.latex import NOTHING, cell, escaped, spread, table
 from pidtsm_core.parameters.files import Settings
 from pidtsm_core.recording import Recording
+from pidtsm_core.recording.latex import NOTHING, cell, escaped, spread, table
 from pidtsm_core.recording.metric import METRICS
 from pidtsm_core.units import joint_units
 from pidtsm_studies.article.claims import Run

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pidtsm_core.latex import NOTHING, cell, escaped, spread, table
+from pidtsm_core.recording.latex import NOTHING, cell, escaped, spread, table
 
 
 def test_the_interval_is_students() -> None:
