@@ -7,9 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from pidtsm_core.control.parameters import ESTIMATOR_NAME, LAW_NAME
 from pidtsm_core.experiment import Experiment
 from pidtsm_core.parameters import ParameterError
 from pidtsm_core.recording import Recording
+from pidtsm_core.robots import DESCRIPTION
 from pidtsm_core.robots.definition import resolved_description
 from pidtsm_core.rollouts.closed_loop import DivergedError, rollout
 from pidtsm_experiments.commands.options import CONSOLE, read
@@ -47,14 +49,14 @@ examples:
   ./pidtsm compare colleague/arm results/again
 """
 _CHOICES = (
-    "law.name",
+    LAW_NAME.name,
     "law.surface",
     "law.manifold",
     "law.reaching",
-    "estimator.name",
-    "reference.type",
-    "disturbance.type",
-    "robot.description",
+    ESTIMATOR_NAME.name,
+    "reference.name",
+    "disturbance.name",
+    DESCRIPTION.name,
 )
 """Parameters whose values may be members from outside."""
 

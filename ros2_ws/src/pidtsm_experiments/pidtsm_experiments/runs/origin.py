@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pidtsm_core import __version__
+from pidtsm_core.experiment.node_parameters import LEARNT_FILE
 from pidtsm_core.parameters import Value
 from pidtsm_core.parameters.files import load_ros_parameters
 from pidtsm_core.recording.provenance import commit, environment
@@ -76,7 +77,9 @@ def write_origin(folder: Path, made_of: MadeOf = NOTHING, before: Path | None = 
 
 def digests(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
     """SHA-256 of each file that a parameter of a node names, such as the description of the arm, by its path."""
-    texts = {value for values in parameters.values() for value in values.values() if isinstance(value, str)}
+    named = (each for values in parameters.values() for each in values.items())
+    # What the controller has learnt is another file after each run.
+    texts = {value for name, value in named if isinstance(value, str) and name != LEARNT_FILE.name}
     found = {}
     for text in sorted(text for text in texts if os.sep in text and len(text) < _LONGEST_PATH):
         with suppress(OSError, ValueError):

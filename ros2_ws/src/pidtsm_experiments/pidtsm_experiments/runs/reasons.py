@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from pidtsm_core import __version__
+from pidtsm_core.experiment.node_parameters import LEARNT_FILE
 from pidtsm_core.recording.provenance import LIBRARIES, commit, environment
 from pidtsm_core.simulation.mujoco_model import ENGINE
 from pidtsm_experiments.runs.origin import digests
@@ -27,7 +28,7 @@ def reasons(origin: Mapping[str, Any], robot: str | None = None) -> list[str]:
         origin: content of its run.json.
         robot: description of the arm that is used instead of the recorded one; None: that one is used.
     """
-    return [*_of_source(origin), *_of_files(origin, robot), *_of_environment(origin)]
+    return [*_of_files(origin, robot), *_of_source(origin), *_of_environment(origin)]
 
 
 def _of_source(origin: Mapping[str, Any]) -> Iterator[str]:
@@ -45,6 +46,8 @@ def _of_source(origin: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _of_files(origin: Mapping[str, Any], robot: str | None) -> Iterator[str]:
+    if learnt := (origin.get("parameters") or {}).get("controller", {}).get(LEARNT_FILE.name):
+        yield f"its controller went on from what {learnt} said then ({LEARNT_FILE.name}), if there was such a file"
     recorded = origin.get("files", {})
     here = digests({"recorded": {file: file for file in recorded}})
     for file, digest in recorded.items():

@@ -114,6 +114,15 @@ def test_what_this_version_does_not_have_is_the_reason(
     assert "cannot be made again: " in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("chosen", ["controller.law.name", "trajectory.reference.name", "simulator.disturbance.name"])
+def test_a_member_that_is_not_installed_is_called_so(
+    kept: Path, folder: Path, chosen: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    node, _, name = chosen.partition(".")
+    _, content = replay(capsys, edited(folder / "other", kept / "firm", **{f"{node}__{name}": "theirs"}))
+    assert content["different_here"][0].endswith("(a member from outside, or a file, that is not on this machine?)")
+
+
 def test_a_run_in_real_time_cannot_agree(
     kept: Path, folder: Path, run: Recording, write_bag: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

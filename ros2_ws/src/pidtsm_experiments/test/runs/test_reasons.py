@@ -75,6 +75,15 @@ def test_an_engine_counts_only_where_it_was_used() -> None:
     assert "mujoco 1.2.3" in reasons(other)[0]
 
 
+def test_what_the_controller_had_learnt_is_a_reason_and_no_file_of_the_arm(tmp_path: Path) -> None:
+    learnt = tmp_path / "learnt.json"
+    learnt.write_text("{}")
+    parameters = {"controller": {"adaptation.file": str(learnt)}, "simulator": {}}
+    assert digests(parameters) == {}
+    (only,) = reasons(origin() | {"parameters": parameters})
+    assert only == f"its controller went on from what {learnt} said then (adaptation.file), if there was such a file"
+
+
 def test_files_that_parameters_name_are_known_by_their_content(tmp_path: Path) -> None:
     arm = tmp_path / "arm.urdf"
     arm.write_text("<robot/>")
