@@ -41,7 +41,7 @@ ADAPTS = {**ADAPTS_ON_HARDWARE, "adaptation.lateness": "learn", "adaptation.soft
 """What `ADAPTIVE` switches on; with a class of hardware only the former, see docs/adaptation.md."""
 TUNED = "tuned_"
 """Prefix of the names of tuned parameter sets; a class of hardware follows."""
-OWN = "tuned"
+TUNED_FOR_CLASS = "tuned"
 """Name of the set that was tuned for the class of hardware that the arm has."""
 _SCENARIOS, _PARAMETERS = (Path(__file__).with_name(folder) for folder in ("scenarios", "params"))
 PRACTICAL_FILE = _PARAMETERS / f"{PRACTICAL}.yaml"
@@ -162,7 +162,7 @@ def _parameter_set(name: str, law: str | None, settings: Settings, hardware: str
         adapts = ADAPTS_ON_HARDWARE if hardware else ADAPTS
         adapts = adapts if name == ADAPTIVE else {}
         return {"controller": {**gains, **adapts}}, Path(name)
-    if name == OWN or name.startswith(TUNED):
+    if name == TUNED_FOR_CLASS or name.startswith(TUNED):
         source = tuned_parameters(name, law, settings)
     elif name == ARTICLE:
         source = article_parameters(law)
@@ -177,7 +177,7 @@ def _parameter_file(name: str) -> Path:
     Raises:
         UsageError: there is none; the message contains the named sets.
     """
-    sets = (ARTICLE, PRACTICAL, ADAPTIVE, OWN)
+    sets = (ARTICLE, PRACTICAL, ADAPTIVE, TUNED_FOR_CLASS)
     with suppress(OSError):  # The name is too long, or its folder is not readable.
         if not Path(name).exists():
             known = f"{', '.join(sets)} and {TUNED}14bit"
@@ -290,10 +290,10 @@ def tuned_parameters(name: str, law: str | None, settings: Mapping[str, Mapping[
     robot, wanted, hardware = _robot(settings), law or str(LAW_NAME.default), name.removeprefix(TUNED)
     folder = _PARAMETERS / "tuned"
     known = {file.stem: file for file in folder.glob("*.yaml") if wanted == LAW_NAME.default}
-    of_law = {file.stem: file for file in (folder / "laws").glob(f"*-{wanted}.yaml")}
+    of_law = {file.stem: file for file in sorted((folder / "laws").glob(f"*-{wanted}.yaml"))}
     if f"{robot}-{hardware}" in known:
         return known[f"{robot}-{hardware}"]
-    begin = f"{robot}-" if name == OWN else f"{robot}-{hardware}-"
+    begin = f"{robot}-" if name == TUNED_FOR_CLASS else f"{robot}-{hardware}-"
     for stem, file in of_law.items():
         if stem.startswith(begin):
             return file
