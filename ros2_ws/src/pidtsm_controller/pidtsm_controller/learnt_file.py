@@ -29,7 +29,7 @@ class LearntFile:
         except (OSError, ValueError, RecursionError, LearntError) as reason:
             self._logger.warning(f"adaptation.file: {self._path} is not used, and the controller begins anew: {reason}")
             return
-        self._logger.info(f"adaptation.file: goes on from {self._path}")
+        self._logger.info(f"adaptation.file: continuing from {self._path}")
 
     def write(self) -> None:
         """Replace the file by a whole new one."""

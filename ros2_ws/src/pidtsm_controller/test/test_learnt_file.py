@@ -48,7 +48,7 @@ def test_it_is_written_at_the_deactivation_and_read_at_the_next_activation(
     assert [each.name for each in path.parent.iterdir()] == ["learnt.json"]
     assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
     assert (node._controller.state.friction[Friction.EVIDENCE] == 0.25).all()
-    assert f"adaptation.file: goes on from {path}" in capfd.readouterr().err
+    assert f"adaptation.file: continuing from {path}" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,7 @@ def recall(config: ControllerConfig, state: ControllerState, joints: tuple[str, 
         raise LearntError(f"it is about the joints {content.get('joints')}, not {list(joints)}")
     for name, value in _beyond(config).items():
         if (before := content["beyond"].get(name)) != value:
-            raise LearntError(f"it was learnt beyond {name} {before}; now it is {value}")
+            raise LearntError(f"it was learnt with {name} {before}, which is now {value}")
     read = {
         group: {name: _read(content, group, name, array.shape) for name, array in arrays.items()}
         for group, arrays in _arrays(config, state).items()

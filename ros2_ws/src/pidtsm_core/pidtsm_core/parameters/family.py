@@ -178,7 +178,9 @@ class Family(Generic[_Member]):
         if member.name in self._all():
             owner = self._origins.get(member.name, _OWN).source
             if owner != origin.source:
-                raise MemberError(f"{where}: {owner} has {self.title} of this name already; choose another one")
+                raise MemberError(
+                    f"{where}: {owner} already has a {self.kind.__name__} of this name; choose another one"
+                )
         self._members[member.name], self._origins[member.name] = member, origin
 
     def replace(self, member: _Member, origin: "Origin") -> None:
@@ -223,7 +225,7 @@ class Family(Generic[_Member]):
                 self.add(member, Origin(package))
         except Exception as error:  # Whatever its module raises.
             reason = f"{type(error).__name__}: {error}" if not isinstance(error, MemberError) else str(error)
-            text = f"{package} offers {self.title} that cannot be used ({point.value}): {reason}"
+            text = f"{package} offers a {self.kind.__name__} that cannot be used ({point.value}): {reason}"
             warnings.warn(text, MemberWarning, stacklevel=2)
 
 

@@ -87,7 +87,7 @@ def changed(digest: bool = True, **parts: Any) -> str:
         ("[]", "not of the form"),
         (changed(form=0), "not of the form"),
         (changed(joints=["a"]), "about the joints"),
-        (changed(beyond={"compensation.coulomb": [1.0] * 7}), "beyond compensation.coulomb"),
+        (changed(beyond={"compensation.coulomb": [1.0] * 7}), "learnt with compensation.coulomb"),
         (changed(beyond=[1.0]), "not of the form"),
         (changed(digest=False), "damaged or edited"),
         (kept(loop(RUBS)).replace("0.0", "0.1", 1), "damaged or edited"),

@@ -150,7 +150,7 @@ def wrong(result: str, arguments: str = "e, de, dde, ddq_d, p, x, dt") -> Any:
 @pytest.mark.parametrize(
     ("member", "reason"),
     [
-        (lambda: pidtsm.own_law("pid", "", proportional, (GAIN, DAMPING)), "pidtsm has laws of this name already"),
+        (lambda: pidtsm.own_law("pid", "", proportional, (GAIN, DAMPING)), "pidtsm already has a Law of this name"),
         (lambda: pidtsm.own_law("my law", "", proportional, (GAIN, DAMPING)), "letters, digits and underscores only"),
         (lambda: pidtsm.own_law("lambda", "", proportional, (GAIN, DAMPING)), "letters, digits and underscores only"),
         (lambda: pidtsm.own_law("wrong", "", proportional, (GAIN, GAIN)), "'kp' occurs twice"),
@@ -251,5 +251,5 @@ def test_installed_packages_offer_members(monkeypatch: pytest.MonkeyPatch) -> No
         assert found.names == ("computed_torque", "pid", "offered", "first", "second")
     reasons = [str(each.message) for each in warned]
     assert len(reasons) == 2
-    assert "pidtsm has laws of this name already" in reasons[0]
+    assert "pidtsm already has a Law of this name" in reasons[0]
     assert "is no Law" in reasons[1]

@@ -47,7 +47,7 @@ def _of_source(origin: Mapping[str, Any]) -> Iterator[str]:
 
 def _of_files(origin: Mapping[str, Any], robot: str | None) -> Iterator[str]:
     if learnt := (origin.get("parameters") or {}).get("controller", {}).get(LEARNT_FILE.name):
-        yield f"its controller went on from what {learnt} said then ({LEARNT_FILE.name}), if there was such a file"
+        yield f"its controller continued from what {learnt} contained then ({LEARNT_FILE.name}), if it existed"
     recorded = origin.get("files", {})
     here = digests({"recorded": {file: file for file in recorded}})
     for file, digest in recorded.items():

@@ -81,7 +81,7 @@ def test_what_the_controller_had_learnt_is_a_reason_and_no_file_of_the_arm(tmp_p
     parameters = {"controller": {"adaptation.file": str(learnt)}, "simulator": {}}
     assert digests(parameters) == {}
     (only,) = reasons(origin() | {"parameters": parameters})
-    assert only == f"its controller went on from what {learnt} said then (adaptation.file), if there was such a file"
+    assert only == f"its controller continued from what {learnt} contained then (adaptation.file), if it existed"
 
 
 def test_files_that_parameters_name_are_known_by_their_content(tmp_path: Path) -> None:
