@@ -31,11 +31,12 @@ from pidtsm_core.identification.least_squares import motion_regressor
 from pidtsm_core.identification.measurement import Measurement, filtered
 from pidtsm_core.identification.payload import identify_payload
 from pidtsm_core.identification.pseudo_inertia import is_consistent
-from pidtsm_core.identification.regressor import LINK, described_parameters
+from pidtsm_core.identification.regressor import described_parameters
 from pidtsm_core.references.polynomials import add_quintic, quintic
 from pidtsm_core.robots import Description, find_description
 from pidtsm_core.robots.description import read_description
 from pidtsm_core.robots.tree.layout import steiner
+from pidtsm_core.robots.tree.unit_forces import LINK
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.trajectories.limits import motion_limits
 from pidtsm_experiments.bags.measurements import read_measurement

@@ -27,8 +27,8 @@ from pidtsm_core.identification.identification import Identification, identify
 from pidtsm_core.identification.least_squares import motion_regressor
 from pidtsm_core.identification.measurement import Measurement, Piece, filtered
 from pidtsm_core.identification.pseudo_inertia import is_consistent
-from pidtsm_core.identification.regressor import LINK
 from pidtsm_core.robots import Description
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 _OWN = ("VIRTUAL_ENV", "PYTHONPATH", "LD_LIBRARY_PATH", "PYTHONNOUSERSITE")
 """Variables of our environment, which the other one must not see."""

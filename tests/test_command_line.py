@@ -80,7 +80,7 @@ def nodes_of(runner: "subprocess.Popen[str]", folder: Path, names: tuple[str, ..
 BAD_USAGE = [
     ([], "usage"),
     (["fly"], "invalid choice: 'fly'"),
-    (["run", "--law", "pidtsm"], "unknown law pidtsm; known: computed_torque, dtsm"),
+    (["run", "--law", "pidtsm"], "unknown law pidtsm; known: computed_torque, disturbance_observer, dtsm"),
     (["run", "--scenario", "case9"], "no scenario case9: neither a file nor one of case1, case2"),
     (["run", "--duration", "-1"], "'-1' is not a positive number of seconds"),
     (["run", "--clock", "sundial"], "invalid choice: 'sundial'"),
@@ -108,12 +108,12 @@ BAD_USAGE = [
     (["reproduce", "--law", "sliding_mode"], "law sliding_mode is not part of the article's evaluation: piddtsm,"),
     (["reproduce", "--law", "dtsm_printed", "--scenario", "case2"], "only in case1"),
     (["reproduce", "--law", "pid", "--set", "controller.law.k9=1"], "unknown parameter law.k9"),
-    (["score", "--law", "mine"], "unknown law mine; known: computed_torque, dtsm, pid,"),
+    (["score", "--law", "mine"], "unknown law mine; known: computed_torque, disturbance_observer, dtsm,"),
     (["score", "--robot", "pandda"], "pandda: No such file or directory; neither a file nor one of two_link, panda,"),
     (["score", "--set", "controller.law.k9=1"], "unknown parameter law.k9"),
     (["tune", "--budget", "soon"], "'soon' is neither a time (90s, 10min, 1h) nor a number of controllers"),
     (["tune", "--seed", "-1"], "'-1' is not an integer from 0 to 2^32 - 1"),
-    (["tune", "--law", "mine"], "unknown law mine; known: computed_torque, dtsm, pid,"),
+    (["tune", "--law", "mine"], "unknown law mine; known: computed_torque, disturbance_observer, dtsm,"),
     (
         ["tune", "--budget", "9", "--scheduler", "tcp://127.0.0.1:1", "--out", "x"],
         "no scheduler answers",

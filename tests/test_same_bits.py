@@ -308,6 +308,9 @@ def test_nodes_and_rollout_agree(law: str, condition: str, tmp_path: Path) -> No
     if not LAWS[law].uses_model:  # Such a law recognises neither contact nor friction, and predicts nothing.
         for name in ("limits.external_effort", "drive.delay", "drive.lag", *ADAPTS):
             settings["controller"].pop(name, None)
+    if not LAWS[law].softens:
+        settings["controller"].pop("adaptation.softening", None)
+        settings["controller"].pop("adaptation.roughness", None)
     simulated = rollout(Experiment("test", "", SAMPLES * 1e-3, settings))
     heard = over_nodes(settings, tmp_path)
     assert list(heard["simulator/ground_truth"]) == list(range(SAMPLES))

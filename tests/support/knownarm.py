@@ -11,9 +11,10 @@ from pidtsm_core.identification.consistency import body, described_factor
 from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.measurement import Measurement
 from pidtsm_core.identification.pseudo_inertia import moved
-from pidtsm_core.identification.regressor import LINK, described_parameters, regressor
+from pidtsm_core.identification.regressor import described_parameters, regressor
 from pidtsm_core.robots import Description, find_description
 from pidtsm_core.robots.description import read_description
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 STEP = 2.0 * math.pi / 2**14
 

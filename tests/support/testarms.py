@@ -130,6 +130,8 @@ class Arm:
         """Gains for the inertia of its joints where the defaults, which are those of the two-link arm, do not fit."""
         if self.description == "two_link":
             return {}
+        if law in ("time_delay", "disturbance_observer"):
+            return {"law.inertia": (0.2 * self.inertia).tolist()}
         if law == "pid":
             return {f"law.{gain}": (share * self.inertia).tolist() for gain, share in _PID.items()}
         if law != "piddtsm":

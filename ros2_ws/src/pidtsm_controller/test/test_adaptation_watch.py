@@ -2,7 +2,8 @@
 
 from pidtsm_controller.adaptation_watch import AdaptationWatch
 from pidtsm_core.control import Controller, controller_schema
-from pidtsm_core.control.state import Friction, Lateness, Softness
+from pidtsm_core.control.late_drives import Lateness
+from pidtsm_core.control.state import Friction, Softness
 from pidtsm_core.parameters import resolve
 
 WARNS = {"estimator.name": "extended_state_observer", "adaptation.friction": "warn"}

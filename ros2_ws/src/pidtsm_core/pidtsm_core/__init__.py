@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pidtsm_core.experiment import make_experiment, scenario_names
     from pidtsm_core.experiment.definition import Experiment
     from pidtsm_core.laws.base import Law
+    from pidtsm_core.laws.of_arm import arm_law
     from pidtsm_core.laws.own import own_law
     from pidtsm_core.laws.reaching.base import ReachingLaw
     from pidtsm_core.laws.sliding_mode import compose
@@ -64,6 +65,7 @@ _MODULES = {
     "Surface": "laws.surfaces.base",
     "Trajectory": "rollouts.batches",
     "UsageError": "errors",
+    "arm_law": "laws.of_arm",
     "batch": "rollouts.batches",
     "compose": "laws.sliding_mode",
     "make_controller": "rollouts.closed_loop",
@@ -101,6 +103,7 @@ __all__ = [
     "Surface",
     "Trajectory",
     "UsageError",
+    "arm_law",
     "batch",
     "compose",
     "make_controller",

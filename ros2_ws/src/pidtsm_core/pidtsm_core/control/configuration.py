@@ -11,7 +11,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.control.parameters import ADAPTATION, LEARNT_LATENESS, REJECTION, ROUGHNESS
 from pidtsm_core.estimators import ESTIMATORS, estimator_address
 from pidtsm_core.laws import LAWS, LawConfig, make_law
-from pidtsm_core.parameters import Value, as_float, joint_array
+from pidtsm_core.parameters import ParameterError, Value, as_float, joint_array
 from pidtsm_core.robots import GRAVITY, Model, Robot, make_model, payload_of
 from pidtsm_core.signals import Violation
 from pidtsm_core.timing import NANOSECONDS
@@ -163,6 +163,9 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
     Args:
         values: every parameter of `controller_schema`, as `resolve` returns them.
         robot: which they choose.
+
+    Raises:
+        ParameterError: the law needs the geometry of the arm, which is not known.
     """
     joints = len(robot.joints)
     law, estimator = LAWS[str(values["law.name"])], ESTIMATORS[str(values["estimator.name"])]
@@ -171,7 +174,7 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
     rehearsal = _group(RehearsalConfig, values, joints)
     plausible = joint_array(values["plausibility.velocity"], joints)
     return ControllerConfig(
-        law=make_law(law, values, joints),
+        law=make_law(law, values, joints, _tree(robot, values) if law.needs_tree else None),
         estimator=EstimatorConfig(estimator_address(estimator), estimator.pack(values, "estimator", joints)),
         limits=limits,
         watchdog=_group(WatchdogConfig, values, joints),
@@ -209,12 +212,20 @@ def loaded_model(values: Mapping[str, Value], robot: Robot) -> Model:
     return make_model(robot, robot.with_payload(robot.pack_model(values), payload_of(values)))
 
 
+def _tree(robot: Robot, values: Mapping[str, Value]) -> Array:
+    """The arm as a tree, see `ArmSample`."""
+    if robot.tool is None:
+        reason = f"law.name: {values['law.name']} needs the geometry of the arm, but robot {robot.name} has no tool"
+        raise ParameterError(reason, "law.name")
+    return robot.tool(robot.pack_model(values)).tree
+
+
 def example_config() -> ControllerConfig:
     """A configuration of one joint, of which only the types matter."""
     one, table = np.zeros(1), np.zeros((1, 1))
     by_kind: dict[Any, Any] = {bool: False, int: 0, float: 0.0, Array: one}
     by_kind[Model] = Model(0, 0, 0, 0, one)
-    by_kind[LawConfig] = LawConfig(0, 0, np.zeros(1, np.int64), table)
+    by_kind[LawConfig] = LawConfig(0, 0, False, np.zeros(1, np.int64), table, one)
     by_kind[EstimatorConfig] = EstimatorConfig(0, table)
     groups = (
         LimitsConfig,

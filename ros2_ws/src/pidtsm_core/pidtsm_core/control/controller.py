@@ -14,23 +14,15 @@ from pidtsm_core.control.findings import Finding, findings
 from pidtsm_core.control.freedrive import refusal as cannot_be_free
 from pidtsm_core.control.friction_learning import forget_friction
 from pidtsm_core.control.handover import expect_handover
+from pidtsm_core.control.late_drives import Lateness
 from pidtsm_core.control.lateness import begin_lateness, refusal_of_freedrive
 from pidtsm_core.control.lateness_learning import forget_lateness
 from pidtsm_core.control.modes import begin_afresh, request, reset_fault, set_clock
 from pidtsm_core.control.report import Change, changes, tight_rates
-from pidtsm_core.control.state import (
-    LAYOUT,
-    Condition,
-    ControllerMemory,
-    Friction,
-    Lateness,
-    Time,
-    arrays_of,
-    new_state,
-    part,
-)
+from pidtsm_core.control.state import LAYOUT, Condition, ControllerMemory, Friction, Time, arrays_of, new_state, part
 from pidtsm_core.control.step import leave_now, respond, stop_after, stop_now, tick_now
 from pidtsm_core.control.turns import distance
+from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Value, names
 from pidtsm_core.robots import find_robot
 from pidtsm_core.signals import Fault, Request, Signal, Status
@@ -69,7 +61,10 @@ class Controller:
         self.joints = len(self._names)
         self.effort = np.zeros(self.joints) if effort is None else effort
         self.signals = np.zeros((len(Signal), self.joints)) if signals is None else signals
-        self.state = new_state(self.joints, feeds_back=values["feedback.effort"] == "measured")
+        memory = LAWS[str(values["law.name"])].memory
+        self.state = new_state(
+            self.joints, values["feedback.effort"] == "measured", memory(self.joints) if memory else 0
+        )
         self._configure(values)
         self._memory = LAYOUT.store(self.memory)
         self.position, self.measured = self.state.measured, self.state.received

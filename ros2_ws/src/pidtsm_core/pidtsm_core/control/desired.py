@@ -12,9 +12,9 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.effort import time_of_change, write_net_effort
+from pidtsm_core.control.learnt_demand import demand_without_error, learnt_acceleration, learnt_effort
 from pidtsm_core.control.state import Condition, ControllerState, Count, Time, part
 from pidtsm_core.control.turns import turn_reference
-from pidtsm_core.laws import command
 from pidtsm_core.references import extrapolate
 from pidtsm_core.references.polynomials import add_quintic, quintic
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics
@@ -359,16 +359,6 @@ def _excess(config: ControllerConfig, state: ControllerState, duration: float, u
     return excess
 
 
-@inlined
-def learnt_acceleration(config: ControllerConfig, state: ControllerState, joint: int) -> float:
-    """Output of the law without any error, minus the rejected disturbance: what was learnt of the disturbances.
-
-    Its unit is rad/s^2, or N m for a law that does not use the model.
-    """
-    learnt = command(config.law, joint, 0.0, 0.0, 0.0, 0.0, state.law[joint], 0.0)[0]
-    return learnt - state.rejected[joint]
-
-
 @part
 def begin_approach_here(config: ControllerConfig, state: ControllerState, stamp: int) -> bool:
     """Begin an approach at the arm's estimated motion, with the acceleration that keeps the present effort.
@@ -383,6 +373,10 @@ def begin_approach_here(config: ControllerConfig, state: ControllerState, stamp:
     """
     y, start = state.signals, state.desired
     write_net_effort(state, y[Signal.EFFORT])
+    if config.law.of_arm:
+        demand_without_error(config, state)
+        for j in range(state.net.size):
+            state.net[j] -= learnt_effort(config, state, j)
     forward_dynamics(config.model, y[Signal.POSITION], y[Signal.VELOCITY], state.net, start[2])
     for j in range(state.measured.size):
         start[0, j] = y[Signal.POSITION, j]

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.state import ControllerState, Friction, Lateness, Softness
+from pidtsm_core.control.late_drives import Lateness
+from pidtsm_core.control.state import ControllerState, Friction, Softness
 from pidtsm_core.units import JointUnits
 from pidtsm_core.written import number
 

@@ -25,7 +25,8 @@ import math
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.bank import MOST_UNDER_WAY
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.state import Condition, ControllerState, Count, Lateness, Predicted, UnderWay, part
+from pidtsm_core.control.late_drives import Lateness, Predicted, UnderWay
+from pidtsm_core.control.state import Condition, ControllerState, Count, part
 from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.references import extrapolate
 from pidtsm_core.robots import forward_dynamics

@@ -37,8 +37,9 @@ from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.effort import REVERSAL
 from pidtsm_core.control.friction_learning import SOFTER
 from pidtsm_core.control.lacking import is_known
+from pidtsm_core.control.late_drives import Lateness
 from pidtsm_core.control.lateness import lagging
-from pidtsm_core.control.state import ControllerState, Count, Lateness, part
+from pidtsm_core.control.state import ControllerState, Count, part
 from pidtsm_core.signals import Mode, Signal, Status
 
 _MEMORY = 10.0

@@ -6,7 +6,7 @@ from pidtsm_core.control.desired import begin_at
 from pidtsm_core.control.handover import expect_handover
 from pidtsm_core.control.history import shift_history
 from pidtsm_core.control.state import Condition, ControllerState, Count, Handover, Held, Time, part
-from pidtsm_core.control.stopping import keep_what_holds
+from pidtsm_core.control.stopping import forget_law, keep_what_holds
 from pidtsm_core.control.trust import is_doubtful, trust
 from pidtsm_core.signals import Mode, Request, Signal, Status, Stop
 
@@ -62,6 +62,7 @@ def begin_afresh(state: ControllerState) -> None:
         for j in range(table.shape[0]):
             for slot in range(table.shape[1]):
                 table[j, slot] = 0.0
+    forget_law(state)
     state.status[Status.VIOLATIONS] = 0
     hold_elsewhere(state)
     counts[Count.ANSWERED] = 0

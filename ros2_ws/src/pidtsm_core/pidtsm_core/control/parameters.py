@@ -371,7 +371,8 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     return (
         LAW_NAME,
         *prefixed("law", law.parameters(settings)),
-        *((REJECTION, *ADAPTATION, ROUGHNESS, *DRIVE) if law.uses_model else ()),
+        *((REJECTION, LEARNT_FRICTION, LEARNT_LATENESS, *DRIVE) if law.uses_model else ()),
+        *((SOFTENING, ROUGHNESS) if law.softens else ()),
         ESTIMATOR_NAME,
         *prefixed("estimator", estimator.parameters),
         *robot_schema(settings, robot),

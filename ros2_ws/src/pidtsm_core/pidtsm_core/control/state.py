@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.compiling.memory import Layout
-from pidtsm_core.control.bank import MOST_UNDER_WAY, Bank, new_bank
+from pidtsm_core.control.bank import Bank, new_bank
 from pidtsm_core.control.configuration import ControllerConfig, example_config
-from pidtsm_core.laws import STATE_SLOTS
+from pidtsm_core.control.late_drives import late_drives
+from pidtsm_core.laws import STATE_SLOTS, Demand
 from pidtsm_core.parameters.family import SLOTS
 from pidtsm_core.signals import Signal, Status
 
@@ -145,34 +146,6 @@ class Friction(IntEnum):
     SOFT_SHARE = 10  # share of the latter
 
 
-class UnderWay(IntEnum):
-    """Rows of what is known of a command that may still be under way, per joint; see lateness.py."""
-
-    EFFORT = 0  # that the drive delivers for it, N m
-    ADDED = 1  # what was added to the law's, see `ControllerState.added`, N m
-    ACCELERATION = 2  # of the model under the rest, rad/s^2
-
-
-class Predicted(IntEnum):
-    """Rows of the motion that is predicted for the time at which the command acts."""
-
-    POSITION = 0  # rad
-    VELOCITY = 1  # rad/s
-    ACCELERATION = 2  # rad/s^2
-
-
-class Lateness(IntEnum):
-    """What is known of the lateness of the drives beyond ``drive``, s; see lateness_learning.py."""
-
-    DELAY = 0  # used
-    LAG = 1  # likewise
-    FOUND_DELAY = 2
-    FOUND_LAG = 3
-    DEVIATION = 4  # standard deviation of the sum that was found
-    LATE = 5  # 1: the drives are later than ``drive`` says, or were
-    OBSERVED = 6  # for how long the arm has followed its reference so far
-
-
 class Noise(IntEnum):
     """Rows of what is known of the noise of a measured position, see lacking.py."""
 
@@ -220,6 +193,9 @@ class ControllerState(NamedTuple):
     hold_bandwidth: Array  # shape (1,), rad/s, that of the configuration or as much as the rate of the samples allows
     estimator: Array  # shape (joints, SLOTS)
     law: Array  # shape (joints, STATE_SLOTS)
+    law_memory: Array  # of a law of the whole arm, shape (`Law.memory`,)
+    demand: Array  # what such a law demanded last, see `Demand`, shape (len(Demand), joints)
+    frozen: Array  # scratch: 1 for a joint in which nothing may wind up, shape (joints,)
     inertia: Array  # of the model where the arm was stopped, shape (joints, joints), kg m^2
     signals: Array  # shape (len(Signal), joints), see `Signal`
     sent: Array  # the last effort that the drives shall deliver, shape (joints,), N m
@@ -304,25 +280,14 @@ def _learnt(joints: int) -> dict[str, Any]:
     }
 
 
-def _late_drives(joints: int) -> dict[str, Any]:
-    """The arrays of lateness.py, by name; shapes as in `ControllerState`."""
-    return {
-        "commanded": np.zeros(joints),
-        "drive": np.zeros(joints),
-        "under_way": np.zeros((MOST_UNDER_WAY, len(UnderWay), joints)),
-        "under_way_held": np.zeros(MOST_UNDER_WAY),
-        "under_way_newest": np.zeros(1, np.int64),
-        "delivered": np.zeros(joints),
-        "damped": np.zeros(joints),
-        "undamped": np.zeros(joints),
-        "predicted": np.zeros((len(Predicted), joints)),
-        "ahead": np.zeros((3, joints)),
-        "lateness": np.zeros(len(Lateness)),
-    }
+def new_state(joints: int, feeds_back: bool, law_memory: int = 0) -> ControllerState:
+    """The state of a controller that has not begun.
 
-
-def new_state(joints: int, feeds_back: bool) -> ControllerState:
-    """The state of a controller that has not begun; `feeds_back` as in its configuration."""
+    Args:
+        joints: number of joints.
+        feeds_back: as in its configuration.
+        law_memory: how many numbers its law keeps, see `Law.memory`.
+    """
     measured, given, motion = np.zeros((2, joints)), np.zeros((4, joints)), np.zeros((3, joints))
     return ControllerState(
         times=np.zeros(len(Time), np.int64),
@@ -347,6 +312,9 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         hold_bandwidth=np.zeros(1),
         estimator=np.zeros((joints, SLOTS)),
         law=np.zeros((joints, STATE_SLOTS)),
+        law_memory=np.zeros(law_memory),
+        demand=np.zeros((len(Demand), joints)),
+        frozen=np.zeros(joints),
         inertia=np.zeros((joints, joints)),
         signals=np.zeros((len(Signal), joints)),
         sent=np.zeros(joints),
@@ -366,7 +334,7 @@ def new_state(joints: int, feeds_back: bool) -> ControllerState:
         handover=np.zeros(joints),
         external=np.zeros((len(External), joints)),
         **_learnt(joints),
-        **_late_drives(joints),
+        **late_drives(joints),
         bank=new_bank(joints),
         softness=np.zeros((len(Softness), joints)),
         softened=np.zeros(1),

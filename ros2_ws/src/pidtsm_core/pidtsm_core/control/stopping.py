@@ -9,10 +9,11 @@ import math
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
-from pidtsm_core.control.desired import come_to_rest, learnt_acceleration
+from pidtsm_core.control.desired import come_to_rest
 from pidtsm_core.control.effort import add_offset, carry, time_of_change
 from pidtsm_core.control.history import RECENT, noted_acceleration, noted_effort, noted_motion
 from pidtsm_core.control.lateness import remaining
+from pidtsm_core.control.learnt_demand import demand_without_error, learnt_acceleration, learnt_effort
 from pidtsm_core.control.state import (
     HISTORY,
     Condition,
@@ -61,6 +62,8 @@ _LARGEST_VELOCITY = 1.5
 def learn(config: ControllerConfig, state: ControllerState) -> None:
     """Store what the law has learnt: the effort that it adds to that of the model without any error."""
     y, scratch = state.signals, state.scratch
+    if config.law.of_arm:
+        demand_without_error(config, state)
     for j in range(scratch.shape[1]):
         learnt = learnt_acceleration(config, state, j)
         state.accelerations[0, j] = 0.0
@@ -73,6 +76,7 @@ def learn(config: ControllerConfig, state: ControllerState) -> None:
     add_offset(config, scratch[1:3], 1.0)
     for j in range(scratch.shape[1]):
         effort = scratch[2, j] if config.uses_model else state.hold[Hold.LEARNT, j]
+        effort += learnt_effort(config, state, j)
         learnt, most = effort - scratch[1, j], _LARGEST_SHARE * config.limits.effort[j]
         state.hold[Hold.LEARNT, j] = min(max(learnt, -most), most) if math.isfinite(learnt) else 0.0
 
@@ -302,6 +306,13 @@ def _weigh(config: ControllerConfig, state: ControllerState) -> None:
             state.inertia[j, k] = efforts[1, j] - efforts[0, j]
 
 
+@inlined
+def forget_law(state: ControllerState) -> None:
+    """Let a law of the whole arm begin afresh."""
+    for k in range(state.law_memory.size):
+        state.law_memory[k] = 0.0
+
+
 @part
 def keep_what_holds(config: ControllerConfig, state: ControllerState) -> None:
     """Let the law start with what holds the arm: with what it has learnt if that is nearer to it than nothing.
@@ -320,3 +331,4 @@ def keep_what_holds(config: ControllerConfig, state: ControllerState) -> None:
         if absurd or abs(scratch[5, j] - learnt) > abs(scratch[5, j]):
             for slot in range(state.law.shape[1]):
                 state.law[j, slot] = 0.0
+            forget_law(state)

@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from pidtsm_core.control import LAW_NAME
+from pidtsm_core.control.parameters import SOFTENING
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment.default_motion import DURATION, default_motion
 from pidtsm_core.experiment.definition import MEASUREMENT, Experiment, Purpose
@@ -160,7 +161,9 @@ def _parameter_set(name: str, law: str | None, settings: Settings, hardware: str
     if name in (PRACTICAL, ADAPTIVE):
         gains = practical_settings(law, settings, hardware)["controller"]
         adapts = ADAPTS_ON_HARDWARE if hardware else ADAPTS
+        of_law = LAWS[law or str(LAW_NAME.default)]
         adapts = adapts if name == ADAPTIVE else {}
+        adapts = {each: how for each, how in adapts.items() if of_law.softens or each != SOFTENING.name}
         return {"controller": {**gains, **adapts}}, Path(name)
     if name == TUNED_FOR_CLASS or name.startswith(TUNED):
         source = tuned_parameters(name, law, settings)

@@ -18,9 +18,13 @@ _LEAST_ZONE = 0.05
 """Smallest dead zone of the adaptation, for ideal sensors."""
 _MODEL_BASED = 0.25
 """Bandwidth of a law with a linear surface, or of computed torque, relative to that of the observer."""
+_WITH_INTEGRAL = 0.15
+"""Three poles of a law with a model and an integral, relative to the bandwidth of the observer."""
 _MODEL_FREE = 0.55
 """Bandwidth of PID, relative to that of the observer: nothing else resists friction and gravity. With our arms,
 friction leaves 10 mrad at a third of the observer's bandwidth, and the torque is twice as rough at two thirds."""
+_CONSTANT = 0.5
+"""Constant inertia of a law without a model, relative to that of the model in the middle of the range."""
 
 
 @dataclass(frozen=True)
@@ -157,6 +161,65 @@ def _pid(known: Known) -> tuple[Gain, ...]:
     )
 
 
+def _slotine_li(known: Known) -> tuple[Gain, ...]:
+    rate = _MODEL_BASED * known.bandwidth
+    reason = f"{_MODEL_BASED:g} times the bandwidth: the law must be slower than the observer"
+    return (
+        Gain("law.slope", rounded(rate), reason),
+        Gain("law.rate", rounded(rate), reason),
+        Gain("law.adaptation", rounded((3.0 * rate) ** 2), "faster than s, because several moments share an error"),
+    )
+
+
+def _integral_sliding_mode(known: Known) -> tuple[Gain, ...]:
+    return (
+        *_computed_torque(known),
+        Gain("law.gain", 1.0, "the observer leaves little to switch against"),
+        Gain("law.width", rounded(1.0 / (_MODEL_BASED * known.bandwidth)), "s decays as fast as the error"),
+    )
+
+
+def _linear_quadratic(known: Known) -> tuple[Gain, ...]:
+    slowest = float(known.bandwidth.min())
+    reason = f"{_WITH_INTEGRAL:g} times the least bandwidth of the observer: one number for the whole arm"
+    return (Gain("law.bandwidth", rounded(np.array([_WITH_INTEGRAL * slowest]))[0], reason),)
+
+
+def _predictive(known: Known) -> tuple[Gain, ...]:
+    rate = rounded(_MODEL_BASED * known.bandwidth)
+    return (
+        _REJECTION,
+        Gain("law.bandwidth", rate, f"{_MODEL_BASED:g} times the bandwidth: the law must be slower than the observer"),
+    )
+
+
+def _time_delay(known: Known) -> tuple[Gain, ...]:
+    rate = _MODEL_FREE * known.bandwidth
+    return (
+        _constant_inertia(known),
+        Gain("law.beta", rounded(rate), f"{_MODEL_FREE:g} times the bandwidth of the observer"),
+        Gain("law.k1", rounded(rate**2), "s decays as fast as the error"),
+        Gain("law.k2", 1.0, "the filter of N leaves little to switch against"),
+        Gain("law.cutoff", rounded(3.0 * known.bandwidth), "three times the bandwidth: the observer filters already"),
+    )
+
+
+def _disturbance_observer(known: Known) -> tuple[Gain, ...]:
+    rate = _MODEL_FREE * known.bandwidth
+    reason = f"a double pole at {_MODEL_FREE:g} times the bandwidth of the observer"
+    return (
+        _constant_inertia(known),
+        Gain("law.kp", rounded(rate**2), reason),
+        Gain("law.kd", rounded(2.0 * rate), "the same"),
+        Gain("law.cutoff", rounded(known.bandwidth), "the bandwidth of the observer"),
+    )
+
+
+def _constant_inertia(known: Known) -> Gain:
+    reason = f"{_CONSTANT:g} times that in the middle of the range: too much of it is unstable"
+    return Gain("law.inertia", rounded(_CONSTANT * known.inertia), reason)
+
+
 _RULES: Mapping[str, Callable[[Known], tuple[Gain, ...]]] = {
     "piddtsm": _pid_manifold,
     "pidnftsm": _pid_manifold,
@@ -165,6 +228,12 @@ _RULES: Mapping[str, Callable[[Known], tuple[Gain, ...]]] = {
     "super_twisting": _super_twisting,
     "computed_torque": _computed_torque,
     "pid": _pid,
+    "slotine_li": _slotine_li,
+    "time_delay": _time_delay,
+    "integral_sliding_mode": _integral_sliding_mode,
+    "disturbance_observer": _disturbance_observer,
+    "linear_quadratic": _linear_quadratic,
+    "predictive": _predictive,
 }
 RULED = tuple(_RULES)
 """Names of the laws that have a rule."""

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.identification.regressor import LINK, OF_JOINT, regressor
+from pidtsm_core.identification.regressor import OF_JOINT, regressor
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 _STATES = 60
 """Random states per parameter of a link; far more than the rank needs."""

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.identification.pseudo_inertia import moved
-from pidtsm_core.identification.regressor import LINK
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.compiler import parse
 from pidtsm_core.robots.inertials import Inertial, body_inertials
 from pidtsm_core.robots.tree.layout import Column, rows, steiner
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 
 def carriers(arm: Description) -> tuple[NDArray[np.int_], Array]:

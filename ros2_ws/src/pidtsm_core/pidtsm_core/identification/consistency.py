@@ -11,7 +11,8 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.identification.base_parameters import BaseParameters
 from pidtsm_core.identification.least_squares import Expectation, Fit
 from pidtsm_core.identification.pseudo_inertia import link_parameters, pseudo_inertia
-from pidtsm_core.identification.regressor import LINK, OF_JOINT
+from pidtsm_core.identification.regressor import OF_JOINT
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 UNCERTAINTY = 0.15
 """How far real bodies differ from described ones, as standard deviations: 30 % of the mass, of the shape, and of the

@@ -4,11 +4,11 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.identification.carriers import corrected_links, mass_and_center
-from pidtsm_core.identification.regressor import LINK
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.compiler import compile_spec, load_mujoco, parse
 from pidtsm_core.robots.inertials import Inertial, body_inertials
 from pidtsm_core.robots.rigid_bodies import set_inertial
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 
 def corrected_mjcf(arm: Description, parameters: Array) -> str:

@@ -5,8 +5,8 @@ from xml.etree.ElementTree import Element, SubElement
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.identification.carriers import corrected_links, mass_and_center
-from pidtsm_core.identification.regressor import LINK
 from pidtsm_core.robots import Description
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 _DRAKE = "http://drake.mit.edu"
 

@@ -14,8 +14,9 @@ from pidtsm_core.identification.consistency import Prior, expectation
 from pidtsm_core.identification.least_squares import motion_regressor
 from pidtsm_core.identification.measurement import Measurement, Motion
 from pidtsm_core.identification.motion_needs import moves_enough
-from pidtsm_core.identification.regressor import LINK, regressor
+from pidtsm_core.identification.regressor import regressor
 from pidtsm_core.robots.tree.layout import GRAVITY
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 _LARGEST_LOSS = 0.01
 """Share of missing samples that needs no mention."""

@@ -3,8 +3,9 @@
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.identification.regressor import LINK, regressor
+from pidtsm_core.identification.regressor import regressor
 from pidtsm_core.robots import Description
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 _ALIKE = 1e-6
 """Share by which the effort of gravity may differ from a constant one, in m/s^2."""

@@ -13,7 +13,8 @@ from scipy.stats import t as student
 from pidtsm_core.arrays import Array
 from pidtsm_core.identification.base_parameters import BaseParameters
 from pidtsm_core.identification.measurement import Measurement, Motion, Piece, filtered
-from pidtsm_core.identification.regressor import LINK, regressor
+from pidtsm_core.identification.regressor import regressor
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 _ORDER = 3
 """Of the autoregressive model of the noise of each joint. With more, the model follows what the estimates absorb, too,

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.identification.measurement import FAST, SETTLING, SLOW, Measurement, Piece, joined
-from pidtsm_core.identification.regressor import LINK, regressor
+from pidtsm_core.identification.regressor import regressor
 from pidtsm_core.robots import Description
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 LEAST_MOTION = 0.05
 """rad or m; a joint that moves less counts as standing still."""

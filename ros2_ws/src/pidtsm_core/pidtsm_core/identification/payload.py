@@ -17,9 +17,10 @@ from pidtsm_core.identification.identification import IdentificationError
 from pidtsm_core.identification.least_squares import CONFIDENCE, Expectation, Fit, fit
 from pidtsm_core.identification.measurement import Measurement, bandwidth
 from pidtsm_core.identification.pseudo_inertia import moved
-from pidtsm_core.identification.regressor import LINK, described_parameters
+from pidtsm_core.identification.regressor import described_parameters
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.tree.layout import Column, rows
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 _RADIUS, _MASS = 0.05, 1.0
 """m, kg: the ball at the tool that is taken to be the payload until data show something else."""

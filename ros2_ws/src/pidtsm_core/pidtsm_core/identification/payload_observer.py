@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.identification.pseudo_inertia import moved
-from pidtsm_core.identification.regressor import LINK, REVERSAL, described_parameters, regressor
+from pidtsm_core.identification.regressor import REVERSAL, described_parameters, regressor
 from pidtsm_core.parameters import Value, joint_array
 from pidtsm_core.robots import TreeRobot
 from pidtsm_core.robots.payload import Payload
 from pidtsm_core.robots.tree.layout import Column, rows
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 _STAGES = 4
 """First-order low-passes in a row."""

@@ -14,10 +14,9 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.robots.tree.layout import ROW, SPACE, Column, Scratch, axis_of, parent_of, place_of, rows, scratch
-from pidtsm_core.robots.tree.motion import accelerate_link, load_parent, move_links, multiply_inertia
+from pidtsm_core.robots.tree.motion import accelerate_link, load_parent, move_links
+from pidtsm_core.robots.tree.unit_forces import LINK, load_unit
 
-LINK = 10
-"""Parameters of a link."""
 OF_JOINT = ("armature", "viscous", "coulomb", "offset")
 """Parameters of a joint, in their order after those of the links."""
 REVERSAL = 0.01
@@ -71,28 +70,6 @@ def coulomb_column(dq: Array) -> Array:
 
 
 @inlined
-def _load_unit(unit: Array, y: Array, link: int, parameter: int) -> None:
-    """Write the force that a link needs if this parameter is 1 and all others are 0 to its scratch at `MIXED`.
-
-    f = I a + v x* I v; the momentum I v is at `ANGULAR`.
-    """
-    k = link * SPACE
-    v, h, f = k + Scratch.VELOCITY, k + Scratch.ANGULAR, k + Scratch.MIXED
-    unit[Column.MASS + parameter] = 1.0
-    multiply_inertia(unit, 0, y, v, h)
-    multiply_inertia(unit, 0, y, k + Scratch.ACCELERATION, f)
-    unit[Column.MASS + parameter] = 0.0
-    w0, w1, w2, u0, u1, u2 = y[v], y[v + 1], y[v + 2], y[v + 3], y[v + 4], y[v + 5]
-    n0, n1, n2, f0, f1, f2 = y[h], y[h + 1], y[h + 2], y[h + 3], y[h + 4], y[h + 5]
-    y[f] += w1 * n2 - w2 * n1 + u1 * f2 - u2 * f1
-    y[f + 1] += w2 * n0 - w0 * n2 + u2 * f0 - u0 * f2
-    y[f + 2] += w0 * n1 - w1 * n0 + u0 * f1 - u1 * f0
-    y[f + 3] += w1 * f2 - w2 * f1
-    y[f + 4] += w2 * f0 - w0 * f2
-    y[f + 5] += w0 * f1 - w1 * f0
-
-
-@inlined
 def _project(p: Array, y: Array, link: int, result: Array, column: int) -> None:
     """Write the efforts of the force at `MIXED` of a link to a column of `result`, shape (joints, columns)."""
     i = link
@@ -119,7 +96,7 @@ def _fill(q: Array, dq: Array, ddq: Array, p: Array, unit: Array, result: Array)
             accelerate_link(p, y, i, dq[s, j])
             y[i * SPACE + Scratch.ACCELERATION + axis_of(p, i)] += ddq[s, j]
             for parameter in range(LINK):
-                _load_unit(unit, y, i, parameter)
+                load_unit(unit, y, i, parameter)
                 _project(p, y, i, result[s], LINK * j + parameter)
         for j in range(joints):
             result[s, j, LINK * joints + j] = ddq[s, j]

@@ -12,9 +12,10 @@ from pidtsm_core.identification.corrected_mjcf import corrected_mjcf
 from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import Identification
 from pidtsm_core.identification.measurement import Motion
-from pidtsm_core.identification.regressor import LINK, OF_JOINT
+from pidtsm_core.identification.regressor import OF_JOINT
 from pidtsm_core.parameters import Value, joint_array, resolve
 from pidtsm_core.robots import DESCRIPTION, Description, find_robot, inverse_dynamics, make_model
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 _SAME = 0.01
 """Share of the reported error by which that of the written files may differ."""

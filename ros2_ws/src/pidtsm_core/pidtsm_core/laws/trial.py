@@ -1,16 +1,19 @@
 """Whether a law from outside can be used."""
 
 import math
+from collections.abc import Mapping
 from itertools import product
 
 import numpy as np
 
 from pidtsm_core.compiling.trial import check_finite, compiles
 from pidtsm_core.errors import MemberError
-from pidtsm_core.laws.base import STATE_SLOTS, Law
-from pidtsm_core.laws.calls import advance, command, make_law
+from pidtsm_core.laws.base import STATE_SLOTS, ArmSample, Demand, Law
+from pidtsm_core.laws.calls import advance, advance_arm_unchecked, command, command_arm_unchecked, make_law
 from pidtsm_core.laws.reaching import Interval
+from pidtsm_core.parameters import Value
 from pidtsm_core.parameters.family import SLOTS, check_parameters
+from pidtsm_core.robots import ROBOTS, make_model
 from pidtsm_core.signals import Adaptation
 
 _ERRORS = (0.0, 0.1, -0.3)
@@ -29,8 +32,12 @@ def try_member(law: Law) -> None:
     except KeyError as missing:
         raise MemberError(f"{what} consists of {missing}, which is not known; register that first") from None
     check_parameters(what, parameters, most=3 * SLOTS)
+    values = {f"law.{p.name}": p.default for p in parameters}
+    if law.of_arm:
+        _try_on_arm(what, law, values)
+        return
     with compiles(what):
-        made = make_law(law, {f"law.{p.name}": p.default for p in parameters}, 1)
+        made = make_law(law, values, 1)
     for e, de, dde in product(_ERRORS, repeat=3):
         x = np.zeros(STATE_SLOTS)
         for dt in (0.0, _DT):
@@ -43,3 +50,30 @@ def try_member(law: Law) -> None:
     far = command(made, 0, 1e3, 1e3, 0.0, 0.0, np.zeros(STATE_SLOTS), _DT)
     if any(map(math.isnan, far)):
         raise MemberError(f"{what} returns {far} for errors of 1000")
+
+
+def _try_on_arm(what: str, law: Law, values: Mapping[str, Value]) -> None:
+    """The same for a law of the whole arm, on the arm of the article.
+
+    Raises:
+        MemberError: see `try_member`.
+    """
+    robot = ROBOTS.own[0]
+    packed = robot.pack_model({f"robot.{p.name}": p.default for p in robot.parameters})
+    joints = len(robot.joints)
+    assert law.memory is not None
+    assert robot.tool is not None
+    with compiles(what):
+        made = make_law(law, values, joints, robot.tool(packed).tree if law.needs_tree else None)
+    x, demand = np.zeros(law.memory(joints)), np.zeros((len(Demand), joints))
+    still, model, limits = np.zeros(joints), make_model(robot, packed), np.array(robot.effort_limit)
+    for e, de, dde in product(_ERRORS, repeat=3):
+        motion = np.array([still + e, still + de, still + dde])
+        for dt in (0.0, _DT):
+            arm = ArmSample(motion, np.zeros((3, joints)), still, still, limits, model, made.tree, dt)
+            given = f"e = {e:g}, e' = {de:g}, e'' = {dde:g}"
+            command_arm_unchecked(made, arm, x, demand)
+            check_finite(what, demand, given)
+            advance_arm_unchecked(made, x, still, dt, Adaptation.NORMAL.value)
+            if not np.isfinite(x).all():
+                raise MemberError(f"{what}: its memory becomes {x[~np.isfinite(x)].tolist()} for {given}")

@@ -9,10 +9,10 @@ from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.parameters import Parameter
 from pidtsm_core.robots.base import Dynamics, Robot, Tool
 from pidtsm_core.robots.payload import Payload
-from pidtsm_core.robots.tree.layout import Column, rotation, rows, size
+from pidtsm_core.robots.tree.layout import GRAVITY, Column, rotation, rows, size
 
 # Order of the packed parameters: m1, m2, r1, r2, j1, j2, g, coriolis (0 paper, 1 lagrange).
-_M2, _R1, _R2, _J1 = 1, 2, 3, 4
+_M2, _R1, _R2, _J1, _G = 1, 2, 3, 4, 6
 _LAGRANGE = 1.0
 
 
@@ -110,6 +110,7 @@ def tool(p: Array) -> Tool:
     """The end of the second link, in the vertical plane x-z as in the URDF."""
     tree = np.zeros(size(2))
     first, second = rows(tree)
+    tree[:GRAVITY] = 0.0, 0.0, -p[_G]
     # The first joint turns about -y.
     rotation(first)[:], rotation(second)[:] = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]], np.eye(3)
     first[Column.PARENT], second[Column.PLACE] = -1.0, 1.0

@@ -62,7 +62,7 @@ def test_an_arm_that_is_not_late_stays_about_as_good(known: dict[str, Any]) -> N
     assert late_error(run({}, known)) < 2.0 * late_error(run({}, {}))
 
 
-@pytest.mark.parametrize("law", [name for name in LAWS.names if name != "pid"])  # which has no model
+@pytest.mark.parametrize("law", [law.name for law in LAWS.members if law.uses_model])
 def test_every_law_with_a_model_profits(law: str) -> None:
     simulator, known = {"delay.samples": 15, "actuator.lag": 0.03}, {DELAY: 0.015, LAG: 0.03}
     make = {"params": "practical", "robot": "panda", "duration": 6.0, "law": law, "simulator": simulator}

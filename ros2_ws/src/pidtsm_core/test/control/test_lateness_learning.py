@@ -12,7 +12,7 @@ from support.coreloop import CoreLoop
 
 from pidtsm_core.control import lateness_learning as learning
 from pidtsm_core.control.bank import HYPOTHESES, NUISANCES
-from pidtsm_core.control.state import Lateness
+from pidtsm_core.control.late_drives import Lateness
 from pidtsm_core.laws import LAWS
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Mode, Signal, Status
@@ -69,7 +69,7 @@ def test_drives_that_are_not_late_are_left_alone(robot: str, unlike: dict[str, A
     assert after < 1.3 * before + 5e-4
 
 
-@pytest.mark.parametrize("law", [name for name in LAWS.names if name != "pid"])  # which has no model
+@pytest.mark.parametrize("law", [law.name for law in LAWS.members if law.uses_model])
 def test_the_adaptive_set_of_every_law_bears_late_drives(law: str) -> None:
     late = {**REAL, "delay.samples": 30}
     errors = [

@@ -102,7 +102,7 @@ def test_errors_are_estimate_minus_desired(arm: Arm, parts: dict[str, str]) -> N
     assert signals.shape == (len(positions), len(Signal), controller.joints)
 
 
-@paired("parts,arm", [p for p in PARTS if LAWS[p["law.name"]].uses_model], ARMS)
+@paired("parts,arm", [p for p in PARTS if LAWS[p["law.name"]].softens], ARMS)
 def test_torque_is_the_inverse_dynamics_of_the_commanded_acceleration(arm: Arm, parts: dict[str, str]) -> None:
     controller = controller_of(arm, parts, **UNLIMITED, compensation__coulomb=0.0, compensation__viscous=0.0)
     for y in run(controller, *walk(controller.joints, 2)):
@@ -118,7 +118,7 @@ def test_torque_is_the_inverse_dynamics_of_the_commanded_acceleration(arm: Arm, 
         assert not y[Signal.SATURATED].any()
 
 
-@pytest.mark.parametrize("law", LAWS.names)
+@pytest.mark.parametrize("law", [law.name for law in LAWS.members if not law.of_arm])
 def test_every_joint_has_the_law_of_a_single_joint_with_its_own_gains(arm: Arm, law: str) -> None:
     """So what holds for the law of one joint holds for each joint of an arm, whatever the others do."""
     values = arm.values(controller_schema, {"law.name": law, "limits.effort": 1e12})

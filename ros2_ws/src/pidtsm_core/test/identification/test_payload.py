@@ -10,10 +10,11 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import IdentificationError
 from pidtsm_core.identification.payload import identify_payload
-from pidtsm_core.identification.regressor import LINK, described_parameters, regressor
+from pidtsm_core.identification.regressor import described_parameters, regressor
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.description import read_description
 from pidtsm_core.robots.payload import Payload
+from pidtsm_core.robots.tree.unit_forces import LINK
 from pidtsm_core.robots.tree_robot import tree_robot
 
 CARRIED = Payload(1.5, np.array([0.02, -0.03, 0.08]), np.diag([0.004, 0.003, 0.002]))

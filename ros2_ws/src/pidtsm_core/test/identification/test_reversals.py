@@ -8,7 +8,8 @@ from support.knownarm import KnownArm, periodic_motion
 
 from pidtsm_core.identification.identification import identify
 from pidtsm_core.identification.measurement import FAST
-from pidtsm_core.identification.regressor import LINK, regressor
+from pidtsm_core.identification.regressor import regressor
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 CREEP = 0.08
 """rad/s; the last joint creeps up to about three times as fast."""

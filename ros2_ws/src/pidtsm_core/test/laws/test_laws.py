@@ -31,7 +31,7 @@ COMPOSED = [
     # Every surface with one reaching law and every reaching law with one surface, both with every manifold.
     if surface == SURFACES.names[0] or reaching == REACHING_LAWS.names[0]
 ]
-NAMED = [{"law.name": name} for name in LAWS.names if name != "sliding_mode"]
+NAMED = [{"law.name": law.name} for law in LAWS.members if law.name != "sliding_mode" and not law.of_arm]
 SLIDING = [c for c in NAMED + COMPOSED if c["law.name"] not in ("computed_torque", "pid")]
 # Every law and every arm: the arm decides where the gains of its last joint are, and the law what becomes of them.
 EACH, EACH_SLIDING = paired("chosen,arm", NAMED + COMPOSED, ARMS), paired("chosen,arm", SLIDING, ARMS)

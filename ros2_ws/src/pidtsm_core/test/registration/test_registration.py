@@ -15,7 +15,7 @@ from support.registered import forget
 import pidtsm_core as pidtsm
 from pidtsm_core.arrays import Array
 from pidtsm_core.errors import MemberWarning
-from pidtsm_core.laws import LAWS
+from pidtsm_core.laws import LAWS, Demand
 from pidtsm_core.laws.computed_torque import COMPUTED_TORQUE
 from pidtsm_core.parameters import family as families
 from pidtsm_core.parameters.family import Family
@@ -58,6 +58,36 @@ def test_a_law_from_a_python_function_computes_the_bits_of_ours() -> None:
     assert np.abs(changed.position - ours.position[:, :2]).max() > 1e-4
     with pytest.raises(pidtsm.ParameterError, match=r"law\.kp"):
         pidtsm.rollout(law="proportional", duration=0.5, controller={"law.kp": -1.0})
+
+
+def of_all_joints(arm: Any, p: Array, x: Array, demand: Array) -> None:
+    for j in range(p.shape[0]):
+        e, de = arm.motion[0, j] - arm.desired[0, j], arm.motion[1, j] - arm.desired[1, j]
+        demand[Demand.ACCELERATION, j] = arm.desired[2, j] - p[j, 1] * de - p[j, 0] * e
+
+
+def nothing(p: Array, x: Array, frozen: Array, dt: float, adaptation: int) -> None:
+    """Of a law without memory."""
+
+
+def arm_law(command: Any) -> pidtsm.Law:
+    return pidtsm.arm_law("of_all_joints", "", (GAIN, DAMPING), command, nothing, lambda joints: joints)
+
+
+def test_a_law_of_the_whole_arm_from_python_functions_computes_the_bits_of_the_same_law_of_each_joint() -> None:
+    pidtsm.register(arm_law(of_all_joints))
+    theirs, ours = (
+        pidtsm.rollout(law=law, robot="panda", duration=0.5) for law in ("of_all_joints", "computed_torque")
+    )
+    np.testing.assert_array_equal(theirs.position, ours.position)
+
+
+def spoils(arm: Any, p: Array, x: Array, demand: Array) -> None:
+    demand[Demand.EFFORT, 0] = 1.0 / arm.motion[0, 0]
+
+
+def misspelt(arm: Any, p: Array, x: Array, demand: Array) -> None:
+    demand[Demand.EFFORT, 0] = arm.position[0]
 
 
 def test_the_memory_of_a_law_pauses_while_its_torque_is_limited() -> None:
@@ -164,6 +194,8 @@ def wrong(result: str, arguments: str = "e, de, dde, ddq_d, p, x, dt") -> Any:
         (lambda: pidtsm.own_law("wrong", "", wrong("np.zeros(3)[0]")), "creates an array"),
         (lambda: pidtsm.own_law("wrong", "", wrong("math.log(e)")), "returns .*inf.* for e = 0, e' = 0"),
         (lambda: pidtsm.own_law("wrong", "", refusing), "Law wrong raises ValueError: not at zero"),
+        (lambda: arm_law(spoils), "law of_all_joints returns .*inf.* for e = 0"),
+        (lambda: arm_law(misspelt), "law of_all_joints does not compile: .*position"),
         (lambda: pidtsm.compose("wrong", "", surface="nowhere"), "consists of 'nowhere', which is not known"),
         (
             lambda: pidtsm.Surface("wrong", "", (), lambda e, de, i, p: (de + 3.0 * e, 1.0, 2.0 * de)),

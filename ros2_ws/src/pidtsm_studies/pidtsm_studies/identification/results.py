@@ -6,7 +6,8 @@ import numpy as np
 
 from pidtsm_core.identification.carriers import mass_and_center
 from pidtsm_core.identification.identification import Identification
-from pidtsm_core.identification.regressor import LINK, OF_JOINT, parameter_names
+from pidtsm_core.identification.regressor import OF_JOINT, parameter_names
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 
 def as_json(found: Identification) -> dict[str, Any]:

@@ -13,6 +13,12 @@ LABELS = {
     "pid": "PID",
     "computed_torque": "computed torque",
     "super_twisting": "super-twisting",
+    "slotine_li": "Slotine-Li",
+    "linear_quadratic": "linear-quadratic",
+    "predictive": "predictive",
+    "integral_sliding_mode": "integral sliding mode",
+    "time_delay": "time delay",
+    "disturbance_observer": "disturbance observer",
     "dtsm_printed": "DTSM, printed kappa",
 }
 """Labels of the laws in tables and figures, in their order."""

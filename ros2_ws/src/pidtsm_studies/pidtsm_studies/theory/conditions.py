@@ -13,6 +13,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import Value
 from pidtsm_studies.theory.condition import Condition, Verdict, hurwitz, not_covered, positive, required, roots_of
 from pidtsm_studies.theory.parts import Gains, Parts, parts_of
+from pidtsm_studies.theory.whole_arm import LAW_RULES
 
 Rule: TypeAlias = Callable[[Gains], list[Condition]]
 
@@ -358,6 +359,8 @@ def _of_baseline(parts: Parts, inertia: Array | None) -> list[Condition]:
         return [hurwitz("loop", "Spong 2006", "x^2 + Kd x + Kp", {"Kp": kp, "Kd": kd}, polynomial, cure)]
     if parts.law == "pid":
         return [] if inertia is None else _pid_loop(gains, inertia)
+    if parts.law in LAW_RULES:
+        return LAW_RULES[parts.law](gains)
     return _unknown(f"law {parts.law}", parts.joints)
 
 

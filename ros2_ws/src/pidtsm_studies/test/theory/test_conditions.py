@@ -28,6 +28,7 @@ from pidtsm_studies.theory.conditions import (
     manifold_roots,
     violations,
 )
+from pidtsm_studies.theory.whole_arm import LAW_RULES
 
 ROOT = Path(__file__).resolve().parents[5]
 PARAMS = Path(pidtsm_core.__file__).parent / "experiment" / "params"
@@ -54,6 +55,11 @@ VIOLATING: Mapping[str, tuple[str, Mapping[str, Any], str]] = {
     "fast surface": ("sliding_mode", {"law.surface": "fast_terminal", "law.k2": 0.0}, "linear gain"),
     "damping": ("computed_torque", {"law.kd": 0.0}, "loop"),
     "stiffness": ("computed_torque", {"law.kp": 0.0}, "loop"),
+    "slope": ("slotine_li", {"law.slope": [5.0, 0.0]}, "slope"),
+    "rate": ("slotine_li", {"law.rate": 0.0}, "rate"),
+    "switching": ("integral_sliding_mode", {"law.gain": 0.0}, "switching gain"),
+    "observed": ("disturbance_observer", {"law.kd": 0.0}, "loop"),
+    "ratio": ("time_delay", {"law.p_over_q": 1.0}, "ratio of the exponents"),
     "integral too strong": ("pid", {"law.ki": 9000.0}, "loop"),
     "no damping": ("pid", {"law.kd": 0.0}, "loop"),
 }
@@ -108,6 +114,7 @@ def test_there_are_tuned_sets() -> None:
 
 
 def test_every_part_has_its_conditions() -> None:
+    assert set(LAW_RULES) == {law.name for law in LAWS.members if law.of_arm}
     assert set(SURFACE_RULES) == set(SURFACES.names)
     assert set(MANIFOLD_RULES) == set(MANIFOLDS)
     assert set(REACHING_RULES) == set(REACHING_LAWS.names)
