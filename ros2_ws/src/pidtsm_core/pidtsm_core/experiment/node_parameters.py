@@ -10,6 +10,7 @@ from functools import partial
 from pidtsm_core.control import ESTIMATOR_NAME, controller_schema
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, chosen
+from pidtsm_core.poses.parameters import PARAMETERS as OF_POSES
 from pidtsm_core.references import reference_schema
 from pidtsm_core.robots import TreeRobot, find_robot
 from pidtsm_core.simulation.simulator import simulator_schema
@@ -258,6 +259,7 @@ _TRAJECTORY = (
         minimum=0.0,
     ),
     *limits.PARAMETERS,
+    *OF_POSES,
     *_ACTION,
 )
 
