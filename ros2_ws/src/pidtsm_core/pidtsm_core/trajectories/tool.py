@@ -124,7 +124,7 @@ class ToolJacobian:
         return position, link[:, :3] @ self._axes, jacobian
 
     def approach(self, q: Array, position: Array, rotation: Array | None) -> tuple[Array, float]:
-        """The positions of the joints at the end of damped least squares from q, shape (joints,), and what error remains.
+        """Positions of the joints at the end of damped least squares from q, shape (joints,), and what error remains.
 
         The pose has a position, shape (3,), m, and a rotation, shape (3, 3), or None for any.
         """
