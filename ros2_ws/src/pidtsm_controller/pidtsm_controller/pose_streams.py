@@ -68,7 +68,7 @@ class PoseStreams:
         self._follower, self._missing = _follower(limits, values)
         self._timeout = round(as_float(values[TWIST_TIMEOUT.name]) * NANOSECONDS)
         self._thread = planning_thread("poses")
-        self._transforms: Transforms | None = None
+        self._transforms = Transforms(node, self._follower.frames) if self._follower else None
         self._waiting: deque[_Waiting] = deque()
         self._job: tuple[_Waiting, Future[tuple[Array, Distance]]] | None = None
         self._twist: TwistTarget | None = None
@@ -163,8 +163,6 @@ class PoseStreams:
         if self._follower is None:
             raise MessageError(self._missing)
         self._streams.held()
-        if self._transforms is None:  # Nobody else needs them.
-            self._transforms = Transforms(self._node, self._follower.frames)
 
     def _since(self, now: int) -> float:
         """Time that a target stands for, s."""
