@@ -107,7 +107,7 @@ def test_the_tool_goes_where_a_pose_says(arm: Arm, capfd: pytest.CaptureFixture[
     start = arm.tool.position
     arm.move_to_pose(np.add(start, [-0.05, 0.0, 0.05]))
     np.testing.assert_allclose(arm.tool.position, np.add(start, [-0.05, 0.0, 0.05]), atol=1e-5)
-    for _ in range(30):
+    for _ in range(60):
         arm.stream_pose(start, [0.0, 0.0, 0.0, 1.0])
         time.sleep(0.02)
     arm.hold()

@@ -160,11 +160,12 @@ class Streams:
             raise MessageError(
                 f"another motion has taken over; the stream is followed again after a pause of {seconds(_PAUSE):g} s"
             )
+        self._gave_way = False  # Also if this target cannot be used: the stream has paused.
         try:
             warning = receive()
         except TrajectoryError as error:
             raise MessageError(str(error)) from None
-        self._gave_way, self.stopped = False, ""
+        self.stopped = ""
         if warning and warning != self._warned:
             self._warned = warning
             self._log.warning(warning)
