@@ -19,7 +19,7 @@ from pidtsm_core.parameters.files import ros_parameters
 from pidtsm_core.signals import Mode
 from pidtsm_experiments.cli import main
 from pidtsm_experiments.runs.runner import node_parameters
-from pidtsm_ros.client import Arm, ArmError, ArmNotFoundError, GoalError
+from pidtsm_ros.client import Arm, ArmError, ArmNotFoundError, GoalError, TargetError
 
 HOME = [0.3, -0.2]
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "move_an_arm.py"
@@ -100,6 +100,29 @@ def test_what_is_not_possible_is_an_error(arm: Arm) -> None:
     )
     with pytest.raises(GoalError, match="not finite: joint1"):
         arm.wait(10.0)
+
+
+def test_the_tool_goes_where_a_pose_says(arm: Arm, capfd: pytest.CaptureFixture[str]) -> None:
+    arm.move_to([0.3, 0.6])
+    start = arm.tool.position
+    arm.move_to_pose(np.add(start, [-0.05, 0.0, 0.05]))
+    np.testing.assert_allclose(arm.tool.position, np.add(start, [-0.05, 0.0, 0.05]), atol=1e-5)
+    for _ in range(60):
+        arm.stream_pose(start, [0.0, 0.0, 0.0, 1.0])
+        time.sleep(0.02)
+    arm.hold()
+    np.testing.assert_allclose(arm.tool.position, start, atol=1e-3)
+    words = [f"{x:.4f}" for x in np.add(start, [-0.05, 0.0, 0.0])]
+    assert main(["move", "--pose", *words, "--robot", str(TWO_LINK.description)]) == 0
+    np.testing.assert_allclose(arm.tool.position, np.add(start, [-0.05, 0.0, 0.0]), atol=2e-4)
+    with pytest.raises(TargetError, match="zero quaternion"):
+        arm.stream_pose(start, [0.0, 0.0, 0.0, 0.0])
+    with pytest.raises(GoalError, match="cannot follow its path"):
+        arm.move_to_pose(np.add(start, [5.0, 0.0, 0.0]))
+    with pytest.raises(TargetError, match="unknown frame nowhere; expected"):
+        arm.move_to_pose(start, frame="nowhere")
+    assert main(["move", "--pose", "0.1"]) == 2
+    assert "x y z and a quaternion" in capfd.readouterr().err
 
 
 def test_the_example_draws_a_square(testbed: Testbed, monkeypatch: pytest.MonkeyPatch, capfd: Any) -> None:

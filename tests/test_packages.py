@@ -41,7 +41,7 @@ WITHOUT_KEY = {
 }
 """llvmlite comes with numba, cloudpickle with joblib; the ROS package ruckig has no Python module. The key of trimesh
 is one of pip."""
-OPTIONAL = {"OpenGL", "av", "casadi", "dask", "distributed", "glfw", "pinocchio", "pyarrow", "rerun"}
+OPTIONAL = {"OpenGL", "av", "casadi", "dask", "distributed", "glfw", "mink", "pinocchio", "pyarrow", "rerun"}
 """Imported only where they are installed."""
 HELPERS = {"support"}
 

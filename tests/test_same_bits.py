@@ -213,6 +213,18 @@ CONDITIONS: dict[str, Any] = {
         "controller": {"rehearsal.freedrive": 0.1, "rehearsal.hold": 0.35, "rehearsal.follow": 0.5},
         "simulator": {"push.effort": [60.0, -30.0], "push.time": 0.2, "push.duration": 0.1, "encoder.bits": 14},
     },
+    "barrier, freedrive, push": {
+        "controller": {
+            "limits.min_position": [-0.2, -0.2],
+            "limits.max_position": [0.25, 0.25],
+            "limits.velocity": 2.0,
+            "barrier.margin": 0.05,
+            "compensation.coulomb": 0.5,
+            "rehearsal.freedrive": 0.25,
+            "rehearsal.follow": 0.45,
+        },
+        "simulator": {"push.effort": [60.0, -30.0], "push.time": 0.3, "push.duration": 0.1, "encoder.bits": 14},
+    },
     "gap in the joint states that is borne": {"simulator": {"dropout.time": 0.2, "dropout.duration": 0.05}},
     "gap in the joint states that stops, reset": {
         "controller": {"watchdog.state_stop": 0.02, "rehearsal.reset_fault": 0.4},
@@ -365,6 +377,9 @@ def test_the_conditions_are_what_they_are_called() -> None:
 
     limited = runs["rate limit of 300 N m/s, push"].signals[:, Signal.SATURATED].astype(int)
     assert (limited & Limited.RATE).any()
+    kept = runs["barrier, freedrive, push"]
+    assert (kept.signals[:, Signal.SATURATED].astype(int) & Limited.BARRIER).any()
+    assert Mode.FREEDRIVE in status("barrier, freedrive, push", Status.MODE)
     assert Violation.EXTERNAL_EFFORT in status("contact", Status.VIOLATIONS)
     assert Fault.TRACKING_LIMIT in status("tracking limit, reset", Status.FAULT)
     assert runs["tracking limit, reset"].status[-1, Status.FAULT] == Fault.NO_FAULT

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from support.testarms import TWO_LINK
 from support.testbed import Testbed
 
 from pidtsm_core.errors import UsageError
@@ -74,8 +75,8 @@ def graph(testbed: Testbed, node: str) -> Rules:
 def test_policy_is_exactly_what_the_nodes_use(testbed: Testbed) -> None:
     allowed = {node: rules for profiles in policy().values() for node, rules in profiles.items()}
     testbed.start("simulator", "autostart:=false", "clock:=lockstep")
-    testbed.start("controller", "autostart:=false", "stop.brakes:=true", *PAYLOAD)
-    testbed.start("trajectory", "autostart:=false")
+    testbed.start("controller", "autostart:=false", "stop.brakes:=true", "external_wrench.publish:=true", *PAYLOAD)
+    testbed.start("trajectory", "autostart:=false", f"robot.description:={TWO_LINK.description}")
     testbed.start("visualization")
     testbed.start("recorder", f"output:={testbed.folder / 'bag'}")
     configure = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))

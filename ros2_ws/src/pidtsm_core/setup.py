@@ -48,6 +48,7 @@ setup(
     extras_require={
         "dask": ["dask[distributed]"],
         "plot": ["matplotlib"],
+        "poses": ["mink>=1.3"],
         "tables": ["pandas", "xarray"],
         "xacro": ["xacro"],
         "test": ["pytest"],

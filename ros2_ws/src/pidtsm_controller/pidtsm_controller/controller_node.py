@@ -13,8 +13,14 @@ from pidtsm_controller.adaptation_watch import AdaptationWatch
 from pidtsm_controller.learnt_file import LearntFile
 from pidtsm_controller.payload_watch import PayloadWatch
 from pidtsm_controller.watchdog import CHECK, Watchdog
+from pidtsm_controller.wrench_watch import WrenchWatch
 from pidtsm_core.control import Condition, Controller, Count
-from pidtsm_core.experiment.node_parameters import LEARNT_FILE, PAYLOAD_OBSERVED, controller_node_schema
+from pidtsm_core.experiment.node_parameters import (
+    LEARNT_FILE,
+    PAYLOAD_OBSERVED,
+    WRENCH_PUBLISHED,
+    controller_node_schema,
+)
 from pidtsm_core.messages.arrivals import Arrivals, Stamp
 from pidtsm_core.messages.gaps import Continuation, continuation
 from pidtsm_core.parameters import as_float, names
@@ -99,6 +105,7 @@ class ControllerNode(ManagedNode):
         self._states = self.advertise(ControllerState, "~/state")
         self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
         self._payload = PayloadWatch(self, self._controller) if self.values[PAYLOAD_OBSERVED.name] else None
+        self._wrench = WrenchWatch(self, self._controller) if self.values[WRENCH_PUBLISHED.name] else None
         self._adaptation = AdaptationWatch(self._controller)
         kept = str(self.values[LEARNT_FILE.name])
         self._learnt = LearntFile(kept, self._controller, tuple(joints), self.get_logger()) if kept else None
@@ -136,6 +143,8 @@ class ControllerNode(ManagedNode):
             self._learnt.read()
         if self._payload is not None:
             self._payload.reset()
+        if self._wrench is not None:
+            self._wrench.reset()
         if self._activity is not None:
             self._activity.begin()
         self._reported = _Reported()
@@ -258,6 +267,8 @@ class ControllerNode(ManagedNode):
             self._engage_brakes()
         if self._payload is not None:
             self._payload.update(stamp)
+        if self._wrench is not None:
+            self._wrench.update(stamp)
         age = 0.0 if self.lockstep else self._state_arrivals.age(time.monotonic_ns(), time.time_ns()) * 1e-9
         statistics = self._statistics
         statistics.tick(time.monotonic_ns(), age, compute_time)

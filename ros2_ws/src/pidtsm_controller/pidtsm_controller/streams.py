@@ -99,10 +99,37 @@ class Streams:
             Reading("stream: targets beyond a position limit", statistics.clipped),
         ]
 
+    def held(self) -> Array:
+        """The last target, or else where the motion is, shape (joints,), rad or m.
+
+        Raises:
+            MessageError: no joint state has come yet.
+        """
+        if self._motion is None:
+            raise MessageError("no joint state received yet, so the start time is unknown")
+        return self._filter.targets(self._motion.state_at(self._now)[0])
+
+    @property
+    def following(self) -> bool:
+        """Whether a stream is under way."""
+        return self._filter.running and not self._gave_way
+
+    def take_position(self, stamp: int, position: Array) -> None:
+        """Follow a target of all joints.
+
+        Args:
+            stamp: time of the target on any clock, ns; 0: unknown.
+            position: shape (joints,), rad or m.
+
+        Raises:
+            MessageError: it cannot be used.
+        """
+        self._take(lambda: self._filter.receive(self._now, stamp, position))
+
     def _on_target(self, message: JointState) -> None:
         columns = places(message.name, self._joints, partial=True)
         targets = np.zeros((2, len(self._joints)))
-        targets[0] = self._held()
+        targets[0] = self.held()
         for row, field in zip(targets, ("position", "velocity"), strict=True):
             values = np.array(getattr(message, field))
             if field == "velocity" and not values.size:
@@ -120,16 +147,10 @@ class Streams:
             raise MessageError("it has no points")
         columns = places(message.joint_names, self._joints, partial=True)
         times, given = read_points(message)
-        positions = np.tile(self._held(), (len(times), 1))
+        positions = np.tile(self.held(), (len(times), 1))
         positions[:, columns] = given[:, 0]
         start = nanoseconds(message.header.stamp)
         self._take(lambda: self._filter.receive_chunk(self._now, start, times, positions))
-
-    def _held(self) -> Array:
-        """Positions of the joints that a message does not name, rad."""
-        if self._motion is None:
-            raise MessageError("no joint state received yet, so the start time is unknown")
-        return self._filter.targets(self._motion.state_at(self._now)[0])
 
     def _take(self, receive: Callable[[], str]) -> None:
         """Follow what is received, if it can be used."""
@@ -139,11 +160,12 @@ class Streams:
             raise MessageError(
                 f"another motion has taken over; the stream is followed again after a pause of {seconds(_PAUSE):g} s"
             )
+        self._gave_way = False  # Also if this target cannot be used: the stream has paused.
         try:
             warning = receive()
         except TrajectoryError as error:
             raise MessageError(str(error)) from None
-        self._gave_way, self.stopped = False, ""
+        self.stopped = ""
         if warning and warning != self._warned:
             self._warned = warning
             self._log.warning(warning)

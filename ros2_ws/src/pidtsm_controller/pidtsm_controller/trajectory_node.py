@@ -12,6 +12,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from pidtsm_controller.controller_watch import ControllerWatch
 from pidtsm_controller.large_trajectories import LARGE, LargeTrajectories
+from pidtsm_controller.pose_streams import PoseStreams
 from pidtsm_controller.streams import Streams
 from pidtsm_controller.trajectory_points import places, read_points
 from pidtsm_core.arrays import Array
@@ -91,6 +92,7 @@ class TrajectoryNode(ManagedNode):
         self.offer("~/begin", self._begin)
         self._offer_action()
         self._streams = Streams(self, self._limits, self._replace_goals)
+        self._poses = PoseStreams(self, self._limits, self._streams, self.values)
         self._listening = False
         self._large = LargeTrajectories(self, self._limits, self.lockstep)
         self.listen(JointTrajectory, "joint_trajectory", self._receive_trajectory, raw=True, reliable=True)
@@ -99,6 +101,7 @@ class TrajectoryNode(ManagedNode):
         self._arrivals = Arrivals()
         self._began = -1
         self._streams.forget()
+        self._poses.forget()
 
     def deactivate(self) -> None:
         self._large.forget("nothing, as the node was deactivated,")
@@ -109,6 +112,7 @@ class TrajectoryNode(ManagedNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         if self._diagnostics is not None:
             self._large.destroy()
+            self._poses.destroy()
         self._diagnostics = None
         if self._goals:
             self._goals.destroy()
@@ -142,7 +146,7 @@ class TrajectoryNode(ManagedNode):
                 Reading("references published", self._published),
                 Reading("stamps that were late or ahead", refused),
             ]
-            self._diagnostics.publish([*readings, *self._streams.readings()], idle)
+            self._diagnostics.publish([*readings, *self._streams.readings(), *self._poses.readings()], idle)
 
     def poll(self) -> float:
         if self._diagnostics is not None and self._diagnostics.due:
@@ -179,6 +183,7 @@ class TrajectoryNode(ManagedNode):
             self._motion = MotionUnderWay(self._built_in, stamp, self._limits)
         self._large.advance(stamp, self._motion, self._large_takes_over)
         self._streams.advance(stamp, self._motion, bool(self._goals and self._goals.busy))
+        self._poses.advance(stamp)
         if self._goals:
             self._goals.trouble = self._watch.trouble
             self._goals.advance(stamp, self._motion)
@@ -209,6 +214,7 @@ class TrajectoryNode(ManagedNode):
         The new time `stamp` (ns) corresponds to the old time `before` (ns).
         """
         self._streams.forget()
+        self._poses.forget()
         self._large.forget("a stop, as the clock was set,")
         self._motion.move(stamp - before)
         self._motion.evaluate(stamp, self._desired)

@@ -92,6 +92,7 @@ class Limited(IntEnum):
 
     EFFORT = 1
     RATE = 2
+    BARRIER = 4  # it keeps the joint before a limit of its motion
 
 
 class Adaptation(IntEnum):

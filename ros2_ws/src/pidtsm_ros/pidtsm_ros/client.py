@@ -20,6 +20,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control.report import cause
+from pidtsm_core.poses.parameters import TOOL_FRAME
 from pidtsm_core.robots import DESCRIPTION
 from pidtsm_core.robots.definition import ArmDefinition, find_arm
 from pidtsm_core.signals import Mode
@@ -29,12 +30,16 @@ from pidtsm_core.trajectories.limits import PARAMETERS, MotionLimits, motion_lim
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 from pidtsm_core.trajectories.timing import retime
 from pidtsm_msgs.msg import ControllerState
+from pidtsm_ros.client_errors import ArmError, ArmNotFoundError, GoalError, TargetError
 from pidtsm_ros.middleware import set_defaults
+from pidtsm_ros.pose_client import PoseMotions
 from pidtsm_ros.qos import READER
 from pidtsm_ros.security import SecurityError, prepare_process
 from pidtsm_ros.serialization import ExactPublisher
 from pidtsm_ros.stamps import set_stamp
 from pidtsm_ros.wire import deserialize
+
+__all__ = ["Arm", "ArmError", "ArmNotFoundError", "ArmState", "GoalError", "TargetError"]
 
 _ACTION = "trajectory/follow_joint_trajectory"
 _POLL = 0.02
@@ -45,30 +50,6 @@ _TO_REST = 10.0
 """Longest time until the reference rests, s."""
 _SUCCESS, _CANCELED = 4, 5
 """action_msgs/GoalStatus."""
-
-
-class ArmError(RuntimeError):
-    """The arm did not do what it should; the message gives the reason."""
-
-
-class ArmNotFoundError(ArmError):
-    """There is no running system."""
-
-
-class TargetError(ArmError, ValueError):
-    """A target that is none: the number or the name of a joint, or a scale, is wrong."""
-
-
-class GoalError(ArmError):
-    """A motion was rejected or ended before its goal.
-
-    Attributes:
-        code: error code of control_msgs/action/FollowJointTrajectory.
-    """
-
-    def __init__(self, message: str, code: int = 0) -> None:
-        super().__init__(message)
-        self.code = code
 
 
 @dataclass(frozen=True)
@@ -94,7 +75,7 @@ class ArmState:
     fault: str
 
 
-class Arm:
+class Arm(PoseMotions):
     """The arm of a running system, as a context manager.
 
     Motions are planned here, with the limits that the trajectory node has, so that planning costs the node no time and
@@ -172,12 +153,13 @@ class Arm:
         return ActionClient(self._node, FollowJointTrajectory, _ACTION)
 
     def _read_limits(self, robot: str | ArmDefinition, timeout: float) -> MotionLimits:
-        names = ["joints", *(parameter.name for parameter in PARAMETERS)]
+        names = ["joints", TOOL_FRAME.name, *(parameter.name for parameter in PARAMETERS)]
         response = self._answer(self._parameters.call_async(GetParameters.Request(names=names)), timeout)
         values = {name: _value(value) for name, value in zip(names, response.values, strict=True)}
         if robot and not values[DESCRIPTION.name]:
             values = with_arm(values, find_arm(robot))
-        return motion_limits({name: value for name, value in values.items() if value not in (None, "", [], ())})
+        self._settings = {name: value for name, value in values.items() if value not in (None, "", [], ())}
+        return motion_limits(self._settings)
 
     def __enter__(self) -> "Arm":
         return self

@@ -114,6 +114,13 @@ class FreedriveConfig(NamedTuple):
     resistance: Array  # to a push, shape (joints,), N m
 
 
+class BarrierConfig(NamedTuple):
+    """The barrier before the limits of the motion, see barrier.py."""
+
+    margin: Array  # shape (joints,), rad or m
+    approach: float  # 1/s
+
+
 class EstimatorConfig(NamedTuple):
     """The estimator with its parameters."""
 
@@ -135,6 +142,7 @@ class ControllerConfig(NamedTuple):
     adaptation: AdaptationConfig
     drive: DriveConfig
     freedrive: FreedriveConfig
+    barrier: BarrierConfig
     model: Model  # its parameters have shape (model parameters,)
     firmware: Model  # the model by which the robot's firmware adds gravity: that of the arm without a payload
     plausible_velocity: Array  # shape (joints,), rad/s
@@ -151,6 +159,7 @@ class ControllerConfig(NamedTuple):
     offsets: bool  # a joint has a constant effort
     checks_plausibility: bool  # the measurements of a joint are checked for plausibility
     turns: bool  # a joint is continuous
+    keeps_inside: bool  # a joint has a barrier
     senses_contact: bool  # a joint has a limit of the external effort
 
 
@@ -185,6 +194,7 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
         adaptation=_adaptation(values, joints),
         drive=_drive(values, joints),
         freedrive=_freedrive(values, limits),
+        barrier=_group(BarrierConfig, values, joints),
         model=loaded_model(values, robot),
         firmware=make_model(robot, robot.pack_model(values)),
         plausible_velocity=plausible,
@@ -203,6 +213,7 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
         offsets=_any(compensation.offset),
         checks_plausibility=_any(plausible),
         turns=any(robot.continuous),
+        keeps_inside=law.uses_model and _any(joint_array(values.get("barrier.margin", 0.0), joints)),
         senses_contact=_any(limits.external_effort),
     )
 
@@ -237,6 +248,7 @@ def example_config() -> ControllerConfig:
         AdaptationConfig,
         DriveConfig,
         FreedriveConfig,
+        BarrierConfig,
         ControllerConfig,
     )
     for group in groups:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pidtsm_core.control.barrier_parameters import BARRIER
 from pidtsm_core.estimators import ESTIMATORS, Estimator
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Parameter, ParameterError, chosen, prefixed
@@ -380,7 +381,7 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
         *_of_robot((*FRICTION, *_LIMITS), robot),
         *(_contact(settings, robot) if law.uses_model else ()),
         *_SAFETY,
-        *(FREEDRIVE if law.uses_model else ()),
+        *((*FREEDRIVE, *BARRIER) if law.uses_model else ()),
         _FEEDBACK,
         GRAVITY,
         *_REHEARSAL,

@@ -2,6 +2,7 @@
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined, njit
+from pidtsm_core.control.barrier import keep_inside
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.desired import begin_approach_here, begin_at, choose, write_base
 from pidtsm_core.control.effect import distrust_idle, watch_effect
@@ -84,6 +85,8 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         make_safe(config, state, stamp, dt)
     elif state.status[Status.MODE] == Mode.FREEDRIVE:
         make_free(config, state, stamp, dt)
+    if config.keeps_inside and not state.status[Status.FAULT]:
+        keep_inside(config, state)
     if config.rate_limited:
         since = 0 if first else max(stamp - times[Time.SENT], 0)
         _limit_rate(config, state, stamp, seconds(since))

@@ -7,9 +7,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from pidtsm_core.control import ESTIMATOR_NAME, controller_schema
+from pidtsm_core.control.parameters import CONTACT
 from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, chosen
+from pidtsm_core.poses.parameters import PARAMETERS as OF_POSES
 from pidtsm_core.references import reference_schema
 from pidtsm_core.robots import TreeRobot, find_robot
 from pidtsm_core.simulation.simulator import simulator_schema
@@ -140,6 +144,13 @@ PAYLOAD_OBSERVED = Parameter(
     read_only=True,
 )
 
+WRENCH_PUBLISHED = Parameter(
+    "external_wrench.publish",
+    False,
+    "publish the estimated wrench on the tool on ~/external_wrench; it needs limits.external_effort",
+    read_only=True,
+)
+
 LEARNT_FILE = Parameter(
     "adaptation.file",
     "",
@@ -172,6 +183,7 @@ _CONTROLLER = (
     Parameter("state.decimation", 1, "number of ticks per message on ~/state", minimum=1),
     LEARNT_FILE,
     PAYLOAD_OBSERVED,
+    WRENCH_PUBLISHED,
     Parameter(
         "payload.largest",
         0.0,
@@ -258,6 +270,7 @@ _TRAJECTORY = (
         minimum=0.0,
     ),
     *limits.PARAMETERS,
+    *OF_POSES,
     *_ACTION,
 )
 
@@ -289,6 +302,11 @@ def check_node(node: str, settings: Mapping[str, object]) -> None:
         raise ParameterError(
             f"{ESTIMATOR_NAME.name}: {estimator.name} needs the true derivatives, which no sensor delivers; "
             "it works in a rollout only"
+        )
+    if settings.get(WRENCH_PUBLISHED.name) is True and not np.any(np.asarray(settings.get(CONTACT[0].name, 1.0))):
+        raise ParameterError(
+            f"{WRENCH_PUBLISHED.name} needs {CONTACT[0].name}, which is 0: without it, nothing is estimated",
+            WRENCH_PUBLISHED.name,
         )
     if settings.get(PAYLOAD_OBSERVED.name) is True and not isinstance(robot := find_robot(settings), TreeRobot):
         raise ParameterError(

@@ -20,6 +20,8 @@ _BISECTIONS = 14
 """Jerks are found to 2^-14 of the largest."""
 _SLACK = 1e-3
 """Overshoot that the linear law may have, rad; less if it would need more than a tenth of the largest jerk there."""
+_LEAST = 0.1
+"""Share of the acceleration that is left to approach a target, however fast it accelerates."""
 _REST = (1e-9, 1e-8, 1e-6)
 """Closer to rest than this, the motion is at rest: rad, rad/s, rad/s^2."""
 
@@ -104,6 +106,13 @@ def _staying_below(velocity: float, state: _State, limits: _Limits, dt: float) -
 
 
 @njit
+def _beside(acceleration: float, limits: _Limits) -> _Limits:
+    """Limits of what a joint does beside the acceleration of its target."""
+    left = max(limits.acceleration - abs(acceleration), _LEAST * limits.acceleration)
+    return _Limits(limits.lower, limits.upper, limits.velocity, left, limits.jerk)
+
+
+@njit
 def _jerk(state: _State, error: _State, limits: _Limits, dt: float) -> float:
     """The jerk of a joint for one tick; `error`: state minus that of the target."""
     largest = limits.jerk
@@ -111,19 +120,19 @@ def _jerk(state: _State, error: _State, limits: _Limits, dt: float) -> float:
     jerk = min(max(jerk, -largest), largest)
 
     # Relative to the target: neither past it nor, far from it, back before reaching it.
-    relative, cube = _State(error.q, error.dq, state.ddq), POLE * POLE * POLE
+    relative, spare, cube = error, _beside(state.ddq - error.ddq, limits), POLE * POLE * POLE
     slack = min(_SLACK, 0.1 * largest / cube)
     far = abs(error.q) > largest / cube
     committed = relative.dq + 0.5 * relative.ddq * abs(relative.ddq) / largest
     margin = 5.0 * largest * dt * dt
     if error.q < 0.0:
         if far and committed > -margin:
-            jerk = max(jerk, -_staying_below(0.0, _mirrored(relative), limits, dt))
-        jerk = _stopping_below(slack, jerk, relative, limits, dt)
+            jerk = max(jerk, -_staying_below(0.0, _mirrored(relative), spare, dt))
+        jerk = _stopping_below(slack, jerk, relative, spare, dt)
     else:
         if far and committed < margin:
-            jerk = min(jerk, _staying_below(0.0, relative, limits, dt))
-        jerk = _stopping_above(-slack, jerk, relative, limits, dt)
+            jerk = min(jerk, _staying_below(0.0, relative, spare, dt))
+        jerk = _stopping_above(-slack, jerk, relative, spare, dt)
 
     # A tick is an even step, so velocities are limited with a margin of one.
     fastest = limits.velocity - largest * dt * dt

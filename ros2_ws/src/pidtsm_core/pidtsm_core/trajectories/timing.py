@@ -3,6 +3,7 @@
 import math
 from bisect import bisect_left
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -13,6 +14,7 @@ from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.interpolation import interpolate
 from pidtsm_core.trajectories.jerk_limited import fastest_line
 from pidtsm_core.trajectories.limits import MotionLimits
+from pidtsm_core.trajectories.margins import PLANNED_SHARE
 from pidtsm_core.trajectories.motion import PiecewiseMotion
 from pidtsm_core.trajectories.path_speed import path_speed
 
@@ -38,7 +40,21 @@ _SLOWEST = 60
 """How often at most; what is 1.05^60 = 19 times slower needs no more effort than gravity does."""
 
 
-def retime(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
+class Along(NamedTuple):
+    """What else moves along with the joints, within limits of its own.
+
+    Attributes:
+        places: where it is at the way points, shape (n, m).
+        velocity, acceleration, jerk: its limits, shape (m,), 1/s, 1/s^2 and 1/s^3 of the unit of the places.
+    """
+
+    places: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+
+
+def retime(waypoints: Array, limits: MotionLimits, along: Along | None = None) -> PiecewiseMotion:
     """A fast motion from rest at the first way point to rest at the last one, within all limits.
 
     With two way points it is the fastest motion on the straight line between them. With more it passes through all of
@@ -48,23 +64,33 @@ def retime(waypoints: Array, limits: MotionLimits) -> PiecewiseMotion:
     Args:
         waypoints: shape (n, joints), rad or m.
         limits: of the arm.
+        along: what keeps limits of its own; None: nothing.
 
     Returns:
-        A motion that begins at time 0.
+        A motion that begins at time 0; behind the joints come those of `along`.
 
     Raises:
         TrajectoryError: a number is not finite, or the motion leaves the position limits, or gravity alone needs more
             effort than is allowed.
     """
+    joints, within = waypoints.shape[1], replace(limits, velocity=_BELOW * limits.velocity)
+    moving = within
+    if along is not None:
+        waypoints = np.hstack([waypoints, along.places])
+        moving = replace(
+            within,
+            velocity=np.append(within.velocity, along.velocity / PLANNED_SHARE),
+            acceleration=np.append(within.acceleration, along.acceleration),
+            jerk=np.append(within.jerk, along.jerk),
+        )
     if not np.isfinite(waypoints).all():
         raise TrajectoryError("a way point contains a number that is not finite")
     moves = np.abs(np.diff(waypoints, axis=0)).max(axis=1) > _SAME
     waypoints = waypoints[np.concatenate([[True], moves])]
-    within = replace(limits, velocity=_BELOW * limits.velocity)
-    motion = _on_a_line(waypoints, within) if len(waypoints) <= 2 else _on_a_spline(waypoints, within)
-    motion = _slowed_down(motion, within)
-    check(motion, limits)
-    return motion
+    motion = _on_a_line(waypoints, moving) if len(waypoints) <= 2 else _on_a_spline(waypoints, moving)
+    slow = _slowed_down(PiecewiseMotion(motion.parameters[:joints]), within)
+    check(slow, limits)
+    return slow if along is None else motion.stretched(slow.end / motion.end)
 
 
 def _slowed_down(motion: PiecewiseMotion, limits: MotionLimits) -> PiecewiseMotion:

@@ -33,7 +33,7 @@ def tool_pose(robot: Robot, values: Mapping[str, Value], q: Array) -> tuple[Arra
     Raises:
         TrajectoryError: it is not known where the tool of this arm is.
     """
-    position, rotation, _ = _Kinematics(robot, values).at(q)
+    position, rotation, _ = ToolJacobian(robot, values).at(q)
     return position, rotation
 
 
@@ -61,7 +61,7 @@ def inverse_kinematics(
         TrajectoryError: it is not known where the tool is, or the arm cannot bring it there; with the distance of the
             closest pose found.
     """
-    arm = _Kinematics(robot, values)
+    arm = ToolJacobian(robot, values)
     first = np.array(robot.initial_position if start is None else start, dtype=np.float64)
     random, closest = np.random.default_rng(0), math.inf
     for _ in range(_STARTS):
@@ -77,14 +77,23 @@ def inverse_kinematics(
     )
 
 
-class _Kinematics:
-    """Kinematics of a tool.
+class ToolJacobian:
+    """Where a tool is, and how it moves with the joints.
 
     Attributes:
         lower, upper: range of the joints, shape (joints,), rad or m; a turn where there is no limit.
     """
 
     def __init__(self, robot: Robot, values: Mapping[str, Value]) -> None:
+        """Prepare.
+
+        Args:
+            robot: the arm.
+            values: the parameters of its model by full name, see `Robot.pack_model`.
+
+        Raises:
+            TrajectoryError: it is not known where the tool of this arm is.
+        """
         tool = None if robot.tool is None else robot.tool(robot.pack_model(values))
         if tool is None or tool.row < 0:
             raise TrajectoryError(f"it is not known where the tool of {robot.name} is")
@@ -115,7 +124,10 @@ class _Kinematics:
         return position, link[:, :3] @ self._axes, jacobian
 
     def approach(self, q: Array, position: Array, rotation: Array | None) -> tuple[Array, float]:
-        """The positions of the joints at the end of damped least squares from q, and the remaining error."""
+        """Positions of the joints at the end of damped least squares from q, shape (joints,), and what error remains.
+
+        The pose has a position, shape (3,), m, and a rotation, shape (3, 3), or None for any.
+        """
         size = 3 if rotation is None else 6
 
         def error_at(q: Array) -> tuple[Array, Array]:

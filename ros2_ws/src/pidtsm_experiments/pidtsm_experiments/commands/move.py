@@ -9,12 +9,13 @@ from pidtsm_core.errors import UsageError
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.errors import RunError
 
-_EPILOG = """The arm moves on the straight line between its posture and the new one, as fast as its limits allow. Ctrl-C
-brings it to rest.
+_EPILOG = """With --to, the arm moves on the straight line between its posture and the new one, as fast as its limits
+allow; with --pose, its tool moves on a straight line, or with --via on the arc of a circle. Ctrl-C brings it to rest.
 
 examples:
   ./pidtsm move --to 0.3 -0.2
   ./pidtsm move --to joint2=0.1 --velocity-scale 0.3
+  ./pidtsm move --pose 0.4 0.1 0.5 --speed 0.1
 
 exit codes: 0 the arm is there, 1 it is not, 2 bad usage or input, 130 interrupted; the arm is at rest
 """
@@ -22,12 +23,25 @@ exit codes: 0 the arm is there, 1 it is not, 2 bad usage or input, 130 interrupt
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _EPILOG
-    parser.add_argument(
-        "--to",
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument(
+        "--to", nargs="+", metavar="Q", help="position of every joint, rad or m, or JOINT=Q for some of them"
+    )
+    where.add_argument(
+        "--pose",
         nargs="+",
-        required=True,
-        metavar="Q",
-        help="position of every joint, rad or m, or JOINT=Q for some of them",
+        type=float,
+        metavar="X",
+        help="position of the tool x y z, m, and its quaternion x y z w (default: its orientation of now)",
+    )
+    parser.add_argument(
+        "--via", nargs=3, type=float, metavar="X", help="with --pose: point x y z on the arc of the tool, m"
+    )
+    parser.add_argument(
+        "--frame", default="", metavar="LINK", help="with --pose: link that all this is seen from (default: the base)"
+    )
+    parser.add_argument(
+        "--speed", type=float, default=0.25, metavar="V", help="with --pose: of the tool, m/s (default: 0.25)"
     )
     parser.add_argument("--namespace", default="", metavar="NAME", help="namespace of the system")
     add_arm_arguments(parser, of="the limits, if the trajectory node has no robot.description")
@@ -40,7 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     from pidtsm_ros.client import Arm, ArmError, TargetError  # Only this command needs rclpy.
 
-    target, robot = _target(options.to), read_arm(options)
+    _check(options)
+    robot = read_arm(options)
     if robot is not None:
         robot.settings()  # Refused here if it cannot be used, before the system is looked for.
         robot.robot()
@@ -48,7 +63,7 @@ def execute(options: argparse.Namespace) -> int:
     try:
         with Arm(options.namespace, robot or "") as arm:
             try:
-                duration = arm.move_to(target, options.velocity_scale, wait=False)
+                duration = _begin(arm, options)
                 if not options.json:
                     print(f"moving for {duration:.2f} s" + ("" if arm.uses_action else " (no action: by topic)"))
                 begin = time.monotonic()
@@ -72,6 +87,29 @@ def execute(options: argparse.Namespace) -> int:
     else:
         print("there: " + ", ".join(f"{name} {q:.4f}" for name, q in result["position"].items()))
     return 0
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuse what is wrong before the system is looked for."""
+    if options.to:
+        _target(options.to)
+        if options.via or options.frame:
+            raise UsageError("--via and --frame belong to --pose")
+    elif len(options.pose) not in (3, 7):
+        raise UsageError(f"--pose has {len(options.pose)} numbers: x y z, or x y z and a quaternion x y z w")
+    elif options.velocity_scale != 1.0:
+        raise UsageError("--velocity-scale belongs to --to; --speed limits the tool")
+
+
+def _begin(arm: Any, options: argparse.Namespace) -> float:
+    """Begin to move; returns the duration, s."""
+    if options.to:
+        return float(arm.move_to(_target(options.to), options.velocity_scale, wait=False))
+    from pidtsm_core.poses.paths import Speed
+
+    position, orientation = options.pose[:3], options.pose[3:] or None
+    speed = Speed(velocity=options.speed)
+    return float(arm.move_to_pose(position, orientation, options.via, options.frame, speed, wait=False))
 
 
 def _target(words: list[str]) -> list[float] | dict[str, float]:

@@ -1,0 +1,1 @@
+"""Motions of the tool: poses, differential inverse kinematics, frames, and paths within limits."""
