@@ -27,7 +27,7 @@ def isolates() -> bool:
 def test_a_bundle_installs_without_network_and_no_damaged_one(tmp_path: Path) -> None:
     version = list(pythons())[-1]
     bundle, target = tmp_path / "bundle", tmp_path / "environment"
-    words = [sys.executable, ROOT / "scripts" / "bundle.py", "--python", version, "--out", bundle]
+    words = [sys.executable, str(ROOT / "scripts" / "bundle.py"), "--python", version, "--out", str(bundle)]
     subprocess.run(words, check=True, env={**outside(), "PYTHONDONTWRITEBYTECODE": "1"})
     environment = {**outside(), "PIDTSM_PYTHON": str(pythons()[version]), "PIP_NO_COMPILE": "1"}
 

@@ -31,11 +31,11 @@ def collect(folder: Path) -> None:
     """
     shutil.copytree(ROOT / "docs", folder, dirs_exist_ok=True)
     (folder / "index.md").rename(folder / _PAGES)
-    for name, page in _TOP.items():
-        shutil.copy(ROOT / name, folder / page)
+    for document, place in _TOP.items():
+        shutil.copy(ROOT / document, folder / place)
     shutil.copy(ROOT / "LICENSE", folder)
     _write_examples(folder / "examples")
-    sources = {page: ROOT / name for name, page in _TOP.items()} | {_PAGES: ROOT / "docs" / "index.md"}
+    sources = {place: ROOT / document for document, place in _TOP.items()} | {_PAGES: ROOT / "docs" / "index.md"}
     for page in sorted(folder.rglob("*.md")):
         name = str(page.relative_to(folder))
         if name.startswith("examples/"):
