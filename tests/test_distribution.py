@@ -1,18 +1,20 @@
-"""What leaves the checkout: the offline bundle installs without network, and refuses files that were damaged."""
+"""What leaves the checkout: the offline bundle installs without network; names and versions agree everywhere."""
 
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from pidtsm_core import __version__
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from distribution.tools import outside, pythons  # noqa: E402
+from distribution.tools import SUPPORTED, outside, pythons  # noqa: E402
 from distribution.version import find_differences  # noqa: E402
 
 ALONE = ("unshare", "--map-root-user", "--net")
@@ -57,3 +59,22 @@ def test_a_version_that_differs_is_named(tmp_path: Path) -> None:
     citation = tmp_path / "CITATION.cff"
     citation.write_text(citation.read_text("utf-8").replace(f"\nversion: {__version__}", "\nversion: 0.0.9"), "utf-8")
     assert find_differences(tmp_path) == ["CITATION.cff"]
+
+
+def test_the_same_versions_of_python_are_supported_everywhere() -> None:
+    project = (ROOT / "pyproject.toml").read_text("utf-8")
+    assert re.findall(r'"Programming Language :: Python :: (3\.\d+)"', project) == list(SUPPORTED)
+    assert f'requires-python = ">={SUPPORTED[0]}"' in project
+    oldest, newest = (version.replace(".", ", ") for version in (SUPPORTED[0], SUPPORTED[-1]))
+    assert f"({oldest}) <= sys.version_info[:2] <= ({newest})" in (ROOT / "pidtsm").read_text("utf-8")
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "checks.yml").read_text("utf-8"))["jobs"]
+    assert jobs["tests"]["strategy"]["matrix"]["python"] == list(SUPPORTED)
+    assert sorted(jobs["wheels"]["steps"][1]["with"]["python-version"].split()) == sorted(SUPPORTED)
+
+
+def test_checks_on_github_call_commands_that_exist() -> None:
+    text = (ROOT / ".github" / "workflows" / "checks.yml").read_text("utf-8")
+    called = set(re.findall(r"\./pidtsm (\w+)", text))
+    assert called >= {"shell", "test", "release", "docs"}
+    known = subprocess.check_output([sys.executable, "-m", "pidtsm_experiments.cli", "--help"], text=True)
+    assert all(re.search(rf"^ +{command} ", known, re.MULTILINE) for command in called)
