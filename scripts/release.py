@@ -82,7 +82,7 @@ def _try(wheel: Path, name: str, python: Path, bill: Path | None, *, short: bool
     """
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
-        installed = make_environment(python, folder / "venv", wheel)
+        installed = make_environment(python, folder / "venv", "--compile-bytecode", wheel)  # as pip does
         if bill:
             words = [tools("release") / "cyclonedx-py", "environment", installed, "--output-reproducible", "-o", bill]
             call(*words, environment=outside())

@@ -19,6 +19,8 @@ _SHOWN = (".py", ".ipynb")
 _LINK = re.compile(r"(\]\()([^)#\s:]+)((?:#[^)\s]*)?\))")
 _FOR_TESTS = re.compile(r"^(```\w+) (?:example|fails)$", re.MULTILINE)
 """Words after a fence that only the tests read."""
+_PAST = "---\nsearch:\n  boost: 0.1\n---\n"
+"""Before a page of the past: a search finds what is true now first."""
 _DRAWS = "savefig("
 """In an example whose picture its page shows; those that need a bag have none to read here."""
 
@@ -43,7 +45,8 @@ def collect(folder: Path) -> None:
         else:
             source = sources.get(name, ROOT / "docs" / name)
             text = source.read_text("utf-8")
-        page.write_text(_with_links(text, source, page, folder), "utf-8")
+        head = _PAST if name.startswith("decisions/") or name == "changelog.md" else ""
+        page.write_text(head + _with_links(text, source, page, folder), "utf-8")
 
 
 def _with_links(text: str, source: Path, page: Path, folder: Path) -> str:

@@ -24,6 +24,7 @@ def outside() -> dict[str, str]:
     """Variables for processes that must find nothing of the workspace, nor of ROS, and for uv the index of pip."""
     pip = subprocess.check_output([sys.executable, "-m", "pip", "config", "list"], text=True)
     kept = {name: value for name, value in os.environ.items() if not name.endswith("PATH") or name == "PATH"}
+    kept.pop("PYTHONDONTWRITEBYTECODE", None)  # A user's processes need not compile all modules each time.
     return {**kept, **uv_variables(pip), "MPLBACKEND": "Agg"}
 
 
