@@ -97,7 +97,7 @@ def commands(pidtsm: Path, folder: Path, environment: dict[str, str]) -> dict[st
     """What some commands print: those that must find files of the wheel, and some that need ROS."""
     working = ("demo", "rollout --duration 0.5 --bag --out bag", "analyze bag/bag")
     failing = ("run", "live", "nodes list", "move --to 0 0")
-    codes = {**dict.fromkeys(working, 0), **dict.fromkeys(failing, 1), "shell": 2}
+    codes = {**dict.fromkeys(working, 0), **dict.fromkeys(failing, 1), "shell": 2, "limit": 2}
     return {
         words: call(pidtsm, *words.split(), environment=environment, cwd=folder, code=code)
         for words, code in codes.items()
@@ -131,3 +131,4 @@ def test_its_commands_work_or_say_what_they_need(outcomes: Callable[[str], Outco
             f"pidtsm: {command} needs ROS 2 Jazzy: call ./pidtsm {command} in the source checkout\n"
         )
     assert printed["shell"] == "pidtsm: shell needs the source checkout; see pidtsm --help\n"
+    assert printed["limit"] == "pidtsm: limit needs CasADi: python -m pip install 'pidtsm[limit]'\n"
