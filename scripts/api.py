@@ -23,9 +23,9 @@ that use this interface. An `Array` is a NumPy array of float64; a `Value` is a 
 sequence of them. The other types are in [Types](#types), those of Python, NumPy, Matplotlib, pandas and xarray in
 their own documentation.
 
-Without the checkout's environment, `pip install "./ros2_ws/src/pidtsm_core[plot,tables,dask,xacro]"` installs the core
-with all extras: `plot` (Matplotlib) is for `Recording.plot`, `tables` (pandas, xarray) for `Recording.to_pandas` and
-`Recording.to_xarray`, `dask` for `batch` on a [cluster](../examples/dask_cluster.py), `xacro` for arms in that format.
+`pip install ".[tables,dask,xacro]"` in the checkout [installs it without ROS](distribution.md) and with these extras:
+`tables` (pandas, xarray) is for `Recording.to_pandas` and `Recording.to_xarray`, `dask` for `batch` on a
+[cluster](../examples/dask_cluster.py), `xacro` for arms in that format.
 """
 _SECTION = re.compile(r"(Args|Attributes|Returns|Raises):$")
 _ENTRY = re.compile(r"    (\w[\w, ]*): (.*)")

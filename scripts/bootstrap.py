@@ -10,6 +10,8 @@ from launcher import environment  # noqa: E402
 
 _WITH_ACTIONS = ("actions", "move", "test")
 """Commands that need the actions of ROS 2; `actions` does nothing else."""
+_SCRIPTS = ("release", "bundle", "docs")
+"""Commands that are scripts of the checkout."""
 
 
 def main(arguments: list[str]) -> None:
@@ -24,6 +26,8 @@ def main(arguments: list[str]) -> None:
         case ["shell", *others]:
             environment.report('usage: pidtsm shell [-c "COMMAND"]: a shell, or one COMMAND, in the environment')
             sys.exit(0 if others in (["-h"], ["--help"]) else 2)
+        case [name, *others] if name in _SCRIPTS:
+            command = [str(layout.python), str(layout.root / "scripts" / f"{name}.py"), *others]
         case ["actions"]:
             command = [str(layout.python), "-c", ""]
         case _:

@@ -1,5 +1,5 @@
-"""The library without ROS: it installs in an empty environment of the oldest and the newest supported Python of the
-machine, and runs the README's Python in both, and in the newest the examples that need more than that.
+"""The wheel, without ROS: it installs in an empty environment of the oldest and the newest supported Python of the
+machine, and runs the README's Python in both, in the newest the examples that need more than that, and its commands.
 
 The other examples run in the environment of the tests, which hides ROS from them: there, most is compiled.
 """
@@ -11,16 +11,15 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from launcher.install import uv_variables  # noqa: E402
+from distribution.tools import call, make_environment, outside, pythons  # noqa: E402
 
-SOURCE = ROOT / "ros2_ws" / "src" / "pidtsm_core"
+SOURCE = ROOT / "ros2_ws" / "src"
 OF_THE_WORKSPACE = ("analyse_bag.py", "move_an_arm.py", "nodes_from_python.py")
 """test_examples.py and test_arm_client.py run them."""
 FILES = [
@@ -36,37 +35,16 @@ SHOWN = {
 }
 """What an example prints if a cluster, and tables, agree with the rollout: the examples that need other libraries."""
 RUNNER = ROOT / "tests" / "support" / "run_examples.py"
-SUPPORTED = [f"3.{minor}" for minor in range(10, 15)]
-
-
-def pythons() -> list[str]:
-    """The interpreters of the supported versions, one each: this one, those of the path, of pyenv and of uv."""
-    path = [Path(folder) for folder in os.environ["PATH"].split(os.pathsep)]
-    # pyenv has the interpreters beside its shims, which run only one of them.
-    pyenv = [folder for shims in path if shims.name == "shims" for folder in shims.parent.glob("versions/*/bin")]
-    uv = Path.home().glob(".local/share/uv/python/*/bin")
-    found = {f"{sys.version_info.major}.{sys.version_info.minor}": sys.executable}
-    for folder in (*path, *pyenv, *uv):
-        for version in SUPPORTED:
-            file = folder / f"python{version}"
-            if version not in found and os.access(file, os.X_OK) and runs(file):
-                found[version] = str(file)
-    return [found[version] for version in sorted(found)]
-
-
-def runs(python: Path) -> bool:
-    """Whether it is an interpreter; a shim of pyenv may be none."""
-    return subprocess.run([python, "-c", "import venv"], capture_output=True).returncode == 0
 
 
 def tree(folder: Path) -> set[Path]:
-    return {path for path in folder.rglob("*") if "__pycache__" not in path.parts}
+    return {path for path in (*ROOT.glob("*"), *folder.rglob("*")) if "__pycache__" not in path.parts}
 
 
 @cache
 def supported() -> dict[str, str]:
     """The interpreters by what they are here."""
-    found = pythons()
+    found = [str(python) for python in pythons().values()]
     return {"oldest": found[0], "newest": found[-1]}
 
 
@@ -96,29 +74,34 @@ def outcome(which: str, folder: Path) -> Outcomes:
     """Outcome by file, from one process, because the first rollout there has to be compiled."""
     if which not in supported():
         return without_ros(folder)
-    python = supported()[which]
-    pip = subprocess.check_output([sys.executable, "-m", "pip", "config", "list"], text=True)
-    # Nothing of the workspace, nor of ROS.
-    kept = {name: value for name, value in os.environ.items() if not name.endswith("PATH") or name == "PATH"}
     # What one process has read from the new environment, the others need not compile.
-    own = {"MPLBACKEND": "Agg", "NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": ""}
+    own = {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": ""}
     own["NUMBA_OPT"] = "0"  # Only once.
-    environment = {**kept, **uv_variables(pip), **own}
-    installed = folder / "venv" / "bin" / "python"
-
-    def call(*words: object) -> subprocess.CompletedProcess[str]:
-        done = subprocess.run([str(w) for w in words], env=environment, cwd=folder, capture_output=True, text=True)
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done
-
+    environment = {**outside(), **own}
     before = tree(SOURCE)
-    call("uv", "venv", "--python", python, folder / "venv")
-    call("uv", "pip", "install", "--python", installed, f"{SOURCE}[dask,plot,tables]")
+    # From a folder, pip and uv build the wheel that a release has.
+    installed = make_environment(Path(supported()[which]), folder / "venv", f"{ROOT}[dask,tables]")
     assert tree(SOURCE) == before, "the installation leaves nothing in the source tree"
-    done = call(installed, RUNNER, folder, *RUNS[which])
+    done = subprocess.run(
+        [installed, RUNNER, folder, *RUNS[which]], env=environment, cwd=folder, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
     assert "pidtsm: compiling, once after an installation .." in done.stderr, "the first rollout shows its progress"
     found: Outcomes = json.loads(done.stdout)
+    if which == "newest":
+        found["commands"] = commands(installed.with_name("pidtsm"), folder, environment)
     return found
+
+
+def commands(pidtsm: Path, folder: Path, environment: dict[str, str]) -> dict[str, str]:
+    """What some commands print: those that must find files of the wheel, and some that need ROS."""
+    working = ("demo", "rollout --duration 0.5 --bag --out bag", "analyze bag/bag")
+    failing = ("run", "live", "nodes list", "move --to 0 0")
+    codes = {**dict.fromkeys(working, 0), **dict.fromkeys(failing, 1), "shell": 2, "limit": 2}
+    return {
+        words: call(pidtsm, *words.split(), environment=environment, cwd=folder, code=code)
+        for words, code in codes.items()
+    }
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +114,21 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Outcom
     ("python", "file"),
     [pytest.param(python, file, id=f"{python}-{file.name}") for python, files in RUNS.items() for file in files],
 )
-def test_it_runs_without_ros(outcomes: Callable[[str], dict[str, Any]], python: str, file: Path) -> None:
+def test_it_runs_without_ros(outcomes: Callable[[str], Outcomes], python: str, file: Path) -> None:
     found = outcomes(python)[file.name]
     assert not found["failure"], found["failure"]
     assert SHOWN.get(file.name, "") in found["output"]
+
+
+def test_its_commands_work_or_say_what_they_need(outcomes: Callable[[str], Outcomes]) -> None:
+    printed = outcomes("newest")["commands"]
+    assert "ROS 2 is not installed" in printed["demo"]
+    assert "results/demo: report.html metrics.json" in printed["demo"]
+    assert "joint2" in printed["analyze bag/bag"]
+    for words in ("run", "live", "nodes list", "move --to 0 0"):
+        command = words.split()[0]
+        assert printed[words] == (
+            f"pidtsm: {command} needs ROS 2 Jazzy: call ./pidtsm {command} in the source checkout\n"
+        )
+    assert printed["shell"] == "pidtsm: shell needs the source checkout; see pidtsm --help\n"
+    assert printed["limit"] == "pidtsm: limit needs CasADi: python -m pip install 'pidtsm[limit]'\n"

@@ -96,8 +96,8 @@ def test_colcon_finds_the_tests(package: Path) -> None:
 
 def test_the_newest_numba_that_is_allowed_is_the_one_that_is_tested() -> None:
     """Its internals are used, which a new version may change."""
-    setup = (SOURCE / "pidtsm_core" / "setup.py").read_text(encoding="utf-8")
-    bounds = re.findall(r'"numba>=([\d.]+),<([\d.]+)"', setup)
+    project = (SOURCE.parents[1] / "pyproject.toml").read_text(encoding="utf-8")
+    bounds = re.findall(r'"numba>=([\d.]+),<([\d.]+)"', project)
     installed = [int(part) for part in version("numba").split(".")[:2]]
     oldest, beyond = ([int(part) for part in bound.split(".")] for bound in bounds[0])
     assert oldest <= installed

@@ -32,7 +32,6 @@ setup(
     },
     zip_safe=True,
     maintainer="pidtsm maintainers",
-    maintainer_email="maintainers@pidtsm.example",
     description="Robust joint-space effort controller for robot arms, and its reference, as ROS 2 nodes.",
     license="Apache-2.0",
 )

@@ -30,32 +30,10 @@ setup(
         # For `ros2 run ... --params-file`.
         *((f"share/{NAME}/{folder}", files(folder)) for folder in ("params", "params/tuned", "params/tuned/laws")),
     ],
-    python_requires=">=3.10",
-    install_requires=[
-        "numpy>=1.26",
-        # Its internals are used; a new version is tried before it is allowed.
-        "numba>=0.60,<0.69",
-        "joblib>=1.3",
-        "cloudpickle>=3",
-        "scipy>=1.11",
-        "ruckig>=0.15",
-        "pyyaml>=6",
-        "threadpoolctl>=3",
-        # mujoco-core is mujoco without its viewer.
-        "mujoco-core; python_version >= '3.11'",
-        "mujoco<4; python_version < '3.11'",
-    ],
-    extras_require={
-        "dask": ["dask[distributed]"],
-        "plot": ["matplotlib"],
-        "poses": ["mink>=1.3"],
-        "tables": ["pandas", "xarray"],
-        "xacro": ["xacro"],
-        "test": ["pytest"],
-    },
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
     zip_safe=True,
     maintainer="pidtsm maintainers",
-    maintainer_email="maintainers@pidtsm.example",
     description="ROS-free heart of pidtsm: robots, laws, estimators, references, plant, rollout, metrics.",
     license="Apache-2.0",
 )

@@ -22,7 +22,7 @@ setup(
         *((f"share/{NAME}/{folder}", files(folder)) for folder in SHARED),
     ],
     install_requires=["setuptools"],
-    extras_require={"test": ["pytest"], "parquet": ["pyarrow"], "rerun": ["rerun-sdk==0.41.0"]},
+    extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
             "recorder = pidtsm_ros.main:main",
@@ -35,7 +35,6 @@ setup(
     },
     zip_safe=True,
     maintainer="pidtsm maintainers",
-    maintainer_email="maintainers@pidtsm.example",
     description="Runs, bags and command line of pidtsm.",
     license="Apache-2.0",
 )

@@ -23,7 +23,6 @@ setup(
     },
     zip_safe=False,
     maintainer="pidtsm maintainers",
-    maintainer_email="maintainers@pidtsm.example",
     description="Shared code of the pidtsm nodes: parameters, joint order, quality of service, life cycle, main loop.",
     license="Apache-2.0",
 )

@@ -32,7 +32,6 @@ setup(
     },
     zip_safe=True,
     maintainer="pidtsm maintainers",
-    maintainer_email="maintainers@pidtsm.example",
     description="Simulated two-link arm as a ROS 2 node.",
     license="Apache-2.0",
 )

@@ -1,5 +1,7 @@
 """Errors that end a command with one line instead of a traceback."""
 
+from pathlib import Path
+
 
 class UsageError(ValueError):
     """Invalid input from the user: exit code 2."""
@@ -11,3 +13,11 @@ class MemberError(UsageError):
 
 class MemberWarning(UserWarning):
     """An installed package offers members that cannot be used."""
+
+
+def how_to_install(extra: str) -> str:
+    """The command that installs an optional part: in a checkout from its lock file, elsewhere an extra of the wheel."""
+    lock = f"requirements/{extra}.lock"
+    if any((root / lock).is_file() for root in Path(__file__).resolve().parents[4:5]):
+        return f"./pidtsm shell -c 'python -m pip install --no-deps --require-hashes -r {lock}'"
+    return f"python -m pip install 'pidtsm[{extra}]'"

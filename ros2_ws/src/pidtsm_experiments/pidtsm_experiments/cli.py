@@ -1,4 +1,4 @@
-"""The command line, ``./pidtsm COMMAND``."""
+"""The command line: ``./pidtsm COMMAND`` in a checkout, ``pidtsm COMMAND`` where the wheel is installed."""
 
 import argparse
 import errno
@@ -16,6 +16,10 @@ from pidtsm_core.errors import UsageError
 from pidtsm_experiments.errors import OF_THE_DISK, RunError
 
 _INTERRUPTED = 130
+_IN_CHECKOUT = "./pidtsm"
+"""How texts call the command line."""
+_OF_ROS = ("rclpy", "ament_index_python", "domain_coordinator", "_msgs", "_interfaces")
+"""Ends of the names of packages that ROS 2 and the workspace alone have."""
 _COMMANDS = {
     "demo": "run the article's Case 1 with the proposed law and the real nodes: table, figures, bag",
     "run": "run any scenario and law with the real nodes",
@@ -49,6 +53,13 @@ _COMMANDS = {
 _ACTIONS = "build the actions of ROS 2, if it has none, so that the node trajectory serves follow_joint_trajectory"
 _SHELL = "start a shell with the workspace sourced (-c COMMAND runs one command in it)"
 
+_OF_THE_LAUNCHER = {
+    "docs": "build the documents as a site, or show them in the browser",
+    "release": "build the wheel and the source archives, and use them as a user would",
+    "bundle": "write a folder that sets pidtsm up on a machine without network",
+    "actions": _ACTIONS,
+    "shell": _SHELL,
+}
 _EPILOG = """examples:
   ./pidtsm demo
   ./pidtsm run --scenario case2 --law piddtsm --out results/case2
@@ -70,9 +81,9 @@ class _Parser(argparse.ArgumentParser):
 def _parser(command: str | None) -> argparse.ArgumentParser:
     """Create the parser; only the module of the given command is imported."""
     parser = _Parser(
-        prog="./pidtsm",
+        prog=_called(_IN_CHECKOUT),
         description="A robust torque controller for robot arms, a simulated arm, and experiments with both.",
-        epilog=_EPILOG,
+        epilog=_called(_EPILOG),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"pidtsm {__version__}")
@@ -85,10 +96,16 @@ def _parser(command: str | None) -> argparse.ArgumentParser:
             module = importlib.import_module(f"pidtsm_experiments.commands.{name.replace('-', '_')}")
             module.add_arguments(sub)
             sub.set_defaults(execute=module.execute)
+            sub.epilog = sub.epilog and _called(sub.epilog)
     # Handled by the launcher, before it enters the Python environment.
-    commands.add_parser("actions", help=_ACTIONS)
-    commands.add_parser("shell", help=_SHELL)
+    for name, text in _OF_THE_LAUNCHER.items():
+        commands.add_parser(name, help=text)
     return parser
+
+
+def _called(text: str) -> str:
+    """A text with the command line as it was called: the wheel has no launcher."""
+    return text.replace(_IN_CHECKOUT, "pidtsm") if Path(sys.argv[0]).name == "pidtsm" else text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -100,19 +117,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not words:
             _parser(None).print_help()
             return 2
-        parser = _parser(command)
-        options, others = parser.parse_known_args(words)
-        if command == "test":
-            options.arguments = [*others, *options.arguments]  # such as pytest's -k
-        elif others:
-            parser.error(f"unrecognized arguments: {' '.join(others)}")
-        return int(options.execute(options))
-    except UsageError as error:
-        print(f"pidtsm: {error}", file=sys.stderr)
-        return 2
-    except RunError as error:
-        print(f"pidtsm: {error}", file=sys.stderr)
-        return 1
+        return _execute(words, command)
+    except (UsageError, RunError) as error:
+        print(f"pidtsm: {_called(str(error))}", file=sys.stderr)
+        return 2 if isinstance(error, UsageError) else 1
     except KeyboardInterrupt:
         print("pidtsm: interrupted", file=sys.stderr)
         return _INTERRUPTED
@@ -122,6 +130,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.errno != errno.EPIPE:  # Who reads the output may leave when it likes.
             print(f"pidtsm: cannot write {error.filename or 'the output'}: {error.strerror}", file=sys.stderr)
         _forget_output()
+        return 1
+
+
+def _execute(words: Sequence[str], command: str | None) -> int:
+    """Execute a command; returns the exit code.
+
+    Raises:
+        UsageError, RunError: see `main`.
+    """
+    try:
+        parser = _parser(command)
+        if command in _OF_THE_LAUNCHER:
+            parser.error(f"{command} needs the source checkout")
+        options, others = parser.parse_known_args(words)
+        if command == "test":
+            options.arguments = [*others, *options.arguments]  # such as pytest's -k
+        elif others:
+            parser.error(f"unrecognized arguments: {' '.join(others)}")
+        return int(options.execute(options))
+    except ModuleNotFoundError as error:
+        if error.name is None or not error.name.partition(".")[0].endswith(_OF_ROS):
+            raise
+        print(f"pidtsm: {command} needs ROS 2 Jazzy: call ./pidtsm {command} in the source checkout", file=sys.stderr)
         return 1
 
 
@@ -135,7 +166,8 @@ def _interrupt(_signal: int, _frame: object) -> NoReturn:
     raise KeyboardInterrupt
 
 
-def _main_of_process() -> NoReturn:
+def main_of_process() -> NoReturn:
+    """Run the command of this process, and end it with the command's exit code."""
     code = main()
     if code == _INTERRUPTED:
         # A thread that is still compiling would abort an orderly end.
@@ -146,4 +178,4 @@ def _main_of_process() -> NoReturn:
 
 
 if __name__ == "__main__":
-    _main_of_process()
+    main_of_process()

@@ -280,6 +280,18 @@ def _learnt(joints: int) -> dict[str, Any]:
     }
 
 
+def _approach(joints: int) -> dict[str, Any]:
+    """The arrays of desired.py, by name; shapes as in `ControllerState`."""
+    efforts = ("feedforward_effort", "feedforward_before", "freedrive_effort", "freedrive_before")
+    return {
+        "approach": np.zeros((6, joints)),
+        "approach_duration": np.zeros(1),
+        "braking": np.zeros((6, joints)),
+        "braking_duration": np.zeros(1),
+        **{name: np.zeros(joints) for name in efforts},
+    }
+
+
 def new_state(joints: int, feeds_back: bool, law_memory: int = 0) -> ControllerState:
     """The state of a controller that has not begun.
 
@@ -303,18 +315,13 @@ def new_state(joints: int, feeds_back: bool, law_memory: int = 0) -> ControllerS
         held=np.zeros((3, joints)),
         base=np.zeros((3, joints)),
         desired=np.zeros((3, joints)),
-        approach=np.zeros((6, joints)),
-        approach_duration=np.zeros(1),
-        braking=np.zeros((6, joints)),
-        braking_duration=np.zeros(1),
-        hold_pace=np.zeros(1),
-        hold_energy=np.zeros(1),
-        hold_bandwidth=np.zeros(1),
+        **{name: np.zeros(1) for name in ("hold_pace", "hold_energy", "hold_bandwidth")},
         estimator=np.zeros((joints, SLOTS)),
         law=np.zeros((joints, STATE_SLOTS)),
         law_memory=np.zeros(law_memory),
         demand=np.zeros((len(Demand), joints)),
         frozen=np.zeros(joints),
+        **_approach(joints),
         inertia=np.zeros((joints, joints)),
         signals=np.zeros((len(Signal), joints)),
         sent=np.zeros(joints),
@@ -323,10 +330,6 @@ def new_state(joints: int, feeds_back: bool, law_memory: int = 0) -> ControllerS
         referred=np.zeros(joints),
         output=np.zeros(joints),
         implausible=np.zeros(joints),
-        feedforward_effort=np.zeros(joints),
-        feedforward_before=np.zeros(joints),
-        freedrive_effort=np.zeros(joints),
-        freedrive_before=np.zeros(joints),
         hold=np.zeros((len(Hold), joints)),
         still=np.zeros((len(Still), joints)),
         history=np.zeros((HISTORY, joints)),
@@ -337,9 +340,7 @@ def new_state(joints: int, feeds_back: bool, law_memory: int = 0) -> ControllerS
         **late_drives(joints),
         bank=new_bank(joints),
         softness=np.zeros((len(Softness), joints)),
-        softened=np.zeros(1),
-        spared=np.zeros(1),
-        pace=np.zeros(1),
+        **{name: np.zeros(1) for name in ("softened", "spared", "pace")},
         rejected=np.zeros(joints),
         truth=np.zeros((2, joints)),
         torque=np.zeros(joints),

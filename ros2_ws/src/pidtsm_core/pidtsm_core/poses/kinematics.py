@@ -89,7 +89,7 @@ class ToolKinematics:
             import mink
         except ModuleNotFoundError as error:
             raise ParameterError(
-                f"poses need {error.name}: ./pidtsm installs it; elsewhere pip install 'pidtsm_core[poses]'"
+                f"poses need {error.name}: ./pidtsm installs it; elsewhere pip install 'pidtsm[poses]'"
             ) from None
         self._mink, self._limits = mink, limits
         self._speeds = velocity, angular_velocity

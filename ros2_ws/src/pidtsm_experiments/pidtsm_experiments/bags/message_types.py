@@ -27,7 +27,8 @@ def typestore() -> Typestore:
 
 def _definition(name: str) -> str:
     shares = [Path(p, "share") for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-    for root in (*shares, Path(__file__).resolve().parents[3]):
+    package = Path(__file__).resolve().parents[1]  # The wheel has them there, a source tree beside its packages.
+    for root in (*shares, package, package.parents[1]):
         file = root / "pidtsm_msgs" / "msg" / f"{name}.msg"
         if file.is_file():
             return file.read_text(encoding="utf-8")

@@ -1,16 +1,22 @@
-"""``./pidtsm demo``: Case 1, or the default motion of another arm, with the proposed law and the real nodes."""
+"""``./pidtsm demo``: Case 1, or the default motion of another arm, with the proposed law and the real nodes.
+
+Where ROS is not installed, the same loop runs without nodes.
+"""
 
 import argparse
+import sys
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
-from pidtsm_core.experiment import make_experiment
+from pidtsm_core.experiment import Experiment, make_experiment
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.options import (
     add_engine_argument,
     engine_overrides,
     require_followed,
+    show_metrics,
 )
-from pidtsm_experiments.commands.run import run_and_report
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,5 +30,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     experiment = make_experiment(None, overrides=engine_overrides(options.engine), robot=read_arm(options))
     introduce(options)
-    require_followed(run_and_report(experiment, "lockstep", options.out).metrics())
+    demonstrate = _with_nodes if find_spec("rclpy") else _without_ros
+    require_followed(demonstrate(experiment, options.out))
     return 0
+
+
+def _with_nodes(experiment: Experiment, out: Path) -> dict[str, Any]:
+    from pidtsm_experiments.commands.run import run_and_report  # Needs ROS.
+
+    return run_and_report(experiment, "lockstep", out).metrics()
+
+
+def _without_ros(experiment: Experiment, out: Path) -> dict[str, Any]:
+    from pidtsm_experiments.commands.rollout import kept
+
+    print("pidtsm: ROS 2 is not installed: the same loop runs as one compiled function, without nodes", file=sys.stderr)
+    metrics = kept(experiment, out)
+    show_metrics(metrics, as_json=False)
+    return metrics

@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from pidtsm_core.errors import UsageError
+from pidtsm_core.errors import UsageError, how_to_install
 from pidtsm_core.recording import Recording
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.tables import Table, message_table, sample_table
@@ -46,7 +46,6 @@ examples:
   ./pidtsm export my_bag --messages --parquet my_bag.parquet
   python -c "import pandas; print(pandas.read_csv('demo.csv', index_col='time').filter(like='error.').abs().max())"
 """
-_INSTALL = "./pidtsm shell -c 'python -m pip install --no-deps --require-hashes -r requirements/parquet.lock'"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -176,5 +175,5 @@ def _pyarrow() -> Any:
     try:
         import pyarrow
     except ModuleNotFoundError:
-        raise UsageError(f"--parquet needs pyarrow: {_INSTALL}") from None
+        raise UsageError(f"--parquet needs pyarrow: {how_to_install('parquet')}") from None
     return pyarrow

@@ -33,13 +33,8 @@ def execute(options: argparse.Namespace) -> int:
     out: Path | None = options.out
     if options.bag and not out:
         raise UsageError("--bag needs --out, the folder of the bag")
-    metrics = _kept(experiment, out, options.bag) if out else _recording(experiment).metrics()
+    metrics = kept(experiment, out, options.bag) if out else _recording(experiment).metrics()
     show_metrics(metrics, options.json)
-    if out:
-        CONSOLE.print(
-            f"{out}: report.html metrics.json figures/ params/ {'bag/' if options.bag else 'recording.npz'}",
-            highlight=False,
-        )
     require_followed(metrics)
     return 0
 
@@ -57,8 +52,9 @@ def _recording(experiment: Experiment) -> Recording:
         raise RunError(str(error)) from None
 
 
-def _kept(experiment: Experiment, out: Path, bag: bool) -> dict[str, Any]:
-    """Simulate an experiment and leave its results in a folder, with a bag or a smaller file; returns the metrics.
+def kept(experiment: Experiment, out: Path, bag: bool = False) -> dict[str, Any]:
+    """Simulate an experiment and leave its results in a folder, with a bag or a smaller file, and say so on standard
+    error; returns the metrics.
 
     Raises:
         UsageError: a setting is refused; see also `result_folder`.
@@ -76,4 +72,7 @@ def _kept(experiment: Experiment, out: Path, bag: bool) -> dict[str, Any]:
             write_rollout_bag(recording, experiment.values["trajectory"], folder / "bag")
         else:
             save_recording(recording, folder / RECORDING)
-        return write_outputs(recording, folder)
+        metrics = write_outputs(recording, folder)
+    files = f"report.html metrics.json figures/ params/ {'bag/' if bag else RECORDING}"
+    CONSOLE.print(f"{out}: {files}", highlight=False)
+    return metrics

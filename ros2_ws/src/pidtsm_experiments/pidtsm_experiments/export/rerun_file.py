@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.errors import UsageError
+from pidtsm_core.errors import UsageError, how_to_install
 from pidtsm_core.recording import Recording
 from pidtsm_core.robots.picture import BONE_WIDTH, bones, reach
 from pidtsm_core.robots.placement import link_placements
@@ -23,7 +23,6 @@ RATE = 50.0
 """Pictures of the arm a second."""
 TIMELINE = "time"
 """Name of the time line, since the first stamp of the motion."""
-_INSTALL = "./pidtsm shell -c 'python -m pip install --no-deps --require-hashes -r requirements/rerun.lock'"
 _LEVELS = {"fault": "ERROR", "limit": "WARN", "contact": "WARN", "push": "WARN"}
 _ARM, _EVENTS, _SCENE = "arm", "events", "scene"
 
@@ -60,7 +59,7 @@ def require_rerun() -> ModuleType:
         import rerun
         import rerun.blueprint
     except ModuleNotFoundError:
-        raise UsageError(f"--rerun needs rerun-sdk, for Python 3.11 or newer: {_INSTALL}") from None
+        raise UsageError(f"--rerun needs rerun-sdk, for Python 3.11 or newer: {how_to_install('rerun')}") from None
     return rerun
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.errors import UsageError
+from pidtsm_core.errors import UsageError, how_to_install
 from pidtsm_core.experiment import Experiment
 from pidtsm_core.parameters import Value, as_float, joint_array
 from pidtsm_core.references import ReferenceMotion
@@ -104,9 +104,7 @@ def _casadi() -> Any:
     try:
         import casadi
     except ModuleNotFoundError:
-        raise UsageError(
-            "limit needs CasADi: ./pidtsm shell -c 'python -m pip install --no-deps -r requirements/limit.lock'"
-        ) from None
+        raise UsageError(f"limit needs CasADi: {how_to_install('limit')}") from None
     return casadi
 
 

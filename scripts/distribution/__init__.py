@@ -1,0 +1,1 @@
+"""What leaves the checkout: releases, the offline bundle, the site of the documents."""

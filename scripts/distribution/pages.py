@@ -1,0 +1,130 @@
+"""Collects the pages of the site in one folder: the documents, those at the top of the checkout, and the examples."""
+
+import ast
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from distribution.tools import ROOT, DistributionError
+
+_TOP = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+"""Documents at the top of the checkout, and their pages. The list of all pages makes room for the first one."""
+_PAGES = "pages.md"
+_SHOWN = (".py", ".ipynb")
+"""Ends of the names of examples."""
+_LINK = re.compile(r"(\]\()([^)#\s:]+)((?:#[^)\s]*)?\))")
+_FOR_TESTS = re.compile(r"^(```\w+) (?:example|fails)$", re.MULTILINE)
+"""Words after a fence that only the tests read."""
+_PAST = "---\nsearch:\n  boost: 0.1\n---\n"
+"""Before a page of the past: a search finds what is true now first."""
+_DRAWS = "savefig("
+"""In an example whose picture its page shows; those that need a bag have none to read here."""
+
+
+def collect(folder: Path) -> None:
+    """Fill an empty folder with all pages.
+
+    Raises:
+        DistributionError: an example fails.
+    """
+    shutil.copytree(ROOT / "docs", folder, dirs_exist_ok=True)
+    (folder / "index.md").rename(folder / _PAGES)
+    for document, place in _TOP.items():
+        shutil.copy(ROOT / document, folder / place)
+    shutil.copy(ROOT / "LICENSE", folder)
+    _write_examples(folder / "examples")
+    sources = {place: ROOT / document for document, place in _TOP.items()} | {_PAGES: ROOT / "docs" / "index.md"}
+    for page in sorted(folder.rglob("*.md")):
+        name = str(page.relative_to(folder))
+        if name.startswith("examples/"):
+            source, text = ROOT / name, page.read_text("utf-8")
+        else:
+            source = sources.get(name, ROOT / "docs" / name)
+            text = source.read_text("utf-8")
+        head = _PAST if name.startswith("decisions/") or name == "changelog.md" else ""
+        page.write_text(head + _with_links(text, source, page, folder), "utf-8")
+
+
+def _with_links(text: str, source: Path, page: Path, folder: Path) -> str:
+    """The text of a document with the links that lead somewhere in the site; other folders have no page there."""
+
+    def moved(found: "re.Match[str]") -> str:
+        target = (source.parent / found[2]).resolve()
+        place = _place(target)
+        if place is None:
+            return found[0]
+        if not place:
+            return "](" + os.path.relpath(folder / _PAGES, page.parent) + ")"
+        if target.is_file() and not (folder / place).exists():
+            (folder / place).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(target, folder / place)
+        return found[1] + os.path.relpath(folder / place, page.parent) + found[3]
+
+    return _LINK.sub(moved, _FOR_TESTS.sub(r"\1", text))
+
+
+def _place(target: Path) -> str | None:
+    """Where a file of the checkout is in the site; empty: nowhere; None: the link leads to no file."""
+    if not target.exists() or not target.is_relative_to(ROOT):
+        return None
+    name = str(target.relative_to(ROOT))
+    known = {**_TOP, "docs/index.md": _PAGES, "examples": "examples/index.md"}
+    if name in known or target.is_dir():
+        return known.get(name, "")
+    if name.startswith("examples/") and target.suffix in _SHOWN:
+        return str(Path(name).with_suffix(".md"))
+    return name.removeprefix("docs/") if name.startswith("docs/") else f"files/{name}"
+
+
+def _write_examples(folder: Path) -> None:
+    folder.mkdir()
+    rows = []
+    for file in sorted((ROOT / "examples").glob("*.*")):
+        if file.suffix not in _SHOWN:
+            continue
+        text = file.read_text("utf-8")
+        about, body = _notebook(text) if file.suffix == ".ipynb" else _script(text)
+        picture = _picture(file, folder) if _DRAWS in text and "sys.argv" not in text else None
+        shown = f"\n![What it draws]({picture})\n" if picture else ""
+        (folder / f"{file.stem}.md").write_text(f"# {file.name}\n\n{about}\n{shown}\n{body}", "utf-8")
+        small = f"![{file.stem}]({picture}){{ width=240 }}" if picture else ""
+        sentence = about.partition("\n\n")[0].partition(". ")[0].replace("\n", " ")
+        rows.append(f"| [{file.name}]({file.stem}.md) | {sentence} | {small} |\n")
+    head = "# Examples\n\n| example | what it shows | |\n| --- | --- | --- |\n"
+    (folder / "index.md").write_text(head + "".join(rows), "utf-8")
+
+
+def _script(text: str) -> tuple[str, str]:
+    about = ast.get_docstring(ast.parse(text)) or ""
+    return about, f"```python\n{text}```\n"
+
+
+def _notebook(text: str) -> tuple[str, str]:
+    cells = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(text)["cells"]]
+    first = next(source for kind, source in cells if kind == "markdown")
+    about = re.sub(r"^# .*\n+", "", first)
+    parts = [source if kind == "markdown" else f"```python\n{source}\n```" for kind, source in cells]
+    return about, "\n\n".join(re.sub(r"^# ", "## ", part) for part in parts[1:]) + "\n"
+
+
+def _picture(file: Path, folder: Path) -> str:
+    """Run an example where it may leave its picture; returns the picture's name.
+
+    Raises:
+        DistributionError: it fails, or leaves none.
+    """
+    place = folder / f"{file.stem}-files"
+    place.mkdir()
+    environment = {**os.environ, "MPLBACKEND": "Agg"}
+    done = subprocess.run([sys.executable, file], cwd=place, env=environment, capture_output=True, text=True)
+    pictures = sorted(place.rglob("*.png"))
+    if done.returncode or not pictures:
+        raise DistributionError(f"{file.name} left no picture:\n{done.stdout}{done.stderr}")
+    name = f"{file.stem}.png"
+    pictures[0].replace(folder / name)
+    shutil.rmtree(place)
+    return name
