@@ -280,6 +280,11 @@ def _learnt(joints: int) -> dict[str, Any]:
     }
 
 
+def _numbers(*names: str) -> dict[str, Any]:
+    """Arrays of one number, by name."""
+    return {name: np.zeros(1) for name in names}
+
+
 def _approach(joints: int) -> dict[str, Any]:
     """The arrays of desired.py, by name; shapes as in `ControllerState`."""
     efforts = ("feedforward_effort", "feedforward_before", "freedrive_effort", "freedrive_before")
@@ -315,7 +320,7 @@ def new_state(joints: int, feeds_back: bool, law_memory: int = 0) -> ControllerS
         held=np.zeros((3, joints)),
         base=np.zeros((3, joints)),
         desired=np.zeros((3, joints)),
-        **{name: np.zeros(1) for name in ("hold_pace", "hold_energy", "hold_bandwidth")},
+        **_numbers("hold_pace", "hold_energy", "hold_bandwidth"),
         estimator=np.zeros((joints, SLOTS)),
         law=np.zeros((joints, STATE_SLOTS)),
         law_memory=np.zeros(law_memory),
@@ -340,7 +345,7 @@ def new_state(joints: int, feeds_back: bool, law_memory: int = 0) -> ControllerS
         **late_drives(joints),
         bank=new_bank(joints),
         softness=np.zeros((len(Softness), joints)),
-        **{name: np.zeros(1) for name in ("softened", "spared", "pace")},
+        **_numbers("softened", "spared", "pace"),
         rejected=np.zeros(joints),
         truth=np.zeros((2, joints)),
         torque=np.zeros(joints),
