@@ -1,0 +1,338 @@
+"""Step 1: release the arm gently, and find which directions of positions and torques are inverted.
+
+No controller may run before the signs are known: with a wrong one it pushes the arm away. So first only the torque that
+carries the arm by its model acts. Each of the ways in which torques may be inverted predicts where the arm begins to
+move then; as soon as a joint has moved by a few times its noise, the likeliest one is taken, and a spring, a damper and
+an integral catch the joint. If that pushes it farther away, its torque is inverted. Joints that stay where they are,
+such as those that friction holds, get a nudge each: a torque that grows from zero until the joint moves. If nothing
+fits, commands cease, and the brakes close.
+"""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pidtsm_core.arrays import Array
+from pidtsm_studies.commissioning.arm import CommissionError, Port, Wired, Wiring
+from pidtsm_studies.commissioning.model import ArmModel
+
+FARTHEST = 0.02
+"""rad or m; no joint moves farther in this step, or commands cease."""
+_VISIBLE_NOISE, _VISIBLE_STEPS, _VISIBLE = 6.0, 2.5, 0.001
+"""A joint has moved if it is farther away than these multiples of noise and encoder step, and than this, rad or m."""
+_WATCHED, _FREE = 1.0, 0.25
+"""s without command, and s in which the arm is carried by the model alone."""
+_STIFF = (15.0, 6.0)
+"""Triple poles of what catches the arm, rad/s; the second one if the arm rings with the first."""
+_RATE_FILTER = 150.0
+"""rad/s; of the velocity for the damper."""
+_MASSES = (0.7, 0.85, 1.0, 1.2, 1.4)
+"""Ratios of true and described gravity that are thought possible here."""
+_LATE = (0.0, 0.004, 0.008, 0.014, 0.02)
+"""Delays that are thought possible, s."""
+_NUDGE, _NUDGE_TIME, _QUIET = 0.5, 1.0, 0.15
+"""Largest share of the effort limit of a nudge, time in which it grows to that, and time between nudges, s."""
+_MOST = 8
+"""Inverted torques are sought among all combinations for arms of up to this many joints, else among single ones."""
+_RESISTED = (0.4, 0.7, 1.0)
+"""Shares of the acceleration that friction may leave."""
+_PREFERS = 2.0
+"""How much better an explanation with inverted torques must fit than one with none."""
+_SHOWS = 3.0
+"""A wrong sign shows when the arm is released if the joint falls this many times as far as is visible."""
+_WRONG = 0.5
+"""Share of `FARTHEST` from which on the sign of a caught joint is wrong in any case."""
+_STOPS = 1.5
+"""A catch with the right sign stops a joint within this multiple of its velocity by the pole."""
+
+
+@dataclass(frozen=True)
+class Signs:
+    """What the step has found.
+
+    Attributes:
+        wiring: the directions.
+        moved: farthest way of each joint, shape (joints,), rad or m.
+        known_by: for each joint: ``release`` or ``nudge``.
+        hold: mean torque that held the arm, shape (joints,), N m or N.
+        breakaway: of nudged joints the torque at which they moved, else nan, shape (joints,).
+        problems: sentences.
+        time: s, shape (samples,); position and effort: shape (samples, joints).
+    """
+
+    wiring: Wiring
+    moved: Array
+    known_by: tuple[str, ...]
+    hold: Array
+    breakaway: Array
+    problems: tuple[str, ...]
+    time: Array
+    position: Array
+    effort: Array
+
+
+class _AwayError(CommissionError):
+    """A joint moves too far; commands have ceased."""
+
+
+class _Catch:
+    """A spring, a damper and an integral of each joint about where it began, on top of the torque of the model."""
+
+    def __init__(self, port: Port, model: ArmModel, stiff: float, tell: Callable[[str], None]) -> None:
+        self.port, self.model, self.stiff, self.tell = port, model, stiff, tell
+        self.start, self.visible = _at_rest(port)
+        at = self.start
+        joints = at.size
+        self.sign = np.ones(joints)  # of the torques
+        self.caught = np.zeros(joints, dtype=bool)
+        self.nudged = -1  # the joint that shall not be caught
+        self._bound = np.full(joints, np.inf)  # way beyond which the sign of a caught joint is wrong
+        self.inertia = model.inertia(at)
+        self.carried = model.gravity(at[np.newaxis])[0]
+        self._sum, self._rate, self._last = np.zeros(joints), np.zeros(joints), at.copy()
+        self._stamp = -1
+        self.judges = False
+        self.rows: list[tuple[float, Array, Array]] = []
+        self.farthest = np.zeros(joints)
+
+    def invert(self, j: int, carried: bool) -> None:
+        """Take a joint for inverted; as it may be its position, the described couplings no longer count.
+
+        Args:
+            j: the joint.
+            carried: whether the torque that acted on it until now carried it.
+        """
+        self.sign[j] *= -1.0
+        if carried:
+            self.carried[j] *= -1.0
+        alone = 1.0 / np.linalg.inv(self.inertia)[j, j]
+        self.inertia[j], self.inertia[:, j] = 0.0, 0.0
+        self.inertia[j, j] = alone
+
+    def catch(self, j: int) -> None:
+        """Catch a joint; if it then goes on as it moves now, its sign was wrong."""
+        self.caught[j] = True
+        self._sum[j] = 0.0
+        way = abs(self._last[j] - self.start[j])
+        stops = way + _STOPS * abs(self._rate[j]) / self.stiff + self.visible[j]
+        self._bound[j] = max(min(stops, _WRONG * FARTHEST), way)
+
+    def _judge(self, way: Array) -> None:
+        """Catch joints that have begun to move, and change the signs of those that the catch pushes away."""
+        for moved in np.flatnonzero((np.abs(way) > self.visible) & ~self.caught).tolist():
+            if moved != self.nudged:
+                self.catch(moved)
+        if np.any(beyond := self.caught & (np.abs(way) > self._bound)):
+            j = int(np.argmax(np.where(beyond, np.abs(way) / self._bound, 0.0)))
+            self.invert(j, carried=True)
+            self._sum[:] = 0.0
+            for other in np.flatnonzero(self.caught & np.isfinite(self._bound)):
+                self.catch(int(other))  # It was pushed too, and shall not be judged by that.
+            self._bound[j] = np.inf
+            self.tell(f"the sign of {self.model.joints[j]} is inverted (what should hold it pushed it away)")
+
+    def step(self, extra: Array | None = None) -> Array:
+        """Answer one joint state, with an additional torque; returns the way of each joint from the begin.
+
+        Raises:
+            CommissionError: a joint moves too far; commands have ceased.
+        """
+        measured = self.port.sense()
+        while measured is None:
+            self.port.act(None)
+            measured = self.port.sense()
+        dt = 1e-9 * (measured.stamp - self._stamp) if self._stamp >= 0 else self.port.period
+        self._stamp = measured.stamp
+        q = measured.position
+        way = q - self.start
+        share = min(1.0, _RATE_FILTER * dt)
+        self._rate += share * ((q - self._last) / dt - self._rate)
+        self._last = q.copy()
+        np.maximum(self.farthest, np.abs(way), out=self.farthest)
+        if self.judges:
+            self._judge(way)
+        if np.any(np.abs(way) > FARTHEST):
+            self.port.act(None)
+            joint = self.model.joints[int(np.abs(way).argmax())]
+            raise _AwayError(
+                f"{joint} moves away although it should be held, by {np.abs(way).max():.3g} (allowed: {FARTHEST:g}); "
+                "commands have ceased, so that the brakes close. Check the order of the joints, their units and the "
+                "description"
+            )
+        self._sum += np.where(self.caught, way * dt, 0.0)
+        pole = self.stiff
+        pull = 3.0 * pole**2 * way + pole**3 * self._sum + 3.0 * pole * self._rate
+        torque = self.carried - self.inertia @ np.where(self.caught, pull, 0.0)
+        if extra is not None:
+            torque = torque + extra
+        torque = np.clip(torque, -self.model.effort, self.model.effort)
+        self.port.act(self.sign * torque)
+        self.rows.append((1e-9 * measured.stamp, q.copy(), torque))
+        return way
+
+
+def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tuple[Signs, Wired]:
+    """Find the wiring of an arm that is at rest and carried by something else.
+
+    Args:
+        port: the arm as its messages have it.
+        model: its description.
+        tell: called with each finding at once, before the arm moves on.
+
+    Returns:
+        The finding, and the port with the wiring found.
+
+    Raises:
+        CommissionError: nothing fits; commands have ceased.
+    """
+    for stiff in _STIFF[:-1]:
+        try:
+            return _found(_Catch(port, model, stiff, tell))
+        except _AwayError as error:
+            tell(f"{error}; once more, with a softer catch")
+    return _found(_Catch(port, model, _STIFF[-1], tell))
+
+
+def _found(catch: _Catch) -> tuple[Signs, Wired]:
+    """One try; see `find_signs`."""
+    joints = catch.start.size
+    _release(catch)
+    breakaway, problems = np.full(joints, np.nan), []
+    for j in range(joints):
+        for _ in range(max(1, round(_QUIET / catch.port.period))):
+            catch.step()
+        if not catch.caught[j]:
+            breakaway[j], problem = _nudge(catch, j)
+            problems += [problem] if problem else []
+    hold = _held(catch)
+    wiring = _which(catch, hold)
+    time, position, effort = (np.array(each) for each in zip(*catch.rows, strict=True))
+    known_by = tuple("release" if np.isnan(each) else "nudge" for each in breakaway)
+    signs = Signs(
+        wiring, catch.farthest, known_by, hold, breakaway, tuple(problems), time, position, catch.sign * effort
+    )
+    return signs, Wired(catch.port, wiring)
+
+
+def _at_rest(port: Port) -> tuple[Array, Array]:
+    """Mean position of the arm without commands, and the way from which on a joint has visibly moved."""
+    positions = []
+    for _ in range(max(20, round(_WATCHED / port.period))):
+        measured = port.sense()
+        port.act(None)
+        if measured is not None:
+            positions.append(measured.position.copy())
+    q = np.array(positions)
+    gaps = [np.diff(np.unique(column)) for column in q.T]
+    step = np.array([float(each.min()) if each.size else 0.0 for each in gaps])
+    return q[len(q) // 2 :].mean(axis=0), np.maximum(
+        _VISIBLE, np.maximum(_VISIBLE_NOISE * q.std(axis=0), _VISIBLE_STEPS * step)
+    )
+
+
+def _release(catch: _Catch) -> None:
+    """Carry the arm by its model until a joint moves; judge by how it moves which torques are inverted."""
+    ways: list[Array] = []
+    while len(ways) * catch.port.period < _FREE and not (ways and np.any(np.abs(ways[-1]) > catch.visible)):
+        ways.append(catch.step())
+    if np.any(np.abs(ways[-1]) > catch.visible):
+        fall = np.abs(catch.carried) / np.diag(catch.inertia) * (_FREE / 2.0) ** 2
+        signs = _explanation(catch, np.array(ways), fall > _SHOWS * catch.visible)
+        for j in np.flatnonzero(signs < 0.0):
+            catch.invert(int(j), carried=False)
+            catch.tell(f"the sign of {catch.model.joints[j]} is inverted (it fell when the arm was released)")
+    catch.judges = True
+
+
+def _explanation(catch: _Catch, ways: Array, loaded: Array) -> Array:
+    """Signs of the torques that explain best how the arm began to move, shape (joints,)."""
+    joints = catch.start.size
+    time = np.asarray(catch.port.period * np.arange(len(ways)), dtype=np.float64)
+    inverse = np.asarray(np.linalg.inv(catch.inertia), dtype=np.float64)
+    candidates = [j for j in range(joints) if loaded[j]]
+    most = len(candidates) if len(candidates) <= _MOST else 1
+    best, chosen = np.inf, np.ones(joints)
+    for count in range(most + 1):
+        for inverted in itertools.combinations(candidates, count):
+            signs = np.ones(joints)
+            signs[list(inverted)] = -1.0
+            misfit = _misfit(catch, ways, time, inverse, signs) * (_PREFERS if count else 1.0) ** min(count, 2)
+            if misfit < best:
+                best, chosen = misfit, signs
+    return chosen
+
+
+def _misfit(catch: _Catch, ways: Array, time: Array, inverse: Array, signs: Array) -> float:
+    """How badly a combination of signs explains ways, shape (samples, joints), with the likeliest mass and delay."""
+    least = np.inf
+    for ratio in _MASSES:
+        acceleration = inverse @ ((signs - ratio) * catch.carried)
+        for late, share in itertools.product(_LATE, _RESISTED):
+            grown = 0.5 * share * np.maximum(time - late, 0.0) ** 2
+            apart = (ways - np.outer(grown, acceleration)) / catch.visible
+            least = min(least, float(np.mean(apart**2)))
+    return least
+
+
+def _nudge(catch: _Catch, j: int) -> tuple[float, str]:
+    """Push one joint until it moves; returns the torque at that moment, and a problem or an empty text.
+
+    Raises:
+        CommissionError: it does not move.
+    """
+    name, bound = catch.model.joints[j], _NUDGE * catch.model.effort[j]
+    begin = np.mean([catch.step() for _ in range(5)], axis=0)
+    count, extra, moved = max(2, round(_NUDGE_TIME / catch.port.period)), np.zeros(begin.size), np.zeros(begin.size)
+    catch.nudged = j
+    while abs(moved[j]) <= catch.visible[j]:
+        extra[j] += bound / count
+        if extra[j] > bound:
+            raise CommissionError(
+                f"{name} does not move with {bound:.3g} beside what carries it: is its drive on, its brake open, and "
+                "does anything block it?"
+            )
+        moved = catch.step(extra) - begin
+    catch.nudged = -1
+    if moved[j] < 0.0:
+        catch.tell(f"the sign of {name} is inverted (it moved against its nudge)")
+        catch.invert(j, carried=True)
+    others = np.abs(moved / catch.visible)
+    others[j] = 0.0
+    catch.catch(j)
+    if others.max() <= 3.0:
+        return float(extra[j]), ""
+    other = catch.model.joints[int(others.argmax())]
+    return float(extra[j]), f"a nudge of {name} moves {other} more: is the order of the joints right?"
+
+
+def _held(catch: _Catch) -> Array:
+    """Mean torque of the arm held by the catch, in the directions of its messages, shape (joints,)."""
+    count = max(20, round(0.6 / catch.port.period))
+    for _ in range(count):
+        catch.step()
+    return catch.sign * np.mean([row[2] for row in catch.rows[-count // 2 :]], axis=0)
+
+
+def _which(catch: _Catch, hold: Array) -> Wiring:
+    """Whether the position or the torque is inverted: only one of them fits the torque that holds the arm."""
+    position = np.ones(hold.size)
+    for j in np.flatnonzero(catch.sign < 0.0):
+        apart = []
+        for of_position in (1.0, -1.0):
+            q = catch.start.copy()
+            q[j] *= of_position
+            held = catch.model.gravity(q[np.newaxis])[0]
+            sign = catch.sign.copy()
+            sign[j] *= of_position
+            apart.append(float(np.linalg.norm(sign * hold - held)))
+        name = catch.model.joints[j]
+        if apart[1] < 0.5 * apart[0]:
+            position[j] = -1.0
+            catch.tell(f"{name}: it is the position that counts in the other direction")
+        elif apart[0] < 0.5 * apart[1]:
+            catch.tell(f"{name}: it is the torque that acts in the other direction")
+        else:
+            catch.tell(f"{name}: position or torque; turn it by hand and look at which way its position counts")
+    return Wiring(position, position * catch.sign)
