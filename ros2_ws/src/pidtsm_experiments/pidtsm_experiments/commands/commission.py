@@ -19,6 +19,7 @@ from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.robots import find_robot
 from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_experiments.commands.arm_options import read_arm
+from pidtsm_experiments.commands.nodes_start import remaps
 from pidtsm_experiments.commands.options import CONSOLE, add_experiment_arguments, experiment_of
 from pidtsm_experiments.errors import RunError
 from pidtsm_studies.commissioning.arm import CommissionError, Wiring
@@ -28,11 +29,14 @@ from pidtsm_studies.commissioning.motions import STEP, Motion
 from pidtsm_studies.commissioning.session import NAMES, TITLES, RefusedError, Session, Source, Subject
 from pidtsm_studies.commissioning.simulated import SimulatedArm
 
-_EPILOG = """Each step says what will move, how far and with how much torque, and asks before it begins. Ctrl-C ends the
-session; the same command goes on with the step that was not finished. docs/commissioning.md walks through it, and says
-what stays a person's job.
+_EPILOG = """Each step says what will move, how far and with how much torque, and asks before it begins. Ctrl-C brings
+the arm to rest and ends the session; the arm stays held by a process of its own, also if this one is killed. The same
+command goes on with the step that was not finished. docs/commissioning.md walks through it, and says what stays a
+person's job.
 
 examples:
+  ./pidtsm commission --robot my_arm.urdf --effort 20 --remap joint_commands:=/arm/effort --out results/my_arm
+  ./pidtsm commission --robot my_arm.urdf --effort 20 --out results/my_arm --release
   ./pidtsm commission --robot panda --plant --hardware collaborative --yes
   ./pidtsm commission --robot panda --plant --invert panda_joint4 --out results/practice
   ./pidtsm commission --robot panda --plant --hardware collaborative --from friction --yes
@@ -44,6 +48,13 @@ _PURPOSE = MEASUREMENT._replace(usual=PRACTICAL)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_experiment_arguments(parser, duration=False)
     parser.epilog = _EPILOG
+    parser.add_argument("--namespace", default="", metavar="NAME", help="namespace of the topics of the arm")
+    parser.add_argument(
+        "--remap", action="append", default=[], metavar="FROM:=TO", help="another name of a topic; can be repeated"
+    )
+    parser.add_argument(
+        "--release", action="store_true", help="end what holds the arm after a session: something else must carry it"
+    )
     parser.add_argument(
         "--plant", action="store_true", help="commission a simulated arm, as fast as it can be computed"
     )
@@ -82,26 +93,65 @@ def execute(options: argparse.Namespace) -> int:
         raise UsageError("--invert is for simulated arms")
     experiment = experiment_of(options, _PURPOSE)
     definition = read_arm(options) or ArmDefinition(str(find_robot(experiment.settings["controller"]).name))
+    if options.release:
+        return _release(options)
     subject = _subject(options, experiment, definition)
     session = Session.opened(options.out, subject)
     if options.first is not None:
         session.repeat_from(options.first)
     if not session.missing:
         raise UsageError(f"{options.out}: every step is done; repeat some with --from, or name another --out")
-    source = _source(options, experiment, definition)
+    try:
+        if options.plant:
+            _run(session, _simulated(options, experiment, definition), options, definition)
+        else:
+            _run_on_arm(session, options, definition)
+    finally:
+        written = write_result(session)
+        if session.found:
+            write_report(session, definition.label)
+    CONSOLE.print(f"{options.out}: {' '.join([*written, 'report.html', 'session.json'])}", highlight=False)
+    CONSOLE.print(f"./pidtsm nodes start --params {options.out / PARAMETERS} uses the result", highlight=False)
+    return 0
+
+
+def _run(session: Session, source: Source, options: argparse.Namespace, definition: ArmDefinition) -> None:
+    """Do the missing steps.
+
+    Raises:
+        RunError: a step cannot be completed, or the person does not agree to it.
+    """
     try:
         session.run(source, _Consent(options.yes, definition), _tell, _keeper(options, definition))
     except RefusedError:
-        CONSOLE.print("pidtsm: not agreed; the same command asks again", highlight=False)
-        return 1
+        raise RunError("not agreed; the same command asks again") from None
     except CommissionError as error:
         raise RunError(f"{error}\nthe same command begins with this step again") from None
-    finally:
-        if session.found:
-            write_report(session, definition.label)
-            written = write_result(session)
-    CONSOLE.print(f"{options.out}: {' '.join([*written, 'report.html', 'session.json'])}", highlight=False)
-    CONSOLE.print(f"./pidtsm nodes start --params {options.out / PARAMETERS} uses the result", highlight=False)
+
+
+def _run_on_arm(session: Session, options: argparse.Namespace, definition: ArmDefinition) -> None:
+    """Do the missing steps on the arm of the user's ROS domain, and release it if all are done."""
+    from pidtsm_experiments.commissioning.remote import RemoteArm
+
+    words = [word for remap in remaps(options.remap) for word in ("-r", remap)]
+    try:
+        arm = RemoteArm(options.out, definition.settings(), options.namespace, words)
+    except CommissionError as error:
+        raise RunError(str(error)) from None
+    with arm:
+        if arm.was_held:
+            _tell("the arm is held since the last session")
+        _run(session, arm, options, definition)
+        input("All steps are done. Let brakes or a support carry the arm, then press Enter: commands cease. ")
+        arm.release()
+
+
+def _release(options: argparse.Namespace) -> int:
+    from pidtsm_experiments.commissioning.remote import release
+
+    if not release(options.out):
+        raise RunError(f"{options.out}: nothing holds an arm")
+    CONSOLE.print("released: commands have ceased", highlight=False)
     return 0
 
 
@@ -133,9 +183,8 @@ def _motion(file: Path, joints: tuple[str, ...]) -> Motion:
     return Motion(states)
 
 
-def _source(options: argparse.Namespace, experiment: Experiment, definition: ArmDefinition) -> Source:
-    if not options.plant:
-        raise UsageError("--plant is missing: real arms are not supported yet")
+def _simulated(options: argparse.Namespace, experiment: Experiment, definition: ArmDefinition) -> SimulatedArm:
+    """The simulated arm, with what the options say of its wiring."""
     joints = find_robot(definition.settings()).joints
     wiring = Wiring.described(len(joints))
     for each in options.invert:

@@ -2,15 +2,15 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.experiment.gains import first_gains
+from pidtsm_core.experiment.gains import first_gains, rotors
 from pidtsm_core.experiment.law_gains import Known, gains_of_law, rounded
-from pidtsm_core.robots import Description
-from pidtsm_studies.commissioning.loop import Loop, Samples
+from pidtsm_core.robots import Description, robot_schema
+from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.motions import Motion
 
@@ -20,8 +20,12 @@ _CAUTION = 0.7
 """Share of the bandwidth of the rule that a step uses before the gains are raised."""
 _SURELY = 0.8
 """Share of the friction of the sweeps that is compensated until the arm is identified."""
+_NUDGED = 0.4
+"""Share of the torque of a nudge that is compensated until then: it takes more to break away than to slide."""
 _ERROR, _ROOM = 0.3, 3.0
 """The arm is stopped at this tracking error, rad, and at this multiple of the velocity that a step needs."""
+_ARMATURE, _HEAVIER = "robot.armature", 1.4
+"""Parameter of the rotors, and ratio of shown and described inertia from which on they are taken for not described."""
 _SURE = 0.0005
 """s; the delay that a whole motion shows counts if its standard deviation is smaller."""
 
@@ -62,6 +66,17 @@ class Outcome:
     samples: Mapping[str, Samples] = field(default_factory=dict)
 
 
+class Follower(Protocol):
+    """What moves the arm, see `Loop`."""
+
+    @property
+    def period(self) -> float:
+        """Nominal time between joint states, s."""
+
+    def follow(self, settings: Mapping[str, Any], motion: Motion) -> Samples:
+        """See `Loop.follow`."""
+
+
 @dataclass
 class Bench:
     """An arm under commission.
@@ -81,7 +96,7 @@ class Bench:
     before: Mapping[str, Any]
     motion: Motion | None
     home: Array
-    loop: Loop
+    loop: Follower
     found: Mapping[str, Mapping[str, Any]]
     tell: Callable[[str], None]
     described: Callable[[], Description]
@@ -89,7 +104,20 @@ class Bench:
     @property
     def identified(self) -> dict[str, Any]:
         """Parameters of the controller that choose the arm as far as it is identified."""
-        return {**self.arm, **self.found.get("identify", {}).get("parameters", {})}
+        found = self.found.get("identify", {}).get("parameters", {})
+        return {**self.arm, **found} if found else {**self.arm, **self._rotors()}
+
+    def _rotors(self) -> dict[str, Any]:
+        """Inertias of the rotors that the first step has felt and the description lacks, if it can have them."""
+        shown = self.found.get("signs", {}).get("inertia", [])
+        if not any(shown) or not any(parameter.name == _ARMATURE for parameter in robot_schema(self.arm)):
+            return {}
+        described = np.diag(ArmModel(self.arm).inertia(self.home))
+        more = [
+            float(each) - own if (each or 0.0) > _HEAVIER * own else 0.0
+            for each, own in zip(shown, described, strict=True)
+        ]
+        return {_ARMATURE: (rotors(self.arm) + np.array(more)).tolist()} if any(more) else {}
 
     def model(self, identified: bool = True) -> ArmModel:
         """The bodies of the arm, as far as they are identified or as its user describes them."""
@@ -98,7 +126,7 @@ class Bench:
     @property
     def rate(self) -> float:
         """Joint states per second."""
-        return float(self.found.get("rest", {}).get("rate", 1.0 / self.loop.port.period))
+        return float(self.found.get("rest", {}).get("rate", 1.0 / self.loop.period))
 
     def reach(self, model: ArmModel, most: float) -> Array:
         """How far each joint may move to either side of home, shape (joints,), rad or m."""
@@ -140,8 +168,10 @@ class Bench:
         identified = self.found.get("identify", {}).get("parameters", {})
         if identified:
             return {name: value for name, value in identified.items() if name.startswith("compensation.")}
-        swept = self.found.get("friction", {})
-        return {"compensation.coulomb": [_SURELY * each for each in swept["coulomb"]]} if swept else {}
+        if swept := self.found.get("friction"):
+            return {"compensation.coulomb": [_SURELY * each for each in swept["coulomb"]]}
+        nudged = self.found.get("signs", {}).get("breakaway", [])
+        return {"compensation.coulomb": [_NUDGED * (each or 0.0) for each in nudged]} if nudged else {}
 
     def gains(self, bandwidth: Array) -> tuple[Any, ...]:
         """The gains of the rule for a bandwidth, shape (joints,), rad/s, as `Gain`s."""

@@ -1,6 +1,6 @@
 """The loop of a commissioning: the project's controller answers every joint state of a port."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.control.report import cause
-from pidtsm_core.parameters import names, resolve
+from pidtsm_core.parameters import Value, names, resolve
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.signals import Mode, Request, Status
 from pidtsm_studies.commissioning.arm import CommissionError, Port
@@ -19,6 +19,8 @@ _SETTLING = 0.5
 """Time at rest before a motion begins, s."""
 _MOST_LOST = 400
 """Joint states lost in a row that are waited for."""
+_TRANSIT, _GENTLE = 0.4, 1.5
+"""Velocity (rad/s) and acceleration (rad/s^2) of the way to the begin of a motion."""
 _KEPT = ("law.name", "estimator.name", "robot.description", "robot.locked", "joints")
 """Parameters with which a controller can go on; with others it begins anew."""
 
@@ -62,30 +64,25 @@ class Loop:
 
     Attributes:
         port: the arm, with its wiring.
-        velocity, acceleration: limits of the motions to the first posture, shape (joints,).
+        carry: answers one joint state so that the arm stays, before any controller has moved it; None: nothing does.
     """
 
-    def __init__(self, port: Port, velocity: Array, acceleration: Array) -> None:
-        self.port, self.velocity, self.acceleration = port, velocity, acceleration
+    def __init__(self, port: Port, carry: Callable[[], object] | None = None) -> None:
+        self.port, self.carry = port, carry
         self._controller: Controller | None = None
         self._identity: tuple[Any, ...] = ()
+        self._next: tuple[Controller, Mapping[str, Value], tuple[Any, ...]] | None = None
         self._desired: Array | None = None
 
-    def forget(self) -> None:
-        """Begin anew: the arm was moved or braked by something else."""
-        self._controller, self._desired = None, None
+    @property
+    def period(self) -> float:
+        """Nominal time between joint states, s."""
+        return self.port.period
 
-    def watch(self, samples: int) -> Samples:
-        """Measure without a command, while something else carries the arm."""
-        stamps: list[int] = []
-        positions: list[Array] = []
-        while len(stamps) < samples:
-            measured = self._sense()
-            self.port.act(None)
-            stamps.append(measured.stamp)
-            positions.append(measured.position.copy())
-        q = np.array(positions)
-        return Samples(np.array(stamps), q, np.zeros_like(q), np.stack([q, 0.0 * q, 0.0 * q], axis=1), 0)
+    @property
+    def moved(self) -> bool:
+        """Whether a controller has moved the arm."""
+        return self._controller is not None
 
     def _sense(self) -> Any:
         for _ in range(_MOST_LOST):
@@ -95,22 +92,25 @@ class Loop:
             self.port.act(None)
         raise CommissionError("no joint state arrives")
 
-    def follow(self, settings: Mapping[str, Any], motion: Motion) -> Samples:
+    def follow(self, settings: Mapping[str, Any], motion: Motion, prepared: bool = False) -> Samples:
         """Move the arm to the begin of a motion, let it rest there, and follow the motion.
 
         Args:
             settings: parameters of the controller that differ from their defaults.
             motion: the motion.
+            prepared: whether `prepare` was called with these settings.
 
         Raises:
             CommissionError: the controller has stopped; it holds the arm.
         """
+        if not prepared:
+            self.prepare(settings)
+        controller = self._begin()
         measured = self._sense()
-        controller = self._prepared(settings)
         start = measured.position.copy() if self._desired is None else self._desired
         way = joined(
             rest(start, _SETTLING),
-            straight(start, motion.begin, self.velocity, self.acceleration),
+            straight(start, motion.begin, np.full(start.size, _TRANSIT), np.full(start.size, _GENTLE)),
             rest(motion.begin, _SETTLING),
         )
         whole, first = joined(way, motion), measured.stamp
@@ -136,9 +136,12 @@ class Loop:
         return Samples(stamps, position, effort, desired, begin)
 
     def hold(self) -> None:
-        """Answer one joint state so that the arm stays where it is; nothing if no controller has moved it yet."""
-        measured = self._sense()
+        """Answer one joint state so that the arm stays where it is; with nothing if nothing has carried it yet."""
         controller = self._controller
+        if controller is None and self.carry is not None:
+            self.carry()
+            return
+        measured = self._sense()
         if controller is None:
             self.port.act(None)
             return
@@ -148,22 +151,29 @@ class Loop:
         self.port.act(controller.effort)
         self._desired = None
 
-    def _prepared(self, settings: Mapping[str, Any]) -> Controller:
-        """The controller with these parameters, which goes on where the last one was if it can."""
-        joints = robot_joints(settings)
-        values = resolve(controller_schema, settings, joints)
+    def prepare(self, settings: Mapping[str, Any]) -> None:
+        """Build the controller that `follow` needs, which takes a while if its model is new; it may hold meanwhile."""
+        values = resolve(controller_schema, settings, robot_joints(settings))
         identity = tuple(values[name] for name in _KEPT)
-        if self._controller is not None and identity == self._identity:
-            self._controller.set_parameters(values)
+        if self._controller is None or identity != self._identity:
+            controller = Controller(values)
+            controller.compile()
         else:
-            self._controller = Controller(values)
-            self._controller.compile()
-            self._identity = identity
-        if self._controller.fault:
-            self._controller.reset_fault()
-        if self._controller.status[Status.MODE] != Mode.FOLLOWING:
-            self._controller.request(Request.FOLLOW)
-        return self._controller
+            controller = self._controller
+        self._next = (controller, values, identity)
+
+    def _begin(self) -> Controller:
+        """Begin to use what is prepared, from where the last controller was if it can go on."""
+        assert self._next is not None
+        controller, values, self._identity = self._next
+        if controller is self._controller:
+            controller.set_parameters(values)
+        self._controller, self._next = controller, None
+        if controller.fault:
+            controller.reset_fault()
+        if controller.status[Status.MODE] != Mode.FOLLOWING:
+            controller.request(Request.FOLLOW)
+        return controller
 
     @staticmethod
     def _cause(controller: Controller, settings: Mapping[str, Any]) -> str:

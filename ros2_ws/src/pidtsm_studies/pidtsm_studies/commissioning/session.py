@@ -12,18 +12,16 @@ import numpy as np
 from pidtsm_core.errors import UsageError
 from pidtsm_core.robots import Description
 from pidtsm_studies.commissioning import compare, excite, friction, gains, gravity, lateness, rest
-from pidtsm_studies.commissioning.arm import Port, Wired, Wiring
-from pidtsm_studies.commissioning.bench import Bench, Outcome, Plan
-from pidtsm_studies.commissioning.loop import Loop, Samples
+from pidtsm_studies.commissioning.arm import Wiring
+from pidtsm_studies.commissioning.bench import Bench, Follower, Outcome, Plan
+from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.motions import Motion
-from pidtsm_studies.commissioning.signs import FARTHEST, find_signs
+from pidtsm_studies.commissioning.signs import FARTHEST, Signs
 
 STATE, SAMPLES = "session.json", "samples"
 """Names in the folder of a session."""
 _FORMAT = 1
-_TRANSIT, _GENTLE = 0.4, 1.5
-"""Velocity (rad/s) and acceleration (rad/s^2) of the way to the begin of a step's motion."""
 _FIRST = "signs"
 
 
@@ -59,12 +57,11 @@ TITLES = {_FIRST: "Signs", **{name: step.title for name, step in STEPS.items()}}
 class Source(Protocol):
     """Where the arm comes from."""
 
-    def port(self, step: int) -> Port:
-        """The arm for a step, by its place in `NAMES`: a real arm goes on, a simulated one begins anew."""
+    def signs(self, arm: Mapping[str, Any], /, tell: Callable[[str], None]) -> Signs:
+        """Release the arm, see `find_signs`; `arm`: parameters of the controller that choose it."""
 
-    @property
-    def goes_on(self) -> bool:
-        """Whether the arm is held between steps and goes on from where it is."""
+    def follower(self, step: int, /, wiring: Wiring) -> Follower:
+        """What moves the arm in a later step, given by its place in `NAMES`."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +112,9 @@ class Session:
         if not file.exists():
             if folder.exists() and any(folder.iterdir()):
                 raise UsageError(f"{folder} is not of a commissioning: name another folder")
-            return cls(folder, subject)
+            session = cls(folder, subject)
+            session._keep()
+            return session
         try:
             content = json.loads(file.read_text(encoding="utf-8"))
             given, found, previous = content["subject"], content["found"], content["previous"]
@@ -158,17 +157,11 @@ class Session:
             RefusedError: the person does not agree.
             CommissionError: a step cannot be completed; the same call begins with this step again.
         """
-        loop: Loop | None = None
         for name in self.missing:
-            model = ArmModel(self.subject.arm)
-            port = source.port(NAMES.index(name))
             if name == _FIRST:
-                outcome = self._signs(port, model, ask, tell)
+                outcome = self._signs(source, ask, tell)
             else:
-                wiring = self._wiring()
-                if loop is None or not source.goes_on:
-                    loop = Loop(Wired(port, wiring), np.full(len(model.joints), _TRANSIT), _gentle(model))
-                bench = self._bench(loop, tell)
+                bench = self.bench(source.follower(NAMES.index(name), self._wiring()), tell)
                 if not ask(name, STEPS[name].plan(bench)):
                     raise RefusedError
                 outcome = STEPS[name].run(bench)
@@ -178,9 +171,8 @@ class Session:
             for problem in outcome.problems:
                 tell(f"look: {problem}")
 
-    def _signs(
-        self, port: Port, model: ArmModel, ask: Callable[[str, Plan], bool], tell: Callable[[str], None]
-    ) -> Outcome:
+    def _signs(self, source: Source, ask: Callable[[str, Plan], bool], tell: Callable[[str], None]) -> Outcome:
+        model = ArmModel(self.subject.arm)
         text = (
             "The arm is released and carried by the torque of its model; each joint that does not move by itself gets "
             "a nudge. Something else must carry the arm until the first command and after the last: brakes, gears or a "
@@ -189,7 +181,7 @@ class Session:
         joints = len(model.joints)
         if not ask(_FIRST, Plan(text, np.full(joints, FARTHEST), 0.8 * model.effort, 2.0 + 1.5 * joints)):
             raise RefusedError
-        signs, _ = find_signs(port, model, tell)
+        signs = source.signs(self.subject.arm, tell)
         inverted = [
             f"{model.joints[j]}: {what} is inverted"
             for what, which in (("its position", signs.wiring.position), ("its torque", signs.wiring.effort))
@@ -200,6 +192,8 @@ class Session:
             "effort": signs.wiring.effort.tolist(),
             "moved": signs.moved.tolist(),
             "known_by": list(signs.known_by),
+            "breakaway": [None if np.isnan(each) else float(each) for each in signs.breakaway],
+            "inertia": [None if np.isnan(each) else float(each) for each in signs.inertia],
             "hold": signs.hold.tolist(),
             "home": (signs.wiring.position * signs.position[0]).tolist(),
         }
@@ -214,7 +208,8 @@ class Session:
         figures = self.found[_FIRST]["figures"]
         return Wiring(np.array(figures["position"]), np.array(figures["effort"]))
 
-    def _bench(self, loop: Loop, tell: Callable[[str], None]) -> Bench:
+    def bench(self, loop: Follower, tell: Callable[[str], None]) -> Bench:
+        """What the steps after the first have, with what is found so far."""
         subject = self.subject
         figures = {name: each["figures"] for name, each in self.found.items()}
         home = np.array(figures[_FIRST]["home"])
@@ -264,10 +259,6 @@ class Session:
         """A recording by its name."""
         with np.load(self.folder / SAMPLES / f"{name}.npz") as file:
             return Samples(file["stamps"], file["position"], file["effort"], file["desired"], int(file["begin"]))
-
-
-def _gentle(model: ArmModel) -> Any:
-    return np.full(len(model.joints), _GENTLE)
 
 
 def _plain(subject: Subject) -> Any:

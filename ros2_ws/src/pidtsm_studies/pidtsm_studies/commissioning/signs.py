@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_studies.commissioning.arm import CommissionError, Port, Wired, Wiring
+from pidtsm_studies.commissioning.arm import CommissionError, Port, Wiring
 from pidtsm_studies.commissioning.model import ArmModel
 
 FARTHEST = 0.02
@@ -34,6 +34,10 @@ _LATE = (0.0, 0.004, 0.008, 0.014, 0.02)
 """Delays that are thought possible, s."""
 _NUDGE, _NUDGE_TIME, _QUIET = 0.5, 1.0, 0.15
 """Largest share of the effort limit of a nudge, time in which it grows to that, and time between nudges, s."""
+_SHAKEN, _PERIODS, _SHAKE, _CLEAR = 4.0, 3.0, 0.3, 2.0
+"""Hz, periods, largest share of the effort limit, and way in multiples of what is visible, of shaking a joint."""
+_EXPLAINED, _STICKY = 0.1, 0.8
+"""Share of the shaking that may stay unexplained, and share of the torque that friction may take."""
 _MOST = 8
 """Inverted torques are sought among all combinations for arms of up to this many joints, else among single ones."""
 _RESISTED = (0.4, 0.7, 1.0)
@@ -42,8 +46,14 @@ _PREFERS = 2.0
 """How much better an explanation with inverted torques must fit than one with none."""
 _SHOWS = 3.0
 """A wrong sign shows when the arm is released if the joint falls this many times as far as is visible."""
-_WRONG = 0.5
+_FEW = 6
+"""Samples that are too few to tell how a joint reacts to the catch."""
+_HEAVIEST = 12.0
+"""Largest ratio of a joint's inertia and the described one."""
+_WRONG = 0.4
 """Share of `FARTHEST` from which on the sign of a caught joint is wrong in any case."""
+_LOADED = 0.01
+"""Share of the effort limit from which on gravity matters to a joint."""
 _STOPS = 1.5
 """A catch with the right sign stops a joint within this multiple of its velocity by the pole."""
 
@@ -58,6 +68,8 @@ class Signs:
         known_by: for each joint: ``release`` or ``nudge``.
         hold: mean torque that held the arm, shape (joints,), N m or N.
         breakaway: of nudged joints the torque at which they moved, else nan, shape (joints,).
+        inertia: what a shaken joint has shown while the others were held, shape (joints,), kg m^2 or kg; nan: friction
+            holds it, or it was nudged.
         problems: sentences.
         time: s, shape (samples,); position and effort: shape (samples, joints).
     """
@@ -67,6 +79,7 @@ class Signs:
     known_by: tuple[str, ...]
     hold: Array
     breakaway: Array
+    inertia: Array
     problems: tuple[str, ...]
     time: Array
     position: Array
@@ -87,6 +100,8 @@ class _Catch:
         joints = at.size
         self.sign = np.ones(joints)  # of the torques
         self.caught = np.zeros(joints, dtype=bool)
+        self.fell = np.zeros(joints, dtype=bool)  # whether a joint moved as its weight pulls, before it was caught
+        self.sure = np.zeros(joints, dtype=bool)  # whether a sign was judged by the catch
         self.nudged = -1  # the joint that shall not be caught
         self._bound = np.full(joints, np.inf)  # way beyond which the sign of a caught joint is wrong
         self.inertia = model.inertia(at)
@@ -94,6 +109,8 @@ class _Catch:
         self._sum, self._rate, self._last = np.zeros(joints), np.zeros(joints), at.copy()
         self._stamp = -1
         self.judges = False
+        self._since = np.zeros(joints, dtype=np.int64)  # rows at the catch of each joint
+        self._torques: list[Array] = []  # of the catch, one for each row
         self.rows: list[tuple[float, Array, Array]] = []
         self.farthest = np.zeros(joints)
 
@@ -107,17 +124,20 @@ class _Catch:
         self.sign[j] *= -1.0
         if carried:
             self.carried[j] *= -1.0
-        alone = 1.0 / np.linalg.inv(self.inertia)[j, j]
-        self.inertia[j], self.inertia[:, j] = 0.0, 0.0
-        self.inertia[j, j] = alone
+        self._weigh(j, float(np.linalg.inv(self.inertia)[j, j]))
 
     def catch(self, j: int) -> None:
         """Catch a joint; if it then goes on as it moves now, its sign was wrong."""
+        way = self._last[j] - self.start[j]
+        if not self.caught[j]:
+            loaded = abs(self.carried[j]) > _LOADED * self.model.effort[j]
+            self.fell[j] = loaded and way * self.carried[j] < 0.0
         self.caught[j] = True
         self._sum[j] = 0.0
-        way = abs(self._last[j] - self.start[j])
+        way = abs(way)
         stops = way + _STOPS * abs(self._rate[j]) / self.stiff + self.visible[j]
-        self._bound[j] = max(min(stops, _WRONG * FARTHEST), way)
+        self._bound[j] = max(min(stops, _WRONG * FARTHEST), way + self.visible[j])
+        self._since[j] = len(self.rows)
 
     def _judge(self, way: Array) -> None:
         """Catch joints that have begun to move, and change the signs of those that the catch pushes away."""
@@ -126,12 +146,39 @@ class _Catch:
                 self.catch(moved)
         if np.any(beyond := self.caught & (np.abs(way) > self._bound)):
             j = int(np.argmax(np.where(beyond, np.abs(way) / self._bound, 0.0)))
-            self.invert(j, carried=True)
-            self._sum[:] = 0.0
-            for other in np.flatnonzero(self.caught & np.isfinite(self._bound)):
-                self.catch(int(other))  # It was pushed too, and shall not be judged by that.
-            self._bound[j] = np.inf
-            self.tell(f"the sign of {self.model.joints[j]} is inverted (what should hold it pushed it away)")
+            mobility = self._mobility(j)
+            if mobility < 0.0 and not self.sure[j]:
+                self.invert(j, carried=not self.fell[j])
+                self.tell(f"the sign of {self.model.joints[j]} is inverted (what should hold it pushed it away)")
+                self._sum[:] = 0.0
+                self._weigh(j, mobility)
+            else:  # The catch is too weak, as for a rotor that is not described.
+                self._weigh(j, 0.5 / float(self.inertia[j, j]))
+            self.sure[j] = True
+            for other in np.flatnonzero(self.caught).tolist():
+                self.catch(other)  # It was pushed too, and shall not be judged by that.
+
+    def _mobility(self, j: int) -> float:
+        """What the torque of the catch accelerates joint j by, 1/(kg m^2), negative if it is inverted.
+
+        From the motion since the catch: position = a + b t + c t^2 + mobility times the double integral of the torque.
+        """
+        rows = self._torques[self._since[j] :]
+        dt, torque = self.port.period, np.array([each[j] for each in rows])
+        q = np.array([row[1][j] for row in self.rows[-len(rows) :]])
+        if q.size < _FEW:
+            return -1.0 / float(self.inertia[j, j])
+        time = dt * np.arange(q.size)
+        pushed = dt**2 * np.concatenate([[0.0], np.cumsum(np.cumsum(torque))[:-1]])
+        columns = np.column_stack([np.ones_like(time), time, time**2, pushed])
+        size = np.abs(columns).max(axis=0) + 1e-12
+        return float(np.linalg.lstsq(columns / size, q, rcond=None)[0][-1] / size[-1])
+
+    def _weigh(self, j: int, mobility: float) -> None:
+        """Take over the inertia that joint j has shown; rotors are often not described."""
+        described = float(np.diag(self.model.inertia(self.start))[j])
+        self.inertia[j], self.inertia[:, j] = 0.0, 0.0
+        self.inertia[j, j] = np.clip(1.0 / max(abs(mobility), 1e-9), 0.5 * described, _HEAVIEST * described)
 
     def step(self, extra: Array | None = None) -> Array:
         """Answer one joint state, with an additional torque; returns the way of each joint from the begin.
@@ -164,7 +211,9 @@ class _Catch:
         self._sum += np.where(self.caught, way * dt, 0.0)
         pole = self.stiff
         pull = 3.0 * pole**2 * way + pole**3 * self._sum + 3.0 * pole * self._rate
-        torque = self.carried - self.inertia @ np.where(self.caught, pull, 0.0)
+        held = -self.inertia @ np.where(self.caught, pull, 0.0)
+        self._torques.append(held)
+        torque = self.carried + held
         if extra is not None:
             torque = torque + extra
         torque = np.clip(torque, -self.model.effort, self.model.effort)
@@ -173,7 +222,7 @@ class _Catch:
         return way
 
 
-def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tuple[Signs, Wired]:
+def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tuple[Signs, Callable[[], object]]:
     """Find the wiring of an arm that is at rest and carried by something else.
 
     Args:
@@ -182,7 +231,7 @@ def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tupl
         tell: called with each finding at once, before the arm moves on.
 
     Returns:
-        The finding, and the port with the wiring found.
+        The finding, and what answers one more joint state so that the arm stays.
 
     Raises:
         CommissionError: nothing fits; commands have ceased.
@@ -195,7 +244,7 @@ def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tupl
     return _found(_Catch(port, model, _STIFF[-1], tell))
 
 
-def _found(catch: _Catch) -> tuple[Signs, Wired]:
+def _found(catch: _Catch) -> tuple[Signs, Callable[[], object]]:
     """One try; see `find_signs`."""
     joints = catch.start.size
     _release(catch)
@@ -206,14 +255,16 @@ def _found(catch: _Catch) -> tuple[Signs, Wired]:
         if not catch.caught[j]:
             breakaway[j], problem = _nudge(catch, j)
             problems += [problem] if problem else []
+    # What sticks would be taken for heavy.
+    inertia = np.array([_weighed(catch, j) if np.isnan(breakaway[j]) else np.nan for j in range(joints)])
     hold = _held(catch)
     wiring = _which(catch, hold)
     time, position, effort = (np.array(each) for each in zip(*catch.rows, strict=True))
     known_by = tuple("release" if np.isnan(each) else "nudge" for each in breakaway)
     signs = Signs(
-        wiring, catch.farthest, known_by, hold, breakaway, tuple(problems), time, position, catch.sign * effort
+        wiring, catch.farthest, known_by, hold, breakaway, inertia, tuple(problems), time, position, catch.sign * effort
     )
-    return signs, Wired(catch.port, wiring)
+    return signs, catch.step
 
 
 def _at_rest(port: Port) -> tuple[Array, Array]:
@@ -298,6 +349,7 @@ def _nudge(catch: _Catch, j: int) -> tuple[float, str]:
     if moved[j] < 0.0:
         catch.tell(f"the sign of {name} is inverted (it moved against its nudge)")
         catch.invert(j, carried=True)
+    catch.sure[j] = True
     others = np.abs(moved / catch.visible)
     others[j] = 0.0
     catch.catch(j)
@@ -305,6 +357,41 @@ def _nudge(catch: _Catch, j: int) -> tuple[float, str]:
         return float(extra[j]), ""
     other = catch.model.joints[int(others.argmax())]
     return float(extra[j]), f"a nudge of {name} moves {other} more: is the order of the joints right?"
+
+
+def _weighed(catch: _Catch, j: int) -> float:
+    """The inertia that a joint shows when it is shaken a little, kg m^2 or kg; nan: it does not move."""
+    dt, extra = catch.port.period, np.zeros(catch.start.size)
+    rate = 2.0 * np.pi * _SHAKEN
+    push = 2.0 * float(np.diag(catch.inertia)[j]) * rate**2 * catch.visible[j]
+    bound = _SHAKE * catch.model.effort[j]
+    while True:
+        push = min(push, bound)
+        first = len(catch.rows)
+        for k in range(round(_PERIODS / (_SHAKEN * dt))):
+            extra[j] = push * np.sin(rate * dt * k)
+            catch.step(extra)
+        q = np.array([row[1][j] for row in catch.rows[first:]])
+        if np.ptp(q) > _CLEAR * catch.visible[j]:
+            break
+        if push == bound:
+            return np.nan
+        push *= 2.0
+    torque = np.array([row[2][j] for row in catch.rows[first:]]) - catch.carried[j]
+    speed = np.gradient(q, dt)
+    sliding = np.tanh(speed / max(0.1 * float(np.abs(speed).max()), 1e-9))
+    time = dt * np.arange(q.size)
+    # Twice integrated, because the positions are too coarse to be differentiated twice.
+    columns = np.column_stack(
+        [np.ones_like(time), time, time**2, *(dt**2 * np.cumsum(np.cumsum(each)) for each in (torque, sliding))]
+    )
+    size = np.abs(columns).max(axis=0) + 1e-12
+    fit = np.linalg.lstsq(columns / size, q, rcond=None)[0]
+    left = float(np.std(q - columns / size @ fit) / np.std(q))
+    mobility, stopped = (fit / size)[3:]
+    # What sticks is not explained, or mostly by friction.
+    sticks = abs(stopped) > _STICKY * mobility * float(np.std(torque))
+    return 1.0 / float(mobility) if mobility > 0.0 and left < _EXPLAINED and not sticks else np.nan
 
 
 def _held(catch: _Catch) -> Array:

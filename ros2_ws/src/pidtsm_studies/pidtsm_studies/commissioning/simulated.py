@@ -1,6 +1,6 @@
 """A simulated arm under commission."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,10 @@ from pidtsm_core.parameters import as_float, resolve
 from pidtsm_core.robots import robot_joints
 from pidtsm_core.simulation.simulator import SimulatedRobot, simulator_schema
 from pidtsm_core.timing import period_nanoseconds
-from pidtsm_studies.commissioning.arm import Measured, Wiring
+from pidtsm_studies.commissioning.arm import Measured, Wired, Wiring
+from pidtsm_studies.commissioning.loop import Loop
+from pidtsm_studies.commissioning.model import ArmModel
+from pidtsm_studies.commissioning.signs import Signs, find_signs
 
 _TIMEOUT = {"command.timeout": 0.05}
 """s; without commands the brakes close soon, as they should."""
@@ -30,8 +33,13 @@ class SimulatedArm:
     settings: Mapping[str, Any]
     wiring: Wiring | None = None
 
-    goes_on = False
-    """See `session.Source`: every step begins with the arm at its initial position, so that it can be repeated."""
+    def signs(self, arm: Mapping[str, Any], tell: Callable[[str], None]) -> Signs:
+        """See `session.Source`."""
+        return find_signs(self.port(0), ArmModel(arm), tell)[0]
+
+    def follower(self, step: int, wiring: Wiring) -> Loop:
+        """See `session.Source`: each step begins with the arm at its initial position, so that it can be repeated."""
+        return Loop(Wired(self.port(step), wiring))
 
     def port(self, step: int) -> "SimulatedPort":
         """The arm at its initial position, at rest, with closed brakes; each step has random numbers of its own."""
