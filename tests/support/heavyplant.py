@@ -81,6 +81,12 @@ class HeavyPlant:
         self.v = self.v + dt * np.linalg.solve(HEAVIER * mass_matrix(self.q), torque)
         self.q = self.q + dt * self.v
 
+    def wait(self) -> None:
+        """Let the plant go on a little."""
+        sample = self._sample
+        while self._sample == sample:
+            self._thread.join(0.001)
+
     def close(self) -> None:
         self._ended = True
         self._thread.join()

@@ -22,7 +22,7 @@ _SURELY = 0.8
 """Share of the friction of the sweeps that is compensated until the arm is identified."""
 _NUDGED = 0.4
 """Share of the torque of a nudge that is compensated until then: it takes more to break away than to slide."""
-_ERROR, _ROOM = 0.3, 3.0
+ERROR, _ROOM = 0.3, 3.0
 """The arm is stopped at this tracking error, rad, and at this multiple of the velocity that a step needs."""
 _ARMATURE, _HEAVIER = "robot.armature", 1.4
 """Parameter of the rotors, and ratio of shown and described inertia from which on they are taken for not described."""
@@ -151,16 +151,17 @@ class Bench:
             return max(0.0, float(moved["delay"]) - 0.5 / self.rate)
         return float(self.found.get("lateness", {}).get("delay", CAUTIOUS_DELAY))
 
-    def controller(self, bandwidth: Array | None = None, velocity: float = 1.0) -> dict[str, Any]:
+    def controller(self, bandwidth: Array | None = None, velocity: float = 1.0, error: float = ERROR) -> dict[str, Any]:
         """Parameters of the controller for a step.
 
         Args:
             bandwidth: of the observer, shape (joints,), rad/s; None: a share of that of the rule.
             velocity: largest one that the step needs, rad/s.
+            error: tracking error at which the arm is stopped, rad.
         """
         bandwidth = _CAUTION * self.bandwidth() if bandwidth is None else bandwidth
         gains = {gain.name: gain.value for gain in self.gains(bandwidth)}
-        return {**self.identified, **gains, **self.compensation, **safeguards(velocity)}
+        return {**self.identified, **gains, **self.compensation, **safeguards(velocity, error)}
 
     @property
     def compensation(self) -> dict[str, Any]:
@@ -194,6 +195,6 @@ class Bench:
         return Plan(text, travel, np.minimum(1.3 * needed + 0.1 * model.effort, model.effort), motion.duration)
 
 
-def safeguards(velocity: float) -> dict[str, Any]:
-    """Limits at which the controller stops, for a step that needs this velocity, rad/s."""
-    return {"limits.tracking_error": _ERROR, "limits.velocity": _ROOM * velocity}
+def safeguards(velocity: float, error: float = ERROR) -> dict[str, Any]:
+    """Limits at which the controller stops, for a step that needs this velocity, rad/s, and error, rad."""
+    return {"limits.tracking_error": error, "limits.velocity": _ROOM * velocity}

@@ -12,8 +12,8 @@ from pidtsm_studies.commissioning.gains import errors, roughness
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.motions import Motion, periodic
 
-TURNS = 3
-"""How often each set has its turn."""
+TURNS, FIRST = 4, 1
+"""How often each set has its turn, and the first turns that do not count: observers and friction settle."""
 _REACH, _FREQUENCY, _DURATION = 0.3, 0.2, 8.0
 """rad, Hz and s of the motion if the user has given none."""
 OLD, NEW = "before", "new"
@@ -57,8 +57,9 @@ def run(bench: Bench) -> Outcome:
                 failed[name] = str(reason)
                 continue
             recorded[f"{name}-{turn + 1}"] = samples
-            error[name].append(errors(samples.motion))
-            rough[name].append(roughness(samples.motion))
+            if turn >= FIRST:
+                error[name].append(errors(samples.motion))
+                rough[name].append(roughness(samples.motion))
     return _judged(error, rough, failed, recorded)
 
 
@@ -82,7 +83,7 @@ def _judged(
     # Each joint counts alike, whatever its size.
     logs = np.mean(np.log(np.array(error[NEW]) / np.maximum(np.array(error[OLD]), 1e-12)), axis=1)
     middle = float(logs.mean())
-    half = float(student.ppf(0.975, TURNS - 1) * logs.std(ddof=1) / np.sqrt(TURNS))
+    half = float(student.ppf(0.975, logs.size - 1) * logs.std(ddof=1) / np.sqrt(logs.size))
     low, ratio, high = (float(np.exp(each)) for each in (middle - half, middle, middle + half))
     figures |= {"ratio": ratio, "interval": [low, high], "better": high < 1.0}
     kept = "kept" if figures["better"] else "rolled back, because this is not surely better"

@@ -18,8 +18,8 @@ _ROUGH_SHARE, _ROUGH = 0.002, 0.2
 """Mean change of the torque from sample to sample that is allowed: share of the limit, and at most, N m or N."""
 _UNSTABLE = 3.0
 """Times the allowed roughness from which on the loop is taken for unstable."""
-_WORSE = 1.4
-"""A bandwidth whose error is this many times that of the best so far is too high."""
+_WORSE, _OFTEN = 1.4, 2
+"""So many bandwidths in a row whose error is this many times that of the best so far are too high."""
 _REACH, _FREQUENCY, _DURATION = 0.25, 0.25, 5.0
 """rad, Hz and s of the motion on which they are judged."""
 
@@ -33,12 +33,12 @@ def _motion(bench: Bench) -> Motion:
 def plan(bench: Bench) -> Plan:
     """See `session.STEPS`."""
     text = (
-        f"All joints swing up to {len(LEVELS)} times, each time with a faster controller, until its torque becomes "
+        f"All joints swing up to {1 + len(LEVELS)} times, each time with a faster controller, until its torque becomes "
         "rough: expect to hear it"
     )
     motion = _motion(bench)
     one = bench.plan(text, motion, bench.model())
-    return Plan(one.text, one.travel, one.effort, len(LEVELS) * one.duration)
+    return Plan(one.text, one.travel, one.effort, (1 + len(LEVELS)) * one.duration)
 
 
 def run(bench: Bench) -> Outcome:
@@ -47,7 +47,8 @@ def run(bench: Bench) -> Outcome:
     allowed = np.minimum(_ROUGH_SHARE * model.effort, _ROUGH)
     levels: list[dict[str, Any]] = []
     recorded: dict[str, Samples] = {}
-    stopped, bound = "", np.inf
+    stopped, bound, grown = "", np.inf, 0
+    bench.loop.follow(bench.controller(LEVELS[0] * rule), motion)  # Its first motion differs: the observer learns.
     for level in LEVELS:
         try:
             samples = bench.loop.follow(bench.controller(level * rule), motion)
@@ -65,9 +66,9 @@ def run(bench: Bench) -> Outcome:
             good = levels[-2]["level"] if rough.max() > _UNSTABLE and len(levels) > 1 else level
             bound = BACK * good
             break
-        if mean > _WORSE * min(each["mean_error"] for each in levels):
-            stopped = "the error grew again"
-            bound = BACK * level
+        grown = grown + 1 if mean > _WORSE * min(each["mean_error"] for each in levels) else 0
+        if grown == _OFTEN:
+            stopped, bound = "the error grew again", BACK * level
             break
     if not levels:
         raise CommissionError(f"even the slowest controller fails: {stopped}")

@@ -93,12 +93,12 @@ class _AwayError(CommissionError):
 class _Catch:
     """A spring, a damper and an integral of each joint about where it began, on top of the torque of the model."""
 
-    def __init__(self, port: Port, model: ArmModel, stiff: float, tell: Callable[[str], None]) -> None:
+    def __init__(self, port: Port, model: ArmModel, stiff: float, sign: Array, tell: Callable[[str], None]) -> None:
         self.port, self.model, self.stiff, self.tell = port, model, stiff, tell
         self.start, self.visible = _at_rest(port)
         at = self.start
         joints = at.size
-        self.sign = np.ones(joints)  # of the torques
+        self.sign = sign.copy()  # of the torques
         self.caught = np.zeros(joints, dtype=bool)
         self.fell = np.zeros(joints, dtype=bool)  # whether a joint moved as its weight pulls, before it was caught
         self.sure = np.zeros(joints, dtype=bool)  # whether a sign was judged by the catch
@@ -236,12 +236,15 @@ def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tupl
     Raises:
         CommissionError: nothing fits; commands have ceased.
     """
+    sign = np.ones(len(model.joints))
     for stiff in _STIFF[:-1]:
+        catch = _Catch(port, model, stiff, sign, tell)
         try:
-            return _found(_Catch(port, model, stiff, tell))
+            return _found(catch)
         except _AwayError as error:
-            tell(f"{error}; once more, with a softer catch")
-    return _found(_Catch(port, model, _STIFF[-1], tell))
+            tell(f"{error}; once more, softer, and with what seems to be inverted")
+            sign = catch.sign
+    return _found(_Catch(port, model, _STIFF[-1], sign, tell))
 
 
 def _found(catch: _Catch) -> tuple[Signs, Callable[[], object]]:
@@ -293,6 +296,7 @@ def _release(catch: _Catch) -> None:
         signs = _explanation(catch, np.array(ways), fall > _SHOWS * catch.visible)
         for j in np.flatnonzero(signs < 0.0):
             catch.invert(int(j), carried=False)
+            catch.sure[j] = True
             catch.tell(f"the sign of {catch.model.joints[j]} is inverted (it fell when the arm was released)")
     catch.judges = True
 
