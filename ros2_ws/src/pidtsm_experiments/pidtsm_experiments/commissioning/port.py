@@ -87,7 +87,11 @@ class RosPort:
         return message
 
     def sense(self) -> Measured | None:
-        """See `Port`."""
+        """See `Port`.
+
+        Raises:
+            CommissionError: no joint state comes any more, or it lacks joints.
+        """
         self._asked()
         end = time.monotonic() + _SILENT
         while (message := self._next(_POLL)) is None:

@@ -45,7 +45,7 @@ def test_a_session_finds_what_is_wrong_and_leaves_parameters_that_work(
     assert found["compare"]["better"]
     assert found["compare"]["ratio"] < 0.5
     # What it leaves can be used.
-    assert read_description(str(out / "commissioned.urdf")).joints == ("joint1", "joint2")
+    assert read_description((out / "commissioned.urdf").read_text()).joints == ("joint1", "joint2")
     settings = make_experiment(None, params=str(out / "commission.yaml")).settings["controller"]
     assert settings["robot.description"] == str(out / "commissioned.urdf")
     assert settings["estimator.bandwidth"] == pytest.approx(found["gains"]["bandwidth"], rel=0.05)

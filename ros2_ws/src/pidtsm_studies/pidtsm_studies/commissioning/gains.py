@@ -42,7 +42,11 @@ def plan(bench: Bench) -> Plan:
 
 
 def run(bench: Bench) -> Outcome:
-    """See `session.STEPS`."""
+    """See `session.STEPS`.
+
+    Raises:
+        CommissionError: even the slowest controller fails.
+    """
     model, motion, rule = bench.model(), _motion(bench), bench.bandwidth()
     allowed = np.minimum(_ROUGH_SHARE * model.effort, _ROUGH)
     levels: list[dict[str, Any]] = []

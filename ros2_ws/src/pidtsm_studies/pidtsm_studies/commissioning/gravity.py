@@ -30,7 +30,7 @@ _WRONG, _WRONG_ZERO, _SURE = 0.1, 0.02, 3.0
 def _postures(bench: Bench) -> Array:
     """Shape (postures, joints); the first is home."""
     model = bench.model()
-    reach = bench.reach(model, _REACH)
+    reach = np.maximum(bench.reach(model, _REACH) - bench.reach(model, _SIDE), 0.0)
     random = np.random.default_rng(0)
     # Extremes tell more of gravity than postures near home.
     spread = random.choice([-1.0, 1.0], size=(_POSTURES - 1, reach.size)) * random.uniform(

@@ -4,10 +4,10 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_studies.commissioning.bench import Bench, Outcome, Plan
-from pidtsm_studies.commissioning.motions import rest
+from pidtsm_studies.commissioning.motions import Motion, joined, periodic, rest
 
-DURATION = 4.0
-"""s."""
+DURATION, _SWING = 4.0, 0.02
+"""s at rest, and rad of the motion after it."""
 _COARSEST, _FINEST = 8, 24
 """Bits that can be found."""
 _LOST = 1.5
@@ -20,21 +20,29 @@ _LOSS = 0.001
 """Share of lost joint states that needs mention."""
 
 
+def _motion(bench: Bench) -> Motion:
+    """Rest, and then a little motion, because encoders that do not move show no steps."""
+    swing = bench.reach(bench.model(), _SWING)
+    return joined(rest(bench.home, DURATION), periodic(bench.home, swing[np.newaxis], 0.5, 2.0))
+
+
 def plan(bench: Bench) -> Plan:
     """See `session.STEPS`."""
-    return bench.plan("All joints are held still.", rest(bench.home, DURATION), bench.model())
+    return bench.plan("All joints are held still, and then swing very little.", _motion(bench), bench.model())
 
 
 def run(bench: Bench) -> Outcome:
     """See `session.STEPS`."""
-    samples = bench.loop.follow(bench.controller(), rest(bench.home, DURATION))
-    still = samples.motion
-    gaps = np.diff(still.stamps) * 1e-9
+    samples = bench.loop.follow(bench.controller(), _motion(bench))
+    whole = samples.motion
+    at_rest = whole.time < DURATION
+    still = whole.position[at_rest]
+    gaps = np.diff(whole.stamps) * 1e-9
     period = float(np.median(gaps))
     lost = gaps > _LOST * period
     missing = float(np.sum(np.round(gaps[lost] / period) - 1.0) / (gaps.size + 1.0))
     jitter = float(np.std(gaps[~lost]))
-    noise, step = _noise(still.position), _step(still.position)
+    noise, step = _noise(still), _step(whole.position)
     model = bench.model()
     span = np.where(model.slides, 1.0, 2.0 * np.pi)
     coarse = np.maximum(step, np.sqrt(12.0) * noise) / span
@@ -44,7 +52,7 @@ def run(bench: Bench) -> Outcome:
         problems.append(f"{100.0 * missing:.2g} % of the joint states are lost")
     if jitter > _JITTER * period:
         problems.append(f"the period of the joint states varies by {1e3 * jitter:.2g} ms")
-    late = still.position[len(still.position) // 2 :]
+    late = still[len(still) // 2 :]
     drift = np.ptp(late, axis=0) > _STAYS + 8.0 * np.maximum(step, noise)
     problems += [f"{model.joints[j]} does not stay where it is held" for j in np.flatnonzero(drift)]
     figures = {

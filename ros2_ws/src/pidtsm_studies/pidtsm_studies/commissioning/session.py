@@ -14,10 +14,11 @@ from pidtsm_core.robots import Description
 from pidtsm_studies.commissioning import compare, excite, friction, gains, gravity, lateness, rest
 from pidtsm_studies.commissioning.arm import Wiring
 from pidtsm_studies.commissioning.bench import Bench, Follower, Outcome, Plan
+from pidtsm_studies.commissioning.catch import FARTHEST
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.motions import Motion
-from pidtsm_studies.commissioning.signs import FARTHEST, Signs
+from pidtsm_studies.commissioning.signs import Signs
 
 STATE, SAMPLES = "session.json", "samples"
 """Names in the folder of a session."""

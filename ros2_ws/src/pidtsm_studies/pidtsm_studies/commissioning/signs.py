@@ -16,18 +16,13 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_studies.commissioning.arm import CommissionError, Port, Wiring
+from pidtsm_studies.commissioning.catch import AwayError, Catch
 from pidtsm_studies.commissioning.model import ArmModel
 
-FARTHEST = 0.02
-"""rad or m; no joint moves farther in this step, or commands cease."""
-_VISIBLE_NOISE, _VISIBLE_STEPS, _VISIBLE = 6.0, 2.5, 0.001
-"""A joint has moved if it is farther away than these multiples of noise and encoder step, and than this, rad or m."""
-_WATCHED, _FREE = 1.0, 0.25
-"""s without command, and s in which the arm is carried by the model alone."""
+_FREE = 0.25
+"""s in which the arm is carried by the model alone."""
 _STIFF = (15.0, 6.0)
 """Triple poles of what catches the arm, rad/s; the second one if the arm rings with the first."""
-_RATE_FILTER = 150.0
-"""rad/s; of the velocity for the damper."""
 _MASSES = (0.7, 0.85, 1.0, 1.2, 1.4)
 """Ratios of true and described gravity that are thought possible here."""
 _LATE = (0.0, 0.004, 0.008, 0.014, 0.02)
@@ -46,16 +41,6 @@ _PREFERS = 2.0
 """How much better an explanation with inverted torques must fit than one with none."""
 _SHOWS = 3.0
 """A wrong sign shows when the arm is released if the joint falls this many times as far as is visible."""
-_FEW = 6
-"""Samples that are too few to tell how a joint reacts to the catch."""
-_HEAVIEST = 12.0
-"""Largest ratio of a joint's inertia and the described one."""
-_WRONG = 0.4
-"""Share of `FARTHEST` from which on the sign of a caught joint is wrong in any case."""
-_LOADED = 0.01
-"""Share of the effort limit from which on gravity matters to a joint."""
-_STOPS = 1.5
-"""A catch with the right sign stops a joint within this multiple of its velocity by the pole."""
 
 
 @dataclass(frozen=True)
@@ -86,142 +71,6 @@ class Signs:
     effort: Array
 
 
-class _AwayError(CommissionError):
-    """A joint moves too far; commands have ceased."""
-
-
-class _Catch:
-    """A spring, a damper and an integral of each joint about where it began, on top of the torque of the model."""
-
-    def __init__(self, port: Port, model: ArmModel, stiff: float, sign: Array, tell: Callable[[str], None]) -> None:
-        self.port, self.model, self.stiff, self.tell = port, model, stiff, tell
-        self.start, self.visible = _at_rest(port)
-        at = self.start
-        joints = at.size
-        self.sign = sign.copy()  # of the torques
-        self.caught = np.zeros(joints, dtype=bool)
-        self.fell = np.zeros(joints, dtype=bool)  # whether a joint moved as its weight pulls, before it was caught
-        self.sure = np.zeros(joints, dtype=bool)  # whether a sign was judged by the catch
-        self.nudged = -1  # the joint that shall not be caught
-        self._bound = np.full(joints, np.inf)  # way beyond which the sign of a caught joint is wrong
-        self.inertia = model.inertia(at)
-        self.carried = model.gravity(at[np.newaxis])[0]
-        self._sum, self._rate, self._last = np.zeros(joints), np.zeros(joints), at.copy()
-        self._stamp = -1
-        self.judges = False
-        self._since = np.zeros(joints, dtype=np.int64)  # rows at the catch of each joint
-        self._torques: list[Array] = []  # of the catch, one for each row
-        self.rows: list[tuple[float, Array, Array]] = []
-        self.farthest = np.zeros(joints)
-
-    def invert(self, j: int, carried: bool) -> None:
-        """Take a joint for inverted; as it may be its position, the described couplings no longer count.
-
-        Args:
-            j: the joint.
-            carried: whether the torque that acted on it until now carried it.
-        """
-        self.sign[j] *= -1.0
-        if carried:
-            self.carried[j] *= -1.0
-        self._weigh(j, float(np.linalg.inv(self.inertia)[j, j]))
-
-    def catch(self, j: int) -> None:
-        """Catch a joint; if it then goes on as it moves now, its sign was wrong."""
-        way = self._last[j] - self.start[j]
-        if not self.caught[j]:
-            loaded = abs(self.carried[j]) > _LOADED * self.model.effort[j]
-            self.fell[j] = loaded and way * self.carried[j] < 0.0
-        self.caught[j] = True
-        self._sum[j] = 0.0
-        way = abs(way)
-        stops = way + _STOPS * abs(self._rate[j]) / self.stiff + self.visible[j]
-        self._bound[j] = max(min(stops, _WRONG * FARTHEST), way + self.visible[j])
-        self._since[j] = len(self.rows)
-
-    def _judge(self, way: Array) -> None:
-        """Catch joints that have begun to move, and change the signs of those that the catch pushes away."""
-        for moved in np.flatnonzero((np.abs(way) > self.visible) & ~self.caught).tolist():
-            if moved != self.nudged:
-                self.catch(moved)
-        if np.any(beyond := self.caught & (np.abs(way) > self._bound)):
-            j = int(np.argmax(np.where(beyond, np.abs(way) / self._bound, 0.0)))
-            mobility = self._mobility(j)
-            if mobility < 0.0 and not self.sure[j]:
-                self.invert(j, carried=not self.fell[j])
-                self.tell(f"the sign of {self.model.joints[j]} is inverted (what should hold it pushed it away)")
-                self._sum[:] = 0.0
-                self._weigh(j, mobility)
-            else:  # The catch is too weak, as for a rotor that is not described.
-                self._weigh(j, 0.5 / float(self.inertia[j, j]))
-            self.sure[j] = True
-            for other in np.flatnonzero(self.caught).tolist():
-                self.catch(other)  # It was pushed too, and shall not be judged by that.
-
-    def _mobility(self, j: int) -> float:
-        """What the torque of the catch accelerates joint j by, 1/(kg m^2), negative if it is inverted.
-
-        From the motion since the catch: position = a + b t + c t^2 + mobility times the double integral of the torque.
-        """
-        rows = self._torques[self._since[j] :]
-        dt, torque = self.port.period, np.array([each[j] for each in rows])
-        q = np.array([row[1][j] for row in self.rows[-len(rows) :]])
-        if q.size < _FEW:
-            return -1.0 / float(self.inertia[j, j])
-        time = dt * np.arange(q.size)
-        pushed = dt**2 * np.concatenate([[0.0], np.cumsum(np.cumsum(torque))[:-1]])
-        columns = np.column_stack([np.ones_like(time), time, time**2, pushed])
-        size = np.abs(columns).max(axis=0) + 1e-12
-        return float(np.linalg.lstsq(columns / size, q, rcond=None)[0][-1] / size[-1])
-
-    def _weigh(self, j: int, mobility: float) -> None:
-        """Take over the inertia that joint j has shown; rotors are often not described."""
-        described = float(np.diag(self.model.inertia(self.start))[j])
-        self.inertia[j], self.inertia[:, j] = 0.0, 0.0
-        self.inertia[j, j] = np.clip(1.0 / max(abs(mobility), 1e-9), 0.5 * described, _HEAVIEST * described)
-
-    def step(self, extra: Array | None = None) -> Array:
-        """Answer one joint state, with an additional torque; returns the way of each joint from the begin.
-
-        Raises:
-            CommissionError: a joint moves too far; commands have ceased.
-        """
-        measured = self.port.sense()
-        while measured is None:
-            self.port.act(None)
-            measured = self.port.sense()
-        dt = 1e-9 * (measured.stamp - self._stamp) if self._stamp >= 0 else self.port.period
-        self._stamp = measured.stamp
-        q = measured.position
-        way = q - self.start
-        share = min(1.0, _RATE_FILTER * dt)
-        self._rate += share * ((q - self._last) / dt - self._rate)
-        self._last = q.copy()
-        np.maximum(self.farthest, np.abs(way), out=self.farthest)
-        if self.judges:
-            self._judge(way)
-        if np.any(np.abs(way) > FARTHEST):
-            self.port.act(None)
-            joint = self.model.joints[int(np.abs(way).argmax())]
-            raise _AwayError(
-                f"{joint} moves away although it should be held, by {np.abs(way).max():.3g} (allowed: {FARTHEST:g}); "
-                "commands have ceased, so that the brakes close. Check the order of the joints, their units and the "
-                "description"
-            )
-        self._sum += np.where(self.caught, way * dt, 0.0)
-        pole = self.stiff
-        pull = 3.0 * pole**2 * way + pole**3 * self._sum + 3.0 * pole * self._rate
-        held = -self.inertia @ np.where(self.caught, pull, 0.0)
-        self._torques.append(held)
-        torque = self.carried + held
-        if extra is not None:
-            torque = torque + extra
-        torque = np.clip(torque, -self.model.effort, self.model.effort)
-        self.port.act(self.sign * torque)
-        self.rows.append((1e-9 * measured.stamp, q.copy(), torque))
-        return way
-
-
 def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tuple[Signs, Callable[[], object]]:
     """Find the wiring of an arm that is at rest and carried by something else.
 
@@ -238,16 +87,16 @@ def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tupl
     """
     sign = np.ones(len(model.joints))
     for stiff in _STIFF[:-1]:
-        catch = _Catch(port, model, stiff, sign, tell)
+        catch = Catch(port, model, stiff, sign, tell)
         try:
             return _found(catch)
-        except _AwayError as error:
+        except AwayError as error:
             tell(f"{error}; once more, softer, and with what seems to be inverted")
             sign = catch.sign
-    return _found(_Catch(port, model, _STIFF[-1], sign, tell))
+    return _found(Catch(port, model, _STIFF[-1], sign, tell))
 
 
-def _found(catch: _Catch) -> tuple[Signs, Callable[[], object]]:
+def _found(catch: Catch) -> tuple[Signs, Callable[[], object]]:
     """One try; see `find_signs`."""
     joints = catch.start.size
     _release(catch)
@@ -270,23 +119,7 @@ def _found(catch: _Catch) -> tuple[Signs, Callable[[], object]]:
     return signs, catch.step
 
 
-def _at_rest(port: Port) -> tuple[Array, Array]:
-    """Mean position of the arm without commands, and the way from which on a joint has visibly moved."""
-    positions = []
-    for _ in range(max(20, round(_WATCHED / port.period))):
-        measured = port.sense()
-        port.act(None)
-        if measured is not None:
-            positions.append(measured.position.copy())
-    q = np.array(positions)
-    gaps = [np.diff(np.unique(column)) for column in q.T]
-    step = np.array([float(each.min()) if each.size else 0.0 for each in gaps])
-    return q[len(q) // 2 :].mean(axis=0), np.maximum(
-        _VISIBLE, np.maximum(_VISIBLE_NOISE * q.std(axis=0), _VISIBLE_STEPS * step)
-    )
-
-
-def _release(catch: _Catch) -> None:
+def _release(catch: Catch) -> None:
     """Carry the arm by its model until a joint moves; judge by how it moves which torques are inverted."""
     ways: list[Array] = []
     while len(ways) * catch.port.period < _FREE and not (ways and np.any(np.abs(ways[-1]) > catch.visible)):
@@ -301,7 +134,7 @@ def _release(catch: _Catch) -> None:
     catch.judges = True
 
 
-def _explanation(catch: _Catch, ways: Array, loaded: Array) -> Array:
+def _explanation(catch: Catch, ways: Array, loaded: Array) -> Array:
     """Signs of the torques that explain best how the arm began to move, shape (joints,)."""
     joints = catch.start.size
     time = np.asarray(catch.port.period * np.arange(len(ways)), dtype=np.float64)
@@ -319,7 +152,7 @@ def _explanation(catch: _Catch, ways: Array, loaded: Array) -> Array:
     return chosen
 
 
-def _misfit(catch: _Catch, ways: Array, time: Array, inverse: Array, signs: Array) -> float:
+def _misfit(catch: Catch, ways: Array, time: Array, inverse: Array, signs: Array) -> float:
     """How badly a combination of signs explains ways, shape (samples, joints), with the likeliest mass and delay."""
     least = np.inf
     for ratio in _MASSES:
@@ -331,7 +164,7 @@ def _misfit(catch: _Catch, ways: Array, time: Array, inverse: Array, signs: Arra
     return least
 
 
-def _nudge(catch: _Catch, j: int) -> tuple[float, str]:
+def _nudge(catch: Catch, j: int) -> tuple[float, str]:
     """Push one joint until it moves; returns the torque at that moment, and a problem or an empty text.
 
     Raises:
@@ -363,7 +196,7 @@ def _nudge(catch: _Catch, j: int) -> tuple[float, str]:
     return float(extra[j]), f"a nudge of {name} moves {other} more: is the order of the joints right?"
 
 
-def _weighed(catch: _Catch, j: int) -> float:
+def _weighed(catch: Catch, j: int) -> float:
     """The inertia that a joint shows when it is shaken a little, kg m^2 or kg; nan: it does not move."""
     dt, extra = catch.port.period, np.zeros(catch.start.size)
     rate = 2.0 * np.pi * _SHAKEN
@@ -398,7 +231,7 @@ def _weighed(catch: _Catch, j: int) -> float:
     return 1.0 / float(mobility) if mobility > 0.0 and left < _EXPLAINED and not sticks else np.nan
 
 
-def _held(catch: _Catch) -> Array:
+def _held(catch: Catch) -> Array:
     """Mean torque of the arm held by the catch, in the directions of its messages, shape (joints,)."""
     count = max(20, round(0.6 / catch.port.period))
     for _ in range(count):
@@ -406,7 +239,7 @@ def _held(catch: _Catch) -> Array:
     return catch.sign * np.mean([row[2] for row in catch.rows[-count // 2 :]], axis=0)
 
 
-def _which(catch: _Catch, hold: Array) -> Wiring:
+def _which(catch: Catch, hold: Array) -> Wiring:
     """Whether the position or the torque is inverted: only one of them fits the torque that holds the arm."""
     position = np.ones(hold.size)
     for j in np.flatnonzero(catch.sign < 0.0):

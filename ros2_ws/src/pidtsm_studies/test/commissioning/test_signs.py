@@ -5,8 +5,9 @@ import pytest
 
 from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_studies.commissioning.arm import CommissionError, Measured, Wiring
+from pidtsm_studies.commissioning.catch import FARTHEST
 from pidtsm_studies.commissioning.model import ArmModel
-from pidtsm_studies.commissioning.signs import FARTHEST, find_signs
+from pidtsm_studies.commissioning.signs import find_signs
 from pidtsm_studies.commissioning.simulated import SimulatedArm
 
 ARM = ArmDefinition("ur5").settings()
