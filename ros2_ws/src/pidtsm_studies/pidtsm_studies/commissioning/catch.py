@@ -16,6 +16,10 @@ _RATE_FILTER = 150.0
 """rad/s; of the velocity for the damper."""
 _FEW = 6
 """Samples that are too few to tell how a joint reacts to the catch."""
+_SLOWER = 0.98
+"""Share of its speed below which a caught joint is being stopped."""
+_HEAVY = 1.5
+"""Ratio from which on a joint that the catch has pushed away is taken for heavier than described."""
 _HEAVIEST = 12.0
 """Largest ratio of a joint's inertia and the described one."""
 _WRONG = 0.4
@@ -60,13 +64,14 @@ class Catch:
         self._sum, self._rate, self._last = np.zeros(joints), np.zeros(joints), at.copy()
         self._stamp = -1
         self.judges = False
+        self._speed = np.zeros(joints)  # largest of each joint since it was caught
         self._since = np.zeros(joints, dtype=np.int64)  # rows at the catch of each joint
         self._torques: list[Array] = []  # of the catch, one for each row
         self.rows: list[tuple[float, Array, Array]] = []
         self.farthest = np.zeros(joints)
 
     def invert(self, j: int, carried: bool) -> None:
-        """Take a joint for inverted; as it may be its position, the described couplings no longer count.
+        """Take a joint for inverted; if it may be its position, the described couplings no longer count.
 
         Args:
             j: the joint.
@@ -75,7 +80,7 @@ class Catch:
         self.sign[j] *= -1.0
         if carried:
             self.carried[j] *= -1.0
-        self._weigh(j, float(np.linalg.inv(self.inertia)[j, j]))
+            self._weigh(j, float(np.linalg.inv(self.inertia)[j, j]))
 
     def catch(self, j: int) -> None:
         """Catch a joint; if it then goes on as it moves now, its sign was wrong."""
@@ -89,6 +94,7 @@ class Catch:
         stops = way + _STOPS * abs(self._rate[j]) / self.stiff + self.visible[j]
         self._bound[j] = max(min(stops, _WRONG * FARTHEST), way + self.visible[j])
         self._since[j] = len(self.rows)
+        self._speed[j] = abs(self._rate[j])
 
     def _judge(self, way: Array) -> None:
         """Catch joints that have begun to move, and change the signs of those that the catch pushes away."""
@@ -97,12 +103,16 @@ class Catch:
                 self.catch(moved)
         if np.any(beyond := self.caught & (np.abs(way) > self._bound)):
             j = int(np.argmax(np.where(beyond, np.abs(way) / self._bound, 0.0)))
+            if abs(self._rate[j]) < _SLOWER * self._speed[j]:  # It is being stopped.
+                self._bound[j] += self.visible[j]
+                return
             mobility = self._mobility(j)
             if mobility < 0.0 and not self.sure[j]:
                 self.invert(j, carried=not self.fell[j])
                 self.tell(f"the sign of {self.model.joints[j]} is inverted (what should hold it pushed it away)")
                 self._sum[:] = 0.0
-                self._weigh(j, mobility)
+                if abs(mobility) < 1.0 / (_HEAVY * float(self.inertia[j, j])):
+                    self._weigh(j, mobility)
             else:  # The catch is too weak, as for a rotor that is not described.
                 self._weigh(j, 0.5 / float(self.inertia[j, j]))
             self.sure[j] = True
@@ -153,6 +163,7 @@ class Catch:
         way = q - self.start
         share = min(1.0, _RATE_FILTER * dt)
         self._rate += share * ((q - self._last) / dt - self._rate)
+        np.maximum(self._speed, np.abs(self._rate), out=self._speed)
         self._last = q.copy()
         np.maximum(self.farthest, np.abs(way), out=self.farthest)
         if self.judges:
