@@ -111,7 +111,10 @@ def execute(options: argparse.Namespace) -> int:
         if session.found:
             write_report(session, definition.label)
     CONSOLE.print(f"{options.out}: {' '.join([*written, 'report.html', 'session.json'])}", highlight=False)
-    CONSOLE.print(f"./pidtsm nodes start --params {options.out / PARAMETERS} uses the result", highlight=False)
+    described = next((name for name in written if name != PARAMETERS), definition.label)
+    arm = options.out / described if described in written else described
+    command = f"./pidtsm nodes start --robot {arm} --params {options.out / PARAMETERS}"
+    CONSOLE.print(f"{command} uses the result", highlight=False, soft_wrap=True)
     return 0
 
 
