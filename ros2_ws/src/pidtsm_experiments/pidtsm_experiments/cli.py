@@ -35,6 +35,8 @@ _COMMANDS = {
     "excite": "make a motion that shows inertias and friction of an arm",
     "identify": "correct the description of an arm from bags of its motions, with intervals",
     "identify-payload": "estimate mass, centre of mass and inertia of what an arm carries, from a bag",
+    "commission": "from a description to verified gains in one guided session: signs, noise, delay, friction, gravity, "
+    "inertias, gains, each with a verdict",
     "reproduce": "compare both cases and all laws with the article",
     "tune": "search for gains for an arm and its hardware, on rollouts",
     "tournament": "tune every law on every arm with the same budget, and score it",

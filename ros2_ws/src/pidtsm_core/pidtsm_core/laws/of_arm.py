@@ -1,4 +1,7 @@
-"""What the laws of the whole arm have in common."""
+"""What the laws of the whole arm have in common.
+
+The columns of the inertia matrix are efforts of unit accelerations (Walker and Orin 1982, method 1).
+"""
 
 import math
 from collections.abc import Callable

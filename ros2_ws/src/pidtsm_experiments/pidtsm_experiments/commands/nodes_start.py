@@ -130,7 +130,7 @@ def _start(options: argparse.Namespace) -> int:
         refuse_simulator(options.set, options.engine)
     start = start_of(experiment_of(options, OPERATION if options.plant else REAL_ARM, still_scenario()))
     warn(start.parameters["controller"])
-    words = [word for remap in _remaps(options.remap) for word in ("-r", remap)]
+    words = [word for remap in remaps(options.remap) for word in ("-r", remap)]
     namespace = options.namespace.strip("/")
     stop = Stop()
     stop.defer()
@@ -155,7 +155,12 @@ def _show(text: str) -> None:
     sys.stdout.flush()
 
 
-def _remaps(given: list[str]) -> list[str]:
+def remaps(given: list[str]) -> list[str]:
+    """The values of ``--remap``, which can be repeated.
+
+    Raises:
+        UsageError: one of them is malformed.
+    """
     for each in given:
         old, separator, new = each.partition(":=")
         if not (old and separator and new):

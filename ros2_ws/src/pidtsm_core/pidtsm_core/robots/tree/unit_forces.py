@@ -17,6 +17,12 @@ def load_unit(unit: Array, y: Array, link: int, parameter: int) -> None:
     """Write the force that a link needs if this parameter is 1 and all others are 0 to its scratch at `MIXED`.
 
     f = I a + v x* I v; the momentum I v is at `ANGULAR`.
+
+    Args:
+        unit: zeros, shape (ROW,).
+        y: scratch of the tree, with velocities and accelerations of the links, shape (joints * SPACE,).
+        link: row of the link.
+        parameter: which of its LINK parameters.
     """
     k = link * SPACE
     v, h, f = k + Scratch.VELOCITY, k + Scratch.ANGULAR, k + Scratch.MIXED

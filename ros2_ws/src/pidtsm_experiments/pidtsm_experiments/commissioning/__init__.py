@@ -1,0 +1,1 @@
+"""Commissioning of an arm over ROS: a process holds and moves it, and outlives the session that guides it."""

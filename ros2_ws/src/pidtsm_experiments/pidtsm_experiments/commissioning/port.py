@@ -1,0 +1,123 @@
+"""A real arm under commission: its joint states, and the torques that answer them."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from pidtsm_core.arrays import Array
+from pidtsm_ros.qos import PUBLISHER, READER
+from pidtsm_ros.security import prepare_process
+from pidtsm_ros.stamps import nanoseconds, set_stamp
+from pidtsm_studies.commissioning.arm import CommissionError, Measured
+
+_FOUND_WITHIN = 15.0
+"""s until joint states and a reader of the commands are found."""
+_SILENT = 1.0
+"""s without joint states after which the arm counts as gone."""
+_COUNTED = 50
+"""Joint states whose stamps tell the period."""
+_POLL = 0.05  # s
+
+
+class RosPort:
+    """See `Port` in pidtsm_studies; the joints of `joint_states` may have any order, and there may be others."""
+
+    def __init__(self, joints: Sequence[str], namespace: str, words: Sequence[str], asked: Callable[[], None]) -> None:
+        """Find the arm.
+
+        Args:
+            joints: names, in the order of the description.
+            namespace: of the topics.
+            words: arguments of ROS, such as ``-r joint_states:=/arm/joint_states``.
+            asked: called before each joint state; it raises what shall end the motion.
+
+        Raises:
+            CommissionError: there is no such arm, it lacks joints, or somebody else commands it.
+        """
+        self._joints, self._asked = tuple(joints), asked
+        self._context = rclpy.Context()
+        arguments = ["commission", *(["--ros-args", *words] if words else [])]
+        rclpy.init(args=prepare_process(arguments), context=self._context)
+        self._node = Node("commission", context=self._context, namespace=namespace, enable_rosout=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._newest: deque[JointState] = deque(maxlen=1)
+        self._last = -1
+        self._stamp: JointState | None = None
+        self._node.create_subscription(JointState, "joint_states", self._heard, READER)
+        self._commands = self._node.create_publisher(JointState, "joint_commands", PUBLISHER)
+        self._order: list[int] = []
+        self._names: list[str] = []
+        self.period = self._met()
+
+    def _heard(self, message: JointState) -> None:
+        self._newest.append(message)
+
+    def _met(self) -> float:
+        """The median of the periods, s, once the arm is there."""
+        end = time.monotonic() + _FOUND_WITHIN
+        stamps: list[int] = []
+        while len(stamps) < _COUNTED or not self._commands.get_subscription_count():
+            if time.monotonic() > end:
+                lacks = "joint_states arrive" if len(stamps) < _COUNTED else "node reads joint_commands"
+                raise CommissionError(f"no {lacks} within {_FOUND_WITHIN:g} s: is the arm on, and in this ROS domain?")
+            message = self._next(_POLL)
+            if message is not None:
+                stamps.append(nanoseconds(message.header.stamp))
+        if self._node.count_publishers(self._commands.topic_name) > 1:
+            raise CommissionError(f"somebody else publishes {self._commands.topic_name}; end it first")
+        return float(np.median(np.diff(stamps[-_COUNTED:]))) * 1e-9
+
+    def _next(self, timeout: float) -> JointState | None:
+        """The newest joint state with a later stamp than the last; None: there is none yet."""
+        self._executor.spin_once(timeout_sec=timeout)
+        if not self._newest:
+            return None
+        message = self._newest.pop()
+        stamp = nanoseconds(message.header.stamp)
+        if stamp <= self._last:
+            return None
+        self._last = stamp
+        return message
+
+    def sense(self) -> Measured | None:
+        """See `Port`.
+
+        Raises:
+            CommissionError: no joint state comes any more, or it lacks joints.
+        """
+        self._asked()
+        end = time.monotonic() + _SILENT
+        while (message := self._next(_POLL)) is None:
+            if time.monotonic() > end:
+                raise CommissionError(f"no joint_states for {_SILENT:g} s")
+        self._stamp = message
+        if list(message.name) != self._names:
+            self._match(message)
+        return Measured(self._last, np.array(message.position)[self._order])
+
+    def _match(self, message: JointState) -> None:
+        names = list(message.name)
+        if missing := [joint for joint in self._joints if joint not in names]:
+            raise CommissionError(f"joint_states lack {', '.join(missing)}; they have {', '.join(names)}")
+        self._names, self._order = names, [names.index(joint) for joint in self._joints]
+
+    def act(self, effort: Array | None) -> None:
+        """See `Port`."""
+        if effort is None or self._stamp is None or not np.all(np.isfinite(effort)):
+            return
+        message = JointState(name=list(self._joints), effort=effort.tolist())
+        set_stamp(message.header.stamp, self._last)
+        self._commands.publish(message)
+
+    def close(self) -> None:
+        """Leave the system; commands cease."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()

@@ -1,0 +1,1 @@
+"""Commissioning of an arm without ROS: what each step moves, and what it concludes from the samples."""

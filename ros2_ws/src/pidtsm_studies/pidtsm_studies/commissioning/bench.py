@@ -1,0 +1,200 @@
+"""What a step has: the arm, what is known of it so far, and the controllers it may use; and what it returns."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.experiment.gains import first_gains, rotors
+from pidtsm_core.experiment.law_gains import Known, gains_of_law, rounded
+from pidtsm_core.robots import Description, robot_schema
+from pidtsm_studies.commissioning.loop import Samples
+from pidtsm_studies.commissioning.model import ArmModel
+from pidtsm_studies.commissioning.motions import Motion
+
+CAUTIOUS_BITS, CAUTIOUS_DELAY = 12, 0.008
+"""Resolution and delay (s) that are assumed until they are measured: gains for them are low."""
+_CAUTION = 0.7
+"""Share of the bandwidth of the rule that a step uses before the gains are raised."""
+_SURELY = 0.8
+"""Share of the friction of the sweeps that is compensated until the arm is identified."""
+_NUDGED = 0.4
+"""Share of the torque of a nudge that is compensated until then: it takes more to break away than to slide."""
+ERROR, _ROOM = 0.3, 3.0
+"""The arm is stopped at this tracking error, rad, and at this multiple of the velocity that a step needs."""
+_ARMATURE, _HEAVIER = "robot.armature", 1.4
+"""Parameter of the rotors, and ratio of shown and described inertia from which on they are taken for not described."""
+_SURE = 0.0005
+"""s; the delay that a whole motion shows counts if its standard deviation is smaller."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a step will do, for the consent of a person.
+
+    Attributes:
+        text: what moves and why, a sentence.
+        travel: farthest way of each joint from where the arm is now, shape (joints,), rad or m.
+        effort: largest torque of each joint, likewise, N m or N.
+        duration: s.
+    """
+
+    text: str
+    travel: Array
+    effort: Array
+    duration: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a step has found.
+
+    Attributes:
+        verdict: a sentence.
+        figures: plain data, which later steps and reports read.
+        problems: sentences, each about something that a person should look at.
+        parameters: values for the controller, by name, with the reason.
+        samples: recordings, by name.
+    """
+
+    verdict: str
+    figures: dict[str, Any]
+    problems: Sequence[str] = ()
+    parameters: Mapping[str, tuple[Any, str]] = field(default_factory=dict)
+    samples: Mapping[str, Samples] = field(default_factory=dict)
+
+
+class Follower(Protocol):
+    """What moves the arm, see `Loop`."""
+
+    @property
+    def period(self) -> float:
+        """Nominal time between joint states, s."""
+
+    def follow(self, settings: Mapping[str, Any], motion: Motion) -> Samples:
+        """See `Loop.follow`."""
+
+
+@dataclass
+class Bench:
+    """An arm under commission.
+
+    Attributes:
+        arm: parameters of the controller that choose the arm as its user describes it.
+        before: parameters of the controller that the user had before, with the arm.
+        motion: what the arm is for, relative to nothing: it begins and ends at rest; None: one about its home.
+        home: posture in which the arm is now, shape (joints,).
+        loop: runs controllers.
+        found: figures of the steps that are done, by name.
+        tell: called with what a step finds on its way.
+        described: the description of the arm as its user has it.
+    """
+
+    arm: Mapping[str, Any]
+    before: Mapping[str, Any]
+    motion: Motion | None
+    home: Array
+    loop: Follower
+    found: Mapping[str, Mapping[str, Any]]
+    tell: Callable[[str], None]
+    described: Callable[[], Description]
+
+    @property
+    def identified(self) -> dict[str, Any]:
+        """Parameters of the controller that choose the arm as far as it is identified."""
+        found = self.found.get("identify", {}).get("parameters", {})
+        return {**self.arm, **found} if found else {**self.arm, **self._rotors()}
+
+    def _rotors(self) -> dict[str, Any]:
+        """Inertias of the rotors that the first step has felt and the description lacks, if it can have them."""
+        shown = self.found.get("signs", {}).get("inertia", [])
+        if not any(shown) or not any(parameter.name == _ARMATURE for parameter in robot_schema(self.arm)):
+            return {}
+        described = np.diag(ArmModel(self.arm).inertia(self.home))
+        more = [
+            float(each) - own if (each or 0.0) > _HEAVIER * own else 0.0
+            for each, own in zip(shown, described, strict=True)
+        ]
+        return {_ARMATURE: (rotors(self.arm) + np.array(more)).tolist()} if any(more) else {}
+
+    def model(self, identified: bool = True) -> ArmModel:
+        """The bodies of the arm, as far as they are identified or as its user describes them."""
+        return ArmModel(self.identified if identified else self.arm)
+
+    @property
+    def rate(self) -> float:
+        """Joint states per second."""
+        return float(self.found.get("rest", {}).get("rate", 1.0 / self.loop.period))
+
+    def reach(self, model: ArmModel, most: float) -> Array:
+        """How far each joint may move to either side of home, shape (joints,), rad or m."""
+        room = np.minimum(model.upper - self.home, self.home - model.lower)
+        return np.asarray(np.clip(room, 0.0, np.where(model.slides, 0.3 * most, most)))
+
+    def bandwidth(self) -> Array:
+        """Bandwidth of the observer by the rule, for what was measured so far, shape (joints,), rad/s."""
+        gains = first_gains(self.identified, self.bits, self.delay, self.rate)
+        return np.array(next(gain.value for gain in gains if gain.name == "estimator.bandwidth"), dtype=float)
+
+    @property
+    def bits(self) -> int:
+        """Resolution of the positions, see `first_gains`."""
+        return int(self.found.get("rest", {}).get("bits", CAUTIOUS_BITS))
+
+    @property
+    def delay(self) -> float:
+        """From a position to the torque that answers it, s."""
+        moved = self.found.get("identify", {})
+        if moved.get("delay_deviation", np.inf) < _SURE:
+            return max(0.0, float(moved["delay"]) - 0.5 / self.rate)
+        return float(self.found.get("lateness", {}).get("delay", CAUTIOUS_DELAY))
+
+    def controller(self, bandwidth: Array | None = None, velocity: float = 1.0, error: float = ERROR) -> dict[str, Any]:
+        """Parameters of the controller for a step.
+
+        Args:
+            bandwidth: of the observer, shape (joints,), rad/s; None: a share of that of the rule.
+            velocity: largest one that the step needs, rad/s.
+            error: tracking error at which the arm is stopped, rad.
+        """
+        bandwidth = _CAUTION * self.bandwidth() if bandwidth is None else bandwidth
+        gains = {gain.name: gain.value for gain in self.gains(bandwidth)}
+        return {**self.identified, **gains, **self.compensation, **safeguards(velocity, error)}
+
+    @property
+    def compensation(self) -> dict[str, Any]:
+        """Friction that the controller may compensate, as far as it is known."""
+        identified = self.found.get("identify", {}).get("parameters", {})
+        if identified:
+            return {name: value for name, value in identified.items() if name.startswith("compensation.")}
+        if swept := self.found.get("friction"):
+            return {"compensation.coulomb": [_SURELY * each for each in swept["coulomb"]]}
+        nudged = self.found.get("signs", {}).get("breakaway", [])
+        return {"compensation.coulomb": [_NUDGED * (each or 0.0) for each in nudged]} if nudged else {}
+
+    def gains(self, bandwidth: Array) -> tuple[Any, ...]:
+        """The gains of the rule for a bandwidth, shape (joints,), rad/s, as `Gain`s."""
+        rule = first_gains(self.identified, self.bits, self.delay, self.rate)
+        fixed = [gain for gain in rule if gain.name in ("law.name", "estimator.name", "law.anti_windup")]
+        chosen = np.array(rounded(bandwidth))
+        observer = next(gain for gain in rule if gain.name == "estimator.bandwidth")
+        model = self.model()
+        steps = np.where(model.slides, 1.0, 2.0 * np.pi) / 2.0**self.bits
+        known = Known(bandwidth=chosen, steps=steps, inertia=np.diag(model.inertia(self.home)))
+        law = str(next(gain.value for gain in rule if gain.name == "law.name"))
+        own = gains_of_law(law, known)
+        return (*fixed, type(observer)(observer.name, tuple(chosen.tolist()), observer.reason), *own)
+
+    def plan(self, text: str, motion: Motion, model: ArmModel) -> Plan:
+        """The plan of a step that follows a motion."""
+        few = motion.states[:, :: max(1, motion.states.shape[1] // 60)]
+        needed = np.abs(model.torque(*few)).max(axis=0)
+        travel = np.abs(motion.states[0] - self.home).max(axis=0)
+        return Plan(text, travel, np.minimum(1.3 * needed + 0.1 * model.effort, model.effort), motion.duration)
+
+
+def safeguards(velocity: float, error: float = ERROR) -> dict[str, Any]:
+    """Limits at which the controller stops, for a step that needs this velocity, rad/s, and error, rad."""
+    return {"limits.tracking_error": error, "limits.velocity": _ROOM * velocity}

@@ -1,0 +1,108 @@
+"""Step 6: a motion that shows inertias and friction, and the description that explains its torques."""
+
+from typing import Any
+
+import numpy as np
+
+from pidtsm_core.errors import UsageError
+from pidtsm_core.identification.excitation import excitation
+from pidtsm_core.identification.identification import Identification, IdentificationError, identify
+from pidtsm_core.identification.measurement import Measurement
+from pidtsm_core.identification.written import corrected_description, written_parameters
+from pidtsm_core.robots import DESCRIPTION
+from pidtsm_core.robots.payload import MASS
+from pidtsm_core.trajectories.limits import motion_limits
+from pidtsm_studies.commissioning.bench import Bench, Outcome, Plan
+from pidtsm_studies.commissioning.motions import STEP, Motion
+
+DURATION = 40.0
+"""s of the motion."""
+_LOOSE = 0.6
+"""rad; tracking error at which the arm is stopped: a model that is still wrong, and joints that stick, follow badly."""
+_REACH, _QUICK, _GENTLE = 1.0, 1.2, 4.0
+"""rad, rad/s and rad/s^2: bounds of the motion."""
+
+
+def _motion(bench: Bench) -> Motion:
+    model = bench.model(identified=False)
+    reach = bench.reach(model, _REACH)
+    limits = motion_limits(
+        {
+            **{
+                name: value for name, value in bench.arm.items() if name.startswith("robot.") or name == "limits.effort"
+            },
+            "joints": list(model.joints),
+            "limits.min_position": (bench.home - reach).tolist(),
+            "limits.max_position": (bench.home + reach).tolist(),
+            "limits.velocity": np.minimum(_QUICK, model.velocity).tolist(),
+            "limits.acceleration": _GENTLE,
+        }
+    )
+    found = excitation(bench.described(), limits, DURATION)
+    time = np.arange(0.0, found.time[-1], STEP)
+    states = np.stack([np.stack([np.interp(time, found.time, c) for c in each.T], axis=1) for each in found.motion])
+    states[1:, [0, -1]] = 0.0
+    return Motion(states)
+
+
+def plan(bench: Bench) -> Plan:
+    """See `session.STEPS`."""
+    model = bench.model(identified=False)
+    reach = bench.reach(model, _REACH)
+    text = (
+        f"All joints swing for {DURATION:.0f} s, within {_REACH:g} rad of where they are now, at up to {_QUICK:g} "
+        "rad/s. The motion knows nothing of collisions: look that there is room"
+    )
+    return Plan(text, reach, model.effort, DURATION)
+
+
+def run(bench: Bench) -> Outcome:
+    """See `session.STEPS`."""
+    try:
+        bench.described()
+    except UsageError as error:
+        return Outcome("the description stays: it has no bodies to correct", {}, [str(error)])
+    samples = bench.loop.follow(bench.controller(velocity=_QUICK, error=_LOOSE), _motion(bench))
+    moved, model = samples.motion, bench.model(identified=False)
+    measurement = Measurement(
+        model.joints, moved.time, moved.position, moved.effort, np.full(len(model.joints), np.inf)
+    )
+    try:
+        found = identify(bench.described(), [measurement], "ROBOT")
+    except IdentificationError as error:
+        reasons = str(error).splitlines()
+        return Outcome("the description stays: nothing was identified", {}, reasons, samples={"identify": samples})
+    figures = {**_figures(found), "parameters": _parameters(found)}
+    before, after = (np.array(figures[name]) for name in ("before", "after"))
+    share = after / np.maximum(before, 1e-9)
+    verdict = (
+        f"the identified model leaves {100.0 * float(np.median(share)):.0f} % of the error of the description's torques"
+    )
+    friction = {name: value for name, value in figures["parameters"].items() if name.startswith("compensation.")}
+    about = {"coulomb": "Coulomb friction", "viscous": "viscous friction", "offset": "constant torque"}
+    parameters = {
+        name: (value, f"identified {about[name.partition('.')[2]]}; intervals in session.json")
+        for name, value in friction.items()
+    }
+    return Outcome(verdict, figures, found.warnings, parameters, {"identify": samples})
+
+
+def _parameters(found: Identification) -> dict[str, Any]:
+    """Parameters of the controller of the identified arm, with the text of its description."""
+    text = corrected_description(found.arm, found.parameters)
+    values = written_parameters(found, text)["controller"]
+    plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+    # What the user had told of a payload is a part of the identified bodies.
+    return {**plain, DESCRIPTION.name: text, MASS: 0.0}
+
+
+def _figures(found: Identification) -> dict[str, Any]:
+    check = found.check
+    return {
+        "before": check.error(check.before).tolist(),
+        "after": check.error(check.after).tolist(),
+        "condition": found.fit.condition,
+        "delay": found.fit.delay,
+        "delay_deviation": found.fit.delay_deviation,
+        "notes": list(found.notes),
+    }

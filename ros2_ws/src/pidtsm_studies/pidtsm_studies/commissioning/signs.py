@@ -1,0 +1,262 @@
+"""Step 1: release the arm gently, and find which directions of positions and torques are inverted.
+
+No controller may run before the signs are known: with a wrong one it pushes the arm away. So first only the torque that
+carries the arm by its model acts. Each of the ways in which torques may be inverted predicts where the arm begins to
+move then; as soon as a joint has moved by a few times its noise, the likeliest one is taken, and a spring, a damper and
+an integral catch the joint. If that pushes it farther away, its torque is inverted. Joints that stay where they are,
+such as those that friction holds, get a nudge each: a torque that grows from zero until the joint moves. If nothing
+fits, commands cease, and the brakes close.
+"""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pidtsm_core.arrays import Array
+from pidtsm_studies.commissioning.arm import CommissionError, Port, Wiring
+from pidtsm_studies.commissioning.catch import AwayError, Catch
+from pidtsm_studies.commissioning.model import ArmModel
+
+_FREE = 0.25
+"""s in which the arm is carried by the model alone."""
+_STIFF = (15.0, 6.0)
+"""Triple poles of what catches the arm, rad/s; the second one if the arm rings with the first."""
+_MASSES = (0.7, 0.85, 1.0, 1.2, 1.4)
+"""Ratios of true and described gravity that are thought possible here."""
+_LATE = (0.0, 0.004, 0.008, 0.014, 0.02)
+"""Delays that are thought possible, s."""
+_NUDGE, _NUDGE_TIME, _QUIET = 0.5, 1.0, 0.15
+"""Largest share of the effort limit of a nudge, time in which it grows to that, and time between nudges, s."""
+_SHAKEN, _PERIODS, _SHAKE, _CLEAR = 4.0, 3.0, 0.3, 2.0
+"""Hz, periods, largest share of the effort limit, and way in multiples of what is visible, of shaking a joint."""
+_EXPLAINED, _STICKY = 0.1, 0.8
+"""Share of the shaking that may stay unexplained, and share of the torque that friction may take."""
+_MOST = 8
+"""Inverted torques are sought among all combinations for arms of up to this many joints, else among single ones."""
+_RESISTED = (0.4, 0.7, 1.0)
+"""Shares of the acceleration that friction may leave."""
+_PREFERS = 2.0
+"""How much better an explanation with inverted torques must fit than one with none."""
+_SHOWS = 3.0
+"""A wrong sign shows when the arm is released if the joint falls this many times as far as is visible."""
+
+
+@dataclass(frozen=True)
+class Signs:
+    """What the step has found.
+
+    Attributes:
+        wiring: the directions.
+        moved: farthest way of each joint, shape (joints,), rad or m.
+        known_by: for each joint: ``release`` or ``nudge``.
+        hold: mean torque that held the arm, shape (joints,), N m or N.
+        breakaway: of nudged joints the torque at which they moved, else nan, shape (joints,).
+        inertia: what a shaken joint has shown while the others were held, shape (joints,), kg m^2 or kg; nan: friction
+            holds it, or it was nudged.
+        problems: sentences.
+        time: s, shape (samples,); position and effort: shape (samples, joints).
+    """
+
+    wiring: Wiring
+    moved: Array
+    known_by: tuple[str, ...]
+    hold: Array
+    breakaway: Array
+    inertia: Array
+    problems: tuple[str, ...]
+    time: Array
+    position: Array
+    effort: Array
+
+
+def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tuple[Signs, Callable[[], object]]:
+    """Find the wiring of an arm that is at rest and carried by something else.
+
+    Args:
+        port: the arm as its messages have it.
+        model: its description.
+        tell: called with each finding at once, before the arm moves on.
+
+    Returns:
+        The finding, and what answers one more joint state so that the arm stays.
+
+    Raises:
+        CommissionError: nothing fits; commands have ceased.
+    """
+    sign = np.ones(len(model.joints))
+    for stiff in _STIFF[:-1]:
+        catch = Catch(port, model, stiff, sign, tell)
+        try:
+            return _found(catch)
+        except AwayError as error:
+            tell(f"{error}; once more, softer, and with what seems to be inverted")
+            sign = catch.sign
+    return _found(Catch(port, model, _STIFF[-1], sign, tell))
+
+
+def _found(catch: Catch) -> tuple[Signs, Callable[[], object]]:
+    """One try; see `find_signs`."""
+    joints = catch.start.size
+    _release(catch)
+    breakaway, problems = np.full(joints, np.nan), []
+    for j in range(joints):
+        for _ in range(max(1, round(_QUIET / catch.port.period))):
+            catch.step()
+        if not catch.caught[j]:
+            breakaway[j], problem = _nudge(catch, j)
+            problems += [problem] if problem else []
+    # What sticks would be taken for heavy.
+    inertia = np.array([_weighed(catch, j) if np.isnan(breakaway[j]) else np.nan for j in range(joints)])
+    hold = _held(catch)
+    wiring = _which(catch, hold)
+    time, position, effort = (np.array(each) for each in zip(*catch.rows, strict=True))
+    known_by = tuple("release" if np.isnan(each) else "nudge" for each in breakaway)
+    signs = Signs(
+        wiring, catch.farthest, known_by, hold, breakaway, inertia, tuple(problems), time, position, catch.sign * effort
+    )
+    return signs, catch.step
+
+
+def _release(catch: Catch) -> None:
+    """Carry the arm by its model until a joint moves; judge by how it moves which torques are inverted."""
+    ways: list[Array] = []
+    while len(ways) * catch.port.period < _FREE and not (ways and np.any(np.abs(ways[-1]) > catch.visible)):
+        ways.append(catch.step())
+    if np.any(np.abs(ways[-1]) > catch.visible):
+        fall = np.abs(catch.carried) / np.diag(catch.inertia) * (_FREE / 2.0) ** 2
+        signs = _explanation(catch, np.array(ways), fall > _SHOWS * catch.visible)
+        for j in np.flatnonzero(signs < 0.0):
+            catch.invert(int(j), carried=False)
+            catch.sure[j] = True
+            catch.tell(f"the sign of {catch.model.joints[j]} is inverted (it fell when the arm was released)")
+    catch.judges = True
+
+
+def _explanation(catch: Catch, ways: Array, loaded: Array) -> Array:
+    """Signs of the torques that explain best how the arm began to move, shape (joints,)."""
+    joints = catch.start.size
+    time = np.asarray(catch.port.period * np.arange(len(ways)), dtype=np.float64)
+    inverse = np.asarray(np.linalg.inv(catch.inertia), dtype=np.float64)
+    candidates = [j for j in range(joints) if loaded[j]]
+    most = len(candidates) if len(candidates) <= _MOST else 1
+    best, chosen = np.inf, np.ones(joints)
+    for count in range(most + 1):
+        for inverted in itertools.combinations(candidates, count):
+            signs = np.ones(joints)
+            signs[list(inverted)] = -1.0
+            misfit = _misfit(catch, ways, time, inverse, signs) * (_PREFERS if count else 1.0) ** min(count, 2)
+            if misfit < best:
+                best, chosen = misfit, signs
+    return chosen
+
+
+def _misfit(catch: Catch, ways: Array, time: Array, inverse: Array, signs: Array) -> float:
+    """How badly a combination of signs explains ways, shape (samples, joints), with the likeliest mass and delay."""
+    least = np.inf
+    for ratio in _MASSES:
+        acceleration = inverse @ ((signs - ratio) * catch.carried)
+        for late, share in itertools.product(_LATE, _RESISTED):
+            grown = 0.5 * share * np.maximum(time - late, 0.0) ** 2
+            apart = (ways - np.outer(grown, acceleration)) / catch.visible
+            least = min(least, float(np.mean(apart**2)))
+    return least
+
+
+def _nudge(catch: Catch, j: int) -> tuple[float, str]:
+    """Push one joint until it moves; returns the torque at that moment, and a problem or an empty text.
+
+    Raises:
+        CommissionError: it does not move.
+    """
+    name, bound = catch.model.joints[j], _NUDGE * catch.model.effort[j]
+    begin = np.mean([catch.step() for _ in range(5)], axis=0)
+    count, extra, moved = max(2, round(_NUDGE_TIME / catch.port.period)), np.zeros(begin.size), np.zeros(begin.size)
+    catch.nudged = j
+    while abs(moved[j]) <= catch.visible[j]:
+        extra[j] += bound / count
+        if extra[j] > bound:
+            raise CommissionError(
+                f"{name} does not move with {bound:.3g} beside what carries it: is its drive on, its brake open, and "
+                "does anything block it?"
+            )
+        moved = catch.step(extra) - begin
+    catch.nudged = -1
+    if moved[j] < 0.0:
+        catch.tell(f"the sign of {name} is inverted (it moved against its nudge)")
+        catch.invert(j, carried=True)
+    catch.sure[j] = True
+    others = np.abs(moved / catch.visible)
+    others[j] = 0.0
+    catch.catch(j)
+    if others.max() <= 3.0:
+        return float(extra[j]), ""
+    other = catch.model.joints[int(others.argmax())]
+    return float(extra[j]), f"a nudge of {name} moves {other} more: is the order of the joints right?"
+
+
+def _weighed(catch: Catch, j: int) -> float:
+    """The inertia that a joint shows when it is shaken a little, kg m^2 or kg; nan: it does not move."""
+    dt, extra = catch.port.period, np.zeros(catch.start.size)
+    rate = 2.0 * np.pi * _SHAKEN
+    push = 2.0 * float(np.diag(catch.inertia)[j]) * rate**2 * catch.visible[j]
+    bound = _SHAKE * catch.model.effort[j]
+    while True:
+        push = min(push, bound)
+        first = len(catch.rows)
+        for k in range(round(_PERIODS / (_SHAKEN * dt))):
+            extra[j] = push * np.sin(rate * dt * k)
+            catch.step(extra)
+        q = np.array([row[1][j] for row in catch.rows[first:]])
+        if np.ptp(q) > _CLEAR * catch.visible[j]:
+            break
+        if push == bound:
+            return np.nan
+        push *= 2.0
+    torque = np.array([row[2][j] for row in catch.rows[first:]]) - catch.carried[j]
+    speed = np.gradient(q, dt)
+    sliding = np.tanh(speed / max(0.1 * float(np.abs(speed).max()), 1e-9))
+    time = dt * np.arange(q.size)
+    # Twice integrated, because the positions are too coarse to be differentiated twice.
+    columns = np.column_stack(
+        [np.ones_like(time), time, time**2, *(dt**2 * np.cumsum(np.cumsum(each)) for each in (torque, sliding))]
+    )
+    size = np.abs(columns).max(axis=0) + 1e-12
+    fit = np.linalg.lstsq(columns / size, q, rcond=None)[0]
+    left = float(np.std(q - columns / size @ fit) / np.std(q))
+    mobility, stopped = (fit / size)[3:]
+    # What sticks is not explained, or mostly by friction.
+    sticks = abs(stopped) > _STICKY * mobility * float(np.std(torque))
+    return 1.0 / float(mobility) if mobility > 0.0 and left < _EXPLAINED and not sticks else np.nan
+
+
+def _held(catch: Catch) -> Array:
+    """Mean torque of the arm held by the catch, in the directions of its messages, shape (joints,)."""
+    count = max(20, round(0.6 / catch.port.period))
+    for _ in range(count):
+        catch.step()
+    return catch.sign * np.mean([row[2] for row in catch.rows[-count // 2 :]], axis=0)
+
+
+def _which(catch: Catch, hold: Array) -> Wiring:
+    """Whether the position or the torque is inverted: only one of them fits the torque that holds the arm."""
+    position = np.ones(hold.size)
+    for j in np.flatnonzero(catch.sign < 0.0):
+        apart = []
+        for of_position in (1.0, -1.0):
+            q = catch.start.copy()
+            q[j] *= of_position
+            held = catch.model.gravity(q[np.newaxis])[0]
+            sign = catch.sign.copy()
+            sign[j] *= of_position
+            apart.append(float(np.linalg.norm(sign * hold - held)))
+        name = catch.model.joints[j]
+        if apart[1] < 0.5 * apart[0]:
+            position[j] = -1.0
+            catch.tell(f"{name}: it is the position that counts in the other direction")
+        elif apart[0] < 0.5 * apart[1]:
+            catch.tell(f"{name}: it is the torque that acts in the other direction")
+        else:
+            catch.tell(f"{name}: position or torque; turn it by hand and look at which way its position counts")
+    return Wiring(position, position * catch.sign)

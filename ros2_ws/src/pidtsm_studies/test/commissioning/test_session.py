@@ -1,0 +1,71 @@
+"""A session goes on where it was interrupted, with the same result, and refuses what is not its own."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pidtsm_core.errors import UsageError
+from pidtsm_core.experiment import make_experiment
+from pidtsm_core.robots.definition import ArmDefinition
+from pidtsm_studies.commissioning.bench import Plan
+from pidtsm_studies.commissioning.session import NAMES, RefusedError, Session, Subject
+from pidtsm_studies.commissioning.simulated import SimulatedArm
+
+DEFINITION = ArmDefinition("scara")
+ARM = DEFINITION.settings()
+SUBJECT = Subject(
+    ARM, make_experiment(None, params="practical", robot=DEFINITION).settings["controller"], None, DEFINITION.described
+)
+SIMULATED = SimulatedArm({**ARM, "rate": 500, "encoder.bits": 16, "friction.coulomb": 0.5})
+
+
+class _Asked:
+    """Agrees to some steps, and is interrupted or refuses at one."""
+
+    def __init__(self, last: str, error: type[BaseException] | None) -> None:
+        self.last, self.error = last, error
+
+    def __call__(self, step: str, plan: Plan) -> bool:
+        assert plan.travel.shape == plan.effort.shape == (4,)
+        if step == self.last and self.error is not None:
+            raise self.error
+        return step != self.last
+
+
+def run(folder: Path, last: str, error: type[BaseException] | None = None) -> Session:
+    session = Session.opened(folder, SUBJECT)
+    with pytest.raises(error or RefusedError):
+        session.run(SIMULATED, _Asked(last, error), lambda _: None, lambda _: None)
+    return session
+
+
+def test_an_interrupted_session_goes_on_with_the_same_result(tmp_path: Path) -> None:
+    whole = run(tmp_path / "whole", "gravity")
+    assert whole.missing == NAMES[NAMES.index("gravity") :]
+    for last in ("rest", "friction", "gravity"):
+        parts = run(tmp_path / "parts", last, KeyboardInterrupt)
+    assert parts.found == whole.found
+    again = Session.opened(tmp_path / "whole", SUBJECT)
+    again.repeat_from("friction")
+    assert "friction" in again.missing
+    assert again.previous["friction"] == whole.found["friction"]
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [({"note.txt": "mine"}, "is not of a commissioning"), ({"session.json": "{}"}, "is damaged")],
+)
+def test_a_folder_of_something_else_is_refused(tmp_path: Path, content: dict[str, str], reason: str) -> None:
+    for name, text in content.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    with pytest.raises(UsageError, match=reason):
+        Session.opened(tmp_path, SUBJECT)
+
+
+def test_a_session_of_another_arm_is_refused(tmp_path: Path) -> None:
+    Session.opened(tmp_path, SUBJECT)
+    other: dict[str, Any] = {**SUBJECT.before, "law.kd": 0.9}
+    with pytest.raises(UsageError, match="another arm, or of other parameters"):
+        Session.opened(tmp_path, replace(SUBJECT, before=other))

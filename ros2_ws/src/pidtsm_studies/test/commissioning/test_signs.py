@@ -1,0 +1,72 @@
+"""The first step: inverted torques and positions are named before anything moves far."""
+
+import numpy as np
+import pytest
+
+from pidtsm_core.robots.definition import ArmDefinition
+from pidtsm_studies.commissioning.arm import CommissionError, Measured, Wiring
+from pidtsm_studies.commissioning.catch import FARTHEST
+from pidtsm_studies.commissioning.model import ArmModel
+from pidtsm_studies.commissioning.signs import find_signs
+from pidtsm_studies.commissioning.simulated import SimulatedArm
+
+ARM = ArmDefinition("ur5").settings()
+HARDWARE = {
+    "rate": 500,
+    "encoder.bits": 17,
+    "delay.samples": 1,
+    "friction.coulomb": [2.0, 2.0, 1.0, 0.3, 0.3, 0.3],
+    "model_error.mass": 0.2,
+    "initial_position": [0.3, -1.0, 1.2, 0.2, 0.4, 0.1],
+}
+
+
+def wired(joint: int, of_position: bool) -> Wiring:
+    wiring = Wiring.described(6)
+    (wiring.position if of_position else wiring.effort)[joint] = -1.0
+    return wiring
+
+
+@pytest.mark.parametrize(
+    "wiring",
+    [Wiring.described(6), wired(1, of_position=False), wired(2, of_position=False), wired(5, of_position=True)],
+    ids=["right", "torque of a loaded joint", "torque of the elbow", "position of the wrist"],
+)
+def test_inverted_joints_are_found_before_anything_moves_far(wiring: Wiring) -> None:
+    told: list[str] = []
+    signs = SimulatedArm({**ARM, **HARDWARE}, wiring).signs(ARM, told.append)
+    found = signs.wiring.position * signs.wiring.effort
+    assert found.tolist() == (wiring.position * wiring.effort).tolist()
+    assert np.all(signs.moved < FARTHEST)
+    assert bool(told) == (not wiring.is_described)
+    for j in np.flatnonzero(found < 0.0):
+        assert any(ArmModel(ARM).joints[j] in text for text in told)
+
+
+class _Falling:
+    """An arm whose torques do nothing."""
+
+    period = 0.002
+
+    def __init__(self) -> None:
+        self.q, self.v, self.stamp, self.efforts = np.full(6, 0.5), np.zeros(6), 0, 0
+
+    def sense(self) -> Measured:
+        self.stamp += 2_000_000
+        return Measured(self.stamp, self.q.copy())
+
+    def act(self, effort: object) -> None:
+        if effort is None:
+            self.v[:] = 0.0
+            return
+        self.efforts += 1
+        self.v -= 3.0 * self.period
+        self.q += self.v * self.period
+
+
+def test_commands_cease_where_nothing_holds_the_arm() -> None:
+    arm = _Falling()
+    with pytest.raises(CommissionError, match=r"moves away .* commands have ceased"):
+        find_signs(arm, ArmModel(ARM), lambda _: None)
+    # Two tries, each of which ends soon after the limit.
+    assert np.all(np.abs(arm.q - 0.5) < 2.0 * 1.3 * FARTHEST)
