@@ -1,0 +1,67 @@
+"""What anybody can see of a loop: joint states and, if they were recorded, commands and references."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pidtsm_core.arrays import Array
+from pidtsm_core.units import JointUnits, joint_units
+
+
+@dataclass(frozen=True)
+class Observed:
+    """A recording of a loop; arrays of shape (samples, joints) belong to `time`.
+
+    Attributes:
+        joints: names, in the order of the columns.
+        time: stamps of the joint states, s, increasing, shape (samples,).
+        position: measured, rad or m.
+        effort: of the drives as reported, of the time before the stamp; of a loop whose drives report none, as
+            commanded, N m or N.
+        command: effort commanded in answer to each joint state, nan where there is none; None: not recorded.
+        reference: desired position, rad or m, nan where there is none; None: not recorded.
+        following: whether the controller follows its reference, shape (samples,); None: it does not say.
+        slides: whether each joint slides; empty: all turn.
+        sent: joint states that were acquired, shape (stamps,), s, if the recording knows more of them than reached the
+            controller; None: `time` is all that is known.
+        stopped: why the controller has stopped; empty: it has not, or it is not known.
+    """
+
+    joints: tuple[str, ...]
+    time: Array
+    position: Array
+    effort: Array
+    command: Array | None = None
+    reference: Array | None = None
+    following: Array | None = None
+    slides: tuple[bool, ...] = ()
+    sent: Array | None = None
+    stopped: str = ""
+    effort_is_command: bool = field(default=False)
+
+    @property
+    def period(self) -> float:
+        """The median of the periods, s."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def units(self) -> tuple[JointUnits, ...]:
+        """Units of each joint."""
+        return joint_units(self.slides, len(self.joints))
+
+    def of(self, joints: tuple[str, ...]) -> "Observed":
+        """The same with these joints in this order; each must be one of its own."""
+        order = [self.joints.index(joint) for joint in joints]
+
+        def columns(values: Array | None) -> Array | None:
+            return None if values is None else values[:, order]
+
+        return replace(
+            self,
+            joints=joints,
+            position=self.position[:, order],
+            effort=self.effort[:, order],
+            command=columns(self.command),
+            reference=columns(self.reference),
+            slides=tuple(self.slides[i] for i in order) if self.slides else (),
+        )
