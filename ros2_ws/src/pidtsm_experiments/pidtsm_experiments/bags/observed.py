@@ -89,7 +89,8 @@ def _read(reader: AnyReader, sliding: Sequence[str]) -> tuple[Observed, str]:
     stamps = states.stamps[rows]
     following, stopped = _status(reader, connections, joints, stamps)
     reference = _reference(reader, connections, joints, stamps)
-    used = [topic.name, *([COMMANDED.name] if commands is not None else []), *([REFERENCE.name] if reference is not None else [])]
+    others = {COMMANDED.name: commands is not None, REFERENCE.name: reference is not None}
+    used = [topic.name, *(name for name, is_there in others.items() if is_there)]
     return (
         Observed(
             joints=joints,

@@ -28,9 +28,9 @@ from pidtsm_studies.diagnosis.diagnose import Diagnosis, diagnose
 
 REPORT = Path("results", "diagnosis.html")
 _NOTHING, _FOUND = 0, 1
-_EPILOG = """The bag has joint states with positions and efforts; commands, references and the controller's state show more.
-Without --robot, the arm is what the controller of a run believes, if the bag is in the folder of one. docs/diagnose.md
-has what can be found, and how.
+_EPILOG = """The bag has joint states with positions and efforts; commands, references and the controller's state
+show more. Without --robot, the arm is what the controller of a run believes, if the bag is in the folder
+of one. docs/diagnose.md has what can be found, and how.
 
 exit codes: 0 the run is good, 1 something was found, or the controller has stopped, 2 bad usage or input
 

@@ -62,8 +62,8 @@ def of_another_build(urdf: str, random: np.random.Generator) -> str:
             continue
         origin = _origin(joint)
         place = _vector(origin.get("xyz", "0 0 0"))
-        origin.set("xyz", _written(place * random.uniform(0.5, 1.6, 3) + random.uniform(-0.04, 0.04, 3)))
-        angles = _vector(origin.get("rpy", "0 0 0")) + random.uniform(-0.5, 0.5, 3)
+        origin.set("xyz", _written(place * random.uniform(0.4, 1.8, 3) + random.uniform(-0.06, 0.06, 3)))
+        angles = _vector(origin.get("rpy", "0 0 0")) + random.uniform(-0.8, 0.8, 3)
         origin.set("rpy", _written(angles))
     for link in root.iter("link"):
         _scale_inertial(link, random.uniform(0.6, 1.6))

@@ -90,7 +90,8 @@ class Draft:
 
     def effect(self, plant: str = "", payload: Payload | None = None) -> float:
         """How far a plant differs from what the controller believes: the largest deviation of a joint's effort
-        difference, of which a constant may be an offset, as a share of the RMS of its effort with its friction."""
+        difference, of which a constant may be an offset, as a share of the RMS of its effort with its friction.
+        """
         believed = self.efforts()
         size = np.sqrt(np.mean(believed**2, axis=0)) + (_OF_LIMIT + _OF_FRICTION * self.friction) * self.limit
         other = self.efforts(plant, payload)

@@ -132,7 +132,8 @@ def stick_slip(draft: Draft, random: np.random.Generator) -> Planted:
     }
     draft.frequency[j] = 0.1
     draft.amplitude[j] = min(draft.amplitude[j], float(random.uniform(0.05, 0.1)))
-    return Planted(Cause.STICK_SLIP, (draft.arm.joints[j],), f"static friction is {100.0 * share:.0f} % of the limit more")
+    text = f"static friction is {100.0 * share:.0f} % of the limit more"
+    return Planted(Cause.STICK_SLIP, (draft.arm.joints[j],), text)
 
 
 def wrong_sign(draft: Draft, random: np.random.Generator) -> Planted:
@@ -231,9 +232,12 @@ _OF_LOOP = {Cause.LATE_DRIVE, Cause.RINGING, Cause.STICK_SLIP}
 def compatible(causes: Sequence[Cause]) -> bool:
     """Whether faults can be told apart when they come together: at most one of the model, and one of the loop.
 
-    With wrong signs, or the description of another arm, a loop oscillates and saturates, whatever its gains are.
+    With wrong signs, or the description of another arm, a loop oscillates and saturates, whatever its gains are; noise
+    and jitter make it ring.
     """
     chosen = set(causes)
     if len(chosen) < len(causes) or (_OF_STRUCTURE & chosen and (_OF_LOOP | {Cause.SATURATION}) & chosen):
+        return False
+    if Cause.RINGING in chosen and chosen & {Cause.NOISY_ENCODER, Cause.COMMAND_JITTER}:
         return False
     return not any(len(chosen & group) > 1 for group in (_OF_MODEL, _OF_LOOP))

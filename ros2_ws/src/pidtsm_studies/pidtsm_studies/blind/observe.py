@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller
 from pidtsm_core.experiment import Experiment
 from pidtsm_core.parameters import as_float, names
@@ -28,8 +29,9 @@ def observe(experiment: Experiment) -> Observed:
     order = JointOrder(joints)
     of_robot, of_motion = (order.match(names(values[node]["joints"])) for node in ("simulator", "trajectory"))
     period = period_nanoseconds(int(as_float(values["simulator"]["rate"])))
-    count, desired, effort = round(experiment.duration * 1e9 / period), np.zeros((3, len(joints))), np.zeros(len(joints))
-    rows: list[tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
+    count = round(experiment.duration * 1e9 / period)
+    desired, effort = np.zeros((3, len(joints))), np.zeros(len(joints))
+    rows: list[tuple[int, Array, Array, Array, Array]] = []
     status = []
     for k in range(count):
         sample, measured = robot.sense(k)
@@ -40,8 +42,8 @@ def observe(experiment: Experiment) -> Observed:
             motion.evaluate(seconds(stamp), desired)
             controller.reference[:] = desired[:, of_motion]
             status.append(controller.step(stamp, stamp))
-            applied = robot.applied[of_robot]
-            rows.append((stamp, controller.position.copy(), applied, controller.effort.copy(), controller.reference[0].copy()))
+            seen = controller.position.copy(), robot.applied[of_robot]
+            rows.append((stamp, *seen, controller.effort.copy(), controller.reference[0].copy()))
             effort[of_robot] = controller.effort
         robot.act(k, sample >= 0, effort)
         if robot.diverged:

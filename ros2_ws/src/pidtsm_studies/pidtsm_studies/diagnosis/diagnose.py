@@ -27,9 +27,10 @@ _ANOTHER_ARM = {Cause.WRONG_SIGN, Cause.WRONG_ORDER, Cause.OTHER_ARM}
 _CONSEQUENCES = (
     (_ANOTHER_ARM, {Cause.RINGING, Cause.STICK_SLIP}),
     ({Cause.LATE_DRIVE}, {Cause.RINGING, Cause.STICK_SLIP}),
-    ({Cause.RINGING}, {Cause.STICK_SLIP}),
+    ({Cause.STICK_SLIP, Cause.NOISY_ENCODER, Cause.COMMAND_JITTER}, {Cause.RINGING}),
 )
-"""What makes a loop oscillate, and what then is no cause of its own."""
+"""What makes a loop oscillate, and what then is no cause of its own: a joint that rings hardly ever stands still, and
+noise and jitter make every loop near its margin ring."""
 
 
 @dataclass(frozen=True)

@@ -29,14 +29,14 @@ class Spectrum:
         frequency: Hz, shape (frequencies,).
         position, effort: of the recording, unit^2/Hz.
         coherence: of the two, from 0 to 1.
-        reference: of the desired position; zeros if it is not known.
+        following: coherence of position and desired position; zeros if that is not known.
     """
 
     frequency: Array
     position: Array
     effort: Array
     coherence: Array
-    reference: Array
+    following: Array
 
 
 class Loop:
@@ -129,6 +129,13 @@ class Loop:
 
         frequency = welch(self.position[:, 0], self.rate, nperseg=length)[0]
         position, effort = power(self.position), power(self.effort)
-        reference = np.zeros_like(position) if self.reference is None else power(self.reference)
-        together = coherence(self.position, self.effort, self.rate, nperseg=length, detrend="linear", axis=0)[1]
-        return Spectrum(frequency, position, effort, together, reference)
+        together = [self._coherence(each, length) for each in (self.effort, self.reference)]
+        return Spectrum(frequency, position, effort, *together)
+
+    def _coherence(self, other: Array | None, length: int) -> Array:
+        """Coherence of the position and something else, shape (frequencies, joints); 0 where one has no power."""
+        if other is None:
+            return np.zeros((length // 2 + 1, len(self.joints)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = coherence(self.position, other, self.rate, nperseg=length, detrend="linear", axis=0)[1]
+        return np.nan_to_num(found)

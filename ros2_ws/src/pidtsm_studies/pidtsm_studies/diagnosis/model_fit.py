@@ -264,7 +264,8 @@ def _changes(arm: Description, motion: Motion, usable: NDArray[np.bool_]) -> tup
     found: list[Change] = []
     left = _total(_Problem(arm, motion, usable).shares)
     for _ in arm.joints:
-        tried = [(_total(_Problem(arm, *data).shares), change, data) for change, data in _structures(arm, motion, usable)]
+        every = _structures(arm, motion, usable)
+        tried = [(_total(_Problem(arm, *data).shares), change, data) for change, data in every]
         share, change, data = min(tried, key=lambda each: each[0])
         if share > _BETTER * left:
             break

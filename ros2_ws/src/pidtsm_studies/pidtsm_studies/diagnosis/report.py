@@ -39,10 +39,8 @@ def write_diagnosis_report(
         _section("truth", "The truth", None if truth is None else {"faults": list(truth)}, folded=True),
     )
     state = GOOD if diagnosis.is_good else BAD
-    page = Page(
-        f"Diagnosis of {source}", sentence(diagnosis), state, _summary(diagnosis), _answers(diagnosis), sections, None, charts
-    )
-    write_page(path, page)
+    title, summary = f"Diagnosis of {source}", _summary(diagnosis)
+    write_page(path, Page(title, sentence(diagnosis), state, summary, _answers(diagnosis), sections, None, charts))
 
 
 def sentence(diagnosis: Diagnosis) -> str:
@@ -56,7 +54,8 @@ def sentence(diagnosis: Diagnosis) -> str:
 
 
 def _summary(diagnosis: Diagnosis) -> str:
-    return f"{number(diagnosis.duration)} s of {len(diagnosis.joints)} joints at {number(diagnosis.rate)} Hz were judged"
+    joints = len(diagnosis.joints)
+    return f"{number(diagnosis.duration)} s of {joints} joints at {number(diagnosis.rate)} Hz were judged"
 
 
 def _answers(diagnosis: Diagnosis) -> list[Answer]:
@@ -74,10 +73,8 @@ def _answers(diagnosis: Diagnosis) -> list[Answer]:
         joints = ", ".join(dict.fromkeys(joint for each in found for joint in each.joints[:2]))
         answers.append(Answer("Which joints?", joints or "the whole arm", found[0].text, BAD))
         answers.append(Answer("What to do first?", NAMES[found[0].cause], found[0].cure))
-    answers.append(
-        Answer("What could not be judged?", f"{len(unknown)} causes" if unknown else "Nothing", ", ".join(unknown), PLAIN)
-    )
-    return answers
+    count = f"{len(unknown)} causes" if unknown else "Nothing"
+    return [*answers, Answer("What could not be judged?", count, ", ".join(unknown), PLAIN)]
 
 
 def _shown(verdict: Verdict, charts: dict[str, Any]) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """A late drive, from how much later the reported effort follows the command.
 
-A command that answers the joint state of stamp t is reported, by a drive without delay, in the next joint state. A drive
-that delays by D and lags by T reports it later by D + T, as long as the command changes slowly against 1/T. The shift
-that makes both agree best is the sum.
+A command that answers the joint state of stamp t is reported, by a drive without delay, in the next joint state. A
+drive that delays by D and lags by T reports it later by D + T, as long as the command changes slowly against 1/T. The
+shift that makes both agree best is the sum.
 """
 
 import numpy as np
@@ -56,8 +56,8 @@ def late_drive(loop: Loop) -> Verdict:
         value,
         limit,
         "s",
-        f"tell the controller: --set controller.drive.lag={value:.3f}, or reduce the bandwidth: ./pidtsm gains --delay "
-        f"{value:.3f}"
+        f"tell the controller: --set controller.drive.lag={value:.3f}; or lower the bandwidth: ./pidtsm gains --robot "
+        f"ROBOT --delay {value:.3f}"
         if found
         else "",
         (Plot("Effort that the command does not explain", "assumed delay [ms]", "share of the variance", (curve,)),),
@@ -83,7 +83,7 @@ def _left(loop: Loop, effort: Array, command: Array, shift: float) -> Array:
 
 
 def _changes(loop: Loop) -> tuple[Array, Array]:
-    """Effort, and command within the efforts that the drive has shown, below `_FASTEST`; shape (samples, joints) each."""
+    """Effort, and command within the efforts that the drive has shown, below `_FASTEST`, shape (samples, joints)."""
     assert loop.command is not None
     low, high = loop.effort.min(axis=0), loop.effort.max(axis=0)
     return loop.smooth(loop.effort, _FASTEST), loop.smooth(np.clip(loop.command, low, high), _FASTEST)

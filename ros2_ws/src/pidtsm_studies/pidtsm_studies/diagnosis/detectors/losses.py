@@ -12,7 +12,10 @@ from pidtsm_studies.diagnosis.verdict import Curve, Plot, State, Verdict
 
 _LARGEST = 0.004
 """Share of lost samples that a loop bears."""
-_CURE = "look at network and drivers: ./pidtsm nodes status shows gaps and rejected messages; ROS_LOCALHOST_ONLY=1 helps on one machine"
+_CURE = (
+    "look at driver and network: ./pidtsm nodes list and /diagnostics show gaps and rejected messages; "
+    "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST keeps others out"
+)
 
 
 def lost_samples(loop: Loop) -> Verdict:
@@ -23,9 +26,8 @@ def lost_samples(loop: Loop) -> Verdict:
     share = float(missing.sum() / (missing.sum() + time.size))
     longest = float(steps.max(initial=1.0)) * period
     found = share > _LARGEST
-    text = f"{100.0 * share:.2g} % of the joint states are lost, the longest gap is {1e3 * longest:.3g} ms" if found else (
-        f"joint states arrive at {loop.rate:.4g} Hz, {100.0 * share:.2g} % are lost"
-    )
+    lost = f"{100.0 * share:.2g} % are lost, the longest gap is {1e3 * longest:.3g} ms"
+    text = f"of the joint states, {lost}" if found else f"joint states arrive at {loop.rate:.4g} Hz; {lost}"
     curve = Curve("time between two joint states", time[1:], 1e3 * np.diff(time), points=True)
     plot = Plot("Time between joint states", "time [s]", "difference of stamps [ms]", (curve,))
     return Verdict(

@@ -17,19 +17,19 @@ from pidtsm_studies.diagnosis.model_fit import ModelFit, TooLittleMotionError, f
 from pidtsm_studies.diagnosis.verdict import Curve, Plot, State, Verdict, unknown
 
 _RIGHT, _RIGHT_WORST = 0.035, 0.06
-"""Shares of the efforts, of all joints and of the worst one, that no description explains: cogging, and masses that are
-some percent off."""
+"""Shares of the efforts, of all joints and of the worst, that no description explains: cogging, and masses that
+are some percent off."""
 _STRUCTURE = 0.35
 """Share of the unexplained effort that may remain with the right signs and order."""
 _PAYLOAD, _PAYLOAD_OF_SCALED = 0.4, 0.8
-"""Shares that may remain with a payload: of what the description leaves, and of what one factor of all masses leaves."""
+"""Shares that may remain with a payload: of what the description leaves, and of what a factor of all masses leaves."""
 _AS_GOOD, _NOISE = 1.8, 0.006
 """A payload that leaves at most so many times what free masses leave, plus so much, is the simpler reason."""
 _LIGHTEST = 0.05
 """kg."""
-_BODIES = 0.021
-"""Share that the right geometry with free masses leaves."""
-_EXPLAINED, _ANOTHER = 0.6, 0.08
+_BODIES, _OF_DESCRIBED = 0.021, 0.15
+"""Share that the right geometry with free masses leaves, also relative to what the description leaves."""
+_EXPLAINED, _ANOTHER = 0.5, 0.12
 """Another arm is certain where free masses explain a part at least, or where so much is unexplained."""
 CAUSES = (Cause.WRONG_SIGN, Cause.WRONG_ORDER, Cause.OTHER_ARM, Cause.WRONG_GRAVITY, Cause.UNKNOWN_PAYLOAD)
 """Of these verdicts, in their order."""
@@ -67,7 +67,7 @@ def _cause(fit: ModelFit) -> Sequence[Cause]:
     is_simplest = fit.payload < min(_PAYLOAD * fit.described, _PAYLOAD_OF_SCALED * fit.scaled)
     if fit.mass > _LIGHTEST and is_simplest and fit.payload < _AS_GOOD * fit.bodies + _NOISE:
         return (Cause.UNKNOWN_PAYLOAD,)
-    if fit.bodies < _BODIES:
+    if fit.bodies < max(_BODIES, _OF_DESCRIBED * fit.described):
         return (Cause.WRONG_GRAVITY,)
     return (Cause.OTHER_ARM,) if left < _EXPLAINED * fit.described or fit.described > _ANOTHER else ()
 

@@ -44,7 +44,8 @@ def noisy_encoder(loop: Loop) -> Verdict:
         float(noise[worst]),
         float(limit[worst]),
         unit,
-        f"check cable and shield of the encoder; until then ./pidtsm tune --set simulator.noise.std={noise[worst]:.1e}"
+        "check cable and shield of the encoder; until then, lower the bandwidth: ./pidtsm gains --robot ROBOT "
+        f"--encoder-bits {int(np.log2(2.0 * np.pi / (3.0 * noise[worst])))}"
         if noisy
         else "",
         (Plot("Spectrum of the position", "frequency [Hz]", f"{unit}/√Hz", curves, logarithmic=True),),

@@ -1,9 +1,9 @@
 """A loop that rings, from a narrow peak that position and effort share and the reference does not have.
 
-Gains that are too high for the delay of a loop make it oscillate where its phase reaches -180 degrees: at one frequency,
-far above the motion, with position and effort coherent. Noise of an encoder has no peak; a reference that jitters has
-the peak, too; what depends on the position, such as cogging, moves along the axis with the velocity and makes no narrow
-peak; sticking makes a slow cycle, below the band.
+Gains that are too high for the delay of a loop make it oscillate where its phase reaches -180 degrees: at one
+frequency, far above the motion, with position and effort coherent. Noise of an encoder has no peak; what follows a
+reference that jitters is coherent with it, and does not count; what depends on the position, such as cogging, moves
+with the velocity and comes and goes; sticking makes a slow cycle, below the band.
 """
 
 import numpy as np
@@ -28,10 +28,8 @@ _SPREAD = 1.3
 """Ratio of the edges of a band to its middle."""
 _SELDOM, _STEADY = 25.0, 0.35
 """Percentile of the oscillation's size, and least share that it has of the size at the opposite percentile."""
-_ABOVE_NOISE = 100.0
+_ABOVE_NOISE = 30.0
 """Ratio of the peak's density to that of the encoder's noise."""
-_OF_REFERENCE = 0.3
-"""Share of the peak's amplitude that the reference may have."""
 
 
 def ringing(loop: Loop) -> Verdict:
@@ -40,10 +38,6 @@ def ringing(loop: Loop) -> Verdict:
     rings = [int(j) for j in np.argsort(-speed) if is_peak[j]]
     worst = rings[0] if rings else int(speed.argmax())
     unit = loop.observed.units[worst].position
-    spectrum = loop.spectrum
-    band = (spectrum.frequency > 0.5) & (spectrum.frequency < 0.5 * loop.rate)
-    f = spectrum.frequency[band]
-    density = 2.0 * np.pi * f * np.sqrt(spectrum.position[band, worst])
     text = (
         f"{loop.joints[worst]} rings at {frequency[worst]:.3g} Hz with {speed[worst]:.2g} {unit}/s"
         if rings
@@ -61,8 +55,17 @@ def ringing(loop: Loop) -> Verdict:
         "knows delay and resolution"
         if rings
         else "",
-        (Plot(f"Spectrum of the velocity of {loop.joints[worst]}", "frequency [Hz]", f"{unit}/s/√Hz", (Curve("velocity", f, density),), True),),
+        (_plot(loop, worst),),
     )
+
+
+def _plot(loop: Loop, j: int) -> Plot:
+    """Spectrum of the velocity of joint j."""
+    spectrum, unit = loop.spectrum, loop.observed.units[j].position
+    band = spectrum.frequency > 0.5
+    f = spectrum.frequency[band]
+    curve = Curve("velocity", f, 2.0 * np.pi * f * np.sqrt(spectrum.position[band, j]))
+    return Plot(f"Spectrum of the velocity of {loop.joints[j]}", "frequency [Hz]", f"{unit}/s/√Hz", (curve,), True)
 
 
 def peaks(loop: Loop) -> tuple[Array, Array, Array]:
@@ -72,8 +75,7 @@ def peaks(loop: Loop) -> tuple[Array, Array, Array]:
     step = float(f[1] - f[0])
     noise = np.median(spectrum.position[f > 0.25 * loop.rate], axis=0)
     omega = (2.0 * np.pi * f[:, np.newaxis]) ** 2
-    power = omega * np.maximum(spectrum.position - noise, 0.0)
-    wanted = omega * spectrum.reference
+    power = omega * np.maximum(spectrum.position * (1.0 - spectrum.following) - noise, 0.0)
     speed, frequency, is_peak = (np.zeros(len(loop.joints)) for _ in range(3))
     for j in range(len(loop.joints)):
         top = int(np.argmax(np.where(band, power[:, j], 0.0)))
@@ -86,7 +88,6 @@ def peaks(loop: Loop) -> tuple[Array, Array, Array]:
             and spectrum.coherence[top, j] > _COHERENT
             and spectrum.position[top, j] > _ABOVE_NOISE * noise[j]
             and (f[top] > _FASTEST_MOTION or _lasts(loop, j, float(f[top])))
-            and np.sqrt(wanted[near, j].sum()) < _OF_REFERENCE * np.sqrt(power[near, j].sum())
         )
     return speed, frequency, is_peak.astype(bool)
 

@@ -44,7 +44,8 @@ def saturation(loop: Loop, limit: Array | None) -> Verdict:
     found = [int(j) for j in order if share[j] > _LARGEST]
     worst = int(order[0])
     unit = loop.observed.units[worst].effort
-    text = f"the drive of {loop.joints[worst]} is at its limit of {largest[worst]:.3g} {unit} in {100.0 * share[worst]:.0f} % of the time"
+    of_time = f"{100.0 * share[worst]:.0f} % of the time"
+    text = f"the drive of {loop.joints[worst]} is at its limit of {largest[worst]:.3g} {unit} for {of_time}"
     curves = [Curve("effort", loop.time, loop.effort[:, worst])]
     if loop.command is not None:
         curves.append(Curve("command", loop.time, loop.command[:, worst]))

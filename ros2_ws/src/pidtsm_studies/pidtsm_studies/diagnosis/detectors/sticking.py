@@ -51,7 +51,7 @@ def stick_slip(loop: Loop) -> Verdict:
         float(rate[worst]),
         _LARGEST,
         "1/s",
-        "let the controller learn the friction: --params adaptive, or compensate what ./pidtsm identify finds; grease "
+        "let the controller learn the friction: --params adaptive; or compensate what ./pidtsm identify finds; grease "
         "and warm up the gear"
         if sticks
         else "",
