@@ -18,7 +18,9 @@ from pathlib import Path
 
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys.store import Typestore
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.robots import find_description
@@ -46,7 +48,8 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=20_000, help="first seed")
     parser.add_argument("--quiet", action="store_true", help="without the recordings that were judged wrong")
     options = parser.parse_args()
-    planted, named, right, judged, good, alarms, short = Counter(), Counter(), 0, 0, 0, 0, 0
+    planted, named = Counter[Cause](), Counter[Cause]()
+    right = judged = good = alarms = short = 0
     by_form: dict[str, list[bool]] = {}
     took: list[float] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -106,8 +109,6 @@ def _recording(seed: int, causes: list[Cause], form: str, folder: Path) -> tuple
     if form == "ours":
         return made, observe(made.experiment)
     foreign = {"simulator": {"engine": "mujoco"}}
-    if any(name.startswith("model_error.") for name in made.experiment.settings["simulator"]):
-        foreign["simulator"] |= {"robot.coriolis": "lagrange"} if made.arm.description == "two_link" else {}
     seen = observe(make_experiment(made.experiment, overrides=foreign))
     if form == "stranger's bag":
         _write(folder / "bag", seen)
@@ -125,13 +126,15 @@ def _write(folder: Path, seen: Observed) -> None:
                 bag.write(connection, stamp, _message(store, seen.joints, stamp, position, effort, k))
 
 
-def _topics(seen: Observed) -> Iterator[tuple[str, np.ndarray | None, np.ndarray | None]]:
+def _topics(seen: Observed) -> Iterator[tuple[str, Array | None, Array | None]]:
     yield "/arm/joint_states", seen.position, seen.effort
     yield "/arm/joint_commands", None, seen.command
     yield "/arm/reference", seen.reference, None
 
 
-def _message(store, joints, stamp, position, effort, k) -> bytes:  # type: ignore[no-untyped-def]
+def _message(
+    store: Typestore, joints: tuple[str, ...], stamp: int, position: Array | None, effort: Array | None, k: int
+) -> bytes:
     types, none = store.types, np.empty(0)
     header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9)), "")
     values = (none if position is None else position[k], none, none if effort is None else effort[k])

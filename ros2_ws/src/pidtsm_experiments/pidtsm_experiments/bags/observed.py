@@ -6,6 +6,7 @@ from contextlib import closing
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 
@@ -149,7 +150,7 @@ def _reference(
 
 def _status(
     reader: AnyReader, connections: Sequence[Connection], joints: tuple[str, ...], stamps: Stamps
-) -> tuple[Array | None, str]:
+) -> tuple[NDArray[np.bool_] | None, str]:
     """Whether the controller follows at each stamp, and why it has stopped; None and empty: it does not say."""
     columns = _optional(reader, _SAID, connections, joints)
     if columns is None or not columns.stamps.size:

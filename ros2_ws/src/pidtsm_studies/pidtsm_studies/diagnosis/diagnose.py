@@ -87,15 +87,16 @@ def diagnose(observed: Observed, arm: Description | None = None, robot: str = "R
     with warnings.catch_warnings(), np.errstate(divide="ignore", invalid="ignore"):
         # A joint that stands still has no spectrum.
         warnings.simplefilter("ignore", RuntimeWarning)
+        jitter = command_jitter(loop)
         verdicts = [
             lost_samples(loop),
             noisy_encoder(loop),
-            command_jitter(loop),
+            jitter,
             saturation(loop, limit),
             late_drive(loop),
             ringing(loop),
             stick_slip(loop),
-            *model_verdicts(loop, arm, robot),
+            *model_verdicts(loop, arm, robot, jitter.found),
         ]
     ordered = sorted(_without_consequences(verdicts), key=lambda each: (not each.found, each.state is State.FINE))
     return Diagnosis(tuple(ordered), loop.duration, loop.rate, observed.joints, observed.stopped)

@@ -2,13 +2,17 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import butter, coherence, sosfiltfilt, welch
 
 from pidtsm_core.arrays import Array
 from pidtsm_studies.diagnosis.observed import Observed
 
+Samples: TypeAlias = NDArray[np.bool_]
+"""Whether each sample counts, shape (samples,)."""
 _SHORTEST = 2.0
 """s that a loop must follow its reference; of one that does so for less time, everything is used."""
 _SPECTRUM = 4.0
@@ -62,10 +66,10 @@ class Loop:
         self.command = None if observed.command is None else self._even(known, observed.command[rows])
         self.reference = None if observed.reference is None else self._even(known, observed.reference[rows])
 
-    def _rows(self) -> Array:
+    def _rows(self) -> Samples:
         """Samples that are used: those in which the loop follows, after it has settled."""
         observed = self.observed
-        rows = np.isfinite(observed.position).all(axis=1)
+        rows: Samples = np.asarray(np.isfinite(observed.position).all(axis=1))
         if observed.following is not None:
             rows = self._long_enough(rows & observed.following, rows)
         if observed.stopped and rows.any():
@@ -73,7 +77,7 @@ class Loop:
             rows = self._long_enough(rows & (observed.time < observed.time[rows][-1] - _STOPPING), rows)
         return self._long_enough(rows & (observed.time >= observed.time[np.argmax(rows)] + _SETTLED), rows)
 
-    def _long_enough(self, rows: Array, otherwise: Array) -> Array:
+    def _long_enough(self, rows: Samples, otherwise: Samples) -> Samples:
         """Samples, or others if these are too few."""
         return rows if np.count_nonzero(rows) * self.period >= _SHORTEST else otherwise
 

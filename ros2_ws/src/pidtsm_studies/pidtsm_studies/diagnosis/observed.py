@@ -1,8 +1,9 @@
 """What anybody can see of a loop: joint states and, if they were recorded, commands and references."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.units import JointUnits, joint_units
@@ -22,9 +23,8 @@ class Observed:
         reference: desired position, rad or m, nan where there is none; None: not recorded.
         following: whether the controller follows its reference, shape (samples,); None: it does not say.
         slides: whether each joint slides; empty: all turn.
-        sent: joint states that were acquired, shape (stamps,), s, if the recording knows more of them than reached the
-            controller; None: `time` is all that is known.
         stopped: why the controller has stopped; empty: it has not, or it is not known.
+        effort_is_command: whether `effort` is what was commanded, because the drives report none.
     """
 
     joints: tuple[str, ...]
@@ -33,11 +33,10 @@ class Observed:
     effort: Array
     command: Array | None = None
     reference: Array | None = None
-    following: Array | None = None
+    following: NDArray[np.bool_] | None = None
     slides: tuple[bool, ...] = ()
-    sent: Array | None = None
     stopped: str = ""
-    effort_is_command: bool = field(default=False)
+    effort_is_command: bool = False
 
     @property
     def period(self) -> float:

@@ -12,7 +12,7 @@ from pidtsm_studies.diagnosis.causes import Cause
 from pidtsm_studies.diagnosis.loop import Loop
 from pidtsm_studies.diagnosis.verdict import Curve, Plot, State, Verdict, unknown
 
-_LARGEST, _PERIODS = 0.008, 1.6
+_LARGEST, _PERIODS = 0.013, 1.0
 """s, and periods of the loop: lateness that gains by the rule expect of real drives."""
 _LONGEST = 0.12
 """s."""
