@@ -79,7 +79,11 @@ def command_jitter(draft: Draft, random: np.random.Generator) -> Planted:
 
 
 def saturation(draft: Draft, random: np.random.Generator) -> Planted:
-    """A drive that delivers less than the motion needs."""
+    """A drive that delivers less than the motion needs.
+
+    Raises:
+        NoEffectError: no joint needs much effort.
+    """
     needed = np.abs(draft.efforts(draft.plant)).max(axis=0)
     heavy = np.flatnonzero(needed > 0.08 * draft.limit)
     if not heavy.size:
@@ -137,7 +141,11 @@ def stick_slip(draft: Draft, random: np.random.Generator) -> Planted:
 
 
 def wrong_sign(draft: Draft, random: np.random.Generator) -> Planted:
-    """A joint that turns the other way than its description says."""
+    """A joint that turns the other way than its description says.
+
+    Raises:
+        NoEffectError: no sign matters for the motion.
+    """
     for j in random.permutation(len(draft.arm.joints)).tolist():
         joint = draft.arm.joints[j]
         plant = with_flipped_axis(draft.plant, joint)
@@ -148,7 +156,11 @@ def wrong_sign(draft: Draft, random: np.random.Generator) -> Planted:
 
 
 def wrong_order(draft: Draft, random: np.random.Generator) -> Planted:
-    """Two joints whose connectors are exchanged."""
+    """Two joints whose connectors are exchanged.
+
+    Raises:
+        NoEffectError: no order matters for the motion.
+    """
     pairs = list(combinations(draft.arm.joints, 2))
     alike = draft.arm.slides
     for k in random.permutation(len(pairs)).tolist():
@@ -182,7 +194,11 @@ def wrong_gravity(draft: Draft, random: np.random.Generator) -> Planted:
 
 
 def unknown_payload(draft: Draft, random: np.random.Generator) -> Planted:
-    """Something at the tool that the controller does not know."""
+    """Something at the tool that the controller does not know.
+
+    Raises:
+        NoEffectError: no payload that the drives can carry matters.
+    """
     mass = 0.2
     while draft.effect(payload=Payload(mass, np.zeros(3))) < _MATTERS:
         mass *= 1.2
@@ -199,7 +215,11 @@ def _carries(draft: Draft, payload: Payload) -> bool:
 
 
 def _changed(draft: Draft, change: Callable[[], str], cause: Cause, text: str) -> Planted:
-    """Take the first change of the plant that matters, and that its drives can carry."""
+    """Take the first change of the plant that matters, and that its drives can carry.
+
+    Raises:
+        NoEffectError: there is none.
+    """
     for _ in range(_TRIES):
         plant = change()
         needed = np.abs(draft.efforts(plant)).max(axis=0)

@@ -111,11 +111,11 @@ class Loop:
         return np.asarray(np.gradient(wanted, self.period, axis=0))
 
     def smooth(self, values: Array, cutoff: float) -> Array:
-        """Values below a frequency (Hz), without a shift of phase."""
+        """Values below a frequency (Hz), without a shift of phase, shape (samples, joints)."""
         return self._filtered(values, cutoff, "lowpass")
 
     def rough(self, values: Array, cutoff: float) -> Array:
-        """Values above a frequency (Hz), without a shift of phase."""
+        """Values above a frequency (Hz), without a shift of phase, shape (samples, joints)."""
         return self._filtered(values, cutoff, "highpass")
 
     def _filtered(self, values: Array, cutoff: float, kind: str) -> Array:

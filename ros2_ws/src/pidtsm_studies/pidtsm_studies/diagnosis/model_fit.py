@@ -20,9 +20,10 @@ from pidtsm_core.identification.base_parameters import base_parameters
 from pidtsm_core.identification.data_faults import limited
 from pidtsm_core.identification.measurement import Measurement, Motion, Piece, filtered, joined
 from pidtsm_core.identification.pseudo_inertia import moved
-from pidtsm_core.identification.regressor import LINK, described_parameters, regressor
+from pidtsm_core.identification.regressor import described_parameters, regressor
 from pidtsm_core.robots import Description
 from pidtsm_core.robots.tree.layout import Column, rows
+from pidtsm_core.robots.tree.unit_forces import LINK
 from pidtsm_studies.diagnosis.loop import Loop
 
 _CUTOFF, _CUTOFF_OF_SHORT, _SHORT = 3.0, 24.0, 8.0

@@ -53,7 +53,10 @@ def noisy_encoder(loop: Loop) -> Verdict:
 
 
 def resolution(position: Array) -> float:
-    """Step of an encoder (rad or m), the difference that all its values are multiples of; 0: none is seen."""
+    """Step of an encoder (rad or m), the difference that all its values are multiples of; 0: none is seen.
+
+    The positions have shape (samples,).
+    """
     values = np.unique(position[np.isfinite(position)])
     differences = np.diff(values)
     differences = differences[differences > 1e-9]

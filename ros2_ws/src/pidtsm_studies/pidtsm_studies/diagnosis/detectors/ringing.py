@@ -69,7 +69,10 @@ def _plot(loop: Loop, j: int) -> Plot:
 
 
 def peaks(loop: Loop) -> tuple[Array, Array, Array]:
-    """Of the largest peak of each joint: velocity (RMS), frequency (Hz), and whether it is one of a loop that rings."""
+    """Of the largest peak of each joint: velocity (RMS), frequency (Hz), and whether it is one of a loop that rings.
+
+    Each has shape (joints,).
+    """
     spectrum, f = loop.spectrum, loop.spectrum.frequency
     band = (f > _LOWEST) & (f < _HIGHEST * loop.rate)
     step = float(f[1] - f[0])
