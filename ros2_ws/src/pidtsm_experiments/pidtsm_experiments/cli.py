@@ -48,6 +48,7 @@ _COMMANDS = {
     "move": "move the arm of a running system to a posture",
     "replay-motion": "let the arm of a running system repeat the motion in a bag",
     "analyze": "compute the metrics of a recorded bag",
+    "diagnose": "say what is wrong with a loop, from a bag of it, with evidence and cure",
     "export": "write a run or a bag for other programs: CSV, Parquet, Foxglove and RViz, rerun",
     "bench": "run benchmarks, each compared with a lower bound or another implementation measured in the same run",
     "test": "run all tests and checks",

@@ -1,0 +1,1 @@
+"""Arms with seeded faults: to practise on, and to judge what finds faults."""

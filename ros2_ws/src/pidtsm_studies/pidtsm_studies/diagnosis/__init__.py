@@ -1,0 +1,1 @@
+"""What is wrong with a loop, from a recording of it."""

@@ -1,0 +1,1 @@
+"""Detectors: a file for each cause, or for those that only one estimate can tell apart."""

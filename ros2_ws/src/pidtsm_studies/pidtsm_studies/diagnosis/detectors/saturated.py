@@ -1,0 +1,91 @@
+"""A saturated drive, from efforts that stay at their largest value.
+
+Of a drive at its limit, one of three things is seen: the effort stays exactly at its largest value; it stays at the
+limit of the description; or the command exceeds the effort where the effort is at its largest. A drive that is only
+late has command and effort apart in both directions, one at its limit only outwards.
+"""
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from pidtsm_core.arrays import Array
+from pidtsm_studies.diagnosis.causes import Cause
+from pidtsm_studies.diagnosis.loop import Loop
+from pidtsm_studies.diagnosis.verdict import Curve, Plot, State, Verdict
+
+_LARGEST = 0.01
+"""Share of the samples at the limit that needs no mention."""
+_EXACT, _NEAR = 0.9999, 0.98
+"""Shares of the largest effort, and of a limit, that count as it."""
+_BEYOND, _CLEARLY = 1.02, 1.5
+"""Ratio of command and effort from which on the drive is called short of effort, and factor of their usual difference.
+"""
+_SLOW = 3.0
+"""Hz, of what is compared."""
+_SHORTEST = 0.3
+"""s."""
+
+
+def saturation(loop: Loop, limit: Array | None) -> Verdict:
+    """Count the samples at the limit; `limit`: of the description, shape (joints,), N m or N; None: not known."""
+    effort = loop.observed.effort
+    size = np.abs(effort)
+    largest = np.maximum(np.nanmax(size, axis=0), 1e-9)
+    at_limit = size >= _EXACT * largest
+    if limit is not None:
+        at_limit |= size >= _NEAR * limit
+    shares = [_lasting(at_limit, loop.observed.period)]
+    if loop.command is not None:
+        shares.append(_lasting(_short(loop), loop.period))
+    share = np.max(shares, axis=0)
+    # An effort that never changes, such as 0 of a joint that bears no load, is no limit.
+    share = np.where(np.ptp(effort, axis=0) > 0.02 * largest, share, 0.0)
+    order = np.argsort(-share)
+    found = [int(j) for j in order if share[j] > _LARGEST]
+    worst = int(order[0])
+    unit = loop.observed.units[worst].effort
+    of_time = f"{100.0 * share[worst]:.0f} % of the time"
+    text = f"the drive of {loop.joints[worst]} is at its limit of {largest[worst]:.3g} {unit} for {of_time}"
+    curves = [Curve("effort", loop.time, loop.effort[:, worst])]
+    if loop.command is not None:
+        curves.append(Curve("command", loop.time, loop.command[:, worst]))
+    return Verdict(
+        Cause.SATURATION,
+        State.FOUND if found else State.FINE,
+        text if found else "no drive is at its limit",
+        tuple(loop.joints[j] for j in found),
+        float(share[worst]),
+        _LARGEST,
+        "",
+        "move more slowly, carry less, or set what the drive can do: --effort "
+        f"{loop.joints[worst]}={largest[worst]:.3g}"
+        if found
+        else "",
+        (Plot(f"Effort of {loop.joints[worst]}", "time [s]", unit, tuple(curves)),),
+    )
+
+
+def _short(loop: Loop) -> Array:
+    """Samples in which the effort is at its largest and the command beyond it, shape (samples, joints).
+
+    Where the effort is not at its largest, command and effort differ by friction, if it is measured behind the gear,
+    and by the lag of the drive; it must be clearly more.
+    """
+    assert loop.command is not None
+    effort, command = loop.smooth(loop.effort, _SLOW), loop.smooth(loop.command, _SLOW)
+    noise = np.std(loop.rough(loop.effort, 0.25 * loop.rate), axis=0) * np.sqrt(_SLOW / loop.rate)
+    largest = np.percentile(np.abs(effort), 99.5, axis=0)
+    top = np.abs(effort) > largest - np.maximum(0.01 * largest, 4.0 * noise)
+    usual = np.nanpercentile(np.where(top, np.nan, np.abs(command - effort)), 95.0, axis=0)
+    beyond = command * np.sign(effort) > np.abs(effort) * _BEYOND + _CLEARLY * np.nan_to_num(usual)
+    return np.asarray(top & beyond)
+
+
+def _lasting(at_limit: Array, period: float) -> Array:
+    """Share of the samples that belong to times at the limit longer than `_SHORTEST`, shape (joints,).
+
+    A loop that rings or that is late touches its limits in turn, for short times.
+    """
+    length = 2 * (round(_SHORTEST / period) // 2) + 1
+    lasting = maximum_filter1d(minimum_filter1d(at_limit.astype(np.uint8), length, axis=0), length, axis=0)
+    return np.asarray(np.mean(lasting, axis=0))
