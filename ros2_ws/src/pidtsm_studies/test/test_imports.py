@@ -22,6 +22,7 @@ LIBRARIES = {
     "joblib",
     "llvmlite",
     "matplotlib",
+    "mink",
     "mujoco",
     "numba",
     "numpy",
