@@ -45,6 +45,7 @@ KEYS = [
     "saturation",
     "time_at_effort_limit",
     "time_at_rate_limit",
+    "time_at_barrier_limit",
     "adaptive_gain",
     "lost",
     "found",

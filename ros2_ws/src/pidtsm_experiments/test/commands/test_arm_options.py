@@ -40,6 +40,7 @@ ARM = "".join(
 FILE = "crane.urdf.xacro"
 OPTIONS = ("--joints", "--lock", "--effort", "--payload", "--xacro", "--save")
 NEEDED = {
+    "diagnose": ["bag"],
     "excite": ["--out", "motion.yaml"],
     "export": ["bag", "--foxglove"],
     "identify": ["bag"],
