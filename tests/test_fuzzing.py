@@ -30,6 +30,8 @@ from pidtsm_core.parameters.files import load_ros_parameters
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.stamps import nanoseconds
 
+ATTEMPTS = 3
+"""How often a loop is begun again that the machine may have stopped."""
 MESSAGES = 1_400
 """Of each kind."""
 VARIANTS = 10
@@ -272,8 +274,21 @@ class Loop:
         following = self.states and self.states[-1].mode == ControllerState.FOLLOWING
         return bool(following and len(self.errors) == self.errors.maxlen and max(self.errors) < 0.01)
 
+    def stopped(self) -> bool:
+        """The controller has a fault: also a machine that stands still for a while is one."""
+        return bool(self.states and self.states[-1].fault)
+
     def recover(self) -> None:
-        """What a user does where a stranger has moved things: begin again, with the arm at its start."""
+        """What a user does where a stranger has moved things, or the machine has stopped the arm: begin again."""
+        for _ in range(ATTEMPTS):
+            self._begin_again()
+            self.testbed.spin_until(lambda: self.tracks() or self.stopped(), "a loop that tracks")
+            if self.tracks():
+                return
+        assert self.tracks()
+
+    def _begin_again(self) -> None:
+        """With the arm at its start."""
         for name in ("controller", "trajectory"):
             # One that heard the stranger on its own topic has yielded, and is inactive.
             self._change(name, Transition.TRANSITION_DEACTIVATE)
@@ -286,7 +301,7 @@ class Loop:
             # The controller wants to have heard of the arm and of a reference near it.
             self.testbed.spin_until(partial(self._change, name, Transition.TRANSITION_ACTIVATE), f"active {name}")
         self.errors.clear()
-        self.testbed.spin_until(self.tracks, "a loop that tracks")
+        self.states.clear()
 
     def end(self) -> None:
         """The nodes are all there, and end on request."""

@@ -310,7 +310,7 @@ def test_lost_messages_are_counted(testbed: Testbed, loop: Loop) -> None:
     testbed.spin_until(lambda: (testbed.folder / "bag" / "bag_0.mcap").stat().st_size > 10_000, "something is recorded")
     process.process.send_signal(signal.SIGSTOP)
     # More than the publishers keep for a reader that does not answer.
-    for _ in range(PUBLISHER.depth + 3000):
+    for _ in range(PUBLISHER.depth + 10_000):
         loop.publish()
     process.process.send_signal(signal.SIGCONT)
     testbed.spin_until(lambda: "lost so far" in process.log.read_text(), "a warning of the recorder")
