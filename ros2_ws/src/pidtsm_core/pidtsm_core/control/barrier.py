@@ -21,6 +21,8 @@ _FASTEST = 0.97
 """Share of the velocity limit at which the barrier stands, so that the arm does not stop."""
 _FOLLOWS = 0.05
 """A joint whose velocity is that near to the desired one, rad/s, follows."""
+_PASSES = 4
+"""How often the accelerations are fitted to the effort limits; the joints are coupled."""
 _BY_BARRIER = float(Limited.BARRIER)
 
 
@@ -38,13 +40,32 @@ def keep_inside(config: ControllerConfig, state: ControllerState) -> None:
     y, motion, efforts = state.signals, state.motion, state.scratch
     for j in range(motion.shape[1]):
         efforts[5, j] = 0.0
-    inverse_dynamics(config.model, y[Signal.POSITION], efforts[5], motion[:2], efforts[:2])
+    for _ in range(_PASSES):
+        inverse_dynamics(config.model, y[Signal.POSITION], efforts[5], motion[:2], efforts[:2])
+        if not _is_less(config, state):
+            break
     for j in range(motion.shape[1]):
         y[Signal.EFFORT, j] += efforts[1, j] - efforts[0, j]
     limit_effort(config, state)
     for j in range(motion.shape[1]):
         if motion[1, j] != 0.0:
             y[Signal.SATURATED, j] += _BY_BARRIER
+
+
+@inlined
+def _is_less(config: ControllerConfig, state: ControllerState) -> bool:
+    """Brake a joint only as much as its effort limit allows; whether that is less than before.
+
+    Otherwise the efforts of the others would make up for an acceleration that does not come, and push it on.
+    """
+    motion, efforts, less = state.motion, state.scratch, False
+    for j in range(motion.shape[1]):
+        effort, limit, change = state.signals[Signal.EFFORT, j], config.limits.effort[j], efforts[1, j] - efforts[0, j]
+        possible = min(max(change, -limit - effort), limit - effort)
+        if motion[1, j] != 0.0 and possible != change:
+            motion[1, j] *= max(possible / change, 0.0)
+            less = True
+    return less
 
 
 @inlined

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.testarms import dotted
 
 import pidtsm_core as pidtsm
 from pidtsm_core.arrays import Array
@@ -17,11 +18,18 @@ MARGIN = 0.05
 
 
 def run(
-    arm: str, reference: Any, push: Any, seconds: float, hardware: dict[str, Any] | None = None, margin: float = MARGIN
+    arm: str,
+    reference: Any,
+    push: Any,
+    seconds: float,
+    hardware: dict[str, Any] | None = None,
+    margin: float = MARGIN,
+    **chosen: float,
 ) -> tuple[Array, list[tuple[int, int]]]:
     """Measured positions, shape (samples, joints), and modes and faults.
 
-    `reference` writes to the desired motion at a time; `push` returns the efforts of a hand at a time and position.
+    `reference` writes to the desired motion at a time; `push` returns the efforts of a hand at a time and position;
+    `chosen` are parameters of the controller, with two underscores instead of the dot.
     """
     robot = find_robot({"robot.description": arm})
     limits = np.array(robot.position_limits)
@@ -34,8 +42,8 @@ def run(
         **(hardware or {}),
     }
     simulated = SimulatedRobot(resolve(simulator_schema, settings, len(start)))
-    chosen = {"barrier.margin": margin}
-    controller = pidtsm.make_controller(robot=arm, params="practical", controller=chosen)
+    settings = {"barrier.margin": margin, **dotted(chosen)}
+    controller = pidtsm.make_controller(robot=arm, params="practical", controller=settings)
     path, states = np.zeros((round(seconds * 1e3), len(start))), []
     for k in range(len(path)):
         controller.reference[:] = 0.0
@@ -92,6 +100,21 @@ def test_nothing_gets_a_joint_past_its_limit_and_the_arm_does_not_stop(arm: str,
     assert room(arm, path) > 0.0
     if push is None:  # In freedrive the anchors keep away farther.
         assert upper - path[-1, joint] < MARGIN + 0.02
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_a_joint_that_brakes_as_much_as_it_can_is_not_pushed_on_by_the_others(direction: float) -> None:
+    """A fast hand, and a load that the model lacks: the effort limit is reached."""
+
+    def hand(t: float, _position: Array) -> Array:
+        return direction * 0.3 * 87.0 * np.eye(7)[1] * (t > 0.1)
+
+    simulated = {"encoder.bits": 14, "model_error.mass": 0.2, "friction.coulomb": 0.5}
+    path, states = run(
+        "panda", lambda *_: None, hand, 4.0, hardware=simulated, freedrive__velocity=2.0, barrier__approach=6.0
+    )
+    assert not any(fault for _, fault in states)
+    assert room("panda", path) > 0.0
 
 
 def test_without_a_barrier_the_arm_stops_behind_its_limit() -> None:
