@@ -1,5 +1,6 @@
 """Commissioning over ROS of a stranger's plant: 20 % heavier, with permuted names and an inverted torque."""
 
+import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sensor_msgs.msg import JointState
 from support.heavyplant import INVERTED, RATE, HeavyPlant, heavy_plant
 
 from pidtsm_core.experiment import make_experiment
@@ -64,11 +66,17 @@ def test_an_inverted_torque_is_named_first_and_the_arm_is_held_when_the_session_
         assert named[0] < 0.02
         assert session.found["signs"]["figures"]["effort"] == [1.0, -1.0]
         assert session.found["rest"]["figures"]["rate"] == pytest.approx(RATE, rel=0.01)
-        # The session is gone: commands go on, and the arm stays.
+        # The session is gone: commands go on, and the arm stays, whatever else is on the topic.
         at, commands = arm.q.copy(), arm.commands
+        arm.nonsense = [
+            JointState(name=["joint1", "joint2"], position=[math.nan, 0.6]),
+            JointState(name=["joint1", "joint2"], position=[0.4]),
+            JointState(name=["finger"], position=[0.01]),
+        ]
         while arm.commands < commands + RATE:
             arm.wait()
         assert not arm.braked
+        arm.nonsense = []
         assert np.abs(arm.q - at).max() < HELD
         with RemoteArm(folder, ARM, environment=environment) as remote:
             assert remote.was_held

@@ -33,11 +33,13 @@ class HeavyPlant:
         start: position at the begin.
         moved: farthest way from the begin while `watched`.
         braked: whether the brakes hold the arm.
+        nonsense: joint states that somebody else publishes before each of the arm's, with its stamp.
     """
 
     def __init__(self, domain: int) -> None:
         self.q, self.v = np.array([0.4, 0.6]), np.zeros(2)
         self.start, self.moved, self.braked, self.commands = self.q.copy(), 0.0, True, 0
+        self.nonsense: list[JointState] = []
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self._node = Node("heavy_plant", context=self._context)
@@ -50,6 +52,7 @@ class HeavyPlant:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def _take(self, message: JointState) -> None:
+        assert np.isfinite(message.effort).all()
         self._effort = in_order(message, message.effort) * np.where(np.array(["joint1", "joint2"]) == INVERTED, -1, 1)
         self._answered = round((message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec) * RATE)
         self.commands += 1
@@ -61,6 +64,9 @@ class HeavyPlant:
             message = JointState(name=STRANGERS_ORDER, position=[measured[1], measured[0]])
             message.header.stamp.sec, rest = divmod(self._sample, RATE)
             message.header.stamp.nanosec = rest * (1_000_000_000 // RATE)
+            for other in self.nonsense:
+                other.header.stamp = message.header.stamp
+                self._states.publish(other)
             self._states.publish(message)
             end = time.monotonic() + _ANSWER
             while self._answered < self._sample and time.monotonic() < end and not self._ended:

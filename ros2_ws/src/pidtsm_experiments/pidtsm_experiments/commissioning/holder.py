@@ -9,9 +9,11 @@ then commands cease, and brakes must carry the arm.
 import contextlib
 import json
 import queue
+import shutil
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Callable
 from multiprocessing.connection import Connection, Listener
 from pathlib import Path
@@ -97,7 +99,7 @@ class Holder:
         try:
             if self._session is not None and self._session.poll():
                 return tuple(self._session.recv())
-        except (EOFError, OSError):
+        except Exception:  # The session is gone, or sends what is no request; the arm is held all the same.
             self._session = None
         return None
 
@@ -112,9 +114,15 @@ class Holder:
         try:
             self._moves = kind in (SIGNS, FOLLOW)
             answer = requests[kind](*arguments)
+        except _ReleasedError:
+            raise
         except UsageError as error:
             self._moves = False
             self._answer(FAILED, str(error))
+        except Exception as error:  # Whatever a step does wrong, the arm is held.
+            self._moves = False
+            traceback.print_exc()
+            self._answer(FAILED, f"{type(error).__name__}: {error}; the arm is held, see the holder's log")
         else:
             self._moves = False
             self._answer(DONE, answer)
@@ -164,12 +172,12 @@ def main() -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     listener = Listener(address, "AF_UNIX")
     try:
-        holder = Holder(listener, given["arm"], given["namespace"], given["words"])
+        Holder(listener, given["arm"], given["namespace"], given["words"]).run()
     except CommissionError as error:
         with listener.accept() as session:
             session.send((FAILED, str(error)))
-        return
-    holder.run()
+    finally:
+        shutil.rmtree(Path(address).parent, ignore_errors=True)
 
 
 if __name__ == "__main__":

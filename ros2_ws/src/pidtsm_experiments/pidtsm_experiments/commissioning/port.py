@@ -23,6 +23,8 @@ _SILENT = 1.0
 _COUNTED = 50
 """Joint states whose stamps tell the period."""
 _POLL = 0.05  # s
+_ABSURD = 1e4
+"""rad or m; no joint of an arm is there."""
 
 
 class RosPort:
@@ -49,7 +51,7 @@ class RosPort:
         self._executor.add_node(self._node)
         self._newest: deque[JointState] = deque(maxlen=1)
         self._last = -1
-        self._stamp: JointState | None = None
+        self._unusable = ""
         self._node.create_subscription(JointState, "joint_states", self._heard, READER)
         self._commands = self._node.create_publisher(JointState, "joint_commands", PUBLISHER)
         self._order: list[int] = []
@@ -65,52 +67,61 @@ class RosPort:
         stamps: list[int] = []
         while len(stamps) < _COUNTED or not self._commands.get_subscription_count():
             if time.monotonic() > end:
-                lacks = "joint_states arrive" if len(stamps) < _COUNTED else "node reads joint_commands"
-                raise CommissionError(f"no {lacks} within {_FOUND_WITHIN:g} s: is the arm on, and in this ROS domain?")
-            message = self._next(_POLL)
-            if message is not None:
-                stamps.append(nanoseconds(message.header.stamp))
+                lacks = "usable joint_states arrive" if len(stamps) < _COUNTED else "node reads joint_commands"
+                why = self._unusable or "is the arm on, and in this ROS domain?"
+                raise CommissionError(f"no {lacks} within {_FOUND_WITHIN:g} s: {why}")
+            if self._next(_POLL) is not None:
+                stamps.append(self._last)
         if self._node.count_publishers(self._commands.topic_name) > 1:
             raise CommissionError(f"somebody else publishes {self._commands.topic_name}; end it first")
         return float(np.median(np.diff(stamps[-_COUNTED:]))) * 1e-9
 
-    def _next(self, timeout: float) -> JointState | None:
-        """The newest joint state with a later stamp than the last; None: there is none yet."""
+    def _next(self, timeout: float) -> Array | None:
+        """Positions of the newest joint state that can be used and is later than the last; None: there is none yet."""
         self._executor.spin_once(timeout_sec=timeout)
         if not self._newest:
             return None
         message = self._newest.pop()
         stamp = nanoseconds(message.header.stamp)
-        if stamp <= self._last:
+        if stamp <= self._last or not self._is_usable(message):
             return None
         self._last = stamp
-        return message
+        return np.array(message.position)[self._order]
+
+    def _is_usable(self, message: JointState) -> bool:
+        """Whether a joint state has finite positions of all joints; somebody else's gripper may publish others."""
+        names = list(message.name)
+        if names != self._names:
+            if missing := [joint for joint in self._joints if joint not in names]:
+                self._unusable = f"joint_states lack {', '.join(missing)}; they have {', '.join(names)}"
+                return False
+            self._names, self._order = names, [names.index(joint) for joint in self._joints]
+        if len(message.position) != len(names) or not np.all(np.abs(message.position) < _ABSURD):
+            self._unusable = (
+                f"joint_states have {len(message.position)} positions for {len(names)} joints, or absurd ones"
+            )
+            return False
+        self._unusable = ""
+        return True
 
     def sense(self) -> Measured | None:
         """See `Port`.
 
         Raises:
-            CommissionError: no joint state comes any more, or it lacks joints.
+            CommissionError: no joint state comes any more that can be used.
         """
         self._asked()
         end = time.monotonic() + _SILENT
-        while (message := self._next(_POLL)) is None:
+        while (position := self._next(_POLL)) is None:
             if time.monotonic() > end:
-                raise CommissionError(f"no joint_states for {_SILENT:g} s")
-        self._stamp = message
-        if list(message.name) != self._names:
-            self._match(message)
-        return Measured(self._last, np.array(message.position)[self._order])
-
-    def _match(self, message: JointState) -> None:
-        names = list(message.name)
-        if missing := [joint for joint in self._joints if joint not in names]:
-            raise CommissionError(f"joint_states lack {', '.join(missing)}; they have {', '.join(names)}")
-        self._names, self._order = names, [names.index(joint) for joint in self._joints]
+                raise CommissionError(
+                    f"no usable joint_states for {_SILENT:g} s{self._unusable and f': {self._unusable}'}"
+                )
+        return Measured(self._last, position)
 
     def act(self, effort: Array | None) -> None:
         """See `Port`."""
-        if effort is None or self._stamp is None or not np.all(np.isfinite(effort)):
+        if effort is None or self._last < 0 or not np.all(np.isfinite(effort)):
             return
         message = JointState(name=list(self._joints), effort=effort.tolist())
         set_stamp(message.header.stamp, self._last)

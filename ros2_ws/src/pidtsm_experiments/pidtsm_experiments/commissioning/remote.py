@@ -149,6 +149,9 @@ def _found(folder: Path) -> Connection | None:
     """The connection to a holder that an earlier session has left in its folder; None: there is none."""
     try:
         known = json.loads((folder / _HOLDER).read_text(encoding="utf-8"))
+        # The folder may be somebody else's; what their process sends must not be unpacked here.
+        if Path(known["address"]).stat().st_uid != os.getuid():
+            return None
         return Client(known["address"], "AF_UNIX")
     except (OSError, ValueError, KeyError):
         return None
