@@ -91,6 +91,7 @@ class HeavyPlant:
         """Let the plant go on a little."""
         sample = self._sample
         while self._sample == sample:
+            assert self._thread.is_alive(), "the plant has failed"
             self._thread.join(0.001)
 
     def close(self) -> None:

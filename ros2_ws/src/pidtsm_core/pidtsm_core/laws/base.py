@@ -51,7 +51,7 @@ class ArmSample(NamedTuple):
     rejected: Array  # disturbance that the controller subtracts from the command, shape (joints,), rad/s^2
     limits: Array  # of the effort, shape (joints,), N m
     model: Model  # for `robots.inverse_dynamics`
-    tree: Array  # the arm as a tree without masses, see `robots.tree.layout`; shape (0,) unless `Law.needs_tree`
+    tree: Array  # geometry and gravity of the arm, see `robots.tree.layout`; shape (0,) unless `Law.needs_tree`
     dt: float  # time since the last sample, s; 0 at the first one
 
 

@@ -17,37 +17,26 @@ import math
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.laws.base import ArmSample, Demand
-from pidtsm_core.laws.of_arm import arm_law, carry_arm
+from pidtsm_core.laws.filtered import Filtered, advance, memory, rows
+from pidtsm_core.laws.of_arm import arm_law
 from pidtsm_core.parameters import Parameter
-
-# Memory: d and q' at the last sample, and at this one, of each joint; scratch; then 1 after the first sample.
-_BEFORE, _WAS, _NOW, _IS, _SCRATCH, _ROWS = 0, 1, 2, 3, 4, 5
 
 
 @njit
 def command(arm: ArmSample, p: Array, x: Array, demand: Array) -> None:
-    """See `ArmKernel.command`."""
+    """See `ArmKernel.command`; d and q' are what `filtered` keeps."""
     joints = p.shape[0]
-    own, began = x[: _ROWS * joints].reshape((_ROWS, joints)), x[_ROWS * joints] != 0.0
-    if not began:
-        carry_arm(arm, own[_SCRATCH:], own[_BEFORE:_WAS])
+    own, began = rows(arm, x, joints)
     for j in range(joints):
         inertia, kp, kd, cutoff = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
         e, de = arm.motion[0, j] - arm.desired[0, j], arm.motion[1, j] - arm.desired[1, j]
-        forget, faster = math.exp(-cutoff * arm.dt), arm.motion[1, j] - own[_WAS, j] if began else 0.0
-        own[_NOW, j] = forget * (own[_BEFORE, j] - cutoff * inertia * faster) + (1.0 - forget) * arm.effort[j]
-        own[_IS, j] = arm.motion[1, j]
-        effort = inertia * (arm.desired[2, j] - kd * de - kp * e) + own[_NOW, j]
+        forget = math.exp(-cutoff * arm.dt)
+        faster = arm.motion[1, j] - own[Filtered.SECOND_BEFORE, j] if began else 0.0
+        before = own[Filtered.FIRST_BEFORE, j] - cutoff * inertia * faster
+        own[Filtered.FIRST, j] = forget * before + (1.0 - forget) * arm.effort[j]
+        own[Filtered.SECOND, j] = arm.motion[1, j]
+        effort = inertia * (arm.desired[2, j] - kd * de - kp * e) + own[Filtered.FIRST, j]
         demand[Demand.EQUIVALENT_ACCELERATION, j] = demand[Demand.ACCELERATION, j] = effort
-
-
-@njit
-def advance(p: Array, x: Array, frozen: Array, dt: float, adaptation: int) -> None:
-    """See `ArmKernel.advance`. The observer sees the effort that was applied, so it cannot wind up."""
-    joints = p.shape[0]
-    for k in range(_NOW * joints):
-        x[k] = x[_NOW * joints + k]
-    x[_ROWS * joints] = 1.0
 
 
 DISTURBANCE_OBSERVER = arm_law(
@@ -63,6 +52,6 @@ DISTURBANCE_OBSERVER = arm_law(
     ),
     command,
     advance,
-    lambda joints: _ROWS * joints + 1,
+    memory,
     uses_model=False,
 )

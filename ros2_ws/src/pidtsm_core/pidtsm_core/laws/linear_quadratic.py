@@ -19,6 +19,7 @@ B = 1 - 1/attenuation^2, divided by B.
 """
 
 import math
+from enum import IntEnum
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined, njit
@@ -30,13 +31,39 @@ from pidtsm_core.parameters import Parameter
 _ITERATIONS = 60
 _CONVERGED = 1e-14
 _BANDWIDTH, _INTEGRAL, _POSITION, _VELOCITY, _ATTENUATION = 0, 1, 2, 3, 4
-_ROWS = 4
-"""Numbers of a joint: the integral of e, e, sqrt(J), scratch."""
+
+
+class _Row(IntEnum):
+    """What is kept of a joint, or of a mode."""
+
+    INTEGRAL = 0  # of e
+    ERROR = 1  # e
+    ROOT = 2  # sqrt(J)
+    MODE = 3  # scratch: what the mode demands
+
+
+_ROWS = len(_Row)
 
 
 def _memory(joints: int) -> int:
-    """Those rows; then unit accelerations and their efforts, inertia matrix and rotation."""
+    """See `_parts`."""
     return joints * (_ROWS + 2 * (joints + 1) + 2 * joints)
+
+
+@inlined
+def _parts(x: Array, joints: int) -> tuple[Array, Array, Array, Array, Array]:
+    """Rows of `_Row`; scratch: unit accelerations and their efforts, inertia matrix and rotation."""
+    a = joints * _ROWS
+    b = a + joints * (joints + 1)
+    c = b + joints * (joints + 1)
+    d = c + joints * joints
+    return (
+        x[:a].reshape((_ROWS, joints)),
+        x[a:b].reshape((joints + 1, joints)),
+        x[b:c].reshape((joints + 1, joints)),
+        x[c:d].reshape((joints, joints)),
+        x[d:].reshape((joints, joints)),
+    )
 
 
 @inlined
@@ -59,21 +86,14 @@ def factorise(inertia: float, qi: float, q1: float, q2: float) -> tuple[float, f
 def command(arm: ArmSample, p: Array, x: Array, demand: Array) -> None:
     """See `ArmKernel.command`."""
     joints = p.shape[0]
-    last = joints * _ROWS
-    own = x[:last].reshape((_ROWS, joints))
-    unit = x[last : last + joints * (joints + 1)].reshape((joints + 1, joints))
-    last += joints * (joints + 1)
-    efforts = x[last : last + joints * (joints + 1)].reshape((joints + 1, joints))
-    last += joints * (joints + 1)
-    inertia = x[last : last + joints * joints].reshape((joints, joints))
-    rotation = x[last + joints * joints :].reshape((joints, joints))
+    own, unit, efforts, inertia, rotation = _parts(x, joints)
     write_inertia(arm.model, arm.motion[0], unit, efforts, inertia)
     for j in range(joints):
-        own[1, j] = arm.motion[0, j] - arm.desired[0, j]
-        own[2, j] = math.sqrt(inertia[j, j])
+        own[_Row.ERROR, j] = arm.motion[0, j] - arm.desired[0, j]
+        own[_Row.ROOT, j] = math.sqrt(inertia[j, j])
     for i in range(joints):
         for j in range(joints):
-            inertia[i, j] /= own[2, i] * own[2, j]
+            inertia[i, j] /= own[_Row.ROOT, i] * own[_Row.ROOT, j]
     diagonalise(inertia, rotation)
     w, bound = p[0, _BANDWIDTH], 1.0 - 1.0 / p[0, _ATTENUATION] ** 2
     qi = bound * p[0, _INTEGRAL] * w**6
@@ -83,12 +103,13 @@ def command(arm: ArmSample, p: Array, x: Array, demand: Array) -> None:
         mode = 0.0
         for j in range(joints):
             de = arm.motion[1, j] - arm.desired[1, j]
-            mode += rotation[j, m] * own[2, j] * (c * own[0, j] + b * own[1, j] + a * de)
-        own[3, m] = mode / bound
+            wanted = c * own[_Row.INTEGRAL, j] + b * own[_Row.ERROR, j] + a * de
+            mode += rotation[j, m] * own[_Row.ROOT, j] * wanted
+        own[_Row.MODE, m] = mode / bound
     for j in range(joints):
         effort = 0.0
         for m in range(joints):
-            effort -= own[2, j] * rotation[j, m] * own[3, m]
+            effort -= own[_Row.ROOT, j] * rotation[j, m] * own[_Row.MODE, m]
         demand[Demand.EFFORT, j] = demand[Demand.EQUIVALENT_EFFORT, j] = effort
         demand[Demand.ACCELERATION, j] = demand[Demand.EQUIVALENT_ACCELERATION, j] = arm.desired[2, j]
 
@@ -99,7 +120,7 @@ def advance(p: Array, x: Array, frozen: Array, dt: float, adaptation: int) -> No
     joints = p.shape[0]
     for j in range(joints):
         if frozen[j] == 0.0:
-            x[j] += dt * x[joints + j]
+            x[_Row.INTEGRAL * joints + j] += dt * x[_Row.ERROR * joints + j]
 
 
 _WEIGHTS = tuple(

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.laws.base import ArmAdvance, ArmCommand, ArmKernel, ArmSample, Law
+from pidtsm_core.laws.base import ArmAdvance, ArmCommand, ArmKernel, Law
 from pidtsm_core.laws.baseline import LawOfMember
 from pidtsm_core.parameters import Parameter
 from pidtsm_core.parameters.family import Member
@@ -55,14 +55,6 @@ def arm_law(
 def signed_power(value: float, exponent: float) -> float:
     """|value|^exponent with the sign of the value."""
     return math.copysign(abs(value) ** exponent, value)
-
-
-@inlined
-def carry_arm(arm: ArmSample, rest: Array, efforts: Array) -> None:
-    """Write the effort that carries the arm at rest by its model, N m, to `efforts`; shape (1, joints), as `rest`."""
-    for j in range(rest.shape[1]):
-        rest[0, j] = 0.0
-    inverse_dynamics(arm.model, arm.motion[0], rest[0], rest, efforts)
 
 
 @inlined

@@ -36,7 +36,11 @@ def _memory(joints: int) -> int:
 
 @inlined
 def _parts(x: Array, joints: int) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
-    """Unit accelerations; efforts; H; inverse Hessians; v, efforts, multipliers, gradient (of block and joint); D."""
+    """What the memory consists of, all scratch.
+
+    Unit accelerations and their efforts; H; inverse Hessians; v, planned efforts, multipliers and gradient of each
+    block and joint; efforts with v = 0; D.
+    """
     pairs = _BLOCKS * joints
     a = joints * (joints + 1)
     b = 2 * a

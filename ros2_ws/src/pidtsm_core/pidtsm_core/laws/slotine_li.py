@@ -23,6 +23,7 @@ C must be the matrix of Christoffel's symbols. It is not computed: c(a, b) = C(q
 """
 
 import math
+from enum import IntEnum
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined, njit
@@ -30,7 +31,7 @@ from pidtsm_core.laws.base import ArmSample, Demand
 from pidtsm_core.laws.of_arm import arm_law
 from pidtsm_core.parameters import Parameter
 from pidtsm_core.robots import inverse_dynamics
-from pidtsm_core.robots.tree.layout import ROW, SPACE, Column, Scratch, place_of, row_of, scratch, size
+from pidtsm_core.robots.tree.layout import GRAVITY, ROW, SPACE, Column, Scratch, place_of, row_of, scratch, size
 from pidtsm_core.robots.tree.newton_euler import inverse_dynamics as tree_efforts
 from pidtsm_core.robots.tree.unit_forces import LINK, load_unit
 from pidtsm_core.signals import Adaptation
@@ -42,43 +43,70 @@ _REVERSAL = 0.01
 _FRICTION = 2
 """Parameters of a joint: viscous, Coulomb."""
 _SLOPE, _RATE, _ADAPTATION, _ZONE, _LEAKAGE, _LENGTH = 0, 1, 2, 3, 4, 5
-_ROWS = 11
-"""Scratch of `command`, rows of numbers for each joint."""
 _SPATIAL = 6
 
 
+class _Row(IntEnum):
+    """Scratch of `command`, per joint."""
+
+    NONE = 0  # zeros
+    S = 1
+    SUM = 2  # of two velocities
+    DIFFERENCE = 3
+    WANTED = 4  # v'
+    STILL = 5  # zeros: with PUSHED two accelerations
+    PUSHED = 6  # R s
+    EFFORT = 7
+    SECOND = 8  # effort of the second of two accelerations
+
+
+class _Flag(IntEnum):
+    """Numbers at the end of the memory."""
+
+    MOVES = 0  # above 0: an |s| is beyond its dead zone
+    BEGAN = 1  # 1 after the first sample
+
+
+_ROWS = len(_Row)
+
+
 def _memory(joints: int) -> int:
-    """Tree of theta; gradients and friction; inertias; velocities of the links under s; scratch; unit; two flags."""
-    return size(joints) + joints * (LINK + 2 * _FRICTION + 1 + _SPATIAL + _ROWS) + ROW + 2
+    """See `_parts`."""
+    return size(joints) + joints * (LINK + 2 * _FRICTION + 1 + _SPATIAL + _ROWS) + ROW + len(_Flag)
 
 
 @inlined
-def _parts(x: Array, joints: int) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
-    """Tree, gradient (of the links, then viscous, then Coulomb), friction, inertias, velocities, scratch, unit."""
-    a = 3 + joints * (ROW + SPACE)
+def _parts(x: Array, joints: int) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:
+    """What the memory consists of.
+
+    The tree with theta; the gradient, of the links, then viscous, then Coulomb; friction; inertias that the joints
+    move; velocities of the links under s; `_Row`; unit parameters; `_Flag`.
+    """
+    a = GRAVITY + joints * (ROW + SPACE)
     b = a + joints * (LINK + _FRICTION)
     c = b + joints * _FRICTION
     d = c + joints
     e = d + joints * _SPATIAL
     f = e + joints * _ROWS
-    return x[:a], x[a:b], x[b:c], x[c:d], x[d:e], x[e:f].reshape((_ROWS, joints)), x[f : f + ROW]
+    g = f + ROW
+    return x[:a], x[a:b], x[b:c], x[c:d], x[d:e], x[e:f].reshape((_ROWS, joints)), x[f:g], x[g:]
 
 
 @inlined
 def _begin(arm: ArmSample, x: Array, joints: int) -> None:
     """The arm's geometry without masses, and the inertia that each joint moves."""
-    tree, _, _, inertias, _, rows, _ = _parts(x, joints)
+    tree, _, _, inertias, _, rows, _, _ = _parts(x, joints)
     for k in range(tree.size):
         tree[k] = arm.tree[k]
     for i in range(joints):
         for m in range(Column.MASS, ROW):
             tree[row_of(i) + m] = 0.0
-    accelerations, efforts = rows[1:3], rows[3:5]
+    accelerations, efforts = rows[_Row.STILL : _Row.EFFORT], rows[_Row.EFFORT :]
     for j in range(joints):
         for k in range(joints):
-            rows[0, k] = accelerations[0, k] = 0.0
+            rows[_Row.NONE, k] = accelerations[0, k] = 0.0
             accelerations[1, k] = 1.0 if k == j else 0.0
-        inverse_dynamics(arm.model, arm.motion[0], rows[0], accelerations, efforts)
+        inverse_dynamics(arm.model, arm.motion[0], rows[_Row.NONE], accelerations, efforts)
         inertias[j] = efforts[1, j] - efforts[0, j]
 
 
@@ -99,13 +127,14 @@ def _collect(tree: Array, joints: int, weight: float, velocities: Array, unit: A
 def command(arm: ArmSample, p: Array, x: Array, demand: Array) -> None:
     """See `ArmKernel.command`."""
     joints = p.shape[0]
-    if x[x.size - 1] == 0.0:
+    tree, gradient, friction, _, velocities, rows, unit, flags = _parts(x, joints)
+    if flags[_Flag.BEGAN] == 0.0:
         _begin(arm, x, joints)
-        x[x.size - 1] = 1.0
-    tree, gradient, friction, _, velocities, rows, unit = _parts(x, joints)
-    q, dq, none, s, total, pushed = arm.motion[0], arm.motion[1], rows[0], rows[1], rows[2], rows[4:6]
-    wanted, efforts = rows[3:4], rows[6:8]
-    backward = rows[8]
+        flags[_Flag.BEGAN] = 1.0
+    q, dq = arm.motion[0], arm.motion[1]
+    none, s, total, difference = rows[_Row.NONE], rows[_Row.S], rows[_Row.SUM], rows[_Row.DIFFERENCE]
+    wanted, pushed = rows[_Row.WANTED : _Row.STILL], rows[_Row.STILL : _Row.EFFORT]
+    efforts, effort = rows[_Row.EFFORT :], rows[_Row.EFFORT : _Row.SECOND]
     moves = 0.0
     for j in range(joints):
         e, de = q[j] - arm.desired[0, j], dq[j] - arm.desired[1, j]
@@ -116,19 +145,18 @@ def command(arm: ArmSample, p: Array, x: Array, demand: Array) -> None:
         moves = max(moves, abs(s[j]) - p[j, _ZONE])
         demand[Demand.SLIDING_VARIABLE, j] = demand[Demand.MANIFOLD_VARIABLE, j] = s[j]
         demand[Demand.EQUIVALENT_ACCELERATION, j] = demand[Demand.ACCELERATION, j] = wanted[0, j]
-    x[x.size - 2] = moves
+    flags[_Flag.MOVES] = moves
     # The model: of C v = C q' - C s, the robot model computes the former.
     inverse_dynamics(arm.model, q, none, pushed, efforts)
     for j in range(joints):
         demand[Demand.EFFORT, j] = -math.sqrt(p[j, _RATE]) * (efforts[1, j] - efforts[0, j])
-        total[j], backward[j] = dq[j] + s[j], dq[j] - s[j]
-    _add_product(arm, total, backward, -0.25, rows, demand)
+        total[j], difference[j] = dq[j] + s[j], dq[j] - s[j]
+    _add_product(arm, total, difference, -0.25, rows, demand)
     # What the arm has beyond the model.
     for k in range(gradient.size):
         gradient[k] = 0.0
     for j in range(joints):
         total[j] = 2.0 * dq[j] - s[j]
-    effort = efforts[:1]
     tree_efforts(q, s, pushed[:1], tree, effort)
     y = tree[scratch(joints) :]
     for i in range(joints):
@@ -150,9 +178,7 @@ def command(arm: ArmSample, p: Array, x: Array, demand: Array) -> None:
 @inlined
 def _add_product(arm: ArmSample, first: Array, second: Array, weight: float, rows: Array, demand: Array) -> None:
     """Add weight (h(first) - h(second)) of the model, see the module, to the equivalent effort."""
-    q, still, effort = arm.motion[0], rows[9:10], rows[10:11]
-    for j in range(q.size):
-        still[0, j] = 0.0
+    q, still, effort = arm.motion[0], rows[_Row.STILL : _Row.PUSHED], rows[_Row.EFFORT : _Row.SECOND]
     inverse_dynamics(arm.model, q, first, still, effort)
     for j in range(q.size):
         demand[Demand.EQUIVALENT_EFFORT, j] += weight * effort[0, j]
@@ -179,9 +205,9 @@ def advance(p: Array, x: Array, frozen: Array, dt: float, adaptation: int) -> No
     for j in range(joints):
         if frozen[j] != 0.0:
             return
-    if x[x.size - 1] == 0.0 or x[x.size - 2] <= 0.0 or adaptation == Adaptation.FROZEN:
+    tree, gradient, friction, inertias, _, _, _, flags = _parts(x, joints)
+    if flags[_Flag.BEGAN] == 0.0 or flags[_Flag.MOVES] <= 0.0 or adaptation == Adaptation.FROZEN:
         return
-    tree, gradient, friction, inertias, _, _, _ = _parts(x, joints)
     for i in range(joints):
         j = place_of(tree, i)
         length, kept = p[j, _LENGTH], 1.0 - p[j, _LEAKAGE] * dt

@@ -19,28 +19,23 @@ import math
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.laws.base import ArmSample, Demand
-from pidtsm_core.laws.of_arm import arm_law, carry_arm, signed_power
+from pidtsm_core.laws.filtered import Filtered, advance, memory, rows
+from pidtsm_core.laws.of_arm import arm_law, signed_power
 from pidtsm_core.parameters import Parameter
-
-# Memory: filtered effort and acceleration at the last sample, and at this one, of each joint; scratch; then 1 after the
-# first sample.
-_BEFORE, _WAS, _NOW, _IS, _SCRATCH, _ROWS = 0, 1, 2, 3, 4, 5
 
 
 @njit
 def command(arm: ArmSample, p: Array, x: Array, demand: Array) -> None:
-    """See `ArmKernel.command`."""
+    """See `ArmKernel.command`; effort and acceleration are what `filtered` keeps."""
     joints = p.shape[0]
-    own = x[: _ROWS * joints].reshape((_ROWS, joints))
-    if x[_ROWS * joints] == 0.0:
-        carry_arm(arm, own[_SCRATCH:], own[_BEFORE:_WAS])
+    own, _ = rows(arm, x, joints)
     for j in range(joints):
         inertia, k1, k2, beta, power, rho, cutoff = p[j, 0], p[j, 1], p[j, 2], p[j, 3], p[j, 4], p[j, 5], p[j, 6]
         e, de = arm.motion[0, j] - arm.desired[0, j], arm.motion[1, j] - arm.desired[1, j]
         forget = math.exp(-cutoff * arm.dt)
-        own[_NOW, j] = forget * own[_BEFORE, j] + (1.0 - forget) * arm.effort[j]
-        own[_IS, j] = forget * own[_WAS, j] + (1.0 - forget) * arm.motion[2, j]
-        other = own[_NOW, j] - inertia * own[_IS, j]
+        own[Filtered.FIRST, j] = forget * own[Filtered.FIRST_BEFORE, j] + (1.0 - forget) * arm.effort[j]
+        own[Filtered.SECOND, j] = forget * own[Filtered.SECOND_BEFORE, j] + (1.0 - forget) * arm.motion[2, j]
+        other = own[Filtered.FIRST, j] - inertia * own[Filtered.SECOND, j]
         s = e + signed_power(de, power) / beta
         equivalent = arm.desired[2, j] - beta / power * signed_power(de, 2.0 - power)
         reaching = -k1 * s - k2 * signed_power(s, rho)
@@ -48,15 +43,6 @@ def command(arm: ArmSample, p: Array, x: Array, demand: Array) -> None:
         demand[Demand.ACCELERATION, j] = inertia * (equivalent + reaching) + other
         demand[Demand.SLIDING_VARIABLE, j] = demand[Demand.MANIFOLD_VARIABLE, j] = s
         demand[Demand.SWITCHING_TERM, j] = reaching
-
-
-@njit
-def advance(p: Array, x: Array, frozen: Array, dt: float, adaptation: int) -> None:
-    """See `ArmKernel.advance`. N follows the effort that was applied, so it cannot wind up."""
-    joints = p.shape[0]
-    for k in range(_NOW * joints):
-        x[k] = x[_NOW * joints + k]
-    x[_ROWS * joints] = 1.0
 
 
 TIME_DELAY = arm_law(
@@ -75,6 +61,6 @@ TIME_DELAY = arm_law(
     ),
     command,
     advance,
-    lambda joints: _ROWS * joints + 1,
+    memory,
     uses_model=False,
 )

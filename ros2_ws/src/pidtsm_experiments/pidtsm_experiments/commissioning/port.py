@@ -114,9 +114,7 @@ class RosPort:
         end = time.monotonic() + _SILENT
         while (position := self._next(_POLL)) is None:
             if time.monotonic() > end:
-                raise CommissionError(
-                    f"no usable joint_states for {_SILENT:g} s{self._unusable and f': {self._unusable}'}"
-                )
+                raise CommissionError(f"no usable joint_states for {_SILENT:g} s. {self._unusable}".strip())
         return Measured(self._last, position)
 
     def act(self, effort: Array | None) -> None:
