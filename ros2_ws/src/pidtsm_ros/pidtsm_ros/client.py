@@ -220,9 +220,7 @@ class Arm(PoseMotions):
         """
         if not 0.0 < velocity_scale <= 1.0:
             raise TargetError(f"velocity_scale {velocity_scale:g}: must be above 0 and at most 1")
-        self._check_controller()
-        if np.abs(self.state.desired[1]).max() > _AT_REST:
-            self.hold()
+        self._come_to_rest()
         start = self.state.desired[0]
         end = self._posture(target, start)
         try:
@@ -334,6 +332,16 @@ class Arm(PoseMotions):
         self._target = None
         if wait:
             self._await(self._arrived, _TO_REST, "the reference has not come to rest")
+
+    def _come_to_rest(self) -> None:
+        """Hold the arm if it moves.
+
+        Raises:
+            GoalError: the controller has stopped.
+        """
+        self._check_controller()
+        if np.abs(self.state.desired[1]).max() > _AT_REST:
+            self.hold()
 
     def _check_controller(self) -> None:
         if fault := self.state.fault:

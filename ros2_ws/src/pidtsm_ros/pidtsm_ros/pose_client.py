@@ -24,8 +24,6 @@ from pidtsm_ros.stamps import set_stamp
 
 _DEPTH, _PATIENCE = 10, 10.0
 """Queue length, and the longest time to find the trajectory node, s."""
-_AT_REST = 1e-3
-"""Largest velocity of a reference at rest, rad/s."""
 
 
 class PoseMotions:
@@ -168,9 +166,7 @@ class PoseMotions:
 
     def _resting(self) -> Pose:
         """Where the tool is, after the arm has come to rest."""
-        self._check_controller()
-        if np.abs(self.state.desired[1]).max() > _AT_REST:
-            self.hold()
+        self._come_to_rest()
         return self.tool
 
     def _frame(self, name: str) -> Pose:
@@ -190,11 +186,7 @@ class PoseMotions:
         """See `pidtsm_ros.client.Arm`."""
         raise NotImplementedError
 
-    def hold(self, wait: bool = True) -> None:
-        """See `pidtsm_ros.client.Arm`."""
-        raise NotImplementedError
-
-    def _check_controller(self) -> None:
+    def _come_to_rest(self) -> None:
         raise NotImplementedError
 
     def _await(self, condition: Any, timeout: float, otherwise: str) -> None:

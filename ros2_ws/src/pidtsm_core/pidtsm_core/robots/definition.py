@@ -3,6 +3,7 @@
 import math
 import shlex
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -195,8 +196,11 @@ class ArmDefinition:
 
 
 def resolved_description(robot: str) -> str:
-    """``robot.description`` for a name or path: a path is absolute, because nodes may run in another folder."""
-    return str(Path(robot).resolve()) if not has_name(robot) and Path(robot).is_file() else robot
+    """``robot.description`` for a name, path or text: a path is absolute, because nodes may run in another folder."""
+    with suppress(OSError):  # A text is too long for the name of a file.
+        if not has_name(robot) and Path(robot).is_file():
+            return str(Path(robot).resolve())
+    return robot
 
 
 def find_arm(robot: str | ArmDefinition) -> ArmDefinition:

@@ -92,6 +92,11 @@ def test_a_name_or_path_alone_means_nothing_more(robot: str) -> None:
     assert stored_names() == ("panda",)
 
 
+def test_a_long_text_is_a_description_and_no_path() -> None:
+    text = read_source("panda")[1]
+    assert ArmDefinition(text).settings()["robot.description"] == text
+
+
 def test_a_payload_is_a_part_of_the_description_for_identification() -> None:
     values = resolve(controller_schema, ARM.settings(), len(JOINTS))
     np.testing.assert_array_equal(ARM.described().tree, Controller(values).config.model.parameters)
