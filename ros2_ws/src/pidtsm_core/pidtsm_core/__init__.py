@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pidtsm_core.estimators.base import Estimator
     from pidtsm_core.experiment import make_experiment, scenario_names
     from pidtsm_core.experiment.definition import Experiment
-    from pidtsm_core.laws.base import Law
+    from pidtsm_core.laws.base import ArmSample, Demand, Law
     from pidtsm_core.laws.of_arm import arm_law
     from pidtsm_core.laws.own import own_law
     from pidtsm_core.laws.reaching.base import ReachingLaw
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from pidtsm_core.references.base import Reference
     from pidtsm_core.references.sampled import sampled_reference
     from pidtsm_core.registration import register
+    from pidtsm_core.robots import inverse_dynamics
     from pidtsm_core.robots.base import Robot
     from pidtsm_core.robots.definition import ArmDefinition
     from pidtsm_core.rollouts.batches import BatchResult, Trajectory, batch
@@ -44,7 +45,9 @@ __version__ = "0.2.0"
 _MODULES = {
     "ArmDefinition": "robots.definition",
     "BatchResult": "rollouts.batches",
+    "ArmSample": "laws.base",
     "Controller": "control.controller",
+    "Demand": "laws.base",
     "Disturbance": "simulation.disturbances.base",
     "DivergedError": "rollouts.closed_loop",
     "Estimator": "estimators.base",
@@ -68,6 +71,7 @@ _MODULES = {
     "arm_law": "laws.of_arm",
     "batch": "rollouts.batches",
     "compose": "laws.sliding_mode",
+    "inverse_dynamics": "robots",
     "make_controller": "rollouts.closed_loop",
     "make_experiment": "experiment",
     "own_law": "laws.own",
@@ -81,8 +85,10 @@ _MODULES = {
 
 __all__ = [
     "ArmDefinition",
+    "ArmSample",
     "BatchResult",
     "Controller",
+    "Demand",
     "Disturbance",
     "DivergedError",
     "Estimator",
@@ -106,6 +112,7 @@ __all__ = [
     "arm_law",
     "batch",
     "compose",
+    "inverse_dynamics",
     "make_controller",
     "make_experiment",
     "own_law",
