@@ -43,16 +43,27 @@ class Kernel(NamedTuple):
 
 
 class ArmSample(NamedTuple):
-    """What a law of the whole arm is told at a sample."""
+    """What a law of the whole arm is told at a sample.
 
-    motion: Array  # estimated q, q', q'', shape (3, joints), rad, rad/s, rad/s^2
-    desired: Array  # q_d, q_d', q_d'', likewise
-    effort: Array  # that has moved the arm since the last sample, shape (joints,), N m
-    rejected: Array  # disturbance that the controller subtracts from the command, shape (joints,), rad/s^2
-    limits: Array  # of the effort, shape (joints,), N m
-    model: Model  # for `robots.inverse_dynamics`
-    tree: Array  # geometry and gravity of the arm, see `robots.tree.layout`; shape (0,) unless `Law.needs_tree`
-    dt: float  # time since the last sample, s; 0 at the first one
+    Attributes:
+        motion: estimated q, q', q'', shape (3, joints), rad, rad/s, rad/s^2.
+        desired: q_d, q_d', q_d'', likewise.
+        effort: that has moved the arm since the last sample, shape (joints,), N m.
+        rejected: disturbance that the controller subtracts from the command, shape (joints,), rad/s^2.
+        limits: of the effort, shape (joints,), N m.
+        model: for `inverse_dynamics`.
+        tree: geometry and gravity of the arm, see `robots.tree.layout`, flat; shape (0,) unless `Law.needs_tree`.
+        dt: time since the last sample, s; 0 at the first one.
+    """
+
+    motion: Array
+    desired: Array
+    effort: Array
+    rejected: Array
+    limits: Array
+    model: Model
+    tree: Array
+    dt: float
 
 
 class Demand(IntEnum):
