@@ -1,7 +1,6 @@
 """What Slotine and Li prove of their law, on arms that MuJoCo moves and that differ from the model."""
 
 from collections.abc import Iterator
-from functools import cache
 
 import mujoco
 import numpy as np
@@ -11,7 +10,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.identification.regressor import regressor
 from pidtsm_core.laws import Demand
-from pidtsm_core.parameters import joint_array, resolve
+from pidtsm_core.parameters import as_float, joint_array, resolve
 from pidtsm_core.robots import find_description
 from pidtsm_core.robots.tree.layout import Column, place_of, rows, size
 from pidtsm_core.robots.tree.unit_forces import LINK
@@ -90,20 +89,14 @@ class Plant:
         begin = size(self.joints) + (LINK + 2) * self.joints
         return self.controller.state.law_memory[begin : begin + 2 * self.joints].reshape(2, self.joints)
 
-    @cache  # noqa: B019
-    def gains(self, first: bytes) -> Array:
-        """Gamma of each parameter, from the inertias in the first posture."""
-        inertias = np.frombuffer(first)
-        places = [place_of(self.description.tree, i) for i in range(self.joints)]
-        of_moment = joint_array(self.values["law.adaptation"], self.joints)[places] * inertias[places] / 9.81**2
-        return np.asarray(of_moment[:, np.newaxis] * float(str(self.values["law.length"])) ** LENGTHS)
-
-    def energy(self, signals: Array, first: Array) -> float:
-        """The Lyapunov function V."""
+    def energy(self, signals: Array, inertias: Array) -> float:
+        """The Lyapunov function V; `inertias` of the model in the first posture, shape (joints,)."""
         s = signals[Signal.SLIDING_VARIABLE]
-        parameters = (self.unknown**2 / self.gains(first.tobytes())).sum()
-        friction = (self.friction**2 / (joint_array(self.values["law.adaptation"], self.joints) * first)).sum()
-        return float(0.5 * (s @ self.inertia() @ s + parameters + friction))
+        gains = joint_array(self.values["law.adaptation"], self.joints) * inertias
+        of_moment = gains[[place_of(self.description.tree, i) for i in range(self.joints)]] / 9.81**2
+        of_links = of_moment[:, np.newaxis] * as_float(self.values["law.length"]) ** LENGTHS
+        parameters = (self.unknown**2 / of_links).sum() + (self.friction**2 / gains).sum()
+        return float(0.5 * (s @ self.inertia() @ s + parameters))
 
 
 def first_inertias(plant: Plant) -> Array:
@@ -126,8 +119,8 @@ def first_inertias(plant: Plant) -> Array:
 def test_its_lyapunov_function_never_increases(name: str) -> None:
     for dt in (1e-3, 2.5e-4):
         plant = Plant(name, dt)
-        first = first_inertias(plant)
-        energies = np.array([plant.energy(y, first) for _, y in plant.run(1.0)])
+        inertias = first_inertias(plant)
+        energies = np.array([plant.energy(y, inertias) for _, y in plant.run(1.0)])
         assert energies[-1] < energies[0]
         assert np.diff(energies).max() < 1e-3 * dt * energies[0]
 
