@@ -621,9 +621,15 @@ def test_a_fault_has_the_documented_reaction(arm: Arm, name: str) -> None:
     assert controller.status[Status.MODE] == Mode.FOLLOWING
 
 
+def on_the_page(section: str) -> list[str]:
+    """The first column of the table in a section."""
+    text = PAGE.read_text(encoding="utf-8").partition(f"\n## {section}\n")[2].partition("\n## ")[0]
+    return [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("|")][2:]
+
+
 @pytest.mark.skipif(not PAGE.is_file(), reason="the page is not beside this package")
 def test_the_page_has_these_rows() -> None:
-    section = PAGE.read_text(encoding="utf-8").partition("\n## The controller\n")[2].partition("\n## ")[0]
-    named = [line.split("|")[1].strip() for line in section.splitlines() if line.startswith("|")][2:]
-    assert [name for name in named if name not in BYTES] == ROWS
-    assert set(BYTES) <= set(named)
+    bad = [f"`{topic}`: {what}" for topic in ("joint_states", "reference") for what in on_the_page("Bad messages")]
+    assert on_the_page("The controller") == [name for name in ROWS if name not in bad]
+    assert [name for name in bad if name not in BYTES] == [name for name in ROWS if name in bad]
+    assert set(BYTES) <= set(bad)
