@@ -1,6 +1,6 @@
 """A sliding-mode law of one's own: any surface with any reaching law, and its path in the plane of e and e'.
 
-CONTRIBUTING.md shows how to write a surface or a reaching law that does not exist yet.
+docs/own-law.md shows how to write a surface or a reaching law that does not exist yet.
 """
 
 import matplotlib.pyplot as plt
