@@ -53,4 +53,5 @@ class WrenchWatch:
         if not self._node.active:
             return "the controller is inactive"
         self._usual = self._controller.state.external[External.TWICE].copy()
+        self._controller.tare()
         return ""

@@ -8,11 +8,12 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 import numpy as np
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.control.compliance_parameters import SPACE, ComplianceConfig, make_compliance
 from pidtsm_core.control.parameters import ADAPTATION, LEARNT_LATENESS, REJECTION, ROUGHNESS
 from pidtsm_core.estimators import ESTIMATORS, estimator_address
 from pidtsm_core.laws import LAWS, LawConfig, make_law
 from pidtsm_core.parameters import ParameterError, Value, as_float, joint_array
-from pidtsm_core.robots import GRAVITY, Model, Robot, make_model, payload_of
+from pidtsm_core.robots import GRAVITY, NO_TOOL, Model, Robot, Tool, make_model, payload_of
 from pidtsm_core.signals import Violation
 from pidtsm_core.timing import NANOSECONDS
 
@@ -143,6 +144,7 @@ class ControllerConfig(NamedTuple):
     drive: DriveConfig
     freedrive: FreedriveConfig
     barrier: BarrierConfig
+    compliance: ComplianceConfig
     model: Model  # its parameters have shape (model parameters,)
     firmware: Model  # the model by which the robot's firmware adds gravity: that of the arm without a payload
     plausible_velocity: Array  # shape (joints,), rad/s
@@ -174,7 +176,7 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
         robot: which they choose.
 
     Raises:
-        ParameterError: the law needs the geometry of the arm, which is not known.
+        ParameterError: the law, or the compliance, needs the geometry of the arm, which is not known.
     """
     joints = len(robot.joints)
     law, estimator = LAWS[str(values["law.name"])], ESTIMATORS[str(values["estimator.name"])]
@@ -183,7 +185,7 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
     rehearsal = _group(RehearsalConfig, values, joints)
     plausible = joint_array(values["plausibility.velocity"], joints)
     return ControllerConfig(
-        law=make_law(law, values, joints, _tree(robot, values) if law.needs_tree else None),
+        law=make_law(law, values, joints, _tool(robot, values) if law.needs_tree else NO_TOOL),
         estimator=EstimatorConfig(estimator_address(estimator), estimator.pack(values, "estimator", joints)),
         limits=limits,
         watchdog=_group(WatchdogConfig, values, joints),
@@ -195,6 +197,7 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
         drive=_drive(values, joints),
         freedrive=_freedrive(values, limits),
         barrier=_group(BarrierConfig, values, joints),
+        compliance=make_compliance(values, robot),
         model=loaded_model(values, robot),
         firmware=make_model(robot, robot.pack_model(values)),
         plausible_velocity=plausible,
@@ -214,7 +217,7 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
         checks_plausibility=_any(plausible),
         turns=any(robot.continuous),
         keeps_inside=law.uses_model and _any(joint_array(values.get("barrier.margin", 0.0), joints)),
-        senses_contact=_any(limits.external_effort),
+        senses_contact=_any(limits.external_effort) or values.get(SPACE.name, "none") != "none",
     )
 
 
@@ -223,12 +226,12 @@ def loaded_model(values: Mapping[str, Value], robot: Robot) -> Model:
     return make_model(robot, robot.with_payload(robot.pack_model(values), payload_of(values)))
 
 
-def _tree(robot: Robot, values: Mapping[str, Value]) -> Array:
-    """The arm as a tree, see `ArmSample`."""
+def _tool(robot: Robot, values: Mapping[str, Value]) -> Tool:
+    """The arm as a tree with its tool, see `ArmSample`."""
     if robot.tool is None:
         reason = f"law.name: {values['law.name']} needs the geometry of the arm, but robot {robot.name} has no tool"
         raise ParameterError(reason, "law.name")
-    return robot.tool(robot.pack_model(values)).tree
+    return robot.tool(robot.pack_model(values))
 
 
 def example_config() -> ControllerConfig:
@@ -236,7 +239,7 @@ def example_config() -> ControllerConfig:
     one, table = np.zeros(1), np.zeros((1, 1))
     by_kind: dict[Any, Any] = {bool: False, int: 0, float: 0.0, Array: one}
     by_kind[Model] = Model(0, 0, 0, 0, one)
-    by_kind[LawConfig] = LawConfig(0, 0, False, np.zeros(1, np.int64), table, one)
+    by_kind[LawConfig] = LawConfig(0, 0, False, np.zeros(1, np.int64), table, one, 0, one)
     by_kind[EstimatorConfig] = EstimatorConfig(0, table)
     groups = (
         LimitsConfig,
@@ -249,6 +252,7 @@ def example_config() -> ControllerConfig:
         DriveConfig,
         FreedriveConfig,
         BarrierConfig,
+        ComplianceConfig,
         ControllerConfig,
     )
     for group in groups:

@@ -36,6 +36,8 @@ def sense_contact(state: ControllerState, needed: Array, dt: float) -> None:
     for j in range(needed.size):
         farthest = max(farthest, abs(state.signals[Signal.POSITION_ERROR, j]))
     for j in range(needed.size):
+        now = needed[j] - state.net[j]
+        external[External.NOW, j] = now if math.isfinite(now) else 0.0
         external[External.ONCE, j] += share * (needed[j] - state.net[j] - external[External.ONCE, j])
         external[External.TWICE, j] += share * (external[External.ONCE, j] - external[External.TWICE, j])
         if not math.isfinite(external[External.TWICE, j]):
@@ -68,5 +70,12 @@ def _explained(state: ControllerState, j: int) -> float:
 
 @inlined
 def in_contact(config: ControllerConfig, state: ControllerState) -> bool:
-    """Whether the arm touches something, so that the errors are not due to the model."""
-    return config.freezes and state.status[Status.VIOLATIONS] & Violation.EXTERNAL_EFFORT != 0
+    """Whether the arm touches something, so that the errors are not due to the model.
+
+    A reference that yields is followed all the same.
+    """
+    return (
+        config.freezes
+        and not config.compliance.active
+        and state.status[Status.VIOLATIONS] & Violation.EXTERNAL_EFFORT != 0
+    )

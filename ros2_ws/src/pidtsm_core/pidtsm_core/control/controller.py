@@ -19,7 +19,17 @@ from pidtsm_core.control.lateness import begin_lateness, refusal_of_freedrive
 from pidtsm_core.control.lateness_learning import forget_lateness
 from pidtsm_core.control.modes import begin_afresh, request, reset_fault, set_clock
 from pidtsm_core.control.report import Change, changes, tight_rates
-from pidtsm_core.control.state import LAYOUT, Condition, ControllerMemory, Friction, Time, arrays_of, new_state, part
+from pidtsm_core.control.state import (
+    LAYOUT,
+    Condition,
+    ControllerMemory,
+    External,
+    Friction,
+    Time,
+    arrays_of,
+    new_state,
+    part,
+)
 from pidtsm_core.control.step import leave_now, respond, stop_after, stop_now, tick_now
 from pidtsm_core.control.turns import distance
 from pidtsm_core.laws import LAWS
@@ -209,6 +219,10 @@ class Controller:
         """Distance of each joint from a position, shape (joints,), rad."""
         turn = self.config.turn
         return np.array([distance(turn, from_position, self.position, j) for j in range(self.joints)])
+
+    def tare(self) -> None:
+        """Take what acts from outside now for none: the reference yields to what is added to it, see compliance.py."""
+        self.state.compliance.usual[:] = self.state.external[External.TWICE]
 
     def reset_fault(self) -> None:
         """Reset the fault, so that the controller can follow again."""

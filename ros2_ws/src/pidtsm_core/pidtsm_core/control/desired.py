@@ -10,6 +10,7 @@ import math
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.compliance import add_offset_of
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.effort import time_of_change, write_net_effort
 from pidtsm_core.control.learnt_demand import demand_without_error, learnt_acceleration, learnt_effort
@@ -192,6 +193,8 @@ def write_base(state: ControllerState, motion: Array) -> None:
                 motion[i, j] = source[i, j]
     for j in range(motion.shape[1]):
         motion[0, j] += state.turned[j] if follows else 0.0
+    if follows:
+        add_offset_of(state, motion)
 
 
 @inlined

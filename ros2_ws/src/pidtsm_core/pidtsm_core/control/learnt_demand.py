@@ -15,8 +15,20 @@ def demand_without_error(config: ControllerConfig, state: ControllerState) -> No
         motion[0, j] = state.signals[Signal.POSITION, j]
         motion[1, j] = state.signals[Signal.VELOCITY, j]
         motion[2, j] = 0.0
-    arm = ArmSample(motion, motion, state.net, state.rejected, config.limits.effort, config.model, config.law.tree, 0.0)
-    command_arm(config.law, arm, state.law_memory, state.demand)
+    law = config.law
+    arm = ArmSample(
+        motion,
+        motion,
+        state.net,
+        state.rejected,
+        config.limits.effort,
+        config.model,
+        law.tree,
+        law.tool_row,
+        law.tool_point,
+        0.0,
+    )
+    command_arm(law, arm, state.law_memory, state.demand)
 
 
 @inlined

@@ -1,6 +1,7 @@
 """What the controller does: follow, hold, be free or stop; and how it begins afresh or goes on."""
 
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.compliance import forget_compliance
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.desired import begin_at
 from pidtsm_core.control.handover import expect_handover
@@ -76,6 +77,7 @@ def begin_afresh(state: ControllerState) -> None:
     for i in range(state.still.shape[0]):
         for j in range(state.implausible.size):
             state.still[i, j] = 0.0
+    forget_compliance(state)
 
 
 @part

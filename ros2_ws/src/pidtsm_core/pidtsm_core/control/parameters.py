@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pidtsm_core.control.barrier_parameters import BARRIER
+from pidtsm_core.control.compliance_parameters import check_compliance, compliance_parameters
 from pidtsm_core.estimators import ESTIMATORS, Estimator
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Parameter, ParameterError, chosen, prefixed
@@ -322,13 +323,13 @@ def _of_robot(parameters: Iterable[Parameter], robot: Robot) -> tuple[Parameter,
 
 
 def _contact(settings: Mapping[str, object], robot: Robot) -> tuple[Parameter, ...]:
-    """How contact is recognised, with a default that follows from ``limits.effort``."""
+    """How contact is recognised and yielded to, with defaults that follow from ``limits.effort``."""
     try:
         limit = np.broadcast_to(np.asarray(settings.get("limits.effort", robot.effort_limit), float), len(robot.joints))
     except (TypeError, ValueError):  # It is rejected elsewhere.
         limit = np.full(len(robot.joints), math.inf)
     share = tuple(np.where(np.isfinite(limit), _TOUCH * limit, 0.0).tolist())
-    return replace(CONTACT[0], default=share), CONTACT[1]
+    return replace(CONTACT[0], default=share), CONTACT[1], *compliance_parameters(limit)
 
 
 def _check_range(settings: Mapping[str, object], robot: Robot) -> None:
@@ -361,14 +362,15 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     """Parameters of the controller; they depend on ``law.name``, ``estimator.name`` and the robot.
 
     Raises:
-        ParameterError: see `find_robot` and `payload_schema`, or the estimator does not estimate the disturbance that
-            is to be rejected, or a joint has a smallest position above its largest one.
+        ParameterError: see `find_robot`, `payload_schema` and `check_compliance`, or the estimator does not estimate
+            the disturbance that is to be rejected, or a joint has a smallest position above its largest one.
     """
     robot = find_robot(settings)
     _check_range(settings, robot)
     law = LAWS[chosen(settings, LAW_NAME)]
     estimator = ESTIMATORS[chosen(settings, ESTIMATOR_NAME)]
     _check_observer(settings, estimator)
+    check_compliance(settings, REJECTION.name)
     return (
         LAW_NAME,
         *prefixed("law", law.parameters(settings)),

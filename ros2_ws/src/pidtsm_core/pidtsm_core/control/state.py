@@ -10,6 +10,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.compiling.memory import Layout
 from pidtsm_core.control.bank import Bank, new_bank
+from pidtsm_core.control.compliance_parameters import Compliance, new_compliance
 from pidtsm_core.control.configuration import ControllerConfig, example_config
 from pidtsm_core.control.late_drives import late_drives
 from pidtsm_core.laws import STATE_SLOTS, Demand
@@ -61,6 +62,7 @@ class Condition(IntEnum):
     HANDOVER = 9  # what a change of the controller does to the effort, see `Handover`
     UNLIMITED = 10  # 1: the rate limit is suspended, because it would prevent the stop
     SLEWING = 11  # 1: the safe effort of the last step was limited by its largest change
+    YIELDS = 12  # 1: the reference has yielded to what acts from outside, see compliance.py
 
 
 class Handover(IntEnum):
@@ -128,6 +130,7 @@ class External(IntEnum):
     MOVING = 4  # as USUAL, when the joint last moved along with its reference
     DIRECTION = 5  # in which it moved then, 1 or -1; 0: it has not moved
     BEHIND = 6  # rad or m; what the desired position pulls behind it
+    NOW = 7  # not averaged
 
 
 class Friction(IntEnum):
@@ -234,6 +237,7 @@ class ControllerState(NamedTuple):
     ahead: Array  # desired motion then, shape (3, joints)
     lateness: Array  # what is known of it, see `Lateness`
     bank: Bank  # hypotheses about the lateness
+    compliance: Compliance  # by how much the reference has yielded
     softness: Array  # what is known of the roughness of each joint, see `Softness`, shape (len(Softness), joints)
     softened: Array  # logarithm of how much slower the arm follows, shape (1,)
     spared: Array  # by how much less it may be softened, because it has strayed, likewise
@@ -344,6 +348,7 @@ def new_state(joints: int, feeds_back: bool, law_memory: int = 0) -> ControllerS
         **_learnt(joints),
         **late_drives(joints),
         bank=new_bank(joints),
+        compliance=new_compliance(joints),
         softness=np.zeros((len(Softness), joints)),
         **_numbers("softened", "spared", "pace"),
         rejected=np.zeros(joints),

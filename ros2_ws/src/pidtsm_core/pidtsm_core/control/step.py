@@ -3,6 +3,7 @@
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.control.barrier import keep_inside
+from pidtsm_core.control.compliance import yield_to_contact
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.desired import begin_approach_here, begin_at, choose, write_base
 from pidtsm_core.control.effect import distrust_idle, watch_effect
@@ -72,6 +73,7 @@ def step(config: ControllerConfig, state: ControllerState, stamp: int, reference
         begin_handover(config, state, dt)
     elif conditions[Condition.HANDOVER] == Handover.FADING:
         fade_handover(config, state, dt)
+    yield_to_contact(config, state, dt)
     choose(config, state, stamp, reference_stamp)
 
     tick(config, state, dt)

@@ -82,8 +82,20 @@ def _command(config: ControllerConfig, state: ControllerState, motion: Array, de
 def _command_arm(config: ControllerConfig, state: ControllerState, motion: Array, desired: Array, dt: float) -> None:
     """The same for a law of the whole arm, whose efforts are added later."""
     y, demand = state.signals, state.demand
-    arm = ArmSample(motion, desired, state.net, state.rejected, config.limits.effort, config.model, config.law.tree, dt)
-    command_arm(config.law, arm, state.law_memory, demand)
+    law = config.law
+    arm = ArmSample(
+        motion,
+        desired,
+        state.net,
+        state.rejected,
+        config.limits.effort,
+        config.model,
+        law.tree,
+        law.tool_row,
+        law.tool_point,
+        dt,
+    )
+    command_arm(law, arm, state.law_memory, demand)
     for j in range(y.shape[1]):
         y[Signal.POSITION_ERROR, j] = motion[0, j] - desired[0, j]
         y[Signal.VELOCITY_ERROR, j] = motion[1, j] - desired[1, j]

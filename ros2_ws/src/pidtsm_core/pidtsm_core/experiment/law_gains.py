@@ -215,6 +215,17 @@ def _disturbance_observer(known: Known) -> tuple[Gain, ...]:
     )
 
 
+def _impedance(known: Known) -> tuple[Gain, ...]:
+    rate = _MODEL_BASED * float(known.bandwidth.min())
+    stiff = rounded(rate**2 * np.array([known.inertia.max(), known.inertia.min()]))
+    reason = f"{_MODEL_BASED:g} times the least bandwidth of the observer, with the largest inertia of a joint at 1 m"
+    return (
+        *(Gain(f"law.stiffness_{axis}", stiff[0], reason) for axis in "xyz"),
+        Gain("law.rotational_stiffness", stiff[1], "the same, with the smallest inertia of a joint"),
+        Gain("law.null_space", rounded(np.array([rate]))[0], "as fast as the tool"),
+    )
+
+
 def _constant_inertia(known: Known) -> Gain:
     reason = f"{_CONSTANT:g} times that in the middle of the range: too much of it is unstable"
     return Gain("law.inertia", rounded(_CONSTANT * known.inertia), reason)
@@ -234,6 +245,7 @@ _RULES: Mapping[str, Callable[[Known], tuple[Gain, ...]]] = {
     "disturbance_observer": _disturbance_observer,
     "linear_quadratic": _linear_quadratic,
     "predictive": _predictive,
+    "impedance": _impedance,
 }
 RULED = tuple(_RULES)
 """Names of the laws that have a rule."""

@@ -5,6 +5,7 @@ from pidtsm_core.laws.calls import advance, advance_arm, command, command_arm, m
 from pidtsm_core.laws.computed_torque import COMPUTED_TORQUE
 from pidtsm_core.laws.disturbance_observer import DISTURBANCE_OBSERVER
 from pidtsm_core.laws.dtsm import DTSM
+from pidtsm_core.laws.impedance import IMPEDANCE
 from pidtsm_core.laws.integral_sliding_mode import INTEGRAL_SLIDING_MODE
 from pidtsm_core.laws.linear_quadratic import LINEAR_QUADRATIC
 from pidtsm_core.laws.pid import PID

@@ -53,6 +53,8 @@ class ArmSample(NamedTuple):
         limits: of the effort, shape (joints,), N m.
         model: for `inverse_dynamics`.
         tree: geometry and gravity of the arm, see `robots.tree.layout`, flat; shape (0,) unless `Law.needs_tree`.
+        tool_row: row of the tree's link that carries the tool, see `robots.Tool`; -1: not known.
+        tool_point: origin of the tool in that link, shape (3,), m.
         dt: time since the last sample, s; 0 at the first one.
     """
 
@@ -63,6 +65,8 @@ class ArmSample(NamedTuple):
     limits: Array
     model: Model
     tree: Array
+    tool_row: int
+    tool_point: Array
     dt: float
 
 
@@ -108,6 +112,8 @@ class LawConfig(NamedTuple):
     integers: Integers  # shape (OWN_INTEGERS,)
     gains: Array  # as `Law.pack` returns them, shape (joints, parameters)
     tree: Array  # see `ArmSample`
+    tool_row: int  # likewise
+    tool_point: Array  # likewise
 
 
 class LawParts(NamedTuple):
@@ -134,7 +140,7 @@ class Law:
         parts: what it consists of, for given settings; None: it has a formula of its own.
         uses_model: False if a_cmd and a_eq are torques (N m), not accelerations; then the robot model is not used.
         memory: of a law of the whole arm: how many numbers it keeps, for this number of joints.
-        needs_tree: whether such a law needs `ArmSample.tree`.
+        needs_tree: whether such a law needs `ArmSample.tree` and the tool.
     """
 
     name: str

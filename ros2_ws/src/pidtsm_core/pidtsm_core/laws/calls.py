@@ -24,12 +24,12 @@ from pidtsm_core.compiling.decorators import njit
 from pidtsm_core.laws.base import ArmKernel, ArmSample, Law, LawConfig
 from pidtsm_core.laws.reaching import Interval
 from pidtsm_core.parameters import Value
-from pidtsm_core.robots import Model
+from pidtsm_core.robots import NO_TOOL, Model, Tool
 
 _COMMAND = Interface(tuple_of(FLOAT, 6)(FLOAT, FLOAT, FLOAT, FLOAT, INTEGERS, ROW, ROW, FLOAT))
 _ADVANCE = Interface(NOTHING(FLOAT, FLOAT, FLOAT, INTEGERS, ROW, ROW, typeof(Interval(0.0, False, 0))))
 _MODEL = pointer_to(Model(0, 0, 0, 0, np.zeros(1)))
-_ARM = types.NamedTuple((ROWS, ROWS, ROW, ROW, ROW, _MODEL, ROW, FLOAT), ArmSample)
+_ARM = types.NamedTuple((ROWS, ROWS, ROW, ROW, ROW, _MODEL, ROW, INTEGER, ROW, FLOAT), ArmSample)
 _COMMAND_ARM = Interface(NOTHING(Pointer(_ARM), ROWS, ROW, ROWS))
 _ADVANCE_ARM = Interface(NOTHING(ROWS, ROW, ROW, FLOAT, INTEGER))
 _command, _advance = _COMMAND.call, _ADVANCE.call
@@ -39,14 +39,14 @@ _LARGEST = 1e9
 """What a law of the whole arm may demand, and keep, rad/s^2 or N m; far above what any torque limit allows."""
 
 
-def make_law(law: Law, values: Mapping[str, Value], joints: int, tree: Array | None = None) -> LawConfig:
+def make_law(law: Law, values: Mapping[str, Value], joints: int, tool: Tool = NO_TOOL) -> LawConfig:
     """The law with these parameters, compiled.
 
     Args:
         law: the law.
         values: every parameter of the controller.
         joints: number of joints.
-        tree: see `ArmSample`; only for a law that needs it.
+        tool: the arm as a tree with its tool; only for a law that needs it.
     """
     integers = law.integers(values)
     kernel = law.kernel(integers)
@@ -57,7 +57,9 @@ def make_law(law: Law, values: Mapping[str, Value], joints: int, tree: Array | N
         of_arm=law.of_arm,
         integers=integers,
         gains=law.pack(values, joints),
-        tree=np.zeros(0) if tree is None else tree,
+        tree=tool.tree,
+        tool_row=tool.row,
+        tool_point=tool.point,
     )
 
 
@@ -81,7 +83,18 @@ def command_arm_unchecked(law: LawConfig, arm: ArmSample, x: Array, demand: Arra
     for i in range(demand.shape[0]):
         for j in range(demand.shape[1]):
             demand[i, j] = 0.0
-    own = ArmSample(arm.motion, arm.desired, arm.effort, arm.rejected, arm.limits, lend(arm.model), law.tree, arm.dt)
+    own = ArmSample(
+        arm.motion,
+        arm.desired,
+        arm.effort,
+        arm.rejected,
+        arm.limits,
+        lend(arm.model),
+        law.tree,
+        law.tool_row,
+        law.tool_point,
+        arm.dt,
+    )
     _command_arm(law.command, lend(own), law.gains, x, demand)
 
 

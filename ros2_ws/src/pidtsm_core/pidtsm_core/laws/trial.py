@@ -13,7 +13,7 @@ from pidtsm_core.laws.calls import advance, advance_arm_unchecked, command, comm
 from pidtsm_core.laws.reaching import Interval
 from pidtsm_core.parameters import Value
 from pidtsm_core.parameters.family import SLOTS, check_parameters
-from pidtsm_core.robots import ROBOTS, make_model
+from pidtsm_core.robots import NO_TOOL, ROBOTS, make_model
 from pidtsm_core.signals import Adaptation
 
 _ERRORS = (0.0, 0.1, -0.3)
@@ -64,13 +64,14 @@ def _try_on_arm(what: str, law: Law, values: Mapping[str, Value]) -> None:
     assert law.memory is not None
     assert robot.tool is not None
     with compiles(what):
-        made = make_law(law, values, joints, robot.tool(packed).tree if law.needs_tree else None)
+        made = make_law(law, values, joints, robot.tool(packed) if law.needs_tree else NO_TOOL)
     x, demand = np.zeros(law.memory(joints)), np.zeros((len(Demand), joints))
     still, model, limits = np.zeros(joints), make_model(robot, packed), np.array(robot.effort_limit)
     for e, de, dde in product(_ERRORS, repeat=3):
         motion = np.array([still + e, still + de, still + dde])
         for dt in (0.0, _DT):
-            arm = ArmSample(motion, np.zeros((3, joints)), still, still, limits, model, made.tree, dt)
+            desired, tool = np.zeros((3, joints)), (made.tree, made.tool_row, made.tool_point)
+            arm = ArmSample(motion, desired, still, still, limits, model, *tool, dt)
             given = f"e = {e:g}, e' = {de:g}, e'' = {dde:g}"
             command_arm_unchecked(made, arm, x, demand)
             check_finite(what, demand, given)

@@ -8,7 +8,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import dispatch, njit
 from pidtsm_core.parameters import Parameter, ParameterError, Value, prefixed
 from pidtsm_core.parameters.family import Family
-from pidtsm_core.robots.base import Dynamics, Model, Robot, Tool
+from pidtsm_core.robots.base import NO_TOOL, Dynamics, Model, Robot, Tool
 from pidtsm_core.robots.calls import dynamics_addresses, forward_at, inverse_at, spread_address, spread_at
 from pidtsm_core.robots.description import Description, read_description
 from pidtsm_core.robots.effort_differences import spread_of_differences
@@ -25,6 +25,7 @@ __all__ = [
     "GRAVITY",
     "LOCKED",
     "NAMES",
+    "NO_TOOL",
     "OF_ARM",
     "ROBOTS",
     "XACRO",

@@ -53,6 +53,10 @@ class Tool(NamedTuple):
     point: Array  # origin of the tool in that link, shape (3,), m
 
 
+NO_TOOL = Tool(np.zeros(0), -1, np.zeros(3))
+"""Of an arm whose geometry is not known."""
+
+
 def unit_accelerations(joints: int) -> Array:
     """No acceleration, and the unit vectors, shape (joints + 1, joints): their efforts give bias and inertia matrix."""
     return np.vstack([np.zeros(joints), np.eye(joints)])

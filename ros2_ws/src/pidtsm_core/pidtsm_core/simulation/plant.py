@@ -12,6 +12,7 @@ from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.compiling.memory import Layout
 from pidtsm_core.parameters import Parameter, ParameterError, Value, as_float, chosen, joint_array, prefixed, resolve
 from pidtsm_core.robots import (
+    NO_TOOL,
     Model,
     find_robot,
     forward_dynamics,
@@ -45,7 +46,6 @@ from pidtsm_core.simulation.mujoco_plant import (
 from pidtsm_core.simulation.plant_parameters import (
     LOADS,
     MODEL_ERRORS,
-    NO_TOOL,
     PAYLOAD,
     QUANTITIES,
     RATE,

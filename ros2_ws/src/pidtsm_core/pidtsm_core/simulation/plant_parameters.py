@@ -6,7 +6,7 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import Parameter, ParameterError, Value
-from pidtsm_core.robots import Robot, Tool
+from pidtsm_core.robots import Robot
 
 QUANTITIES = ("mass", "inertia", "length")
 """Quantities with a possible model error, see `Robot.quantities`."""
@@ -46,8 +46,6 @@ MODEL_ERRORS = tuple(
     )
     for quantity in QUANTITIES
 )
-NO_TOOL = Tool(np.zeros(0), -1, np.zeros(3))
-"""It is not known where the tool is."""
 
 
 def wrench_of(robot: Robot, values: Mapping[str, Value]) -> Array:

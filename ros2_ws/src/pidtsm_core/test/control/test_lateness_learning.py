@@ -69,7 +69,7 @@ def test_drives_that_are_not_late_are_left_alone(robot: str, unlike: dict[str, A
     assert after < 1.3 * before + 5e-4
 
 
-@pytest.mark.parametrize("law", [law.name for law in LAWS.members if law.uses_model])
+@pytest.mark.parametrize("law", [law.name for law in LAWS.members if law.uses_model and law.name != "impedance"])
 def test_the_adaptive_set_of_every_law_bears_late_drives(law: str) -> None:
     late = {**REAL, "delay.samples": 30}
     errors = [

@@ -44,7 +44,8 @@ def test_gains_solve_the_riccati_equation_of_the_posture(arm: Arm, attenuation: 
     memory[:n] = integral
     desired = np.array([q - e, -de, random.normal(size=n)])
     zero = np.zeros(n)
-    sample = ArmSample(np.array([q, zero, zero]), desired, zero, zero, arm.limits, arm.model, made.tree, 1e-3)
+    tool = made.tree, made.tool_row, made.tool_point
+    sample = ArmSample(np.array([q, zero, zero]), desired, zero, zero, arm.limits, arm.model, *tool, 1e-3)
     command_arm(made, sample, memory, demand)
     inertia = np.array([arm.effort(q, ddq=unit) - arm.effort(q) for unit in np.eye(n)])
     expected = -riccati(0.5 * (inertia + inertia.T), attenuation) @ np.concatenate([integral, e, de])

@@ -7,7 +7,7 @@ from pidtsm_core.laws import LAWS
 from pidtsm_core.rollouts.closed_loop import rollout
 
 HEAVIER = {"model_error.mass": 0.2, "model_error.inertia": 0.2}
-LEARNS = [law.name for law in LAWS.members if law.of_arm]
+LEARNS = [law.name for law in LAWS.members if law.of_arm and law.name != "impedance"]  # It yields instead.
 REJECTS = {"predictive", "integral_sliding_mode"}
 """Laws that learn nothing by themselves: their practical set lets the observer do so."""
 

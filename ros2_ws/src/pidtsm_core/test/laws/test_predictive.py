@@ -60,7 +60,8 @@ def test_it_commands_the_best_of_what_the_limits_allow(arm: Arm, room: float) ->
     carried = arm.effort(q, ddq=desired[2])
     limits = np.abs(carried) + room * arm.inertia
     memory, demand = np.zeros(law.memory(n)), np.zeros((len(Demand), n))
-    sample = ArmSample(motion, desired, zero, zero, limits, arm.model, made.tree, 1e-3)
+    tool = made.tree, made.tool_row, made.tool_point
+    sample = ArmSample(motion, desired, zero, zero, limits, arm.model, *tool, 1e-3)
     command_arm(made, sample, memory, demand)
     expected = best(arm, inertia, carried, limits, errors)
     np.testing.assert_allclose(

@@ -16,6 +16,7 @@ LABELS = {
     "slotine_li": "Slotine-Li",
     "linear_quadratic": "linear-quadratic",
     "predictive": "predictive",
+    "impedance": "impedance",
     "integral_sliding_mode": "integral sliding mode",
     "time_delay": "time delay",
     "disturbance_observer": "disturbance observer",

@@ -42,6 +42,21 @@ def _disturbance_observer(gains: Gains) -> list[Condition]:
     return [_pd(gains, "Ohnishi 1996")]
 
 
+def _impedance(gains: Gains) -> list[Condition]:
+    source, cure = "Ott 2008", "above 0: without it the tool does not return to its desired pose, or never rests"
+    return [
+        positive(name.replace("_", " "), source, symbol, gains[name], f"set law.{name} {cure}")
+        for name, symbol in (
+            ("stiffness_x", "Kx"),
+            ("stiffness_y", "Ky"),
+            ("stiffness_z", "Kz"),
+            ("rotational_stiffness", "Kr"),
+            ("damping_ratio", "zeta"),
+            ("null_space", "omega"),
+        )
+    ]
+
+
 def _time_delay(gains: Gains) -> list[Condition]:
     source, ratio = "Jin 2009", gains["p_over_q"]
     cure = "set law.p_over_q between 1 and 2: otherwise e does not reach 0 in a finite time, or u is singular at e' = 0"
@@ -61,6 +76,7 @@ def _by_construction(source: str) -> Callable[[Gains], list[Condition]]:
 
 LAW_RULES: Mapping[str, Callable[[Gains], list[Condition]]] = {
     "disturbance_observer": _disturbance_observer,
+    "impedance": _impedance,
     "integral_sliding_mode": _integral_sliding_mode,
     "linear_quadratic": _by_construction("Zhou 1998"),
     "predictive": _by_construction("Maciejowski 2002"),
