@@ -233,3 +233,9 @@ def add_offset_of(state: ControllerState, motion: Array) -> None:
         for i in range(3):
             for j in range(motion.shape[1]):
                 motion[i, j] += state.compliance.offset[i, j]
+
+
+@inlined
+def yielding_rate(state: ControllerState, joint: int) -> float:
+    """Velocity with which the reference of a joint yields, rad/s."""
+    return state.compliance.offset[1, joint] if _yields(state) else 0.0

@@ -2,6 +2,7 @@
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.compliance import yielding_rate
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact, sense_contact
 from pidtsm_core.control.effort import feed_offset, friction, held_back, limit_effort, write_net_effort
@@ -111,12 +112,13 @@ def _command_arm(config: ControllerConfig, state: ControllerState, motion: Array
 def _add(config: ControllerConfig, state: ControllerState, desired: Array) -> None:
     """Compute the effort beyond the law's: what is fed forward, and what compensates friction and offsets.
 
-    Friction is computed from the desired velocity, which is free of noise.
+    Friction is computed from the desired velocity, which is free of noise, without that of a reference that yields:
+    at a wall it changes its sign at every sample.
     """
     for j in range(desired.shape[1]):
         state.added[j] = state.feedforward_effort[j]
         if config.compensates:
-            state.added[j] += friction(config, desired[1, j], j)
+            state.added[j] += friction(config, desired[1, j] - yielding_rate(state, j), j)
         if config.adaptation.compensates_friction:
             state.added[j] += state.friction[Friction.EFFORT, j]
     feed_offset(config, state)

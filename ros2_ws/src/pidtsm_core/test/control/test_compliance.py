@@ -21,6 +21,7 @@ START = [0.0, 0.3, 0.0, -2.0, 0.0, 2.3, 0.8]
 WALL = '<mujoco><worldbody><geom type="box" size="0.5 0.05 1" pos="0.6 0.16 0.5"/></worldbody></mujoco>'
 """5 cm beside the last link."""
 RESTS = {"reference.name": "sines", "reference.amplitude": 0.0, "reference.offset": START}
+HEAVIER = {"model_error.mass": 0.2, "model_error.inertia": 0.2}
 REAL = {"model_error.mass": 0.1, "model_error.inertia": 0.1, "encoder.bits": 17}
 TOOL = {SPACE.name: "tool", "compliance.dead_zone": 0.0}
 
@@ -75,11 +76,11 @@ class Yielding:
         return float(self.tool[axis] - before)
 
 
-@pytest.mark.parametrize(("axis", "stiffness", "heavier"), [(0, 300.0, 0.0), (2, 3000.0, 0.2)])
-def test_the_tool_yields_by_the_force_over_the_stiffness(axis: int, stiffness: float, heavier: float) -> None:
+@pytest.mark.parametrize(("axis", "stiffness", "heavier"), [(0, 300.0, False), (2, 3000.0, True)])
+def test_the_tool_yields_by_the_force_over_the_stiffness(axis: int, stiffness: float, heavier: bool) -> None:
     """With the dead zone, a second push shows the stiffness."""
     soft = {SPACE.name: "tool", "compliance.stiffness": [stiffness] * 3 + [50.0] * 3}
-    arm = Yielding(soft, {"model_error.mass": heavier, "model_error.inertia": heavier})
+    arm = Yielding(soft, HEAVIER if heavier else {})
     arm.pushed(axis, 30.0, 1500)
     assert 30.0 / arm.pushed(axis, 60.0, 1500) == pytest.approx(stiffness, rel=0.05)
 
@@ -125,6 +126,18 @@ def test_a_wall_gets_no_more_than_the_limit_and_gains_that_change_make_no_step(t
     arm.swing(-0.166, 3000)
     arm.advance(2000)
     np.testing.assert_allclose(arm.robot.state.arm.position, START, atol=1e-3)
+
+
+def test_friction_that_is_compensated_does_not_shake_an_arm_at_a_wall(tmp_path: Path) -> None:
+    """The velocity of what yields changes its sign there; that of the planned motion does not."""
+    (tmp_path / "wall.xml").write_text(WALL, encoding="utf-8")
+    rubbing = np.array([4.35] * 4 + [0.6] * 3)
+    real = {"friction.coulomb": rubbing.tolist(), "friction.bristle_stiffness": 1000.0, **HEAVIER}
+    known = {SPACE.name: "tool", "compensation.coulomb": (0.8 * rubbing).tolist()}
+    arm = Yielding(known, {"scene": str(tmp_path / "wall.xml"), **real})
+    arm.swing(0.166, 3000)
+    arm.advance(1000)
+    assert np.abs(np.diff(arm.advance(2000), axis=0)).max() < 1.0
 
 
 @pytest.mark.parametrize(
