@@ -21,7 +21,7 @@ from pidtsm_studies.commissioning.model import ArmModel
 
 _FREE = 0.25
 """s in which the arm is carried by the model alone."""
-_STIFF = (15.0, 6.0)
+_STIFF, _SOFT = 15.0, 6.0
 """Triple poles of what catches the arm, rad/s; the second one if the arm rings with the first."""
 _MASSES = (0.7, 0.85, 1.0, 1.2, 1.4)
 """Ratios of true and described gravity that are thought possible here."""
@@ -85,15 +85,18 @@ def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tupl
     Raises:
         CommissionError: nothing fits; commands have ceased.
     """
-    sign = np.ones(len(model.joints))
-    for stiff in _STIFF[:-1]:
-        catch = Catch(port, model, stiff, sign, tell)
+    sign, stiff = np.ones(len(model.joints)), _STIFF
+    while True:
+        catch = Catch(port, model, stiff, sign.copy(), tell)
         try:
             return _found(catch)
         except AwayError as error:
-            tell(f"{error}; once more, softer, and with what seems to be inverted")
-            sign = catch.sign
-    return _found(Catch(port, model, _STIFF[-1], sign, tell))
+            if stiff == _SOFT:
+                raise
+            tell(f"{error}; once more, with what seems to be inverted")
+            # The first time it may have fallen because of a sign that is known now; otherwise it rang.
+            first_inverted = bool(np.all(sign > 0.0) and np.any(catch.sign < 0.0))
+            sign, stiff = catch.sign, _STIFF if first_inverted else _SOFT
 
 
 def _found(catch: Catch) -> tuple[Signs, Callable[[], object]]:
@@ -107,6 +110,7 @@ def _found(catch: Catch) -> tuple[Signs, Callable[[], object]]:
         if not catch.caught[j]:
             breakaway[j], problem = _nudge(catch, j)
             problems += [problem] if problem else []
+    catch.judges = False  # What is shaken shall not be judged by that.
     # What sticks would be taken for heavy.
     inertia = np.array([_weighed(catch, j) if np.isnan(breakaway[j]) else np.nan for j in range(joints)])
     hold = _held(catch)
