@@ -45,6 +45,9 @@ _WRONG = 0.25
 """Largest relative error of the mass and inertia of each link."""
 _STICKS, _LOST = (0.08, 0.2), (0.01, 0.05)
 """Static beyond Coulomb friction of a joint that sticks, as a share of its effort limit; share of lost joint states."""
+_ARMATURE = "robot.armature"
+_ROTORS = {"collaborative": 0.005, "geared": 0.005, "direct_drive": 0.001}
+"""Inertia of the rotors that the description lacks, kg m^2 per N m of the effort limit, by class of hardware."""
 _FAULTS = ("inverted torque", "inverted position", "sticks", "lost")
 
 
@@ -136,7 +139,8 @@ class BlindArm:
 
     Attributes:
         name, hardware: of the arm, and of its class.
-        user, true: the description that its user has, and that of the arm.
+        user: the description that its user has.
+        true: parameters that choose the arm as it is.
         settings: true parameters of the simulator.
         wiring: true one.
         faults: its faults, each as kind and joint (-1: none in particular).
@@ -145,7 +149,7 @@ class BlindArm:
     name: str
     hardware: str
     user: ArmDefinition
-    true: ArmDefinition
+    true: dict[str, Any]
     settings: dict[str, Any]
     wiring: Wiring
     faults: Sequence[tuple[str, int]]
@@ -161,6 +165,8 @@ def blind_arm(seed: int, folder: Path) -> BlindArm:
     files[1].write_text(text, encoding="utf-8")
     user, true = (ArmDefinition(str(file)) for file in files)
     arm, robot = true.settings(), true.robot()
+    if "rotor_inertia" not in text:  # Its user does not know of them.
+        arm[_ARMATURE] = [_ROTORS[hardware] * effort for effort in robot.effort_limit]
     middle = np.array(robot.initial_position)
     lower, upper = np.array(robot.position_limits).T if robot.position_limits else (middle - 1.0, middle + 1.0)
     spread = np.minimum(0.5 * (upper - lower), 1.0)
@@ -181,7 +187,7 @@ def blind_arm(seed: int, folder: Path) -> BlindArm:
             settings["friction.static"] = static.tolist()
         else:
             (wiring.effort if kind == "inverted torque" else wiring.position)[j] = -1.0
-    return BlindArm(name, hardware, user, true, settings, wiring, faults)
+    return BlindArm(name, hardware, user, arm, settings, wiring, faults)
 
 
 @dataclass(frozen=True)
@@ -232,7 +238,8 @@ def commissioned(seed: int, folder: Path) -> dict[str, Any]:
     ).settings["controller"]
     begin = time.process_time()
     session = Session.opened(folder / "session", Subject(arm, before, None, blind.user.described))
-    given = blind.true.robot().position_limits
+    robot = blind.user.robot()
+    given = robot.position_limits
     everything = np.full(len(blind.wiring.effort), np.inf)
     limits = np.array(given).T if given else np.array([-everything, everything])
     source = WatchedArm(blind.settings, blind.wiring, limits)
@@ -242,10 +249,9 @@ def commissioned(seed: int, folder: Path) -> dict[str, Any]:
         result["failed"] = f"{session.missing[0]}: {error}"
     result["seconds"] = time.process_time() - begin
     result["beyond"], result["way"] = max(source.beyond.values()), source.way[0]
-    joints = blind.true.robot().joints
     problems = [text for step in session.found.values() for text in step["problems"]]
     result["problems"] = problems
-    result |= _named(blind, joints, problems)
+    result |= _named(blind, robot.joints, problems)
     if "compare" not in session.found:
         return result
     figures = session.found["compare"]["figures"]
@@ -285,13 +291,12 @@ def _named(blind: BlindArm, joints: Sequence[str], problems: Sequence[str]) -> d
 
 def true_error(session: Session, blind: BlindArm) -> Any:
     """RMS errors with gains made with the true figures, shape (joints,); None: they fail."""
-    true = blind.true.settings()
-    gains = {gain.name: gain.value for gain in hardware_gains(true, blind.settings)}
+    gains = {gain.name: gain.value for gain in hardware_gains(blind.true, blind.settings)}
     loop = SimulatedArm(blind.settings, blind.wiring).follower(NAMES.index("compare"), blind.wiring)
     bench = session.bench(loop, lambda _: None)
     try:
         for _ in range(2):  # As often as the others, the first of which learns.
-            samples = loop.follow({**true, **gains, "limits.tracking_error": 0.3}, own_motion(bench))
+            samples = loop.follow({**blind.true, **gains, "limits.tracking_error": 0.3}, own_motion(bench))
     except CommissionError:
         return None
     return errors(samples.motion)

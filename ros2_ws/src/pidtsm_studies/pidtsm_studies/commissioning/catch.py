@@ -14,6 +14,8 @@ _VISIBLE_NOISE, _VISIBLE_STEPS, _VISIBLE = 6.0, 2.5, 0.001
 """A joint has moved if it is farther away than these multiples of noise and encoder step, and than this, rad or m."""
 _RATE_FILTER = 150.0
 """rad/s; of the velocity for the damper."""
+_CREEPS = 0.003
+"""rad/s or m/s; a caught joint that is slower counts as held by friction."""
 _FEW = 6
 """Samples that are too few to tell how a joint reacts to the catch."""
 _REACTS = 0.01
@@ -179,7 +181,8 @@ class Catch:
                 "commands have ceased, so that the brakes close. Check the order of the joints, their units and the "
                 "description"
             )
-        self._sum += np.where(self.caught, way * dt, 0.0)
+        # Of a joint that sticks, the integral would grow until it leaps.
+        self._sum += np.where(self.caught & (np.abs(self._rate) > _CREEPS), way * dt, 0.0)
         pole = self.stiff
         pull = 3.0 * pole**2 * way + pole**3 * self._sum + 3.0 * pole * self._rate
         held = -self.inertia @ np.where(self.caught, pull, 0.0)

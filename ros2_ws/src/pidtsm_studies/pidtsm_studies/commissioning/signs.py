@@ -191,27 +191,30 @@ def _nudge(catch: Catch, j: int) -> tuple[float, str]:
         catch.tell(f"the sign of {name} is inverted (it moved against its nudge)")
         catch.invert(j, carried=True)
     catch.sure[j] = True
+    # The way to where it shows takes torque, too, which grows steadily: way = slope t^3 / (6 inertia).
+    slope, inertia = bound / _NUDGE_TIME, float(catch.inertia[j, j])
+    breakaway = max(float(extra[j]) - (6.0 * inertia * slope**2 * float(catch.visible[j])) ** (1.0 / 3.0), 0.0)
     others = np.abs(moved / catch.visible)
     others[j] = 0.0
     catch.catch(j)
     if others.max() <= 3.0:
-        return float(extra[j]), ""
+        return breakaway, ""
     other = catch.model.joints[int(others.argmax())]
-    return float(extra[j]), f"a nudge of {name} moves {other} more: is the order of the joints right?"
+    return breakaway, f"a nudge of {name} moves {other} more: is the order of the joints right?"
 
 
 def _weighed(catch: Catch, j: int) -> float:
     """The inertia that a joint shows when it is shaken a little, kg m^2 or kg; nan: it does not move."""
-    dt, extra = catch.port.period, np.zeros(catch.start.size)
-    rate = 2.0 * np.pi * _SHAKEN
-    push = 2.0 * float(np.diag(catch.inertia)[j]) * rate**2 * catch.visible[j]
-    bound = _SHAKE * catch.model.effort[j]
+    dt, rate = catch.port.period, 2.0 * np.pi * _SHAKEN
+    # The others get what keeps them where they are: a light one would be thrown.
+    pattern = catch.inertia[:, j] / catch.inertia[j, j]
+    push = 2.0 * float(catch.inertia[j, j]) * rate**2 * catch.visible[j]
+    bound = _SHAKE * float((catch.model.effort / np.maximum(np.abs(pattern), 1e-9)).min())
     while True:
         push = min(push, bound)
         first = len(catch.rows)
         for k in range(round(_PERIODS / (_SHAKEN * dt))):
-            extra[j] = push * np.sin(rate * dt * k)
-            catch.step(extra)
+            catch.step(push * np.sin(rate * dt * k) * pattern)
         q = np.array([row[1][j] for row in catch.rows[first:]])
         if np.ptp(q) > _CLEAR * catch.visible[j]:
             break
