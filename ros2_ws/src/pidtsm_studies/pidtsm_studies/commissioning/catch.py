@@ -58,6 +58,7 @@ class Catch:
         at = self.start
         joints = at.size
         self.sign = sign.copy()  # of the torques
+        self.inverted: list[int] = []  # joints in the order in which their signs were changed
         self.caught = np.zeros(joints, dtype=bool)
         self.fell = np.zeros(joints, dtype=bool)  # whether a joint moved as its weight pulls, before it was caught
         self.sure = np.zeros(joints, dtype=bool)  # whether a sign was judged by the catch
@@ -82,6 +83,7 @@ class Catch:
             carried: whether the torque that acted on it until now carried it.
         """
         self.sign[j] *= -1.0
+        self.inverted.append(j)
         if carried:
             self.carried[j] *= -1.0
             self._weigh(j, float(np.linalg.inv(self.inertia)[j, j]))
