@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots import DESCRIPTION
 from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.session import Session
@@ -77,7 +78,7 @@ def _friction(session: Session) -> dict[str, tuple[Any, str]]:
     return {"compensation.coulomb": (figures["coulomb"], f"of the sweeps, ± {half} (95 %)")}
 
 
-def _listed(values: Sequence[float]) -> str:
+def _listed(values: Sequence[float] | Array) -> str:
     return ", ".join(f"{each:.2g}" for each in values)
 
 

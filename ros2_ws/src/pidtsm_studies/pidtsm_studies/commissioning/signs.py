@@ -33,6 +33,9 @@ _SHAKEN, _PERIODS, _SHAKE, _CLEAR = 4.0, 3.0, 0.3, 2.0
 """Hz, periods, largest share of the effort limit, and way in multiples of what is visible, of shaking a joint."""
 _EXPLAINED, _STICKY = 0.1, 0.8
 """Share of the shaking that may stay unexplained, and share of the torque that friction may take."""
+_SEVERAL, _ODD, _ODD_SHARE = 3, 2.0, 0.06
+"""Of so many nudged joints at least, one sticks that takes so many times the others' share of its limit, and so much.
+"""
 _MOST = 8
 """Inverted torques are sought among all combinations for arms of up to this many joints, else among single ones."""
 _RESISTED = (0.4, 0.7, 1.0)
@@ -157,6 +160,7 @@ def _found(catch: Catch, of_position: Array, may_turn: bool) -> tuple[Signs, Cal
             breakaway[j], problem = _nudge(catch, j)
             problems += [problem] if problem else []
     catch.judges = False  # What is shaken shall not be judged by that.
+    problems += _sticking(catch, breakaway)
     # What sticks would be taken for heavy.
     inertia = np.array([_weighed(catch, j) if np.isnan(breakaway[j]) else np.nan for j in range(joints)])
     hold = _held(catch)
@@ -311,6 +315,17 @@ def _weighed(catch: Catch, j: int) -> float:
     # What sticks is not explained, or mostly by friction.
     sticks = abs(stopped) > _STICKY * mobility * float(np.std(torque))
     return 1.0 / float(mobility) if mobility > 0.0 and left < _EXPLAINED and not sticks else np.nan
+
+
+def _sticking(catch: Catch, breakaway: Array) -> list[str]:
+    """Sentences about nudged joints that take much more of their limit than the others to break away."""
+    share = breakaway / catch.model.effort
+    usual = float(np.nanmedian(share)) if np.count_nonzero(np.isfinite(share)) >= _SEVERAL else np.inf
+    return [
+        f"{catch.model.joints[j]} needs {breakaway[j]:.3g} to break away, {share[j] / usual:.1f} times as much of its "
+        "limit as the others: expect it to stick"
+        for j in np.flatnonzero(share > max(_ODD_SHARE, _ODD * usual))
+    ]
 
 
 def _held(catch: Catch) -> Array:
