@@ -142,7 +142,9 @@ def _substep(config: Drivetrain, state: DrivetrainState, q: Array, dq: Array, t:
         q[j] += 0.5 * h * (v1 + v2)
         dq[j] += _ROOT * (v2 - v1)
         if config.stiffness[j] == 0.0:
-            if config.friction.stiffness[j] > 0.0 and state.sliding[j] == 0.0 and not braked:
+            if braked:
+                dq[j] = math.exp(-h / BRAKING) * state.motor_velocity[j]
+            elif config.friction.stiffness[j] > 0.0 and state.sliding[j] == 0.0:
                 dq[j] = 0.5 * (v1 + v2)
             state.motor[j], state.motor_velocity[j] = q[j], dq[j]
 

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, periodogram, sosfiltfilt
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import PRACTICAL, Experiment, make_experiment
 from pidtsm_core.experiment.hardware_classes import hardware_names
@@ -43,8 +44,8 @@ _HARDER, _STEPS = 1.35, 14
 """Factor by which gains are raised until the loop rings, and how often."""
 _TRIAL = 5.0
 """s of each of these trials."""
-_RINGS = 0.08
-"""rad/s or m/s RMS above `_ABOVE` at which a joint rings."""
+_RINGS, _AT_ONE = 0.08, 0.6
+"""rad/s or m/s RMS above `_ABOVE` at which a joint rings, and share of the power that is near one frequency then."""
 _ABOVE = 3.0
 """Hz."""
 _SEEDS = 20
@@ -201,6 +202,13 @@ def _ringing(experiment: Experiment, draft: Draft) -> Experiment:
         fast = sosfiltfilt(sections, trial.velocity[:, j])[trial.time.size // 3 :]
         if trial.status[:, 1].any():
             break
-        if np.sqrt(np.mean(fast**2)) > _RINGS:
+        if np.sqrt(np.mean(fast**2)) > _RINGS and _near_its_peak(fast, rate) > _AT_ONE:
             return found
     raise NoEffectError("no gain makes this joint ring")
+
+
+def _near_its_peak(values: Array, rate: float) -> float:
+    """Share of the power of a signal, shape (samples,), that is within a quarter of its strongest frequency."""
+    frequency, power = periodogram(values, rate)
+    peak = frequency[np.argmax(power)]
+    return float(power[np.abs(frequency - peak) < 0.25 * peak].sum() / power.sum())

@@ -15,6 +15,8 @@ from pidtsm_core.robots.tree_robot import add_load
 
 _STATES = 200
 """Of the motion, at which two models are compared."""
+_SEEN = 0.06
+"""Share of the efforts of all joints that friction and rotors leave of a difference that is seen."""
 _OF_LIMIT, _OF_FRICTION = 0.03, 1.5
 """Parts of effort limit and friction that count as effort: what differs by less is hardly seen."""
 
@@ -90,12 +92,24 @@ class Draft:
 
     def effect(self, plant: str = "", payload: Payload | None = None) -> float:
         """How far a plant differs from what the controller believes: the largest deviation of a joint's effort
-        difference, of which a constant may be an offset, as a share of the RMS of its effort with its friction.
+        difference, as a share of the RMS of its effort with its friction; 0 if an offset, friction and rotors, which no
+        description knows, explain nearly all of it.
         """
         believed = self.efforts()
         size = np.sqrt(np.mean(believed**2, axis=0)) + (_OF_LIMIT + _OF_FRICTION * self.friction) * self.limit
-        other = self.efforts(plant, payload)
-        return float((np.std(other - believed, axis=0) / size).max())
+        difference = (self.efforts(plant, payload) - believed) / size
+        left = self._unexplained(difference)
+        return float(np.std(difference, axis=0).max()) if np.sqrt(np.mean(left**2)) > _SEEN else 0.0
+
+    def _unexplained(self, difference: Array) -> Array:
+        """What offset, rotor, viscous and Coulomb friction of each joint leave, shape (states, joints)."""
+        _, velocity, acceleration = self.motion(np.linspace(0.0, self.duration, _STATES))
+        left = np.empty_like(difference)
+        for j, each in enumerate(difference.T):
+            dq = velocity[:, j]
+            columns = np.stack([np.ones_like(dq), acceleration[:, j], dq, np.sign(dq)], axis=1)
+            left[:, j] = each - columns @ np.linalg.lstsq(columns, each, rcond=None)[0]
+        return left
 
 
 def of_class(hardware: str, name: str, default: float) -> float:

@@ -16,7 +16,7 @@ from pidtsm_studies.commissioning.motions import Motion
 
 CAUTIOUS_BITS, CAUTIOUS_DELAY = 12, 0.008
 """Resolution and delay (s) that are assumed until they are measured: gains for them are low."""
-_CAUTION = 0.7
+CAUTION = 0.7
 """Share of the bandwidth of the rule that a step uses before the gains are raised."""
 _SURELY = 0.8
 """Share of the friction of the sweeps that is compensated until the arm is identified."""
@@ -159,7 +159,7 @@ class Bench:
             velocity: largest one that the step needs, rad/s.
             error: tracking error at which the arm is stopped, rad.
         """
-        bandwidth = _CAUTION * self.bandwidth() if bandwidth is None else bandwidth
+        bandwidth = CAUTION * self.bandwidth() if bandwidth is None else bandwidth
         gains = {gain.name: gain.value for gain in self.gains(bandwidth)}
         return {**self.identified, **gains, **self.compensation, **safeguards(velocity, error)}
 

@@ -14,8 +14,12 @@ _VISIBLE_NOISE, _VISIBLE_STEPS, _VISIBLE = 6.0, 2.5, 0.001
 """A joint has moved if it is farther away than these multiples of noise and encoder step, and than this, rad or m."""
 _RATE_FILTER = 150.0
 """rad/s; of the velocity for the damper."""
+_CREEPS = 0.003
+"""rad/s or m/s; a caught joint that is slower counts as held by friction."""
 _FEW = 6
 """Samples that are too few to tell how a joint reacts to the catch."""
+_REACTS = 0.01
+"""s from the catch of a joint to its first visible effect: delay and lag of the drive, and `_RATE_FILTER`."""
 _SLOWER = 0.98
 """Share of its speed below which a caught joint is being stopped."""
 _HEAVY = 1.5
@@ -28,8 +32,8 @@ _LOADED = 0.01
 """Share of the effort limit from which on gravity matters to a joint."""
 _STOPS = 1.5
 """A catch with the right sign stops a joint within this multiple of its velocity by the pole."""
-_WATCHED = 1.0
-"""s in which the arm is watched without commands."""
+_WATCHED, _CALMS = 1.0, 0.8
+"""s in which the arm is watched without commands, and share of its scatter below which it is watched again."""
 
 
 class AwayError(CommissionError):
@@ -54,6 +58,7 @@ class Catch:
         at = self.start
         joints = at.size
         self.sign = sign.copy()  # of the torques
+        self.inverted: list[int] = []  # joints in the order in which their signs were changed
         self.caught = np.zeros(joints, dtype=bool)
         self.fell = np.zeros(joints, dtype=bool)  # whether a joint moved as its weight pulls, before it was caught
         self.sure = np.zeros(joints, dtype=bool)  # whether a sign was judged by the catch
@@ -78,6 +83,7 @@ class Catch:
             carried: whether the torque that acted on it until now carried it.
         """
         self.sign[j] *= -1.0
+        self.inverted.append(j)
         if carried:
             self.carried[j] *= -1.0
             self._weigh(j, float(np.linalg.inv(self.inertia)[j, j]))
@@ -101,20 +107,21 @@ class Catch:
         for moved in np.flatnonzero((np.abs(way) > self.visible) & ~self.caught).tolist():
             if moved != self.nudged:
                 self.catch(moved)
-        if np.any(beyond := self.caught & (np.abs(way) > self._bound)):
+        reacted = (len(self.rows) - self._since) * self.port.period > _REACTS
+        if np.any(beyond := self.caught & reacted & (np.abs(way) > self._bound)):
             j = int(np.argmax(np.where(beyond, np.abs(way) / self._bound, 0.0)))
             if abs(self._rate[j]) < _SLOWER * self._speed[j]:  # It is being stopped.
                 self._bound[j] += self.visible[j]
                 return
-            mobility = self._mobility(j)
+            mobility, described = self._mobility(j), 1.0 / float(self.inertia[j, j])
             if mobility < 0.0 and not self.sure[j]:
                 self.invert(j, carried=not self.fell[j])
                 self.tell(f"the sign of {self.model.joints[j]} is inverted (what should hold it pushed it away)")
                 self._sum[:] = 0.0
-                if abs(mobility) < 1.0 / (_HEAVY * float(self.inertia[j, j])):
+                if abs(mobility) < described / _HEAVY:
                     self._weigh(j, mobility)
-            else:  # The catch is too weak, as for a rotor that is not described.
-                self._weigh(j, 0.5 / float(self.inertia[j, j]))
+            elif 0.0 < mobility < described / _HEAVY:  # The catch is too weak, as for a rotor that is not described.
+                self._weigh(j, max(mobility, 0.5 * described))
             self.sure[j] = True
             for other in np.flatnonzero(self.caught).tolist():
                 self.catch(other)  # It was pushed too, and shall not be judged by that.
@@ -176,7 +183,8 @@ class Catch:
                 "commands have ceased, so that the brakes close. Check the order of the joints, their units and the "
                 "description"
             )
-        self._sum += np.where(self.caught, way * dt, 0.0)
+        # Of a joint that sticks, the integral would grow until it leaps.
+        self._sum += np.where(self.caught & (np.abs(self._rate) > _CREEPS), way * dt, 0.0)
         pole = self.stiff
         pull = 3.0 * pole**2 * way + pole**3 * self._sum + 3.0 * pole * self._rate
         held = -self.inertia @ np.where(self.caught, pull, 0.0)
@@ -192,15 +200,24 @@ class Catch:
 
 def _at_rest(port: Port) -> tuple[Array, Array]:
     """Mean position of the arm without commands, and the way from which on a joint has visibly moved."""
+    scatter = np.inf
+    while True:
+        # In the first half brakes may still be closing; what swings afterwards, as after a try that went wrong, calms.
+        q = _watched(port)
+        before, scatter = scatter, float(_VISIBLE_NOISE * q.std(axis=0).max())
+        if scatter < _VISIBLE or scatter > _CALMS * before:
+            break
+    gaps = [np.diff(np.unique(column)) for column in q.T]
+    step = np.array([float(each.min()) if each.size else 0.0 for each in gaps])
+    return q.mean(axis=0), np.maximum(_VISIBLE, np.maximum(_VISIBLE_NOISE * q.std(axis=0), _VISIBLE_STEPS * step))
+
+
+def _watched(port: Port) -> Array:
+    """Positions in the second half of some time without commands, shape (samples, joints)."""
     positions = []
     for _ in range(max(20, round(_WATCHED / port.period))):
         measured = port.sense()
         port.act(None)
         if measured is not None:
             positions.append(measured.position.copy())
-    q = np.array(positions)
-    gaps = [np.diff(np.unique(column)) for column in q.T]
-    step = np.array([float(each.min()) if each.size else 0.0 for each in gaps])
-    return q[len(q) // 2 :].mean(axis=0), np.maximum(
-        _VISIBLE, np.maximum(_VISIBLE_NOISE * q.std(axis=0), _VISIBLE_STEPS * step)
-    )
+    return np.array(positions[len(positions) // 2 :])

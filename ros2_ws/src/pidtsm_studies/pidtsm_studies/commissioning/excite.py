@@ -8,15 +8,18 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.identification.excitation import excitation
 from pidtsm_core.identification.identification import Identification, IdentificationError, identify
 from pidtsm_core.identification.measurement import Measurement
+from pidtsm_core.identification.regressor import OF_JOINT
 from pidtsm_core.identification.written import corrected_description, written_parameters
 from pidtsm_core.robots import DESCRIPTION
 from pidtsm_core.robots.payload import MASS
+from pidtsm_core.robots.tree.unit_forces import LINK
 from pidtsm_core.trajectories.limits import motion_limits
 from pidtsm_studies.commissioning.bench import Bench, Outcome, Plan
 from pidtsm_studies.commissioning.motions import STEP, Motion
 
 DURATION = 40.0
 """s of the motion."""
+_ABOUT = {"coulomb": "Coulomb friction", "viscous": "viscous friction", "offset": "constant torque"}
 _LOOSE = 0.6
 """rad; tracking error at which the arm is stopped: a model that is still wrong, and joints that stick, follow badly."""
 _REACH, _QUICK, _GENTLE = 1.0, 1.2, 4.0
@@ -82,11 +85,11 @@ def run(bench: Bench) -> Outcome:
         del figures["parameters"]
         return Outcome(f"the description stays: {left}", figures, found.warnings, samples={"identify": samples})
     friction = {name: value for name, value in figures["parameters"].items() if name.startswith("compensation.")}
-    about = {"coulomb": "Coulomb friction", "viscous": "viscous friction", "offset": "constant torque"}
-    parameters = {
-        name: (value, f"identified {about[name.partition('.')[2]]}; intervals in session.json")
-        for name, value in friction.items()
-    }
+    parameters = {}
+    for name, value in friction.items():
+        of = name.partition(".")[2]
+        half = ", ".join("?" if each is None else f"{each:.2g}" for each in figures["half_interval"][of])
+        parameters[name] = (value, f"identified {_ABOUT[of]}, ± {half} (95 %; ?: the motion does not show it)")
     return Outcome(left, figures, found.warnings, parameters, {"identify": samples})
 
 
@@ -99,9 +102,33 @@ def _parameters(found: Identification) -> dict[str, Any]:
     return {**plain, DESCRIPTION.name: text, MASS: 0.0}
 
 
+def _half_intervals(found: Identification) -> dict[str, list[float | None]]:
+    """Half of the interval of 95 % of each parameter of the joints, by name; None: the motion does not show it."""
+    joints = len(found.arm.joints)
+    known = dict(zip(found.base.columns.tolist(), found.fit.half_interval.tolist(), strict=True))
+    for hidden in found.undetermined:
+        known.pop(int(found.base.columns[hidden]))
+    return {name: [known.get(LINK * joints + k * joints + j) for j in range(joints)] for k, name in enumerate(OF_JOINT)}
+
+
+def _sure_bodies(found: Identification) -> str:
+    """How sure the identified combinations of masses, centres and inertias are, in words."""
+    of_links = found.base.columns < LINK * len(found.arm.joints)
+    shown = of_links & ~np.isin(np.arange(of_links.size), found.undetermined)
+    if not shown.any():
+        return "the motion shows none of its combinations of masses"
+    share = found.fit.half_interval[shown] / np.maximum(np.abs(found.fit.beta[shown]), 1e-9)
+    return (
+        f"the motion shows {np.count_nonzero(shown)} of {np.count_nonzero(of_links)} combinations of masses, half of "
+        f"them within ± {100.0 * float(np.median(share)):.2g} % (95 %)"
+    )
+
+
 def _figures(found: Identification) -> dict[str, Any]:
     check = found.check
     return {
+        "half_interval": _half_intervals(found),
+        "bodies": _sure_bodies(found),
         "before": check.error(check.before).tolist(),
         "after": check.error(check.after).tolist(),
         "condition": found.fit.condition,

@@ -24,6 +24,8 @@ _PARTS = 4
 """Parts of a chirp whose delays tell how sure the delay is."""
 _SLOW = 0.02
 """rad/s, about which the sign of the velocity changes gradually."""
+_UNSURE = 0.5
+"""Half-interval above which a delay does not replace a lower cautious one, as a share of that."""
 _UNEXPLAINED = 0.5
 """Share of the torque's variation above which a chirp tells nothing."""
 
@@ -73,6 +75,10 @@ def run(bench: Bench) -> Outcome:
         # The torque is held over a period, which the rule knows.
         delay = max(0.0, middle - 0.5 * period)
         half = 2.0 * max(1.5 * spread, float(np.median(deviation[known])), _GRID) / np.sqrt(known.sum())
+        if half > _UNSURE * bench.delay and delay > bench.delay:
+            # Gains for a delay that is only feared would be too low for friction.
+            delay = bench.delay
+            problems.append("joints that stick do not tell how late torques act; the cautious value stays")
     figures = {
         "delay": delay,
         "half_interval": half,

@@ -12,6 +12,8 @@ _COARSEST, _FINEST = 8, 24
 """Bits that can be found."""
 _LOST = 1.5
 """Periods; a longer time between stamps means lost joint states."""
+_NORMAL = 1.96
+"""Half of the interval of 95 % of a normal number, in standard deviations."""
 _STAYS = 0.03
 """rad or m; an arm that is held moves less in the second half of the time, even if it sticks and slips."""
 _JITTER = 0.1
@@ -60,6 +62,7 @@ def run(bench: Bench) -> Outcome:
         "jitter": jitter,
         "missing": missing,
         "noise": noise.tolist(),
+        "noise_half_interval": (_NORMAL * noise / np.sqrt(2.0 * len(still))).tolist(),
         "step": step.tolist(),
         "bits": bits,
     }

@@ -1,11 +1,14 @@
 """What a commissioning leaves: parameters of the controller with their reasons, and the corrected description."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import Any
 
+import numpy as np
+
+from pidtsm_core.arrays import Array
 from pidtsm_core.robots import DESCRIPTION
 from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.session import Session
@@ -59,7 +62,8 @@ def chosen(session: Session, description: str) -> dict[str, tuple[Any, str]]:
         for name, value in identified.items():
             if not name.startswith("compensation."):
                 result[name] = (value, "of the identified arm")
-        result[DESCRIPTION.name] = (str((session.folder / description).absolute()), "the identified bodies")
+        sure = session.found["identify"]["figures"]["bodies"]
+        result[DESCRIPTION.name] = (str((session.folder / description).absolute()), f"the identified bodies: {sure}")
     for step in ("identify", "gains"):
         for name, (value, reason) in session.found[step]["parameters"].items():
             result[name] = (value, reason)
@@ -70,8 +74,31 @@ def chosen(session: Session, description: str) -> dict[str, tuple[Any, str]]:
 
 def _friction(session: Session) -> dict[str, tuple[Any, str]]:
     figures = session.found["friction"]["figures"]
-    half = ", ".join(f"{each:.2g}" for each in figures["half_interval"])
-    return {"compensation.coulomb": (figures["coulomb"], f"of the sweeps, ± {half}")}
+    half = _listed(figures["half_interval"])
+    return {"compensation.coulomb": (figures["coulomb"], f"of the sweeps, ± {half} (95 %)")}
+
+
+def _listed(values: Sequence[float] | Array) -> str:
+    return ", ".join(f"{each:.2g}" for each in values)
+
+
+def _measured(session: Session) -> list[str]:
+    """What the gains follow from, with intervals of 95 %, as sentences; of the steps that are done."""
+    said = []
+    if rest := _figures(session.found, "rest"):
+        noise, half = (1e3 * np.array(rest[name]) for name in ("noise", "noise_half_interval"))
+        said.append(f"noise of the positions: {_listed(noise)} mrad or mm, ± {_listed(half)}")
+    if "lateness" in session.found:
+        said.append(session.found["lateness"]["verdict"])
+    if friction := _figures(session.found, "friction"):
+        said.append(
+            f"Coulomb friction of the sweeps: {_listed(friction['coulomb'])} N m or N, "
+            f"± {_listed(friction['half_interval'])}"
+        )
+    if gravity := _figures(session.found, "gravity"):
+        share, deviation = (100.0 * np.array(gravity[name]) for name in ("share", "share_deviation"))
+        said.append(f"gravity beyond the description: {_listed(share)} %, ± {_listed(2.0 * deviation)}")
+    return said
 
 
 def parameter_file(session: Session, description: str) -> str:
@@ -79,6 +106,7 @@ def parameter_file(session: Session, description: str) -> str:
     compared = session.found["compare"]
     head = [
         f"# Made by ./pidtsm commission. {_sentence(compared['verdict'])}",
+        *(f"# {_sentence(each)}" for each in _measured(session)),
         *(f"# Look: {_sentence(each)}" for step in session.found.values() for each in step["problems"]),
     ]
     lines = [*(fill(each, _WIDTH, subsequent_indent="# ") for each in head), "controller:", "  ros__parameters:"]

@@ -22,7 +22,7 @@ from pidtsm_studies.commissioning.signs import Signs
 
 STATE, SAMPLES = "session.json", "samples"
 """Names in the folder of a session."""
-_FORMAT = 1
+_FORMAT = 2
 _FIRST = "signs"
 
 

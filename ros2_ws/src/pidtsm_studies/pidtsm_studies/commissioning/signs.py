@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_studies.commissioning.arm import CommissionError, Port, Wiring
+from pidtsm_studies.commissioning.arm import CommissionError, Port, Wired, Wiring
 from pidtsm_studies.commissioning.catch import AwayError, Catch
 from pidtsm_studies.commissioning.model import ArmModel
 
 _FREE = 0.25
 """s in which the arm is carried by the model alone."""
-_STIFF = (15.0, 6.0)
+_STIFF, _SOFT = 15.0, 6.0
 """Triple poles of what catches the arm, rad/s; the second one if the arm rings with the first."""
 _MASSES = (0.7, 0.85, 1.0, 1.2, 1.4)
 """Ratios of true and described gravity that are thought possible here."""
@@ -33,12 +33,17 @@ _SHAKEN, _PERIODS, _SHAKE, _CLEAR = 4.0, 3.0, 0.3, 2.0
 """Hz, periods, largest share of the effort limit, and way in multiples of what is visible, of shaking a joint."""
 _EXPLAINED, _STICKY = 0.1, 0.8
 """Share of the shaking that may stay unexplained, and share of the torque that friction may take."""
+_SEVERAL, _ODD, _ODD_SHARE = 3, 2.0, 0.06
+"""Of so many nudged joints at least, one sticks that takes so many times the others' share of its limit, and so much.
+"""
 _MOST = 8
 """Inverted torques are sought among all combinations for arms of up to this many joints, else among single ones."""
 _RESISTED = (0.4, 0.7, 1.0)
 """Shares of the acceleration that friction may leave."""
 _PREFERS = 2.0
 """How much better an explanation with inverted torques must fit than one with none."""
+_POSTURES, _DIFFERS = 3, 0.03
+"""How often another position may be taken for inverted, and share of the effort limit by which this must matter."""
 _SHOWS = 3.0
 """A wrong sign shows when the arm is released if the joint falls this many times as far as is visible."""
 
@@ -85,21 +90,68 @@ def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tupl
     Raises:
         CommissionError: nothing fits; commands have ceased.
     """
-    sign = np.ones(len(model.joints))
-    for stiff in _STIFF[:-1]:
-        catch = Catch(port, model, stiff, sign, tell)
+    ones = np.ones(len(model.joints))
+    tries, postures = [_Try(ones, ones, _STIFF)], 0
+    while True:
+        guess = tries.pop(0)
+        catch = Catch(Wired(port, Wiring(guess.position, ones)), model, guess.stiff, guess.sign.copy(), tell)
         try:
-            return _found(catch)
+            return _found(catch, guess.position, postures < _POSTURES)
+        except _OtherPostureError as error:
+            tries.insert(0, _Try(guess.position * error.position, error.sign, _STIFF))
+            postures += 1
         except AwayError as error:
-            tell(f"{error}; once more, softer, and with what seems to be inverted")
-            sign = catch.sign
-    return _found(Catch(port, model, _STIFF[-1], sign, tell))
+            if not tries and guess.stiff == _SOFT:
+                raise
+            tell(f"{error}; once more, with what seems to be inverted")
+            tries = tries or _other_tries(guess, catch)
 
 
-def _found(catch: Catch) -> tuple[Signs, Callable[[], object]]:
-    """One try; see `find_signs`."""
+@dataclass(frozen=True)
+class _Try:
+    """What is assumed: signs of positions and torques, shape (joints,) each; and the pole of the catch, rad/s."""
+
+    position: Array
+    sign: Array
+    stiff: float
+
+
+def _other_tries(guess: _Try, catch: Catch) -> list[_Try]:
+    """What to try when a joint got away: what seems inverted is the torque, or the position; or the arm rang."""
+    soft = _Try(guess.position, catch.sign, _SOFT)
+    if not catch.inverted:
+        return [soft]
+    position = guess.position.copy()
+    position[catch.inverted[0]] *= -1.0
+    return [_Try(guess.position, catch.sign, _STIFF), _Try(position, guess.sign, _STIFF), soft]
+
+
+class _OtherPostureError(Exception):
+    """The arm fell as if the position of a joint were inverted; commands have ceased.
+
+    Attributes:
+        position: -1 for that joint, else 1, shape (joints,).
+        sign: of the torques, likewise.
+    """
+
+    def __init__(self, position: Array, sign: Array) -> None:
+        super().__init__()
+        self.position, self.sign = position, sign
+
+
+def _found(catch: Catch, of_position: Array, may_turn: bool) -> tuple[Signs, Callable[[], object]]:
+    """One try; see `find_signs`.
+
+    Args:
+        catch: the arm.
+        of_position: signs of the positions that the catch gets, shape (joints,).
+        may_turn: whether other positions may be inverted.
+
+    Raises:
+        _OtherPostureError: they are.
+    """
     joints = catch.start.size
-    _release(catch)
+    _release(catch, may_turn)
     breakaway, problems = np.full(joints, np.nan), []
     for j in range(joints):
         for _ in range(max(1, round(_QUIET / catch.port.period))):
@@ -107,26 +159,47 @@ def _found(catch: Catch) -> tuple[Signs, Callable[[], object]]:
         if not catch.caught[j]:
             breakaway[j], problem = _nudge(catch, j)
             problems += [problem] if problem else []
+    catch.judges = False  # What is shaken shall not be judged by that.
+    problems += _sticking(catch, breakaway)
     # What sticks would be taken for heavy.
     inertia = np.array([_weighed(catch, j) if np.isnan(breakaway[j]) else np.nan for j in range(joints)])
     hold = _held(catch)
     wiring = _which(catch, hold)
+    wiring = Wiring(of_position * wiring.position, wiring.effort)
     time, position, effort = (np.array(each) for each in zip(*catch.rows, strict=True))
     known_by = tuple("release" if np.isnan(each) else "nudge" for each in breakaway)
     signs = Signs(
-        wiring, catch.farthest, known_by, hold, breakaway, inertia, tuple(problems), time, position, catch.sign * effort
+        wiring,
+        catch.farthest,
+        known_by,
+        hold,
+        breakaway,
+        inertia,
+        tuple(problems),
+        time,
+        of_position * position,
+        catch.sign * effort,
     )
     return signs, catch.step
 
 
-def _release(catch: Catch) -> None:
-    """Carry the arm by its model until a joint moves; judge by how it moves which torques are inverted."""
+def _release(catch: Catch, may_turn: bool) -> None:
+    """Carry the arm by its model until a joint moves; judge by how it moves which torques are inverted.
+
+    Raises:
+        _OtherPostureError: it moves as if a position were, if that may be.
+    """
     ways: list[Array] = []
     while len(ways) * catch.port.period < _FREE and not (ways and np.any(np.abs(ways[-1]) > catch.visible)):
         ways.append(catch.step())
     if np.any(np.abs(ways[-1]) > catch.visible):
         fall = np.abs(catch.carried) / np.diag(catch.inertia) * (_FREE / 2.0) ** 2
-        signs = _explanation(catch, np.array(ways), fall > _SHOWS * catch.visible)
+        position, signs = _explanation(catch, np.array(ways), fall > _SHOWS * catch.visible, may_turn)
+        if np.any(position < 0.0):
+            catch.port.act(None)
+            name = catch.model.joints[int(np.argmin(position))]
+            catch.tell(f"the position of {name} seems to be inverted (the arm fell so when it was released); once more")
+            raise _OtherPostureError(position, signs * catch.sign)
         for j in np.flatnonzero(signs < 0.0):
             catch.invert(int(j), carried=False)
             catch.sure[j] = True
@@ -134,29 +207,39 @@ def _release(catch: Catch) -> None:
     catch.judges = True
 
 
-def _explanation(catch: Catch, ways: Array, loaded: Array) -> Array:
-    """Signs of the torques that explain best how the arm began to move, shape (joints,)."""
+def _explanation(catch: Catch, ways: Array, loaded: Array, may_turn: bool) -> tuple[Array, Array]:
+    """Signs of positions and torques that explain best how the arm began to move, shape (joints,) each."""
     joints = catch.start.size
     time = np.asarray(catch.port.period * np.arange(len(ways)), dtype=np.float64)
-    inverse = np.asarray(np.linalg.inv(catch.inertia), dtype=np.float64)
     candidates = [j for j in range(joints) if loaded[j]]
     most = len(candidates) if len(candidates) <= _MOST else 1
-    best, chosen = np.inf, np.ones(joints)
-    for count in range(most + 1):
-        for inverted in itertools.combinations(candidates, count):
-            signs = np.ones(joints)
-            signs[list(inverted)] = -1.0
-            misfit = _misfit(catch, ways, time, inverse, signs) * (_PREFERS if count else 1.0) ** min(count, 2)
-            if misfit < best:
-                best, chosen = misfit, signs
+    best, chosen = np.inf, (np.ones(joints), np.ones(joints))
+    for turned in range(-1, joints if may_turn else 0):
+        position = np.where(np.arange(joints) == turned, -1.0, 1.0)
+        weight = catch.model.gravity((position * catch.start)[np.newaxis])[0]
+        if turned >= 0 and np.all(np.abs(weight - catch.carried) < _DIFFERS * catch.model.effort):
+            continue
+        inertia = catch.model.inertia(position * catch.start)
+        mobility = position[:, np.newaxis] * np.asarray(np.linalg.inv(inertia), dtype=np.float64)
+        for count in range(most + 1 if turned < 0 else min(most, 1) + 1):
+            for inverted in itertools.combinations(candidates, count):
+                signs = np.ones(joints)
+                signs[list(inverted)] = -1.0
+                wrong = min(count + 2 * (turned >= 0), 2)
+                misfit = _misfit(catch, ways, time, mobility, signs, weight) * _PREFERS**wrong
+                if misfit < best:
+                    best, chosen = misfit, (position, signs)
     return chosen
 
 
-def _misfit(catch: Catch, ways: Array, time: Array, inverse: Array, signs: Array) -> float:
-    """How badly a combination of signs explains ways, shape (samples, joints), with the likeliest mass and delay."""
+def _misfit(catch: Catch, ways: Array, time: Array, mobility: Array, signs: Array, weight: Array) -> float:
+    """How badly signs of the torques explain ways, shape (samples, joints), with the likeliest mass and delay.
+
+    `mobility`: accelerations per torque, shape (joints, joints); `weight`: torque that would carry the arm, (joints,).
+    """
     least = np.inf
     for ratio in _MASSES:
-        acceleration = inverse @ ((signs - ratio) * catch.carried)
+        acceleration = mobility @ (signs * catch.carried - ratio * weight)
         for late, share in itertools.product(_LATE, _RESISTED):
             grown = 0.5 * share * np.maximum(time - late, 0.0) ** 2
             apart = (ways - np.outer(grown, acceleration)) / catch.visible
@@ -187,27 +270,30 @@ def _nudge(catch: Catch, j: int) -> tuple[float, str]:
         catch.tell(f"the sign of {name} is inverted (it moved against its nudge)")
         catch.invert(j, carried=True)
     catch.sure[j] = True
+    # The way to where it shows takes torque, too, which grows steadily: way = slope t^3 / (6 inertia).
+    slope, inertia = bound / _NUDGE_TIME, float(catch.inertia[j, j])
+    breakaway = max(float(extra[j]) - (6.0 * inertia * slope**2 * float(catch.visible[j])) ** (1.0 / 3.0), 0.0)
     others = np.abs(moved / catch.visible)
     others[j] = 0.0
     catch.catch(j)
     if others.max() <= 3.0:
-        return float(extra[j]), ""
+        return breakaway, ""
     other = catch.model.joints[int(others.argmax())]
-    return float(extra[j]), f"a nudge of {name} moves {other} more: is the order of the joints right?"
+    return breakaway, f"a nudge of {name} moves {other} more: is the order of the joints right?"
 
 
 def _weighed(catch: Catch, j: int) -> float:
     """The inertia that a joint shows when it is shaken a little, kg m^2 or kg; nan: it does not move."""
-    dt, extra = catch.port.period, np.zeros(catch.start.size)
-    rate = 2.0 * np.pi * _SHAKEN
-    push = 2.0 * float(np.diag(catch.inertia)[j]) * rate**2 * catch.visible[j]
-    bound = _SHAKE * catch.model.effort[j]
+    dt, rate = catch.port.period, 2.0 * np.pi * _SHAKEN
+    # The others get what keeps them where they are: a light one would be thrown.
+    pattern = catch.inertia[:, j] / catch.inertia[j, j]
+    push = 2.0 * float(catch.inertia[j, j]) * rate**2 * catch.visible[j]
+    bound = _SHAKE * float((catch.model.effort / np.maximum(np.abs(pattern), 1e-9)).min())
     while True:
         push = min(push, bound)
         first = len(catch.rows)
         for k in range(round(_PERIODS / (_SHAKEN * dt))):
-            extra[j] = push * np.sin(rate * dt * k)
-            catch.step(extra)
+            catch.step(push * np.sin(rate * dt * k) * pattern)
         q = np.array([row[1][j] for row in catch.rows[first:]])
         if np.ptp(q) > _CLEAR * catch.visible[j]:
             break
@@ -229,6 +315,17 @@ def _weighed(catch: Catch, j: int) -> float:
     # What sticks is not explained, or mostly by friction.
     sticks = abs(stopped) > _STICKY * mobility * float(np.std(torque))
     return 1.0 / float(mobility) if mobility > 0.0 and left < _EXPLAINED and not sticks else np.nan
+
+
+def _sticking(catch: Catch, breakaway: Array) -> list[str]:
+    """Sentences about nudged joints that take much more of their limit than the others to break away."""
+    share = breakaway / catch.model.effort
+    usual = float(np.nanmedian(share)) if np.count_nonzero(np.isfinite(share)) >= _SEVERAL else np.inf
+    return [
+        f"{catch.model.joints[j]} needs {breakaway[j]:.3g} to break away, {share[j] / usual:.1f} times as much of its "
+        "limit as the others: expect it to stick"
+        for j in np.flatnonzero(share > max(_ODD_SHARE, _ODD * usual))
+    ]
 
 
 def _held(catch: Catch) -> Array:

@@ -25,12 +25,12 @@ SHORTEST = 3.0
 """s of a recording that can be judged."""
 _ANOTHER_ARM = {Cause.WRONG_SIGN, Cause.WRONG_ORDER, Cause.OTHER_ARM}
 _CONSEQUENCES = (
-    (_ANOTHER_ARM, {Cause.RINGING, Cause.STICK_SLIP}),
+    (_ANOTHER_ARM, {Cause.RINGING, Cause.STICK_SLIP, Cause.SATURATION}),
     ({Cause.LATE_DRIVE}, {Cause.RINGING, Cause.STICK_SLIP}),
     ({Cause.STICK_SLIP, Cause.NOISY_ENCODER, Cause.COMMAND_JITTER}, {Cause.RINGING}),
 )
 """What makes a loop oscillate, and what then is no cause of its own: a joint that rings hardly ever stands still, and
-noise and jitter make every loop near its margin ring."""
+noise and jitter make every loop near its margin ring; with another arm, it needs other efforts."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +87,13 @@ def diagnose(observed: Observed, arm: Description | None = None, robot: str = "R
     with warnings.catch_warnings(), np.errstate(divide="ignore", invalid="ignore"):
         # A joint that stands still has no spectrum.
         warnings.simplefilter("ignore", RuntimeWarning)
-        jitter = command_jitter(loop)
+        jitter, late = command_jitter(loop), late_drive(loop)
         verdicts = [
             lost_samples(loop),
             noisy_encoder(loop),
             jitter,
-            saturation(loop, limit),
-            late_drive(loop),
+            saturation(loop, limit, late.value if late.found else 0.0),
+            late,
             ringing(loop),
             stick_slip(loop),
             *model_verdicts(loop, arm, robot, jitter.found),

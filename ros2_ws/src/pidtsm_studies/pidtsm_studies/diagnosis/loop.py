@@ -15,8 +15,8 @@ Samples: TypeAlias = NDArray[np.bool_]
 """Whether each sample counts, shape (samples,)."""
 _SHORTEST = 2.0
 """s that a loop must follow its reference; of one that does so for less time, everything is used."""
-_SPECTRUM = 4.0
-"""s of the pieces whose spectra are averaged."""
+_SPECTRUM, _PIECES = 4.0, 4
+"""s of the pieces whose spectra are averaged, and into how many a recording is cut at least: one is coherent."""
 _SMOOTH = 10.0
 """Hz, bandwidth of `Loop.velocity`."""
 _STOPPING = 0.5
@@ -126,7 +126,7 @@ class Loop:
     @cached_property
     def spectrum(self) -> Spectrum:
         """Spectra of position and effort."""
-        length = min(round(_SPECTRUM * self.rate), len(self.time))
+        length = min(round(_SPECTRUM * self.rate), len(self.time) // _PIECES)
 
         def power(values: Array) -> Array:
             return np.asarray(welch(values, self.rate, nperseg=length, detrend="linear", axis=0)[1])

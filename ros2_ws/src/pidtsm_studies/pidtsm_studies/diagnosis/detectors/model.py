@@ -19,7 +19,7 @@ from pidtsm_studies.diagnosis.verdict import Curve, Plot, State, Verdict, unknow
 _RIGHT, _RIGHT_WORST = 0.037, 0.08
 """Shares of the efforts, of all joints and of the worst, that no description explains: cogging, and masses that
 are some percent off."""
-_DISTURBED = 1.8
+_DISTURBED = 2.5
 """Factor of both where the reference jitters: fast motion shows friction and gears that no model has."""
 _STRUCTURE = 0.35
 """Share of the unexplained effort that may remain with the right signs and order."""
@@ -29,10 +29,11 @@ _AS_GOOD, _NOISE = 1.8, 0.006
 """A payload that leaves at most so many times what free masses leave, plus so much, is the simpler reason."""
 _LIGHTEST = 0.05
 """kg."""
-_BODIES, _OF_DESCRIBED = 0.021, 0.15
+_BODIES, _OF_DESCRIBED = 0.021, 0.1
 """Share that the right geometry with free masses leaves, also relative to what the description leaves."""
 _EXPLAINED, _ANOTHER = 0.5, 0.12
-"""Another arm is certain where free masses explain a part at least, or where so much is unexplained."""
+"""Where the reference jitters, another arm is certain if free masses explain a part at least, or if so much is
+unexplained."""
 CAUSES = (Cause.WRONG_SIGN, Cause.WRONG_ORDER, Cause.OTHER_ARM, Cause.WRONG_GRAVITY, Cause.UNKNOWN_PAYLOAD)
 """Of these verdicts, in their order."""
 _NO_ARM = "the arm is not known; name it with --robot"
@@ -63,16 +64,18 @@ def _cause(fit: ModelFit, patience: float) -> Sequence[Cause]:
     """What is wrong with the model; empty: nothing. `patience`: factor of the shares that no description explains."""
     if fit.described < patience * _RIGHT and fit.worst < patience * _RIGHT_WORST:
         return ()
-    if fit.changes and fit.restructured < _STRUCTURE * fit.described:
+    # With the right signs and order, the description is as good as any.
+    if fit.changes and fit.restructured < max(_STRUCTURE * fit.described, patience * _RIGHT):
         kinds = dict.fromkeys(Cause.WRONG_ORDER if each.kind == "order" else Cause.WRONG_SIGN for each in fit.changes)
         return tuple(kinds)
     left = min(fit.payload, fit.bodies)
     is_simplest = fit.payload < min(_PAYLOAD * fit.described, _PAYLOAD_OF_SCALED * fit.scaled)
     if fit.mass > _LIGHTEST and is_simplest and fit.payload < _AS_GOOD * fit.bodies + _NOISE:
         return (Cause.UNKNOWN_PAYLOAD,)
-    if fit.bodies < max(_BODIES, _OF_DESCRIBED * fit.described):
+    if fit.bodies < max(patience * _BODIES, _OF_DESCRIBED * fit.described):
         return (Cause.WRONG_GRAVITY,)
-    return (Cause.OTHER_ARM,) if left < _EXPLAINED * fit.described or fit.described > _ANOTHER else ()
+    certain = patience == 1.0 or left < _EXPLAINED * fit.described or fit.described > _ANOTHER
+    return (Cause.OTHER_ARM,) if certain else ()
 
 
 def _fine(cause: Cause, fit: ModelFit) -> Verdict:

@@ -26,8 +26,14 @@ _SHORTEST = 0.3
 """s."""
 
 
-def saturation(loop: Loop, limit: Array | None) -> Verdict:
-    """Count the samples at the limit; `limit`: of the description, shape (joints,), N m or N; None: not known."""
+def saturation(loop: Loop, limit: Array | None, late: float = 0.0) -> Verdict:
+    """Count the samples at the limit.
+
+    Args:
+        loop: the recording.
+        limit: of the description, shape (joints,), N m or N; None: not known.
+        late: how late the drives are, s: their effort is compared with the command of that time before.
+    """
     effort = loop.observed.effort
     size = np.abs(effort)
     largest = np.maximum(np.nanmax(size, axis=0), 1e-9)
@@ -36,7 +42,7 @@ def saturation(loop: Loop, limit: Array | None) -> Verdict:
         at_limit |= size >= _NEAR * limit
     shares = [_lasting(at_limit, loop.observed.period)]
     if loop.command is not None:
-        shares.append(_lasting(_short(loop), loop.period))
+        shares.append(_lasting(_short(loop, late), loop.period))
     share = np.max(shares, axis=0)
     # An effort that never changes, such as 0 of a joint that bears no load, is no limit.
     share = np.where(np.ptp(effort, axis=0) > 0.02 * largest, share, 0.0)
@@ -65,14 +71,15 @@ def saturation(loop: Loop, limit: Array | None) -> Verdict:
     )
 
 
-def _short(loop: Loop) -> Array:
+def _short(loop: Loop, late: float) -> Array:
     """Samples in which the effort is at its largest and the command beyond it, shape (samples, joints).
 
     Where the effort is not at its largest, command and effort differ by friction, if it is measured behind the gear,
     and by the lag of the drive; it must be clearly more.
     """
     assert loop.command is not None
-    effort, command = loop.smooth(loop.effort, _SLOW), loop.smooth(loop.command, _SLOW)
+    answered = np.stack([np.interp(loop.time - late, loop.time, each) for each in loop.command.T], axis=1)
+    effort, command = loop.smooth(loop.effort, _SLOW), loop.smooth(answered, _SLOW)
     noise = np.std(loop.rough(loop.effort, 0.25 * loop.rate), axis=0) * np.sqrt(_SLOW / loop.rate)
     largest = np.percentile(np.abs(effort), 99.5, axis=0)
     top = np.abs(effort) > largest - np.maximum(0.01 * largest, 4.0 * noise)
