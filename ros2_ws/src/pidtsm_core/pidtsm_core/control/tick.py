@@ -11,10 +11,11 @@ from pidtsm_core.control.lacking import find_lacking, find_noise
 from pidtsm_core.control.late_drives import Predicted
 from pidtsm_core.control.lateness import deliver, predict
 from pidtsm_core.control.lateness_learning import learn_lateness
+from pidtsm_core.control.law_of_arm import advance_law_of_arm, command_law_of_arm
 from pidtsm_core.control.softening import soften, write_pace
 from pidtsm_core.control.state import Condition, ControllerState, Friction, Handover, Time, part
 from pidtsm_core.estimators import DISTURBANCE, Sample, estimate
-from pidtsm_core.laws import ArmSample, Demand, Interval, advance, advance_arm, command, command_arm
+from pidtsm_core.laws import Demand, Interval, advance, command
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal, Status
 
@@ -22,14 +23,12 @@ from pidtsm_core.signals import Signal, Status
 @inlined
 def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     """Advance the states of the law over dt (s) with the values of the last tick, eqs. (10), (25), (27)."""
+    if config.law.of_arm:
+        advance_law_of_arm(config, state, dt)
+        return
     y, pace = state.signals, state.pace[0]
     adaptation = state.conditions[Condition.ADAPTATION]
     stopped = state.status[Status.FAULT] != 0 or in_contact(config, state)
-    if config.law.of_arm:
-        for j in range(y.shape[1]):
-            state.frozen[j] = 1.0 if stopped or (config.freezes and held_back(config, state, j)) else 0.0
-        advance_arm(config.law, state.law_memory, state.frozen, dt, adaptation)
-        return
     for j in range(y.shape[1]):
         frozen = stopped or (config.freezes and held_back(config, state, j))
         advance(
@@ -58,7 +57,7 @@ def _reject(config: ControllerConfig, state: ControllerState) -> None:
 def _command(config: ControllerConfig, state: ControllerState, motion: Array, desired: Array, dt: float) -> None:
     """Write the law's signals and accelerations for a motion and a desired one, both of shape (3, joints)."""
     if config.law.of_arm:
-        _command_arm(config, state, motion, desired, dt)
+        command_law_of_arm(config, state, dt)
         return
     y, pace = state.signals, state.pace[0]
     slow, square = 1.0 / pace, pace * pace
@@ -77,35 +76,6 @@ def _command(config: ControllerConfig, state: ControllerState, motion: Array, de
         y[Signal.SWITCHING_TERM, j] = square * tau_sw
         state.accelerations[0, j] = square * a_eq - state.rejected[j]
         state.accelerations[1, j] = square * a_cmd - state.rejected[j]
-
-
-@inlined
-def _command_arm(config: ControllerConfig, state: ControllerState, motion: Array, desired: Array, dt: float) -> None:
-    """The same for a law of the whole arm, whose efforts are added later."""
-    y, demand = state.signals, state.demand
-    law = config.law
-    arm = ArmSample(
-        motion,
-        desired,
-        state.net,
-        state.rejected,
-        config.limits.effort,
-        config.model,
-        law.tree,
-        law.tool_row,
-        law.tool_point,
-        dt,
-    )
-    command_arm(law, arm, state.law_memory, demand)
-    for j in range(y.shape[1]):
-        y[Signal.POSITION_ERROR, j] = motion[0, j] - desired[0, j]
-        y[Signal.VELOCITY_ERROR, j] = motion[1, j] - desired[1, j]
-        y[Signal.SLIDING_VARIABLE, j] = demand[Demand.SLIDING_VARIABLE, j]
-        y[Signal.MANIFOLD_VARIABLE, j] = demand[Demand.MANIFOLD_VARIABLE, j]
-        y[Signal.ADAPTIVE_GAIN, j] = demand[Demand.ADAPTIVE_GAIN, j]
-        y[Signal.SWITCHING_TERM, j] = demand[Demand.SWITCHING_TERM, j]
-        state.accelerations[0, j] = demand[Demand.EQUIVALENT_ACCELERATION, j] - state.rejected[j]
-        state.accelerations[1, j] = demand[Demand.ACCELERATION, j] - state.rejected[j]
 
 
 @inlined
