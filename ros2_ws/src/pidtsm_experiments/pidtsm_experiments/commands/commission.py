@@ -21,12 +21,12 @@ from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_experiments.commands.arm_options import read_arm
 from pidtsm_experiments.commands.nodes_start import remaps
 from pidtsm_experiments.commands.options import CONSOLE, add_experiment_arguments, experiment_of
+from pidtsm_experiments.commissioning.consent import HEADINGS, QUESTION, heading, rows
 from pidtsm_experiments.errors import RunError
 from pidtsm_studies.commissioning.arm import CommissionError, Wiring
 from pidtsm_studies.commissioning.bench import Plan
-from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.motions import STEP, Motion
-from pidtsm_studies.commissioning.session import NAMES, TITLES, RefusedError, Session, Source, Subject
+from pidtsm_studies.commissioning.session import NAMES, RefusedError, Session, Source, Subject
 from pidtsm_studies.commissioning.simulated import SimulatedArm
 
 _EPILOG = """Each step says what will move, how far and with how much torque, and asks before it begins. Ctrl-C brings
@@ -84,8 +84,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    from pidtsm_studies.commissioning.report import write_report
-    from pidtsm_studies.commissioning.result import PARAMETERS, write_result
+    from pidtsm_experiments.commissioning.kept import write_results
+    from pidtsm_studies.commissioning.result import PARAMETERS
 
     if options.yes and not options.plant:
         raise UsageError("--yes is for simulated arms: a person must agree before a real arm moves")
@@ -103,13 +103,11 @@ def execute(options: argparse.Namespace) -> int:
         raise UsageError(f"{options.out}: every step is done; repeat some with --from, or name another --out")
     try:
         if options.plant:
-            _run(session, _simulated(options, experiment, definition), options, definition)
+            _run(session, _simulated(options, experiment, definition), options)
         else:
             _run_on_arm(session, options, definition)
     finally:
-        written = write_result(session)
-        if session.found:
-            write_report(session, definition.label)
+        written = write_results(session, definition.label)
     CONSOLE.print(f"{options.out}: {' '.join([*written, 'report.html', 'session.json'])}", highlight=False)
     described = next((name for name in written if name != PARAMETERS), definition.label)
     arm = options.out / described if described in written else described
@@ -118,14 +116,17 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _run(session: Session, source: Source, options: argparse.Namespace, definition: ArmDefinition) -> None:
+def _run(session: Session, source: Source, options: argparse.Namespace) -> None:
     """Do the missing steps.
 
     Raises:
         RunError: a step cannot be completed, or the person does not agree to it.
     """
+    from pidtsm_experiments.commissioning.kept import bag_keeper, no_bags
+
+    keep = no_bags if options.no_bags else bag_keeper(session)
     try:
-        session.run(source, _Consent(options.yes, definition), _tell, _keeper(options, definition))
+        session.run(source, _Consent(options.yes, session.subject.arm), _tell, keep)
     except RefusedError:
         raise RunError("not agreed; the same command asks again") from None
     except CommissionError as error:
@@ -144,7 +145,7 @@ def _run_on_arm(session: Session, options: argparse.Namespace, definition: ArmDe
     with arm:
         if arm.was_held:
             _tell("the arm is held since the last session")
-        _run(session, arm, options, definition)
+        _run(session, arm, options)
         input("All steps are done. Let brakes or a support carry the arm, then press Enter: commands cease. ")
         arm.release()
 
@@ -201,47 +202,25 @@ def _simulated(options: argparse.Namespace, experiment: Experiment, definition: 
 class _Consent:
     """Asks a person before each step."""
 
-    def __init__(self, given: bool, definition: ArmDefinition) -> None:
-        self._given, self._robot = given, find_robot(definition.settings())
+    def __init__(self, given: bool, arm: Mapping[str, Any]) -> None:
+        self._given, self._arm = given, arm
 
     def __call__(self, step: str, plan: Plan) -> bool:
         """Show the plan of a step, and ask."""
-        number = NAMES.index(step) + 1
-        CONSOLE.print(f"\n[bold]{number} of {len(NAMES)}: {TITLES[step]}[/bold], {plan.duration:.0f} s")
+        CONSOLE.print(f"\n[bold]{heading(step)}[/bold], {plan.duration:.0f} s")
         CONSOLE.print(plan.text, highlight=False, soft_wrap=True)
         if self._given:
             return True
         table = Table(box=box.SIMPLE_HEAD)
-        for heading in ("joint", "moves at most", "torque at most"):
-            table.add_column(heading, justify="left" if heading == "joint" else "right")
-        for joint, unit, travel, effort in zip(
-            self._robot.joints, self._robot.units, plan.travel, plan.effort, strict=True
-        ):
-            table.add_row(escape(joint), f"{travel:.3f} {unit.position}", f"{effort:.3g} {unit.effort}")
+        for text in HEADINGS:
+            table.add_column(text, justify="left" if text == HEADINGS[0] else "right")
+        for joint, travel, effort in rows(plan, self._arm):
+            table.add_row(escape(joint), travel, effort)
         CONSOLE.print(table)
         if not sys.stdin.isatty():
             raise UsageError("somebody must agree to each step at a terminal (--yes is for simulated arms)")
-        return (
-            input("Does the arm have room, and is a hand at the emergency stop? Begin? [y/N] ").strip().lower() == "y"
-        )
+        return input(f"{QUESTION} Begin? [y/N] ").strip().lower() == "y"
 
 
 def _tell(text: str) -> None:
     CONSOLE.print(f"  {text}", highlight=False, soft_wrap=True, markup=False)
-
-
-def _keeper(options: argparse.Namespace, definition: ArmDefinition) -> Any:
-    """What keeps the recordings of a step as bags."""
-    from pidtsm_experiments.bags.commissioning_bag import write_commissioning_bag
-
-    joints = find_robot(definition.settings()).joints
-
-    def keep(samples: Mapping[str, Samples]) -> None:
-        if options.no_bags:
-            return
-        place = options.out / "bags"
-        place.mkdir(parents=True, exist_ok=True)
-        for name, each in samples.items():
-            write_commissioning_bag(each, joints, place / name)
-
-    return keep

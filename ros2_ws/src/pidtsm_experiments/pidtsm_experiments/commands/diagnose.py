@@ -4,22 +4,16 @@ import argparse
 import json
 import sys
 import warnings
-from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.parameters import ParameterError, joint_array
-from pidtsm_core.robots import DESCRIPTION, ROBOTS, Description, find_description
-from pidtsm_core.robots.payload import CENTER, MASS, Payload
-from pidtsm_core.robots.tree_robot import add_load
+from pidtsm_core.parameters import ParameterError
+from pidtsm_core.robots import DESCRIPTION, ROBOTS, Description
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.options import CONSOLE
 from pidtsm_experiments.runs.files import writable_file
@@ -89,6 +83,7 @@ def _arm(options: argparse.Namespace, bag: Path) -> tuple[Description | None, st
     definition = read_arm(options)
     if definition is not None:
         return definition.described(), options.robot
+    from pidtsm_experiments.commissioning.subjects import believed_arm
     from pidtsm_experiments.runs.saved import read_parameters
 
     known = read_parameters(bag).get("controller", {})
@@ -99,19 +94,9 @@ def _arm(options: argparse.Namespace, bag: Path) -> tuple[Description | None, st
         return None, "ROBOT"  # Closed forms have no links whose masses could be free.
     label = "ROBOT" if "<" in source else source
     try:
-        arm = find_description(known)
+        return believed_arm(known), label
     except ParameterError as error:
         raise UsageError(f"{bag}: the arm of the run: {error}; name it with --robot") from None
-    return _as_used(arm, known), label
-
-
-def _as_used(arm: Description, known: Mapping[str, Any]) -> Description:
-    """An arm with the payload and the effort limits that a controller has."""
-    joints, tree = len(arm.joints), arm.tree.copy()
-    if mass := float(known.get(MASS, 0.0)):
-        add_load(arm, tree, Payload(mass, np.array(known.get(CENTER.name, (0.0, 0.0, 0.0)), dtype=np.float64)))
-    limit = joint_array(known.get("limits.effort", tuple(arm.effort)), joints)
-    return replace(arm, tree=tree, effort=limit)
 
 
 def _table(found: Diagnosis) -> Table:

@@ -177,6 +177,7 @@ def main() -> None:
         with listener.accept() as session:
             session.send((FAILED, str(error)))
     finally:
+        listener.close()
         shutil.rmtree(Path(address).parent, ignore_errors=True)
 
 

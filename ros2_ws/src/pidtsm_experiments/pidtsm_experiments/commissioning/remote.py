@@ -157,6 +157,16 @@ def _found(folder: Path) -> Connection | None:
         return None
 
 
+def is_held(folder: Path) -> bool:
+    """Whether the holder of a session's folder runs; it is not disturbed."""
+    try:
+        known = json.loads((folder / _HOLDER).read_text(encoding="utf-8"))
+        os.kill(int(known["pid"]), 0)
+        return Path(known["address"]).exists()
+    except (OSError, ValueError, KeyError):
+        return False
+
+
 def release(folder: Path) -> bool:
     """End the holder of a session's folder; returns whether there is one."""
     connection = _found(folder)

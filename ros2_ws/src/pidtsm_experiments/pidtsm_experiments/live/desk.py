@@ -30,6 +30,8 @@ class Desk:
         loop: of the thread of the page; everything that touches ROS or a process runs in it.
         changes: of parameters, so far.
         changing: held while parameters change, so what is undone is what was done last.
+        occupied: what the controller has to stay away for; empty: nothing.
+        offered: files that a browser may get, by their paths below the address of the page.
     """
 
     server: ViserServer
@@ -40,6 +42,17 @@ class Desk:
     loop: asyncio.AbstractEventLoop
     changes: Changes = field(default_factory=Changes)
     changing: asyncio.Lock = field(default_factory=asyncio.Lock)
+    occupied: str = ""
+    offered: dict[str, Path] = field(default_factory=dict)
+
+    def require_free(self) -> None:
+        """Refuse what starts a controller while it has to stay away.
+
+        Raises:
+            RefusedError: it has to.
+        """
+        if self.occupied:
+            raise RefusedError(f"{self.occupied}; release it first")
 
     def run(self, action: Coroutine[Any, Any, None]) -> None:
         """Run an action in the thread of the page; if it is refused, every browser shows why."""
@@ -61,7 +74,13 @@ class Desk:
             client.add_notification(title, text, color=color, auto_close_seconds=_CLOSES_AFTER)
 
     def button(
-        self, label: str, action: Callable[[], Coroutine[Any, Any, None]], hint: str, moves: bool = False, **looks: Any
+        self,
+        label: str,
+        action: Callable[[], Coroutine[Any, Any, None]],
+        hint: str,
+        moves: bool = False,
+        question: str = "",
+        **looks: Any,
     ) -> GuiButtonHandle:
         """Add a button.
 
@@ -70,18 +89,24 @@ class Desk:
             action: what it does.
             hint: shown when the mouse is over it.
             moves: whether it may set the arm in motion, which must be confirmed if the arm is real.
+            question: what is confirmed, as Markdown; empty: that everybody is out of its reach.
             looks: see `GuiApi.add_button`.
         """
         button = self.server.gui.add_button(label, hint=hint, **looks)
 
         @button.on_click
         def _(event: GuiEvent[Any]) -> None:
-            self.act(event.client, label, action, moves)
+            self.act(event.client, str(button.label), action, moves, question)
 
         return button
 
     def act(
-        self, client: ClientHandle | None, label: str, action: Callable[[], Coroutine[Any, Any, None]], moves: bool
+        self,
+        client: ClientHandle | None,
+        label: str,
+        action: Callable[[], Coroutine[Any, Any, None]],
+        moves: bool,
+        question: str = "",
     ) -> None:
         """Run an action that a browser wants.
 
@@ -90,9 +115,11 @@ class Desk:
             label: what it is called.
             action: what is to be done.
             moves: whether it may set the arm in motion, which must be confirmed if the arm is real.
+            question: what is confirmed, as Markdown; empty: that everybody is out of its reach.
         """
         if moves and not self.system.simulated:
-            self.confirm(client, f"**{label}** may set it in motion. Is everybody out of its reach?", label, action)
+            asked = question or f"**{label}** may set it in motion. Is everybody out of its reach?"
+            self.confirm(client, asked, label, action)
         else:
             self.run(action())
 

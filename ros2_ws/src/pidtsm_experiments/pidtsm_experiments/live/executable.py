@@ -60,14 +60,14 @@ async def _serve(
     with ExitStack() as stack:
         server = ViserServer(hidden, 0, "pidtsm", verbose=False)
         stack.callback(server.stop)
+        desk = Desk(server, system, nodes, FOLDER.absolute(), scenario, asyncio.get_running_loop())
         token = "" if options.host in (HERE, "localhost") else secrets.token_urlsafe(16)
-        listening = await _listen(Gate(hidden, server.get_port(), token), options.host, options.port)
+        listening = await _listen(Gate(hidden, server.get_port(), token, desk.offered), options.host, options.port)
         stack.callback(listening.close)
         address = f"http://{options.host if token else HERE}:{options.port}/{token and token + '/'}"
         print(f"live page: {address}", flush=True)
         if not token and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             webbrowser.open(address)
-        desk = Desk(server, system, nodes, FOLDER.absolute(), scenario, asyncio.get_running_loop())
         await Page(desk, recording).run(stop)
 
 

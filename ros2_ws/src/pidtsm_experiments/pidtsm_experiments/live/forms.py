@@ -182,6 +182,7 @@ class NodeForms:
 
     @property
     def _owned(self) -> Nodes:
+        self._desk.require_free()
         if self._desk.nodes is None:
             how = how_to_start(self._node, EXECUTABLES, self._desk.system.namespace)
             raise RefusedError(f"{self._node} was not started by this page: {how}")

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
 from ipaddress import ip_address
+from pathlib import Path
 
 _LONGEST_HEAD = 1 << 14  # bytes
 _HEAD_WITHIN = 10.0  # s
@@ -17,6 +18,9 @@ _MOST, _MOST_OF_ONE = 32, 16
 _PORT = b":80"
 """The port that a browser leaves out."""
 _REFUSAL = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
+_MISSING = b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
+_KINDS = {".html": b"text/html"}
+"""Media types by suffix; everything else is shown as text."""
 _THIS_MACHINE = (b"127.0.0.1", b"localhost")
 
 
@@ -56,9 +60,17 @@ class Gate:
     browser opens the WebSocket at the address of the page, which contains the token, too.
     """
 
-    def __init__(self, host: str, port: int, token: str = "") -> None:
-        """Args: host, port: where the page listens, on this machine; token: empty: only this machine is let in."""
+    def __init__(self, host: str, port: int, token: str = "", offered: Mapping[str, Path] | None = None) -> None:
+        """Nobody is let in yet.
+
+        Args:
+            host: where the page listens, an address of this machine.
+            port: likewise.
+            token: empty: only this machine is let in.
+            offered: files beside the page, by their paths below its address; they may come and go.
+        """
         self._page, self._token = (host, port), token.encode()
+        self._offered = {} if offered is None else offered
         self._places = Places()
         self._waiting: dict[asyncio.StreamWriter, str] = {}
 
@@ -78,6 +90,10 @@ class Gate:
             has_place = request is not None and self._places.enter(address)
             if request is None or not has_place:
                 writer.write(_REFUSAL)
+                await writer.drain()
+                return
+            if (file := self._offered.get(_path(request))) is not None:
+                writer.write(_answer(file))
                 await writer.drain()
                 return
             theirs, ours = await asyncio.open_connection(*self._page)
@@ -141,6 +157,23 @@ class Gate:
         if not mark or not secrets.compare_digest(given, self._token):
             return None
         return method + b" /" + below + question + query + b" " + version
+
+
+def _path(request: bytes) -> str:
+    """What a request is for, below the address of the page, without the query."""
+    words = request.split(b" ", 2)
+    return words[1].partition(b"?")[0].removeprefix(b"/").decode(errors="replace") if words[0] == b"GET" else ""
+
+
+def _answer(file: Path) -> bytes:
+    """A file as an answer; it is small."""
+    try:
+        content = file.read_bytes()
+    except OSError:
+        return _MISSING
+    kind = _KINDS.get(file.suffix, b"text/plain")
+    head = b"HTTP/1.1 200 OK\r\nContent-Type: %b; charset=utf-8\r\nContent-Length: %d\r\n" % (kind, len(content))
+    return head + b"Cache-Control: no-store\r\nConnection: close\r\n\r\n" + content
 
 
 def is_here(address: str) -> bool:

@@ -144,6 +144,11 @@ class Nodes:
             raise RefusedError(f"{node} does not run")
         return self._processes.running[node].process
 
+    async def end(self, node: str) -> None:
+        """End a node, which deactivates itself before; `start_again` starts it."""
+        async with self._restarting:
+            await self._end(node)
+
     async def start_again(self, node: str) -> None:
         """Start a node that has ended, with the same arguments; the others go on.
 

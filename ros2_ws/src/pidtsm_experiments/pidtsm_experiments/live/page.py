@@ -13,6 +13,7 @@ from pidtsm_core.parameters import ParameterError
 from pidtsm_core.robots import DESCRIPTION, Description, description_schema, find_description, find_robot
 from pidtsm_core.signals import Signal
 from pidtsm_core.units import joint_units
+from pidtsm_experiments.live.commission import Commissioning
 from pidtsm_experiments.live.desk import Desk
 from pidtsm_experiments.live.disturb import Breaking, Carrying, Pushing
 from pidtsm_experiments.live.errors import RefusedError
@@ -26,7 +27,9 @@ from pidtsm_experiments.live.stream import Batch
 from pidtsm_experiments.live.strip import Strip
 from pidtsm_experiments.live.switches import Switches
 from pidtsm_experiments.live.undo import Undo
+from pidtsm_experiments.live.verdicts import Verdicts
 from pidtsm_experiments.live.watch import Status, Watching
+from pidtsm_experiments.live.withdraw import Withdrawal
 from pidtsm_experiments.live.words import OLD
 from pidtsm_ros.stop import Stop
 from pidtsm_studies.reports.meshes import solids_of
@@ -61,6 +64,8 @@ class Page:
         self._watching: Watching | None = None
         self._recorded: Recorded | None = None
         self._switches: Switches | None = None
+        self._commissioning: Commissioning | None = None
+        self._verdicts: Verdicts | None = None
         self._joints: list[str] = []
         self._name = ""
         self._newest: Any = None
@@ -83,6 +88,10 @@ class Page:
                 await asyncio.sleep(_PERIOD)
         finally:
             building.cancel()
+            if self._commissioning is not None:
+                await self._commissioning.close()
+            if self._verdicts is not None:
+                await self._verdicts.close()
 
     # Building.
 
@@ -117,6 +126,11 @@ class Page:
                     Breaking(desk)
             self._forms["simulator"] = NodeForms(desk, "simulator", disturb)
             await _until_answered(self._forms["simulator"].build)
+        with tabs.add_tab("Verdicts"):
+            self._verdicts = Verdicts(desk, lambda: self._forms["controller"].values)
+        with tabs.add_tab("Commission"):
+            withdrawal = Withdrawal(desk, self._forms)
+            self._commissioning = Commissioning(desk, withdrawal, self._name, lambda: self._forms["controller"].values)
         with tabs.add_tab("Keep"):
             self._recorded = Recorded(desk, self._recording, self._values)
         while "trajectory" not in self._forms:  # It may be discovered, or started, later.
@@ -170,6 +184,7 @@ class Page:
                 self._desk.system.note(f"{node} started again")
 
     async def _activate(self) -> None:
+        self._desk.require_free()
         async with self._desk.changing:
             nodes = self._desk.nodes
             if nodes is not None and not nodes.runs("controller"):
@@ -215,6 +230,10 @@ class Page:
             self._switches.show(self._newest)
         if self._recorded is not None:
             self._recorded.show()
+        if self._commissioning is not None:
+            self._commissioning.show()
+        if self._verdicts is not None:
+            self._verdicts.show()
 
     def _read_returned(self) -> None:
         """A node that was away and is back may have other parameters."""

@@ -145,6 +145,10 @@ class System:
         """Name and namespace of every node of the domain."""
         return list(self._node.get_node_names_and_namespaces())
 
+    def publishers(self, topic: str) -> int:
+        """How many nodes publish a topic."""
+        return int(self._node.count_publishers(topic))
+
     def has(self, node: str) -> bool:
         """Whether the namespace has a node of this name."""
         return (node, self.namespace) in self.graph()

@@ -20,7 +20,7 @@ from pidtsm_experiments.live.history import History, Measurement
 from pidtsm_experiments.live.motion import Moving
 from pidtsm_experiments.live.plots import SHOWN, Comparison, Plots, color
 from pidtsm_experiments.live.stream import Batch
-from pidtsm_experiments.live.words import AMBER, GREEN, OLD, badge, loop, mode
+from pidtsm_experiments.live.words import AMBER, GREEN, OLD, Sentence, badge, loop, mode
 from pidtsm_msgs.msg import ControllerState
 
 _PANEL = 380
@@ -43,7 +43,8 @@ class Status:
         """Show the state; `newest`: last state of the controller, or None; `name`: of the arm."""
         system, nodes = self._desk.system, self._desk.nodes
         known = system.known(newest, nodes.ended("controller") if nodes is not None else "")
-        sentence = mode(known)
+        occupied = self._desk.occupied
+        sentence = Sentence(occupied[:1].upper() + occupied[1:], AMBER) if occupied else mode(known)
         real = "REAL ARM" if system.source.driver else "REAL ARM, not seen yet"
         kind = badge("SIMULATED", GREEN) if system.simulated else badge(real, AMBER)
         self._html.content = (

@@ -17,8 +17,8 @@ from pidtsm_studies.commissioning.loop import Loop
 from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.signs import Signs, find_signs
 
-_TIMEOUT = {"command.timeout": 0.05}
-"""s; without commands the brakes close soon, as they should."""
+TIMEOUT = {"command.timeout": 0.05}
+"""Parameter of the simulator, s: without commands the brakes close soon, as they should."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class SimulatedPort:
 
     def __init__(self, arm: SimulatedArm, seed: int) -> None:
         joints = robot_joints(arm.settings)
-        given = {**MEASUREMENT.defaults["simulator"], **_TIMEOUT, **arm.settings}
+        given = {**MEASUREMENT.defaults["simulator"], **TIMEOUT, **arm.settings}
         given["seed"] = int(given.get("seed", 1)) + seed
         values = resolve(simulator_schema, given, joints)
         self._robot = SimulatedRobot(values)
