@@ -110,7 +110,7 @@ def test_what_was_tuned_violates_nothing(file: Path) -> None:
 
 def test_there_are_tuned_sets() -> None:
     assert len(TUNED) == 24
-    assert len(TOURNAMENT) == 105
+    assert len(TOURNAMENT) == 141
 
 
 def test_every_part_has_its_conditions() -> None:
