@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +13,7 @@ from ament_index_python.packages import get_package_prefix
 from support import heavyplant
 from support.devtools import CHROMIUM, browser
 from support.heavyplant import INVERTED, HeavyPlant, heavy_plant
-from support.livepage import DEADLINE, LivePage, LiveSystem, free_port, until
+from support.livepage import LivePage, LiveSystem, free_port, until
 from support.testbed import open_testbed
 
 from pidtsm_core.experiment import make_experiment
@@ -26,7 +25,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium installed 
 
 URDF = Path(__file__).parents[1] / "ros2_ws/src/two_link_sim/urdf/two_link.urdf"
 ARM = (f"robot.description:={URDF}", "limits.effort:=[120.0, 80.0]", "autostart:=false")
-SLOW = 100
+SLOW = 200
 """Hz; the plant waits for each answer, so that the session takes as long as its computing."""
 CARRIED, SILENT = "brakes or a support must carry the arm", "no usable joint_states"
 HELD = 0.25
@@ -55,22 +54,21 @@ class Scene(NamedTuple):
         """Wait until the session says something."""
         until(lambda: text in self.live.text("#commission"), lambda: f"{text}, not {self.live.text('#commission')}")
 
-    def click(self, label: str, within: str = "body") -> None:
-        """Click on a button; not with the mouse, which misses what moves while lines appear above it."""
+    def click(self, label: str, within: str = "body") -> bool:
+        """Click on a button, and return whether it is there.
+
+        Not with the mouse, which misses what moves while lines appear above it.
+        """
         buttons = f"[...document.querySelectorAll('{within} button')].filter(b => b.offsetParent !== null)"
-        self.live.page.evaluate(f"{buttons}.find(b => b.textContent.trim() === {json.dumps(label)})?.click()")
+        script = f"(b => (b?.click(), Boolean(b)))({buttons}.find(b => b.textContent.trim() === {json.dumps(label)}))"
+        return bool(self.live.page.evaluate(script))
 
     def confirmed(self, label: str, question: str) -> None:
         """Press a button, and confirm it."""
-        until(lambda: self._asks(label, question), question)
-        self.click(label, "[role=dialog]")
+        until(lambda: self.click(label), label)
+        until(lambda: question in self.live.text("[role=dialog]"), question)
+        until(lambda: self.click(label, "[role=dialog]"), label)
         until(lambda: not self.live.text("[role=dialog]"), "the end of the question")
-
-    def _asks(self, label: str, question: str) -> bool:
-        if not self.live.text("[role=dialog]"):
-            self.click(label)
-            time.sleep(0.5)
-        return question in self.live.text("[role=dialog]")
 
     def stopped(self) -> None:
         """Press Stop until the session has stopped."""
@@ -81,10 +79,13 @@ class Scene(NamedTuple):
 
         until(pressed, lambda: f"stopped, not {self.live.text('#commission')}")
 
+    def _waits(self, step: str) -> bool:
+        text = self.live.text("#commission")
+        return heading(step) in text and QUESTION in text
+
     def agreed(self, step: str) -> None:
         """Agree to a step, once it is asked for."""
-        self.says(heading(step))
-        self.says(QUESTION)
+        until(lambda: self._waits(step), lambda: f"{step}, not {self.live.text('#commission')}")
         self.confirmed("Agree", QUESTION)
 
     def all_agreed(self) -> list[str]:
@@ -97,15 +98,13 @@ class Scene(NamedTuple):
                 self.confirmed("Continue", CARRIED)
                 until(lambda: SILENT not in self.live.text("#commission"), "the session goes on")
             elif QUESTION in text:
-                steps.append(next(step for step in NAMES if heading(step) in text))
+                step = next(each for each in NAMES if heading(each) in text)
+                steps.append(step)
                 self.confirmed("Agree", QUESTION)
-                until(lambda: QUESTION not in self.live.text("#commission"), "the step begins")
+                until(lambda: not self._waits(step), "the step begins")
             return "All steps are done" in text
 
-        end = time.monotonic() + 2.0 * DEADLINE
-        while not done():
-            assert time.monotonic() < end, self.live.text("#commission")
-            time.sleep(0.1)
+        until(done, lambda: f"all steps, not {steps}: {self.live.text('#commission')}")
         return steps
 
 
