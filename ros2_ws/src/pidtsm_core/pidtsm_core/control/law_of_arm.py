@@ -1,5 +1,7 @@
 """A law of the whole arm within a tick; compiled only if such a law was chosen."""
 
+from pidtsm_core.arrays import Array
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
 from pidtsm_core.control.effort import held_back
@@ -17,13 +19,10 @@ def advance_law_of_arm(config: ControllerConfig, state: ControllerState, dt: flo
     advance_arm(config.law, state.law_memory, state.frozen, dt, state.conditions[Condition.ADAPTATION])
 
 
-@part
-def command_law_of_arm(config: ControllerConfig, state: ControllerState, dt: float) -> None:
-    """Write the law's signals and accelerations, with dt as in `tick`; what it demands of efforts is added later."""
-    y, demand, law = state.signals, state.demand, config.law
-    motion, desired = y[: Signal.POSITION_ERROR], state.desired
-    if config.drive.late:
-        motion, desired = state.predicted, state.ahead
+@inlined
+def write_demand(config: ControllerConfig, state: ControllerState, motion: Array, desired: Array, dt: float) -> None:
+    """Write what the law demands for a motion and a desired one, both of shape (3, joints), to ``state.demand``."""
+    law = config.law
     arm = ArmSample(
         motion,
         desired,
@@ -36,7 +35,17 @@ def command_law_of_arm(config: ControllerConfig, state: ControllerState, dt: flo
         law.tool_point,
         dt,
     )
-    command_arm(law, arm, state.law_memory, demand)
+    command_arm(law, arm, state.law_memory, state.demand)
+
+
+@part
+def command_law_of_arm(config: ControllerConfig, state: ControllerState, dt: float) -> None:
+    """Write the law's signals and accelerations, with dt as in `tick`; what it demands of efforts is added later."""
+    y, demand = state.signals, state.demand
+    motion, desired = y[: Signal.POSITION_ERROR], state.desired
+    if config.drive.late:
+        motion, desired = state.predicted, state.ahead
+    write_demand(config, state, motion, desired, dt)
     for j in range(y.shape[1]):
         y[Signal.POSITION_ERROR, j] = motion[0, j] - desired[0, j]
         y[Signal.VELOCITY_ERROR, j] = motion[1, j] - desired[1, j]

@@ -2,8 +2,9 @@
 
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
+from pidtsm_core.control.law_of_arm import write_demand
 from pidtsm_core.control.state import ControllerState, part
-from pidtsm_core.laws import ArmSample, Demand, command, command_arm
+from pidtsm_core.laws import Demand, command
 from pidtsm_core.signals import Signal
 
 
@@ -15,20 +16,7 @@ def demand_without_error(config: ControllerConfig, state: ControllerState) -> No
         motion[0, j] = state.signals[Signal.POSITION, j]
         motion[1, j] = state.signals[Signal.VELOCITY, j]
         motion[2, j] = 0.0
-    law = config.law
-    arm = ArmSample(
-        motion,
-        motion,
-        state.net,
-        state.rejected,
-        config.limits.effort,
-        config.model,
-        law.tree,
-        law.tool_row,
-        law.tool_point,
-        0.0,
-    )
-    command_arm(law, arm, state.law_memory, state.demand)
+    write_demand(config, state, motion, motion, 0.0)
 
 
 @inlined
