@@ -291,7 +291,7 @@ def test_every_process_of_ours_is_guarded() -> None:
         for name, call in calls(file)
         if name == "rclpy.init" and file.name != "security.py"
     ]
-    assert [file for file, _ in starts] == ["client.py", "startup.py", "port.py", "attached.py"]
+    assert [file for file, _ in starts] == ["client.py", "startup.py", "port.py", "judge.py", "attached.py"]
     assert all("args=prepare_process(" in call for _, call in starts), starts
 
 

@@ -66,7 +66,7 @@ def spring_size(joints: int) -> int:
 
 @inlined
 def spring_of(x: Array, n: int) -> Spring:
-    """The spring in the first `spring_size` numbers of x, of an arm with n joints."""
+    """The spring in the first `spring_size` numbers of x, of shape (size,), of an arm with n joints."""
     a = row_of(n) + n * SPACE
     b = a + 2 * _PLACEMENT * n
     c = b + POSE * n
@@ -273,7 +273,7 @@ def write_spring(spring: Spring, row: int, point: Array, q_d: Array, q: Array, n
 
 @inlined
 def apply(spring: Spring, matrix: Array, row: int) -> None:
-    """Write L matrix L' times the last row of the efforts to another row of the efforts."""
+    """Write L matrix L' times the last row of the efforts to another row; `matrix` has shape (joints, joints)."""
     n, left, right = spring.lower.shape[0], spring.units[0, 0], spring.units[0, 1]
     multiply_transposed(spring.lower, spring.efforts[2], left)
     for i in range(n):
