@@ -56,7 +56,7 @@ def run(quick: bool) -> Iterator[Row]:
     experiment = make_experiment("case1", None, duration)
     values = experiment.values
     ready = [closed_loop._prepared(values, duration) for _ in range(repetitions + 1)]
-    call, loop = medians(repetitions, lambda: rollout(experiment), lambda: closed_loop._simulate(*ready.pop()))
+    call, loop = medians(repetitions, lambda: rollout(experiment), lambda: closed_loop._run(*ready.pop()))
     yield Row(
         f"call of rollout, {duration:g} s of Case 1", call * 1e3, "ms", "its loop", loop * 1e3, call / loop, "<= 1.05"
     )

@@ -176,6 +176,12 @@ def _simulate(address: int, draws: Array, results: _Samples) -> int:
     return samples.time.size
 
 
+def _run(loop: _Loop, draws: Array, samples: _Samples) -> int:
+    """Put the loop into memory and simulate it; see `_simulate`."""
+    stored = _LAYOUT.store(loop)
+    return _simulate(stored.address, draws, samples)
+
+
 class DivergedError(RuntimeError):
     """A value of the loop is no longer finite; the message gives the time."""
 
@@ -221,8 +227,7 @@ def rollout(
     values = experiment.values
     with first_compilation():
         loop, draws, samples = _prepared(values, experiment.duration)
-        stored = _LAYOUT.store(loop)
-        done = _simulate(stored.address, draws, samples)
+        done = _run(loop, draws, samples)
     if done < samples.time.size:
         raise DivergedError(f"the loop is not finite any more after {seconds(done * loop.period):g} s")
     _reorder(samples, {node: names(values[node]["joints"]) for node in values})
