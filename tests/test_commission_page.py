@@ -39,14 +39,10 @@ class Scene(NamedTuple):
     arm: HeavyPlant
 
     def opened(self) -> None:
-        """Open the tab; nobody looks at the arm, and drawing it in software takes both processors."""
+        """Open the tab; nobody looks at the arm, which takes time to draw."""
         page = self.live.page
         page.wait("document.querySelector('[role=tab]') !== null")
         page.evaluate("document.querySelector('canvas').parentElement.style.display = 'none'")
-        page.evaluate(
-            "const soon = window.requestAnimationFrame;"
-            "window.requestAnimationFrame = (draw) => setTimeout(() => soon(draw), 200)"
-        )
         until(lambda: "REAL ARM" in self.live.text("#status"), "the page")
         self.live.press("Commission")
 
@@ -92,20 +88,30 @@ class Scene(NamedTuple):
         """Agree to every step, and return them; go on if one ends because the machine stood still for a second."""
         steps: list[str] = []
 
-        def done() -> bool:
-            text = self.live.text("#commission")
-            if SILENT in text:
-                self.confirmed("Continue", CARRIED)
-                until(lambda: SILENT not in self.live.text("#commission"), "the session goes on")
-            elif QUESTION in text:
-                step = next(each for each in NAMES if heading(each) in text)
-                steps.append(step)
-                self.confirmed("Agree", QUESTION)
-                until(lambda: not self._waits(step), "the step begins")
-            return "All steps are done" in text
+        def text() -> str:
+            return self.live.text("#commission")
 
-        until(done, lambda: f"all steps, not {steps}: {self.live.text('#commission')}")
-        return steps
+        def is_next() -> bool:
+            return SILENT in text() or "All steps are done" in text() or (QUESTION in text() and _asked(text()) != last)
+
+        last = ""
+        while True:
+            until(is_next, lambda: f"a step after {steps}: {text()}")
+            if "All steps are done" in text():
+                return steps
+            if SILENT in text():
+                self.confirmed("Continue", CARRIED)
+                until(lambda: SILENT not in text(), "the session goes on")
+                last = ""
+            else:
+                last = _asked(text())
+                steps.append(last)
+                self.confirmed("Agree", QUESTION)
+
+
+def _asked(text: str) -> str:
+    """The step that a text asks for."""
+    return next((each for each in NAMES if heading(each) in text), "")
 
 
 @pytest.fixture(scope="module")

@@ -216,7 +216,14 @@ def test_random_events_leave_the_system_running(live: Live) -> None:
         client.press("Mark")  # Again and again: what the events have left to do may hide a single one.
         return bool(live.marks - earlier)
 
+    def brought_back() -> bool:
+        """A commissioning may have taken the controller away; whoever changes nodes waits for whoever did so before."""
+        for label in ("Stop", "Release the arm", "Activate"):
+            client.press(label)
+        return live.text('id="events"').count("it is active; nothing was changed") > 1
+
     until(marked, lambda: f"the page goes on: {live.status}")
+    until(brought_back, lambda: f"the controller comes back: {live.status}")
     print(live.text('id="events"'), live.status)
     for schema in NODE_SCHEMAS["controller"]({"law.name": parameter(live.system, "law.name")}):
         if schema.name in ("law.k1", "limits.effort", "stop.bandwidth", "watchdog.reference"):

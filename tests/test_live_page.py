@@ -40,12 +40,8 @@ def test_the_arm_moves(live: LivePage, tmp_path: Path) -> None:
     first = picture("first.png")
     assert len(np.unique((first.reshape(-1, 3) * 255).astype(int), axis=0)) > 20, "nothing is drawn"
     until(lambda: np.any(np.abs(picture("later.png") - first) > 0.2, axis=2).sum() > 100, "another picture of the arm")
-    # Nobody looks at the arm in what follows, and drawing it in software takes both processors.
+    # Nobody looks at the arm in what follows.
     live.page.evaluate("document.querySelector('canvas').parentElement.style.display = 'none'")
-    live.page.evaluate(
-        "const soon = window.requestAnimationFrame;"
-        "window.requestAnimationFrame = (draw) => setTimeout(() => soon(draw), 200)"
-    )
 
 
 def test_one_joint_is_chosen_for_all_curves(live: LivePage) -> None:

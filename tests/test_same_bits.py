@@ -50,8 +50,9 @@ TOPICS = {**JUDGED, "joint_commands": JointState, "joint_states": JointState}
 class Witness(ManagedNode):
     """Hears what the nodes publish, by stamp in samples, and ends the run when it has heard enough."""
 
-    def __init__(self, stop: Stop) -> None:
+    def __init__(self, stop: Stop, samples: int) -> None:
         super().__init__("witness", lambda settings: (AUTOSTART,), lambda settings: 0, stop)
+        self._samples = samples
         self.heard: dict[str, dict[int, bytes]] = {topic: {} for topic in TOPICS}
 
     @property
@@ -64,7 +65,7 @@ class Witness(ManagedNode):
 
     def _hear(self, heard: dict[int, bytes], data: bytes) -> None:
         heard[serialized_nanoseconds(data) // MS] = data
-        self.finished = len(self.heard["simulator/ground_truth"]) >= SAMPLES
+        self.finished = len(self.heard["simulator/ground_truth"]) >= self._samples
 
 
 class Unsignalled(Stop):
@@ -90,7 +91,7 @@ def domain() -> Iterator[None]:
         yield
 
 
-def over_nodes(settings: dict[str, dict[str, Any]], folder: Path) -> dict[str, dict[int, Any]]:
+def over_nodes(settings: dict[str, dict[str, Any]], folder: Path, samples: int = SAMPLES) -> dict[str, dict[int, Any]]:
     """Messages of a run by topic and sample."""
     experiment = Experiment("test", settings["controller"]["law.name"], 0.0, settings)
     words = ["--ros-args"]
@@ -101,13 +102,13 @@ def over_nodes(settings: dict[str, dict[str, Any]], folder: Path) -> dict[str, d
     witnesses: list[Witness] = []
 
     def witness(stop: Stop) -> Witness:
-        witnesses.append(Witness(stop))
+        witnesses.append(Witness(stop, samples))
         return witnesses[0]
 
     assert run_nodes([witness, SimulatorNode, TrajectoryNode, ControllerNode], Unsignalled(), ["test", *words]) == 0
     heard = witnesses[0].heard
     return {
-        topic: {k: deserialize_message(data, kind) for k, data in sorted(heard[topic].items()) if k < SAMPLES}
+        topic: {k: deserialize_message(data, kind) for k, data in sorted(heard[topic].items()) if k < samples}
         for topic, kind in JUDGED.items()
     }
 
@@ -118,14 +119,14 @@ def table(message: Any, fields: list[str], joints: tuple[str, ...]) -> Array:
     return np.array([getattr(message, field) for field in fields])[:, order]
 
 
-def assert_same_bits(run: dict[str, dict[int, Any]], simulated: Recording, delay: int) -> None:
+def assert_same_bits(run: dict[str, dict[int, Any]], simulated: Recording, delay: int = 0) -> None:
     """Where `delay` measurements (samples) are still on their way when the rollout ends, the nodes go on."""
     joints, motion = simulated.joints, ["position", "velocity", "acceleration"]
     for k, message in run["simulator/ground_truth"].items():
         row = table(message, ["position", "velocity", "effort"], joints)
         expected = np.array([simulated.position[k], simulated.velocity[k], simulated.effort[k]])
         assert row.tobytes() == expected.tobytes(), f"ground truth of sample {k}"
-    states = {k: message for k, message in run["controller/state"].items() if k < SAMPLES - delay}
+    states = {k: message for k, message in run["controller/state"].items() if k < len(simulated.time) - delay}
     assert states
     for k, message in states.items():
         signals = table(message, [signal.name.lower() for signal in Signal], joints)
@@ -317,8 +318,8 @@ def test_nodes_and_rollout_agree(law: str, condition: str, tmp_path: Path) -> No
     """Each condition with the default law and with another, whose turn it is."""
     settings = {node: dict(CONDITIONS[condition].get(node, {})) for node in ("simulator", "controller", "trajectory")}
     settings["controller"]["law.name"] = law
-    if not LAWS[law].uses_model:  # Such a law recognises neither contact nor friction, and predicts nothing.
-        for name in ("limits.external_effort", "drive.delay", "drive.lag", *ADAPTS):
+    if not LAWS[law].uses_model:  # Such a law recognises no contact and no friction, and predicts nothing.
+        for name in ("limits.external_effort", "drive.delay", "drive.lag", "barrier.margin", *ADAPTS):
             settings["controller"].pop(name, None)
     if not LAWS[law].softens:
         settings["controller"].pop("adaptation.softening", None)
@@ -363,6 +364,36 @@ def test_nodes_and_rollout_agree_for_other_arms(arm: str, engine: str, hardware:
     simulated = rollout(Experiment("test", "", SAMPLES * 1e-3, settings))
     assert simulated.joints == joints[::-1]
     assert_same_bits(over_nodes(settings, tmp_path), simulated, settings["simulator"].get("delay.samples", 0))
+
+
+@pytest.mark.parametrize("space", ["joint", "tool"])
+def test_nodes_and_rollout_agree_while_the_reference_yields(space: str, tmp_path: Path) -> None:
+    """It begins to yield after a second; the encoder is coarse, and the arm heavier than its model."""
+    settings: dict[str, dict[str, Any]] = {
+        "controller": {
+            "law.name": LAW_NAME.default,
+            "estimator.name": "extended_state_observer",
+            "estimator.bandwidth": 100.0,
+            "law.disturbance_rejection": True,
+            "compliance.space": space,
+        },
+        "simulator": {
+            "encoder.bits": 16,
+            "model_error.mass": 0.1,
+            "initial_position": [0.396, -0.004],
+            "push.effort": [20.0, -10.0],
+            "push.time": 1.05,
+            "push.duration": 0.2,
+        },
+        "trajectory": {},
+    }
+    samples = 1400
+    simulated = rollout(Experiment("test", "", samples * 1e-3, settings))
+    assert_same_bits(over_nodes(settings, tmp_path, samples), simulated)
+    stiff = {**settings, "controller": {**settings["controller"], "compliance.space": "none"}}
+    apart = simulated.position - rollout(Experiment("test", "", samples * 1e-3, stiff)).position
+    assert not apart[:1050].any()
+    assert np.abs(apart[1050:]).max() > 0.01
 
 
 def test_the_conditions_are_what_they_are_called() -> None:

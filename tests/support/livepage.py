@@ -39,6 +39,11 @@ const mark = element => {
 };
 """
 MARKED = "[data-marked]"
+_SLOWLY = """
+const soon = window.requestAnimationFrame.bind(window);
+window.requestAnimationFrame = (draw) => setTimeout(() => soon(draw), 200);
+"""
+"""The page draws five pictures a second: a software renderer takes both processors for more."""
 
 
 def until(condition: Callable[[], Any], what: str | Callable[[], str]) -> Any:
@@ -105,6 +110,7 @@ class LivePage:
     def __init__(self, page: Page, system: LiveSystem) -> None:
         """Open the page, and wait until it shows the system."""
         self.page, self.system = page, system
+        page.call("Page.addScriptToEvaluateOnNewDocument", source=_SLOWLY)
         page.open(system.address, 1000, 500)
         page.wait("document.querySelector('[role=tab]') !== null")
 

@@ -12,7 +12,7 @@ import math
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.state import ControllerState, External, Time
+from pidtsm_core.control.state import ControllerState, External, Time, part
 from pidtsm_core.signals import Signal, Status, Violation
 
 _MEAN = 0.05
@@ -23,7 +23,7 @@ _TRACKED = 0.01
 """rad or m; what acts on an arm that is nearer to its reference does not hold it back."""
 
 
-@inlined
+@part
 def sense_contact(state: ControllerState, needed: Array, dt: float) -> None:
     """Update ``state.external`` after dt (s).
 

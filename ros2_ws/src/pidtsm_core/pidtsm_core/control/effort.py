@@ -49,8 +49,9 @@ def carry(config: ControllerConfig, state: ControllerState, q: Array) -> None:
 @inlined
 def feed_offset(config: ControllerConfig, state: ControllerState) -> None:
     """Add the constant efforts to what goes beyond the law's effort, if the law compensates anything."""
-    if config.compensates:
-        add_offset(config, state.added.reshape((1, -1)), 1.0)
+    if config.compensates and config.offsets:
+        for j in range(state.added.size):
+            state.added[j] += config.compensation.offset[j]
 
 
 @inlined

@@ -42,7 +42,7 @@ def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> Non
         )
 
 
-@inlined
+@part
 def _reject(config: ControllerConfig, state: ControllerState) -> None:
     """Update the disturbance that the law rejects; like an integral, it does not grow while the arm cannot follow."""
     touches = in_contact(config, state)

@@ -37,7 +37,7 @@ def outer(number: int = 3, size: float = 0.5) -> Outer:
 
 
 LAYOUT = Layout(outer)
-outer_at = LAYOUT.at
+outer_at, outer_copy = LAYOUT.at, LAYOUT.copy
 
 
 @njit
@@ -67,6 +67,20 @@ def test_what_is_written_again_is_found_at_the_same_address() -> None:
     assert stored.address == address
     read(address, numbers)
     assert numbers.tolist() == [-7.0, 1e300, 6.0, 9.0]
+
+
+@njit
+def read_copy(address: int, numbers: Array) -> None:
+    found = outer_copy(address)
+    found.table[0, 1] = -2.0
+    numbers[0], numbers[1], numbers[2] = found.inner.number, found.size, found.apart[2]
+
+
+def test_a_copy_has_the_numbers_and_shares_the_arrays() -> None:
+    stored, numbers = LAYOUT.store(outer()), np.zeros(3)
+    read_copy(stored.address, numbers)
+    assert numbers.tolist() == [3.0, 0.5, 4.0]
+    assert stored.value.table[0, 1] == -2.0
 
 
 @intrinsic

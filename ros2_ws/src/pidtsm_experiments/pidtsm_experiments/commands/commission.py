@@ -29,10 +29,10 @@ from pidtsm_studies.commissioning.motions import STEP, Motion
 from pidtsm_studies.commissioning.session import NAMES, RefusedError, Session, Source, Subject
 from pidtsm_studies.commissioning.simulated import SimulatedArm
 
-_EPILOG = """Each step says what will move, how far and with how much torque, and asks before it begins. Ctrl-C brings
-the arm to rest and ends the session; the arm stays held by a process of its own, also if this one is killed. The same
-command goes on with the step that was not finished. docs/commissioning.md walks through it, and says what stays a
-person's job.
+_EPILOG = """Before each step you see what will move, how far and with how much torque, and agree. Ctrl-C brings the arm
+to rest and ends the session; the arm stays held by a process of its own, even if this one is killed. The same command
+goes on with the step that was not finished. docs/commissioning.md walks through it, and tells what stays a person's
+job.
 
 examples:
   ./pidtsm commission --robot my_arm.urdf --effort 20 --remap joint_commands:=/arm/effort --out results/my_arm

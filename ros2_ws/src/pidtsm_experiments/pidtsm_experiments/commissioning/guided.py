@@ -2,9 +2,10 @@
 
     python -m pidtsm_experiments.commissioning.guided
 
-The first line of its input is a `Task`; each line of its output is something that it says, both as JSON. It asks before
-each step; a line that is `AGREED` lets the step begin, another one or the end of the input ends the session. SIGINT
-brings the arm to rest and ends it. However it ends, the arm is held.
+The first line of its input is a `Task`, each line of its output an event, both as JSON. Before each step it writes the
+plan and waits: the line `AGREED` lets the step begin, any other line or the end of the input ends the session. SIGINT
+brings the arm to rest and ends it; whoever starts the process blocks it, so that it cannot end the start halfway.
+However it ends, the arm is held.
 """
 
 import json
@@ -25,8 +26,10 @@ from pidtsm_studies.commissioning.bench import Plan
 from pidtsm_studies.commissioning.session import RefusedError, Session
 
 AGREED = "agreed"
-ASKS, TELLS, ENDS = "asks", "tells", "ends"
-"""Kinds of what it says: a question, a finding, and why it ends."""
+STOPPED = "stopped"
+"""The reason of an end by SIGINT."""
+PLAN, FINDING, END = "plan", "finding", "end"
+"""Kinds of events; the last one has the reason of the end."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class Task:
 
 
 class Asked(NamedTuple):
-    """A question: the plan of a step in words, see `Plan` and `consent.rows`."""
+    """The plan of a step that needs consent, in words, see `Plan` and `consent.rows`."""
 
     step: str
     text: str
@@ -65,31 +68,31 @@ class Asked(NamedTuple):
     rows: list[list[str]]
 
 
-class _Voice:
+class _Lines:
     """What somebody at a terminal would see and answer, as lines."""
 
     def __init__(self, answers: TextIO, session: Session, label: str) -> None:
         self._answers, self._session, self._label = answers, session, label
 
     def ask(self, step: str, plan: Plan) -> bool:
-        """Ask whether a step may begin; what is found so far can be read meanwhile."""
+        """Whether a step may begin; the results so far can be read meanwhile."""
         write_results(self._session, self._label)
         shown = [list(row) for row in rows(plan, self._session.subject.arm)]
-        say(ASKS, Asked(step, plan.text, plan.duration, shown)._asdict())
+        write_event(PLAN, Asked(step, plan.text, plan.duration, shown)._asdict())
         return self._answers.readline().strip() == AGREED
 
     def tell(self, text: str) -> None:
-        """Say what was found."""
-        say(TELLS, text)
+        """Write a finding."""
+        write_event(FINDING, text)
 
 
-def say(kind: str, content: Any = None) -> None:
-    """Say something."""
+def write_event(kind: str, content: Any) -> None:
+    """Write an event as a line."""
     print(json.dumps([kind, content]), flush=True)
 
 
 def guided(task: Task, answers: TextIO) -> str:
-    """Do the missing steps of a session; returns why it has ended, empty if all are done.
+    """Do the missing steps of a session; return why it has ended, empty if all are done.
 
     Args:
         task: what is to be done.
@@ -98,14 +101,14 @@ def guided(task: Task, answers: TextIO) -> str:
     session = Session.opened(Path(task.folder), subject_of(task.values))
     if task.first:
         session.repeat_from(task.first)
-    voice = _Voice(answers, session, task.label)
+    lines = _Lines(answers, session, task.label)
     try:
         with RemoteArm(session.folder, session.subject.arm, task.namespace, task.words) as arm:
-            session.run(arm, voice.ask, voice.tell, bag_keeper(session) if task.bags else no_bags)
+            session.run(arm, lines.ask, lines.tell, bag_keeper(session) if task.bags else no_bags)
     except RefusedError:
         return "not agreed"
     except KeyboardInterrupt:
-        return "stopped"
+        return STOPPED
     except (UsageError, RunError) as error:
         return str(error)
     finally:
@@ -118,9 +121,12 @@ def main() -> None:
     """Run the process."""
     task = Task(**json.loads(sys.stdin.readline()))
     try:
-        say(ENDS, guided(task, sys.stdin))
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        write_event(END, guided(task, sys.stdin))
+    except KeyboardInterrupt:
+        write_event(END, STOPPED)
     except UsageError as error:
-        say(ENDS, str(error))
+        write_event(END, str(error))
 
 
 if __name__ == "__main__":

@@ -12,16 +12,16 @@ from pidtsm_studies.commissioning.result import REPORT
 from pidtsm_studies.commissioning.session import NAMES, TITLES, Session
 
 _INTRODUCTION = (
-    "From the description of this arm to gains that were measured on it, in eight steps. Each one says what will "
-    "move, how far and with how much torque, before it begins. The controller gives way; a process of its own moves "
-    "and holds the arm, also between the steps and if this page is closed."
+    "From the description of this arm to gains measured on it, in eight steps. Before each step you see what will "
+    "move, how far and with how much torque, and agree. The controller gives way; a process of its own moves and "
+    "holds the arm, also between the steps and if this page is closed."
 )
 _STYLE = "padding:0 0.75em 0.5em;font-size:0.85em;overflow-wrap:anywhere"
 _FRAME = "width:100%;height:34em;border:1px solid #ced4da;border-radius:4px;background:white"
 
 
 def text_of(guide: Guide, held: bool) -> str:
-    """What a session does, or asks, and what it has just found."""
+    """What a session does or waits for, and what it has just found."""
     if guide.asked is not None:
         content = _step(guide.asked, waits=guide.since is None)
     elif guide.runs:
@@ -58,7 +58,7 @@ def _held(held: bool) -> str:
 
 
 def steps(session: Session | None, now: str) -> str:
-    """What each step has found so far; `now`: the one that runs or is asked for."""
+    """What each step has found so far; `now`: the one that runs or waits for consent."""
     if session is None:
         return ""
     lines = []

@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from pidtsm_core.errors import UsageError
-from pidtsm_experiments.commissioning.guided import AGREED, ASKS, ENDS, TELLS, Asked, Task
+from pidtsm_experiments.commissioning.guided import AGREED, END, FINDING, PLAN, Asked, Task
 from pidtsm_experiments.commissioning.remote import is_held, release
 from pidtsm_experiments.live.errors import RefusedError
 from pidtsm_studies.commissioning.session import Session, Subject
@@ -73,18 +73,22 @@ class Guide:
             raise RefusedError(str(error)) from None
         self.asked, self.since, self.ended, self.alone = None, None, "", False
         self.said.clear()
-        self._process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", _MODULE, stdin=PIPE, stdout=PIPE, limit=_LONGEST
-        )
-        self._say(task.line())
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # The process inherits this, and unblocks it later.
+        try:
+            self._process = await asyncio.create_subprocess_exec(
+                sys.executable, "-m", _MODULE, stdin=PIPE, stdout=PIPE, limit=_LONGEST
+            )
+        finally:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        self._write(task.line())
         self._hearing = asyncio.ensure_future(self._hear(self._process, subject))
 
-    def _say(self, line: str) -> None:
+    def _write(self, line: str) -> None:
         if self._process is not None and self._process.stdin is not None:
             self._process.stdin.write(f"{line}\n".encode())
 
     async def _hear(self, process: Process, subject: Subject) -> None:
-        """Take what the session says until it has ended."""
+        """Take the events of the session until it has ended."""
         assert process.stdout is not None
         assert self.session is not None
         folder, ended = self.session.folder, "its process has ended unexpectedly"
@@ -93,14 +97,14 @@ class Guide:
                 kind, content = json.loads(line)
             except ValueError:  # What a library prints.
                 continue
-            if kind == ENDS:
+            if kind == END:
                 ended = str(content)
-            elif kind == ASKS:
+            elif kind == PLAN:
                 self.session = Session.opened(folder, subject)
                 self.asked, self.since = Asked(**content), None
                 if self.alone:
                     self.agree()
-            elif kind == TELLS:
+            elif kind == FINDING:
                 self.said.append(str(content))
         await process.wait()
         self.session = Session.opened(folder, subject)
@@ -115,7 +119,7 @@ class Guide:
         if self.asked is None or self.since is not None:
             raise RefusedError("no step waits for an answer")
         self.since = time.monotonic()
-        self._say(AGREED)
+        self._write(AGREED)
 
     async def stop(self) -> None:
         """End the session; the arm comes to rest, and is held.

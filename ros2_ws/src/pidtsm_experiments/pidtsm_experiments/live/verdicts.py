@@ -7,6 +7,7 @@ import tempfile
 import time
 from asyncio.subprocess import PIPE, Process
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -69,7 +70,8 @@ class Verdicts:
     async def _hear(self, process: Process) -> None:
         assert process.stdout is not None
         async for line in process.stdout:
-            self._newest, self._since = json.loads(line), time.strftime("%H:%M:%S")
+            with suppress(ValueError):  # What a library prints.
+                self._newest, self._since = json.loads(line), time.strftime("%H:%M:%S")
         if process is self._process:
             self._process, self._newest = None, {"refused": "the process that judges has ended unexpectedly"}
 
