@@ -141,12 +141,12 @@ class Holder:
         if self._loop.carry is None and not self._loop.moved:
             self._loop = Loop(Wired(self._port, wiring))
         moves, self._moves = self._moves, False
-        failed: list[BaseException] = []
+        failed: list[Exception] = []
 
         def prepare() -> None:
             try:
                 self._loop.prepare(settings)
-            except UsageError as error:
+            except Exception as error:  # It is raised below.
                 failed.append(error)
 
         building = threading.Thread(target=prepare)

@@ -22,7 +22,7 @@ _MOST_LOST = 400
 _TRANSIT, _GENTLE = 0.4, 1.5
 """Velocity (rad/s) and acceleration (rad/s^2) of the way to the begin of a motion."""
 _KEPT = ("law.name", "estimator.name", "robot.description", "robot.locked", "joints")
-"""Parameters with which a controller can go on; with others it begins anew."""
+"""Parameters with which a controller can go on; with others it begins anew. A closed form has no description."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class Loop:
     def prepare(self, settings: Mapping[str, Any]) -> None:
         """Build the controller that `follow` needs, which takes a while if its model is new; it may hold meanwhile."""
         values = resolve(controller_schema, settings, robot_joints(settings))
-        identity = tuple(values[name] for name in _KEPT)
+        identity = tuple(values.get(name) for name in _KEPT)
         if self._controller is None or identity != self._identity:
             controller = Controller(values)
             controller.compile()

@@ -69,3 +69,16 @@ def test_a_session_of_another_arm_is_refused(tmp_path: Path) -> None:
     other: dict[str, Any] = {**SUBJECT.before, "law.kd": 0.9}
     with pytest.raises(UsageError, match="another arm, or of other parameters"):
         Session.opened(tmp_path, replace(SUBJECT, before=other))
+
+
+def test_an_arm_in_closed_form_is_commissioned(tmp_path: Path) -> None:
+    """It has no description among its parameters."""
+    definition = ArmDefinition("two_link")
+    arm = definition.settings()
+    before = make_experiment(None, params="practical", robot=definition).settings["controller"]
+    session = Session.opened(tmp_path, Subject(arm, before, None, definition.described))
+    plant = SimulatedArm({**arm, "rate": 500, "encoder.bits": 16})
+    with pytest.raises(RefusedError):
+        session.run(plant, lambda step, _: step != "lateness", lambda _: None, lambda _: None)
+    assert session.missing == NAMES[2:]
+    assert not session.found["rest"]["problems"]
