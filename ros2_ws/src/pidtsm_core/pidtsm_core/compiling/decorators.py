@@ -84,7 +84,7 @@ def cache_folder() -> Path:
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "forceinline": True}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "forceinline": True, "nogil": True}
 INSIDE: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """For functions that only compiled code calls: without wrappers for Python, they compile in 2/3 of the time."""
 
@@ -94,7 +94,7 @@ def compiled(function: _Function, *signature: Any, stored: bool = True, **option
     OWN_OPTIONS.functions.add(function.__code__)
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
     try:
-        return numba.njit(*signature, cache=stored, nogil=True, **options)(function)
+        return numba.njit(*signature, cache=stored, **options)(function)
     finally:
         numba.config.CACHE_DIR = before
 

@@ -63,7 +63,7 @@ def _yields(state: ControllerState) -> bool:
     return state.conditions[Condition.YIELDS] != 0
 
 
-@inlined
+@part
 def _forget_offset(state: ControllerState) -> None:
     state.conditions[Condition.YIELDS] = 0
     for i in range(3):
@@ -230,9 +230,15 @@ def _settle(state: ControllerState, pushed: bool) -> None:
 def add_offset_of(state: ControllerState, motion: Array) -> None:
     """Add what the reference has yielded to `motion`, shape (3, joints)."""
     if _yields(state):
-        for i in range(3):
-            for j in range(motion.shape[1]):
-                motion[i, j] += state.compliance.offset[i, j]
+        _add_offset(state, motion[0], 0)
+        _add_offset(state, motion[1], 1)
+        _add_offset(state, motion[2], 2)
+
+
+@part
+def _add_offset(state: ControllerState, motion: Array, derivative: int) -> None:
+    for j in range(motion.size):
+        motion[j] += state.compliance.offset[derivative, j]
 
 
 @inlined

@@ -94,7 +94,7 @@ def write_desired(state: ControllerState, stamp: int) -> None:
     if duration > 0.0:
         t = seconds(stamp - state.times[Time.APPROACH_BEGAN])
         if t < duration:
-            _add_approach(state, duration, t, state.desired)
+            _add_approach(state, duration, t)
             passed = t / duration
         else:
             _end_approach(state)
@@ -106,15 +106,15 @@ def write_desired(state: ControllerState, stamp: int) -> None:
         state.freedrive_effort[j] = state.freedrive_before[j] * (_left(passed) if follows else 1.0)
 
 
-@inlined
-def _add_approach(state: ControllerState, duration: float, t: float, motion: Array) -> None:
-    """Add the approach, which takes `duration` (s), at t (s) to `motion`, shape (3, joints)."""
-    add_quintic(state.approach, duration, t, motion)
+@part
+def _add_approach(state: ControllerState, duration: float, t: float) -> None:
+    """Add the approach, which takes `duration` (s), at t (s) to the desired motion."""
+    add_quintic(state.approach, duration, t, state.desired)
     if t < state.braking_duration[0]:
-        add_quintic(state.braking, state.braking_duration[0], t, motion)
+        add_quintic(state.braking, state.braking_duration[0], t, state.desired)
 
 
-@inlined
+@part
 def _let_go(state: ControllerState) -> None:
     """Make the arm's own motion the desired one."""
     begin_at(state, state.measured)
@@ -349,7 +349,7 @@ def _excess(config: ControllerConfig, state: ControllerState, duration: float, u
             motion[1, j] = state.base[1, j]
             motion[2, j] = 0.0
             efforts[1, j] = efforts[0, j]
-        _add_approach(state, duration, t, motion)
+        _add_approach(state, duration, t)
         inverse_dynamics(config.model, motion[0], motion[1], motion[2:], efforts[:1])
         for j in range(motion.shape[1]):
             efforts[0, j] += _feedforward(state, j, t / duration)
@@ -389,7 +389,7 @@ def begin_approach_here(config: ControllerConfig, state: ControllerState, stamp:
             start[2, j] -= learnt
     excess = _begin_approach(config, state, stamp, True)
     write_base(state, state.desired)
-    _add_approach(state, state.approach_duration[0], 0.0, state.desired)
+    _add_approach(state, state.approach_duration[0], 0.0)
     if state.conditions[Condition.ADAPTATION] == Adaptation.NORMAL:
         state.conditions[Condition.STRAYED] = 1
     state.conditions[Condition.ADAPTATION] = Adaptation.FROZEN

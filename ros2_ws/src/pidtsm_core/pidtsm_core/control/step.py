@@ -231,6 +231,14 @@ def _can_be_free(config: ControllerConfig, state: ControllerState) -> bool:
 
 
 @part
+def _write_distances(state: ControllerState) -> None:
+    """Write the distance of each joint from the reference to the first row of ``state.base``, rad."""
+    write_base(state, state.base)
+    for j in range(state.measured.size):
+        state.base[0, j] = state.signals[Signal.POSITION, j] - state.base[0, j]
+
+
+@part
 def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
     """Find exceeded limits; those of `config.limits.stops` are faults.
 
@@ -238,10 +246,8 @@ def _check_limits(config: ControllerConfig, state: ControllerState) -> None:
     """
     y, violations, errors = state.signals, 0, state.signals[Signal.POSITION_ERROR]
     if state.conditions[Condition.STRAYED]:
+        _write_distances(state)
         errors = state.base[0]
-        write_base(state, state.base)
-        for j in range(errors.size):
-            errors[j] = y[Signal.POSITION, j] - errors[j]
     felt = state.status[Status.MODE] != Mode.FREEDRIVE  # There, a push is no collision.
     for j in range(state.measured.size):
         exceeded = 0

@@ -3,7 +3,7 @@
 import math
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.compiling.decorators import inlined, njit
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.state import ControllerState, part
 from pidtsm_core.signals import Signal
@@ -42,7 +42,7 @@ def turn_reference(config: ControllerConfig, state: ControllerState, followed: b
         state.referred[j] = wanted + state.turned[j]
 
 
-@njit
+@inlined
 def distance(turn: Array, a: Array, b: Array, joint: int) -> float:
     """Distance between two positions of a joint, the shorter way round.
 

@@ -105,7 +105,7 @@ class MotionConfig(NamedTuple):
     feedforward: Array  # effort that is fed forward, shape (joints,), N m
 
 
-@njit
+@inlined
 def evaluate_motion(config: MotionConfig, t: float, desired: Array) -> None:
     """Write q_d, q_d', q_d'' at t (s from the start) to desired, shape (3, joints), rad, rad/s, rad/s^2."""
     evaluate_reference(config.reference, t, config.parameters, desired)
@@ -118,6 +118,12 @@ def evaluate_motion(config: MotionConfig, t: float, desired: Array) -> None:
 def drops_out(config: MotionConfig, t: float) -> bool:
     """Whether the reference at t (s from the start) is missing."""
     return config.dropout_begin <= t < config.dropout_end
+
+
+@njit
+def _evaluate_now(config: MotionConfig, t: float, desired: Array) -> None:
+    """`evaluate_motion` for Python."""
+    evaluate_motion(config, t, desired)
 
 
 class ReferenceMotion:
@@ -152,7 +158,13 @@ class ReferenceMotion:
 
     def evaluate(self, t: float, desired: Array) -> None:
         """See `evaluate_motion`."""
-        evaluate_motion(self.config, t, desired)
+        _evaluate_now(self.config, t, desired)
+
+    def start(self) -> Array:
+        """q_d, q_d', q_d'' at 0 s, shape (3, joints); it runs as Python, because nothing is compiled for one call."""
+        desired = np.zeros((3, self.joints))
+        evaluate_motion(self.config, 0.0, desired)
+        return desired
 
     def drops_out(self, t: float) -> bool:
         """See `drops_out`."""

@@ -2,7 +2,7 @@
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import FLOAT, NOTHING, ROWS, Interface
-from pidtsm_core.compiling.decorators import njit
+from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.references.base import Reference
 
 _EVALUATE = Interface(NOTHING(FLOAT, ROWS, ROWS))
@@ -14,7 +14,7 @@ def reference_address(reference: Reference) -> int:
     return _EVALUATE.address(reference.evaluate)
 
 
-@njit
+@inlined
 def evaluate_reference(address: int, t: float, p: Array, desired: Array) -> None:
     """Write q_d, q_d', q_d'' at t (s): see `Reference.evaluate`; `address` is that of `reference_address`."""
     _evaluate(address, t, p, desired)

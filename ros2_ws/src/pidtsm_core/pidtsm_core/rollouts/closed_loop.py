@@ -333,10 +333,8 @@ def _check_start(controller: Controller, robot: SimulatedRobot, motion: Referenc
     Raises:
         ParameterError: the arm starts too far from its reference.
     """
-    begin = np.zeros((3, robot.joints))
-    motion.evaluate(0.0, begin)
     controller.position[:] = robot.state.arm.position[places[0]]
-    controller.reference[:] = begin[:, places[1]]
+    controller.reference[:] = motion.start()[:, places[1]]
     if refusal := controller.refusal(referred=not motion.drops_out(0.0)):
         raise ParameterError(f"simulator: initial_position: {refusal}", "simulator.initial_position")
 

@@ -222,9 +222,9 @@ def drivetrain_state(joints: int) -> DrivetrainState:
 
 def rest_at(config: Drivetrain, state: DrivetrainState, model: Model, q: Array) -> None:
     """Put the drive trains at rest where the springs carry links at q, shape (joints,), against gravity."""
-    effort = np.zeros((1, q.size))
-    inverse_dynamics(model, q, np.zeros(q.size), np.zeros((1, q.size)), effort)
-    elastic = config.stiffness > 0.0
+    effort, elastic = np.zeros((1, q.size)), config.stiffness > 0.0
+    if elastic.any():
+        inverse_dynamics(model, q, np.zeros(q.size), np.zeros((1, q.size)), effort)
     state.transmitted[:] = np.where(elastic, effort[0], 0.0)
     state.motor[:] = q + np.divide(effort[0], config.stiffness, out=np.zeros(q.size), where=elastic)
     state.motor_velocity[:] = state.bristle[:] = state.sliding[:] = 0.0
