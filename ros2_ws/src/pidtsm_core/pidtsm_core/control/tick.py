@@ -19,6 +19,9 @@ from pidtsm_core.laws import Demand, Interval, advance, command
 from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Signal, Status
 
+_ABSURD = 1e15
+"""An error or sliding variable that large, or not a number, comes from an absurd position; no law integrates it."""
+
 
 @inlined
 def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> None:
@@ -30,13 +33,20 @@ def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> Non
     adaptation = state.conditions[Condition.ADAPTATION]
     stopped = state.status[Status.FAULT] != 0 or in_contact(config, state)
     for j in range(y.shape[1]):
+        e, sliding, manifold = (
+            y[Signal.POSITION_ERROR, j],
+            y[Signal.SLIDING_VARIABLE, j],
+            y[Signal.MANIFOLD_VARIABLE, j],
+        )
+        if not (abs(e) < _ABSURD and abs(sliding) < _ABSURD and abs(manifold) < _ABSURD):
+            continue
         frozen = stopped or (config.freezes and held_back(config, state, j))
         advance(
             config.law,
             j,
-            y[Signal.POSITION_ERROR, j],
-            y[Signal.SLIDING_VARIABLE, j],
-            y[Signal.MANIFOLD_VARIABLE, j],
+            e,
+            sliding,
+            manifold,
             state.law[j],
             Interval(pace * dt, frozen, adaptation),
         )

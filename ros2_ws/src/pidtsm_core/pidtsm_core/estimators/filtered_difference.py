@@ -34,6 +34,8 @@ def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
             forget = _forget(-p[j, 1] * dt, x[j], 6)
             x[j, 2] = forget * x[j, 2] + (1.0 - forget) * (dq - x[j, 1]) / dt
             x[j, 1] = dq
+            if not math.isfinite(x[j, 2]):  # After an absurd position; the filters would never forget it.
+                x[j, 1] = x[j, 2] = 0.0
         x[j, 0] = q[j]
         x[j, 3] = 1.0
         estimates[0, j] = q[j]

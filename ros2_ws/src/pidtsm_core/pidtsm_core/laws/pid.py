@@ -14,8 +14,11 @@ from pidtsm_core.parameters import Parameter
 
 @njit
 def _filtered(de: float, p: Array, x: Array, dt: float) -> float:
-    """First-order low-pass filter of e', discretised exactly; its initial value is the first e'."""
-    if x[2] == 0.0:
+    """First-order low-pass filter of e', discretised exactly; its initial value is the first e'.
+
+    It also begins anew after an e' that is not finite, which it would not forget.
+    """
+    if x[2] == 0.0 or not math.isfinite(x[1]):
         return de
     forget = math.exp(-p[3] * dt)
     return forget * x[1] + (1.0 - forget) * de
