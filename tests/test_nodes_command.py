@@ -252,11 +252,17 @@ def test_a_motion_is_checked_and_repeated(system: System, bag: Path, capfd: pyte
 def test_a_demonstration_becomes_a_dataset_and_returns_to_the_arm(
     system: System, bag: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("pyarrow", reason="pyarrow is optional (requirements/parquet.lock)")
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is optional (requirements/parquet.lock)")
     recorded, dataset = positions(bag), str(tmp_path / "demonstrations")
     words = ["--format", "lerobot", "--out", dataset, "--fps", "50", "--episodes", str(bag)]
     assert main(["export", str(bag), *words]) == 0
     assert "2 episodes" in capfd.readouterr().err
+    desired = str(tmp_path / "teleoperation")
+    assert main(["export", str(bag), "--format", "lerobot", "--out", desired, "--actions", "reference"]) == 0
+    frames = parquet.read_table(Path(desired) / "data").to_pydict()
+    state, action = np.array(frames["observation.state"]), np.array(frames["action"])
+    assert 0.0 < np.abs(action - state).max() < 0.1
+    assert not np.array_equal(action[:-1], state[1:])
     elsewhere = [f"{q + 0.2:.3f}" for q in recorded[-1]]
     assert main(["move", "--to", *elsewhere, "--namespace", SPACE, "--json"]) == 0
     capfd.readouterr()

@@ -119,10 +119,11 @@ def test_a_stiffness_20_times_larger_in_contact_is_taken_over_without_a_step(arm
     arm.lean()
     soft, began = arm.force, arm.time
     for k in range(10):  # As a policy would send it.
-        arm.tool.publish(stiffness(*[HARD] * 3, *[50.0] * 3, frame="world" if k % 2 else ""))
+        arm.tool.publish(stiffness(*[HARD] * 3, *[50.0] * 3, frame=("", "world", "panda_link0")[k % 3]))
     arm.reach(began + 4.0)
     steps = np.abs(np.diff(arm.efforts(began - 0.1), axis=0))
     assert steps.max() <= 1.0
+    assert "frame_id" not in arm.process.log.read_text()
     assert soft < 25.0
     assert 80.0 < arm.force < 150.0
 

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 
+import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
@@ -11,7 +12,7 @@ from pidtsm_core.control import Controller
 from pidtsm_core.control.compliance_parameters import SPACE, STIFFNESS_OF
 from pidtsm_core.parameters import ParameterError, Value
 from pidtsm_core.parameters.joints import MessageError
-from pidtsm_core.robots import find_robot
+from pidtsm_core.robots import TreeRobot, find_robot
 from pidtsm_ros.managed_node import ManagedNode
 
 CARTESIAN, JOINT = "~/set_cartesian_stiffness", "~/set_joint_stiffness"
@@ -27,7 +28,12 @@ class StiffnessTopics:
     def __init__(self, node: ManagedNode, controller: Controller) -> None:
         """Args: node: the controller node, while it is configured; controller: its controller."""
         self._node, self._controller = node, controller
-        self._base = find_robot(node.values).base
+        robot = find_robot(node.values)
+        self._base, self._frames = robot.base, {"", robot.base}
+        if isinstance(robot, TreeRobot):  # Other links that do not move may have the same axes.
+            links = robot.description.links
+            along = (links.rows < 0) & np.isclose(links.placements[:, :, :3], np.eye(3)).all(axis=(1, 2))
+            self._frames |= {links.names[k] for k in np.flatnonzero(along)}
         self._came = 0.0  # s
         self._unsaved: dict[str, Value] = {}
         node.listen(WrenchStamped, CARTESIAN, self._on_wrench)
@@ -43,7 +49,7 @@ class StiffnessTopics:
             self._node.set_parameters(changed)
 
     def _on_wrench(self, message: WrenchStamped) -> None:
-        if message.header.frame_id not in ("", self._base):
+        if message.header.frame_id not in self._frames:
             raise MessageError(
                 f"frame_id {message.header.frame_id}: stiffness is along the axes of {self._base}; name it, or none"
             )
