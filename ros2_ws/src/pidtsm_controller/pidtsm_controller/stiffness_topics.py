@@ -18,6 +18,8 @@ from pidtsm_ros.managed_node import ManagedNode
 CARTESIAN, JOINT = "~/set_cartesian_stiffness", "~/set_joint_stiffness"
 """The first has the name and the type of https://github.com/matthias-mayr/Cartesian-Impedance-Controller."""
 _TOPICS = {"tool": CARTESIAN, "joint": JOINT}
+_OF_LAW = "law.stiffness_x"
+"""A parameter of laws with springs of their own."""
 _SILENT = 1.0
 """s without a message, after which the parameter gets the value."""
 
@@ -58,6 +60,8 @@ class StiffnessTopics:
 
     def _take(self, space: str, stiffness: Sequence[float]) -> None:
         present = str(self._node.values[SPACE.name])
+        if present == "none" and _OF_LAW in self._node.values:
+            raise MessageError(f"the law has its own springs: set {_OF_LAW} and the like as parameters")
         if present != space:
             other = f", or publish on {_TOPICS[present]}" if present in _TOPICS else ""
             raise MessageError(f"{SPACE.name} is {present}: set it to {space}{other}")
